@@ -1,12 +1,14 @@
 # Each target makes .venv, installs what is missing, and runs. Needs python3 (3.11 or later, with venv), git and make.
-#   make view     the viewer with the demo scene      make test   all tests
-#   make install  viewer, trainer and baker           make lint   ruff and pyright
+#   make view     the viewer with the demo scene      make test   the tests, but for slow ones
+#   make install  viewer, trainer and baker           make lint   ruff, pyright, and what documents name
+#   make test-all all tests: more engines, presets and formats, the whole window under real events, kills, fuzzing
 #   make bench    frame times of the demo scene       make demo   makes the demo scene again from nothing
 #   make card-report   all figures of this machine's graphics card, in out/card; CARD="--pack PACK --minutes 20"
 #   make fuzz     spoilt files until one breaks something; MINUTES=10, SEED=0, FUZZ="--only packs"
 #   make events   3,000 random events over the whole window; EVENTS=3000, SEED=0
 #   make kills    commands ended with kill -9 at random moments, and on full disks; TIMES=10, ONLY="--only bake"
 #   make results  docs/results.md anew, from docs/results/page.md and the figures in docs/results/*.json
+#   make test-slow  what make test-all has beyond make test
 #   make oldest   the quick tests with the oldest releases that pyproject.toml allows, in .venv-oldest
 #   make long-run MINUTES=120   training, baking and viewing in a loop: nothing may be left behind, memory stays flat
 PYTHON ?= python3
@@ -25,7 +27,7 @@ QUICK := tests/console tests/scenepack tests/training tests/tools tests/baker/ba
 # What the graphics card's report trains with: JAX for the card where there is one.
 CARD_EXTRAS ?= $(if $(shell command -v nvidia-smi 2>/dev/null),train-cuda12,train),video
 
-.PHONY: view install test fuzz events kills long-run oldest bench card-report results lint demo clean gl
+.PHONY: view install test test-all test-slow fuzz events kills long-run oldest bench card-report results lint demo clean gl
 .DEFAULT_GOAL := view
 
 view: $(VENV)/.viewer gl
@@ -34,8 +36,16 @@ view: $(VENV)/.viewer gl
 install: $(VENV)/.trainer gl
 	@echo "Installed. Make a scene from photographs: $(BIN)/snerg-make PHOTOS --out out/scene"
 
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
 test: $(VENV)/.developer gl
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(TESTS)
+	$(PYTEST) -m "not slow and not documents" $(TESTS)
+
+test-all: $(VENV)/.developer gl
+	$(PYTEST) $(TESTS)
+
+test-slow: $(VENV)/.developer gl
+	$(PYTEST) -m slow $(TESTS)
 
 fuzz: $(VENV)/.developer
 	$(BIN)/python -m tools.fuzz --minutes $(MINUTES) --seed $(SEED) $(FUZZ)
@@ -50,7 +60,7 @@ long-run: $(VENV)/.developer gl
 	$(BIN)/python -m tools.fuzz.long_run --minutes $(MINUTES)
 
 oldest: $(VENV)-oldest/.made gl
-	$(VENV)-oldest/bin/python -m pytest -n 2 --dist loadfile -m "not slow" $(or $(TESTS),$(QUICK))
+	$(VENV)-oldest/bin/python -m pytest -n 2 --dist loadfile -m "not slow and not documents" $(or $(TESTS),$(QUICK))
 
 bench: $(VENV)/.viewer gl
 	$(BIN)/snerg-bench $(DEMO) --compare paper --frames 30 --size 400x400
@@ -65,6 +75,7 @@ lint: $(VENV)/.developer
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+	$(BIN)/python -m pytest -q -m documents tests/test_documents.py tests/test_results_page.py
 
 demo: $(VENV)/.developer gl
 	$(BIN)/python -m tools.demo --out $(DEMO)

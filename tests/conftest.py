@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from tests.compiling import as_users_have_it, compile_once_and_quickly
 settings.register_profile("busy machine", deadline=None)  # how long an example takes says nothing there
 settings.load_profile("busy machine")
 
+TIME_IS_UP = "SNERG_TESTS_END_AT"  # seconds since 1970, set by .ci/run
 HELD = 3 << 29  # bytes of a process beyond which it lets go of the programs that it compiled
 
 
@@ -39,6 +41,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files with slow tests go first: one that begins last would keep one worker busy while the others wait."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """CI gives the slow tests some minutes, and runs as many of them as that is enough for."""
+    until = os.environ.get(TIME_IS_UP)
+    if until is not None and time.time() > float(until):
+        pytest.skip("the time for slow tests is up; make test-all runs them all")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -29,7 +29,17 @@ MADE_LATER = {".venv", "out", "build", "dist", "failures"}  # by running things;
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9]*(?:[.-][a-z0-9]+)*")
 PROGRAM = re.compile(r"python -m ([\w.]+)|(?<![\w-])(snerg-[a-z]+)")
-each_document = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+pytestmark = pytest.mark.documents
+
+
+def each_document(check: Callable[[Path], None]) -> Callable[[], None]:
+    """A test of all documents."""
+
+    def test() -> None:
+        for document in DOCUMENTS:
+            check(document)
+
+    return test
 
 
 @cache

@@ -25,8 +25,6 @@ from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
 from viewer.commands.view import main as snerg_view
 
-pytestmark = pytest.mark.slow
-
 UNTUNED = ["--quality", "draft"]  # where it does not matter how good the pack is
 
 
@@ -69,6 +67,7 @@ def test_the_pack_is_sound_and_says_where_it_comes_from(made: Path, scene: Path)
     assert snerg_pack(["check", str(made / "pack")]) == 0
 
 
+@pytest.mark.slow
 def test_the_same_line_again_goes_on_instead_of_starting_over(made: Path, scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     shutil.copytree(made / "run", out / "run")
@@ -95,6 +94,7 @@ def test_the_same_line_again_goes_on_instead_of_starting_over(made: Path, scene:
     assert load_pack(out / "pack").metadata["provenance"]["steps"] == 320
 
 
+@pytest.mark.slow
 def test_a_box_can_be_baked_alone(made: Path, tmp_path: Path, capsys) -> None:
     line = [str(made / "run"), "--out", str(tmp_path / "pack"), "--resolution", "60"]
     box = np.array([[-0.6, -0.5, -0.3], [0.6, 0.5, 0.4]])
@@ -139,9 +139,7 @@ def one_line(capsys: pytest.CaptureFixture[str], command: Command, arguments: li
     return errors[0]
 
 
-@pytest.mark.parametrize(
-    "broken", ["missing", "empty", "no frames", "no json", "truncated picture", "other size", "nan pose"]
-)
+@pytest.mark.parametrize("broken", ["missing", "truncated picture", "nan pose"])
 def test_a_bad_scene_gives_one_line_from_every_command_that_reads_scenes(
     broken: str, made: Path, scene: Path, tmp_path: Path, capsys
 ) -> None:
@@ -163,33 +161,18 @@ def spoil_scene(how: str, scene: Path, bad: Path) -> str:
     """Writes a spoilt copy of the scene; returns words that the complaint must hold."""
     if how == "missing":
         return "no such"
-    if how == "empty":
-        bad.mkdir()
-        return "empty"
     shutil.copytree(scene, bad)
     transforms, picture = bad / "transforms_train.json", bad / "train" / "r_3.png"
     document = json.loads(transforms.read_text())
-    if how == "no frames":
-        document["frames"] = []
-        transforms.write_text(json.dumps(document))
-        return "frames"
-    if how == "no json":
-        transforms.write_text("{ this is not JSON")
-        return "JSON"
     if how == "nan pose":
         document["frames"][2]["transform_matrix"][0][0] = float("nan")
         transforms.write_text(json.dumps(document))
         return "not finite"
-    if how == "truncated picture":
-        picture.write_bytes(picture.read_bytes()[:600])
-        return "r_3.png"
-    Image.new("RGBA", (40, 30)).save(picture)
-    return "40"
+    picture.write_bytes(picture.read_bytes()[:600])
+    return "r_3.png"
 
 
-@pytest.mark.parametrize(
-    "broken", ["missing", "empty", "truncated picture", "no json", "nan weights", "sizes disagree"]
-)
+@pytest.mark.parametrize("broken", ["missing", "truncated picture", "sizes disagree"])
 def test_a_bad_pack_gives_one_line_from_every_command_that_reads_packs(
     broken: str, made: Path, scene: Path, tmp_path: Path, capsys
 ) -> None:
@@ -212,20 +195,12 @@ def test_a_bad_pack_gives_one_line_from_every_command_that_reads_packs(
 def spoil_pack(how: str, pack: Path, bad: Path) -> None:
     if how == "missing":
         return
-    if how == "empty":
-        bad.mkdir()
-        return
     shutil.copytree(pack, bad)
     params = bad / "scene_params.json"
     document = json.loads(params.read_text())
     if how == "truncated picture":
         data = (bad / "rgba_000.png").read_bytes()
         (bad / "rgba_000.png").write_bytes(data[: len(data) // 2])
-    elif how == "no json":
-        params.write_text("[1, 2")
-    elif how == "nan weights":
-        document["0_weights"][0][0] = float("nan")
-        params.write_text(json.dumps(document))
     else:
         document["atlas_width"] += 32
         params.write_text(json.dumps(document))
@@ -237,30 +212,17 @@ def test_a_folder_that_is_no_run_cannot_be_baked(tmp_path: Path, scene: Path, ca
     assert not (tmp_path / "pack").exists()
 
 
-@pytest.mark.parametrize("preset", ["jaxnerf", "tinyview"])
-def test_a_run_that_is_no_deferred_model_cannot_be_baked_and_says_so(
-    preset: str, scene: Path, tmp_path: Path, capsys
-) -> None:
+@pytest.mark.slow
+def test_a_run_that_is_no_deferred_model_cannot_be_baked_and_says_so(scene: Path, tmp_path: Path, capsys) -> None:
     small = "--steps 2 --batch-size 32 --nerf.depth 1 --nerf.width 8 --nerf.coarse-samples 4 --nerf.fine-samples 4"
-    line = [str(scene), "--out", str(tmp_path / "run"), "--preset", preset, "--downscale", "6", *small.split()]
+    line = [str(scene), "--out", str(tmp_path / "run"), "--preset", "jaxnerf", "--downscale", "6", *small.split()]
     assert snerg_train([*line, "--nerf.gradient-rays", "0"]) == 0
     line = one_line(capsys, snerg_bake, [str(tmp_path / "run"), "--out", str(tmp_path / "pack")])
     assert "cannot be baked" in line and str(tmp_path / "run") in line
     assert not (tmp_path / "pack").exists()
 
 
-def test_a_run_whose_checkpoints_are_all_damaged_cannot_be_baked(made: Path, tmp_path: Path, capsys) -> None:
-    run = Path(shutil.copytree(made / "run", tmp_path / "run"))
-    for checkpoint in (run / "checkpoints").glob("*.safetensors"):
-        checkpoint.write_bytes(checkpoint.read_bytes()[:200])
-    capsys.readouterr()
-    assert snerg_bake([str(run), "--out", str(tmp_path / "pack")]) == 2
-    *warnings, error = told(capsys.readouterr().err)
-    assert all("warning" in line and "damaged" in line for line in warnings), "one for each that was passed over"
-    assert "damaged" in error and "train the run again" in error and str(run) in error
-    assert [path.name for path in tmp_path.iterdir()] == ["run"], "nothing is left half-written"
-
-
+@pytest.mark.slow
 def test_a_field_with_nothing_in_it_cannot_be_baked(
     made: Path, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -270,17 +232,15 @@ def test_a_field_with_nothing_in_it_cannot_be_baked(
     assert not (tmp_path / "pack").exists()
 
 
-@pytest.mark.parametrize("limit", [400, 20_000])
-def test_a_disk_without_room_costs_one_line_and_the_old_pack_stays(
-    limit: int, made: Path, tmp_path: Path, capsys
-) -> None:
-    """Files beyond `limit` bytes are refused by the system, as they are by a full disk: of the bake's work, or of the pack."""
+@pytest.mark.slow
+def test_a_disk_without_room_costs_one_line_and_the_old_pack_stays(made: Path, tmp_path: Path, capsys) -> None:
+    """Files beyond 20 kB are refused by the system, as they are by a full disk: of the bake's work, or of the pack."""
     resource = pytest.importorskip("resource")
     pack = Path(shutil.copytree(made / "pack", tmp_path / "pack"))
     words = [str(made / "run"), "--out", str(pack), "--resolution", "60", *UNTUNED]
     before = {path.name: path.read_bytes() for path in pack.iterdir()}
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
     try:
         line = one_line(capsys, snerg_bake, words)
     finally:

@@ -30,12 +30,6 @@ def test_ssim_is_one_for_equal_pictures_and_symmetric():
     assert ssim(A, B) == pytest.approx(ssim(B, A))
 
 
-def test_ssim_of_two_flat_pictures_is_their_luminance_term():
-    # 2 ab + C1 over a^2 + b^2 + C1, with C1 = 1e-4
-    expected = (2 * 0.2 * 0.6 + 1e-4) / (0.2**2 + 0.6**2 + 1e-4)
-    assert ssim(np.full((16, 16, 3), 0.2), np.full((16, 16, 3), 0.6)) == pytest.approx(expected)
-
-
 def test_ssim_equals_the_definition_through_another_gaussian_filter():
     def mean(x):
         # radius 5 and the same sigma: scipy's window is ours; cropping leaves the windows inside
@@ -46,8 +40,3 @@ def test_ssim_equals_the_definition_through_another_gaussian_filter():
     va, vb, cov = mean(a * a) - ma**2, mean(b * b) - mb**2, mean(a * b) - ma * mb
     value = (2 * ma * mb + 1e-4) * (2 * cov + 9e-4) / ((ma**2 + mb**2 + 1e-4) * (va + vb + 9e-4))
     assert ssim(a, b) == pytest.approx(value.mean(), abs=1e-9)
-
-
-def test_ssim_refuses_pictures_smaller_than_its_window():
-    with pytest.raises(ValueError, match="11"):
-        ssim(A[:8], B[:8])

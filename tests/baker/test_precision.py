@@ -20,7 +20,6 @@ from tests.baker.analytic import ball, culled
 from tests.baker.baking.test_grid_and_culling import baked
 from tests.scenepack.random_packs import BLENDER_FRAME
 from training.dataset import RayDataset
-from training.marching.layout import blend
 
 GRID = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, BLENDER_FRAME)
 
@@ -59,8 +58,3 @@ def test_so_do_those_of_culling_and_pruning(dataset: RayDataset, monkeypatch: py
     for program in programs:
         assert len(precisions(program)) >= 3, "rays are made, and moved into the grid's frame"
         assert set(precisions(program)) == {"HIGHEST"}
-
-
-def test_and_trilinear_interpolation() -> None:
-    values, weights = np.zeros((4, 8, 3), np.float32), np.zeros((4, 8), np.float32)
-    assert precisions(jax.jit(blend).lower(values, weights).as_text()) == ["HIGHEST"]

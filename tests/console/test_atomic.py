@@ -103,27 +103,3 @@ def test_what_a_killed_writer_left_is_gone_after_the_next_one(tmp_path: Path) ->
     assert len(os.listdir(tmp_path)) == 1
     atomic.write_file(file, "whole")
     assert os.listdir(tmp_path) == ["figures.json"]
-
-
-def test_where_there_are_no_locks_another_hosts_writer_is_left_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its process id tells nothing here: it may even be that of no process of ours."""
-    fcntl = pytest.importorskip("fcntl", reason="needs POSIX locks")
-
-    def refuse(*_: object) -> None:
-        raise OSError(9, "Bad file descriptor")
-
-    theirs = tmp_path / ".piece.npz.new-4194999-0123abcd"  # an id above what Linux hands out
-    theirs.write_bytes(b"half")
-    monkeypatch.setattr(fcntl, "flock", refuse)
-    atomic.write_file(tmp_path / "piece.npz", b"whole")
-    assert theirs.exists()
-    os.utime(theirs, (0, 0))
-    atomic.write_file(tmp_path / "piece.npz", b"whole")
-    assert not theirs.exists()
-
-
-def test_text_with_names_that_are_not_utf8_is_written_as_utf8(tmp_path: Path) -> None:
-    atomic.write_file(tmp_path / "a.txt", "n\udcffme ü")
-    assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "n\N{REPLACEMENT CHARACTER}me ü"

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from console import desktop
-
 ROOT = Path(__file__).parents[2]
 FAILING = (
     "import sys; from console import UserError, run_command; from console.desktop import tell_if_unseen\n"
@@ -63,14 +61,6 @@ def test_a_bug_is_shown_too(tmp_path: Path) -> None:
     assert "This is a bug in snerg: KeyError: 'depths'" in said.read_text()
 
 
-def test_a_box_that_fails_gives_way_to_the_next_and_long_text_is_wrapped(tmp_path: Path) -> None:
-    fake(tmp_path / "bin", "zenity", status=255)
-    said = fake(tmp_path / "bin", "xmessage")
-    later = fake(tmp_path / "bin", "notify-send")
-    fail(tmp_path, "UserError('a long story ' * 20)")
-    assert len(said.read_text().splitlines()) > 5 and not later.exists()
-
-
 def test_where_there_is_nothing_a_file_on_the_desktop_tells_it(tmp_path: Path) -> None:
     (tmp_path / "bin").mkdir()
     (tmp_path / "Desktop").mkdir()
@@ -83,20 +73,3 @@ def test_nothing_is_shown_where_somebody_reads_or_nobody_is_there(tmp_path: Path
     said = fake(tmp_path / "bin", "zenity")
     assert fail(tmp_path, **streams).returncode == 2
     assert not said.exists()
-
-
-def test_kde_is_told_with_its_own_box(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("zenity", "kdialog"):
-        fake(tmp_path / "bin", name)
-    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    monkeypatch.setenv("XDG_CURRENT_DESKTOP", "KDE")
-    desktop.show_box("snerg-view", "no OpenGL")
-    assert (tmp_path / "bin" / "kdialog.said").exists() and not (tmp_path / "bin" / "zenity.said").exists()
-
-
-def test_macos_is_told_with_an_alert(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    said = fake(tmp_path / "bin", "osascript")
-    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-    monkeypatch.setattr(desktop.sys, "platform", "darwin")
-    desktop.show_box("snerg-view", 'it says "no"')
-    assert said.read_text().splitlines()[-2:] == ["snerg-view", 'it says "no"']

@@ -29,13 +29,6 @@ def test_a_first_step_that_compiles_makes_no_promise() -> None:
     assert len(told) > 100
 
 
-def test_two_updates_are_no_speed() -> None:
-    estimate = Estimate(2000)
-    estimate.update(90, 1)
-    estimate.update(180, 2)
-    assert estimate.left(180) is None
-
-
 @pytest.mark.parametrize("costs", [[1.0] * 60, [5.0, 0.1] * 30, [0.2] * 50 + [4.0] * 50, [30.0, *[0.5] * 99]])
 def test_what_is_left_falls_while_time_passes_and_never_below_nothing(costs: list[float]) -> None:
     estimate, now = Estimate(len(costs)), 0.0
@@ -60,10 +53,3 @@ def test_a_change_of_speed_is_followed_without_a_jump() -> None:
     known = [left for left in told[10:-1] if left is not None]
     assert max(after - before for before, after in pairwise(known)) < 25
     assert known[-50] == pytest.approx(150, rel=0.25)  # 50 units of 3 s
-
-
-def test_work_that_takes_longer_than_expected_promises_nothing() -> None:
-    estimate = Estimate(20)
-    for second in range(1, 11):
-        estimate.update(second, second)
-    assert estimate.left(18) == pytest.approx(2) and estimate.left(21) is None

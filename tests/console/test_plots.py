@@ -42,21 +42,6 @@ def test_plots_lie_below_one_another(tmp_path: Path) -> None:
     assert all(len(pixels_of(half, COLOURS[0])) > 100 for half in (picture[:300], picture[300:]))
 
 
-def test_a_plot_of_nothing_and_of_one_point_is_drawn(tmp_path: Path) -> None:
-    one = drawn(tmp_path / "a.png", Plot([Line("one", [3.0], [28.0])], "one", "x", "y", "data"))
-    assert len(pixels_of(one, COLOURS[0])) > 20
-    drawn(tmp_path / "a.png", Plot([], "none", "x", "y"))
-
-
-def test_many_lines_get_more_rows_of_names_than_few() -> None:
-    many = [Line(f"exact, view MLP at every sample {i}", [0], [1]) for i in range(6)]
-    assert plots._legend_shape([RISING]) == (0, 1)
-    assert plots._legend_shape([RISING, RISING]) == (1, 2)
-    assert plots._legend_shape([FALLING])[0] == 1  # its level wants to be named
-    rows, columns = plots._legend_shape(many)
-    assert rows * columns >= 6 and rows > 1
-
-
 @pytest.mark.parametrize("name", ["not UTF-8 \udcff", "an odd $ sign", "$a_$ and $b^^$", "\\frac", "\N{PILE OF POO}\n"])
 def test_any_name_of_a_file_may_be_a_title_and_a_label(tmp_path: Path, name: str) -> None:
     lines = [Line(name, [0, 1], [2, 3], levels=[(name, 2.5)]), RISING]

@@ -35,24 +35,6 @@ def test_plain_lines_come_every_ten_seconds_and_at_the_end(
     assert len(lines) == 6
 
 
-def test_work_done_at_once_says_nothing(clock: Callable[[float], None], capsys: pytest.CaptureFixture[str]) -> None:
-    with progress("reading", 3) as bar:
-        for _ in range(3):
-            bar.advance()
-    assert capsys.readouterr().err == ""
-    with progress("nothing", 0) as bar:
-        clock(5)
-        bar.update(0)
-    assert capsys.readouterr().err == "nothing: 100 %  5 s\n"
-
-
-def test_no_estimate_is_made_from_nothing(clock: Callable[[float], None], capsys: pytest.CaptureFixture[str]) -> None:
-    with progress("[b]baking", 10) as bar:
-        clock(3)
-        bar.update(0)
-    assert capsys.readouterr().err == "[b]baking: 0 %  3 s\n"
-
-
 def test_a_terminal_gets_a_bar(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
@@ -107,31 +89,3 @@ def test_work_that_says_nothing_still_shows_that_time_passes(
             assert printed() == "closing holes: 0 %  12 s\n"
         clock(24)
         assert printed() == "training: 5 %  24 s\n"
-
-
-def test_the_time_of_work_within_other_work_is_no_time_of_the_other(clock: Callable[[float], None]) -> None:
-    with progress("training", 100) as bar:
-        for second in range(1, 11):
-            clock(second)
-            bar.update(second)
-        assert bar.seconds_left == pytest.approx(90)
-        with progress("closing holes", 4):
-            clock(500)
-        assert bar.seconds_left == pytest.approx(90)
-        for second in range(501, 520):
-            clock(second)
-            bar.advance()
-        assert bar.seconds_left == pytest.approx(71)
-
-
-def test_a_bar_of_work_taken_up_again_begins_at_its_place(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    monkeypatch.setenv("TERM", "xterm")
-    with progress("training", 10, begun=4):
-        pass
-    assert "4/10" in capsys.readouterr().err.replace(" ", "")
-    with progress("supersampling", 10) as bar:
-        bar.resume_at(6)
-    assert "6/10" in capsys.readouterr().err.replace(" ", "")

@@ -13,7 +13,6 @@ from typing import Any, Literal
 import pytest
 
 from console import Notice, UserError, run_command
-from console.run import unboxed
 
 
 def train(
@@ -207,14 +206,3 @@ def test_no_control_character_reaches_the_terminal_and_no_line_is_endless(
     err = capsys.readouterr().err
     assert err.endswith("is not a pack\n") and len(err) < 3000 and "a … a" in err
     assert not [character for character in err[:-1] if not character.isprintable()]
-
-
-def test_an_empty_box_still_makes_a_sentence() -> None:
-    assert unboxed("") == "the arguments do not fit"
-
-
-def test_characters_that_stdout_cannot_show_are_no_bug() -> None:
-    code = "from console import run_command\ndef c():\n    print('4 × 4')\nrun_command(c, prog='p', args=[])"
-    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, env=environment, check=True)
-    assert child.stdout == b"4 ? 4\n" and child.stderr == b""

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from console import UserError
-from console.atomic import Replacement, replacing, writing_alone
+from console.atomic import Replacement, replacing
 from scenepack import load_pack, save_pack
 from scenepack.commands import main as snerg_pack
 from tests.scenepack.helpers import same_pack, small_pack
@@ -82,6 +82,7 @@ def test_of_several_that_begin_in_one_moment_one_writes(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
 
 
+@pytest.mark.slow
 def test_one_that_is_killed_stands_in_nobodys_way(tmp_path: Path) -> None:
     with writers(tmp_path / "film.mp4") as (child,):
         assert go_on(child) == "writes"
@@ -112,6 +113,7 @@ def test_a_rendering_says_that_another_one_writes_there(
     assert [path.name for path in (tmp_path / "new").iterdir()] == [out]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("out", ["pack", "pack.zip"])
 def test_a_pack_that_another_process_writes_is_left_to_it(
     pack: Path, tmp_path: Path, out: str, capsys: pytest.CaptureFixture[str]
@@ -126,6 +128,7 @@ def test_a_pack_that_another_process_writes_is_left_to_it(
     assert same_pack(load_pack(tmp_path / "new" / out), load_pack(pack))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["still.png", "film.mp4", "frames"])
 def test_an_export_of_the_window_says_so(tmp_path: Path, name: str) -> None:
     def picture(camera: ViewCamera, _: RenderSettings) -> np.ndarray:
@@ -144,15 +147,3 @@ def test_an_export_of_the_window_says_so(tmp_path: Path, name: str) -> None:
     while not job.finished:
         job.step(60.0)
     assert [path.name for path in tmp_path.iterdir()] == [name]
-
-
-def test_a_folder_whose_own_folder_may_not_be_written_to_is_written_all_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refused(*_: object, **__: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr("console.atomic.Replacement", refused)
-    with writing_alone(tmp_path / "frames"):
-        (tmp_path / "frames").write_text("ours")
-    assert (tmp_path / "frames").exists()

@@ -15,14 +15,14 @@ from training.commands.train import FREE, changed_settings
 from training.recorder import MetricsLog, draw_curves, read_metrics, write_report
 from training.run import Run, read_description, resume_run
 
-OLDER = Path(__file__).parents[1] / "data" / "older"
+STORED = Path(__file__).parents[1] / "data" / "runs"
 BASES = ("nerf", "multires")
 SCENE = "scene"
 
 
 def write_base(name: str, folder: Path) -> None:
     """A run of an older version, with two checkpoints."""
-    shutil.copytree(OLDER / name, folder)
+    shutil.copytree(STORED / name, folder)
     newest = max((folder / "checkpoints").glob("*.safetensors"))
     shutil.copy(newest, newest.with_name("step_00000300.safetensors"))
 
@@ -30,23 +30,23 @@ def write_base(name: str, folder: Path) -> None:
 def prepare(place: Path) -> Path:
     """The photographs of all runs; where they lie."""
     if not (place / SCENE).is_dir():
-        shutil.copytree(OLDER / SCENE, place / SCENE)
+        shutil.copytree(STORED / SCENE, place / SCENE)
     return place / SCENE
 
 
 def open_it(path: Path, base: str, scene: Path) -> None:
     """Reads it as `snerg-train --resume`, `snerg-bake` and the viewer's plots do; makes one step where it is as configured."""
     description = read_description(path)
-    moved = description.scene == read_description(OLDER / base).scene
+    moved = description.scene == read_description(STORED / base).scene
     run = resume_run(path, description, scene if moved else description.scene, description.config)
     log = MetricsLog(path / "metrics.jsonl", run.step)
     if not np.isfinite([log.seconds, log.training_seconds]).all():
         raise AssertionError("the run took no time that could be told")
-    if log.records != read_metrics(OLDER / base / "metrics.jsonl"):
+    if log.records != read_metrics(STORED / base / "metrics.jsonl"):
         draw_curves(log.records, path / "curves.png", "fuzz")
         write_report(run, log.records)
     if base == "multires" and not changed_settings(
-        read_description(OLDER / base).config, description.config, leave_out=FREE
+        read_description(STORED / base).config, description.config, leave_out=FREE
     ):
         _one_step(run)  # arrays of the other method are compared one by one with what they must be
 

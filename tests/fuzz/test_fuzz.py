@@ -34,6 +34,7 @@ def worker(request: pytest.FixtureRequest, bases: Path) -> Iterator[Worker]:
         yield worker
 
 
+@pytest.mark.slow
 def test_spoilt_files_are_opened_or_refused(worker: Worker, bases: Path) -> None:
     source = Source(worker.subject, bases, SEED)
     broken, kinds = {}, set()
@@ -65,6 +66,7 @@ def test_what_was_found_once_is_not_found_again(worker: Worker) -> None:
 # The fuzzer itself: one that finds nothing proves nothing.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("code", "key"),
     [
@@ -100,6 +102,7 @@ def breaking(bases: Path) -> Iterator[Worker]:
         yield worker
 
 
+@pytest.mark.slow
 def test_what_never_ends_is_found(breaking: Worker, monkeypatch: pytest.MonkeyPatch) -> None:
     """On the processor, or waiting for what does not come."""
     monkeypatch.setattr(workers, "SECONDS", 1.0)
@@ -108,6 +111,7 @@ def test_what_never_ends_is_found(breaking: Worker, monkeypatch: pytest.MonkeyPa
         assert breaking.outcome(recipe).key == "hang"
 
 
+@pytest.mark.slow
 def test_the_same_seed_draws_the_same_files_and_a_finding_keeps_only_the_steps_that_matter(bases: Path) -> None:
     for subject in SUBJECTS:
         first, second = ([Source(subject, bases, 5).recipe(n) for n in range(20)] for _ in range(2))
@@ -116,6 +120,7 @@ def test_the_same_seed_draws_the_same_files_and_a_finding_keeps_only_the_steps_t
     assert smaller(recipe, lambda fewer: ["remove", "b"] in fewer["steps"])["steps"] == [["remove", "b"]]
 
 
+@pytest.mark.slow
 def test_most_steps_change_something(bases: Path) -> None:
     """A mutator that does nothing would find nothing."""
     for subject in SUBJECTS:
@@ -125,6 +130,7 @@ def test_most_steps_change_something(bases: Path) -> None:
         assert changed > 85, subject
 
 
+@pytest.mark.slow
 def test_spoilt_headers_keep_checksums_that_are_right(bases: Path) -> None:
     """Otherwise a reader would stop there, and never believe the numbers."""
     source = Source("packs", bases, 0)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
-import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -72,14 +70,6 @@ def write_image(file: Path, pixels: np.ndarray) -> None:
     file.write_bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels), 1))
 
 
-def zipped(folder: Path, top: str = "") -> Path:
-    target = folder.with_suffix(".zip")
-    with zipfile.ZipFile(target, "w") as archive:
-        for file in sorted(folder.iterdir()):
-            archive.write(file, f"{top}{file.name}")
-    return target
-
-
 def same_pack(a: Pack, b: Pack) -> bool:
     """Whether every field but params is equal."""
     if (a.atlas_features is None) != (b.atlas_features is None) or (a.view_mlp is None) != (b.view_mlp is None):
@@ -104,7 +94,3 @@ def real_pack() -> Path:
     if not folder.is_dir():
         pytest.skip(f"SNERG_DATA has no {folder.name}")
     return folder
-
-
-def copied(folder: Path, to: Path) -> Path:
-    return Path(shutil.copytree(folder, to))

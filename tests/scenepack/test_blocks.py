@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,7 +17,6 @@ from scenepack.blocks import (
     grid_block_counts,
 )
 from scenepack.pack import Pack
-from tests.scenepack.helpers import small_pack
 from tests.scenepack.random_packs import packs
 
 
@@ -45,16 +43,6 @@ def test_every_padded_copy_equals_the_dense_volume_around_its_macroblock(pack: P
     for z, y, x in np.argwhere(pack.occupied):
         around = full[z * size :, y * size :, x * size :][: size + 2, : size + 2, : size + 2]
         np.testing.assert_array_equal(block_copy(pack, pack.atlas_rgba, (z, y, x)), around)
-
-
-def test_a_part_of_the_grid_can_be_asked_for() -> None:
-    pack = small_pack()
-    whole, _ = dense_from_pack(pack)
-    part, features = dense_from_pack(pack, ((2, 1, 0), (11, 7, 5)))
-    np.testing.assert_array_equal(part, whole[0:5, 1:7, 2:11])
-    assert features is not None and features.shape == part.shape
-    with pytest.raises(ValueError, match="within the grid"):
-        dense_from_pack(pack, ((0, 0, 0), (999, 1, 1)))
 
 
 def test_what_lies_in_macroblocks_marked_empty_is_dropped_from_padding_too() -> None:
@@ -85,12 +73,6 @@ def test_a_volume_is_read_one_macroblock_at_a_time_and_never_outside_of_the_grid
     assert indices.max() < 255
 
 
-def test_slots_run_along_x_then_y_then_z() -> None:
-    dense = np.full((2, 4, 6, 4), 1, np.uint8)
-    indices, _, _ = atlas_from_dense(dense, None, 2, atlas_blocks=(2, 2, 2))
-    assert indices.reshape(-1, 3).tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1]]
-
-
 @given(count=st.integers(0, 200_000), block_size=st.sampled_from([1, 6, 14, 30, 62]))
 def test_the_chosen_layout_holds_all_and_stays_within_bounds(count: int, block_size: int) -> None:
     x, y, z = choose_atlas_blocks(count, block_size)
@@ -98,19 +80,3 @@ def test_the_chosen_layout_holds_all_and_stays_within_bounds(count: int, block_s
     depth, height, width = atlas_shape((x, y, z), block_size)
     assert max(height, width) <= MAX_SLICE_SIDE and depth % 4 == 0
     assert count < 2 or x * y * z <= 1.5 * count + 2
-
-
-def test_layouts_that_cannot_be_are_refused() -> None:
-    with pytest.raises(ValueError):
-        choose_atlas_blocks(10**9, 30)
-    with pytest.raises(ValueError):
-        choose_atlas_blocks(1, 4000)
-    with pytest.raises(ValueError):
-        atlas_from_dense(np.ones((4, 4, 4, 4), np.uint8), None, 2, atlas_blocks=(1, 1, 1))
-
-
-def test_a_dense_array_that_is_too_large_is_not_tried() -> None:
-    pack = small_pack()
-    object.__setattr__(pack, "grid_size", (4096, 4096, 4096))
-    with pytest.raises(MemoryError, match="ask for a part"):
-        dense_from_pack(pack)

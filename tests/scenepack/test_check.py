@@ -44,14 +44,6 @@ def test_a_wrong_padding_voxel_is_counted_once() -> None:
         assert finding.figures["wrong_copies"] == 1 and finding.figures["worst"] == 7
 
 
-def test_padding_outside_of_the_grid_should_be_zero() -> None:
-    pack, atlas = spoiled(small_pack())
-    here = next(b for b in np.argwhere(pack.occupied).tolist() if b[0] == 0)
-    block_copy(pack, atlas, tuple(here))[0, 2, 2, 3] = 9
-    finding = found(pack, "padding rgba")
-    assert finding.figures["wrong_blanks"] == 1 and finding.figures["wrong_copies"] == 0
-
-
 def test_a_pack_that_repeats_its_own_borders_is_recognised() -> None:
     pack, atlas = spoiled(small_pack(occupancy=0.8))
     for block in np.argwhere(pack.occupied).tolist():
@@ -86,14 +78,6 @@ def test_atlas_blocks_used_twice_and_lost_ones_are_found() -> None:
     spoiled_pack = replace(pack, atlas_indices=indices)
     assert found(spoiled_pack, "shared").figures["shared"] == 1
     assert found(spoiled_pack, "unused").figures["unreachable_with_content"] == 1
-
-
-def test_content_beyond_the_grids_box_is_noted() -> None:
-    pack, atlas = spoiled(small_pack(seed=3, style="borders", occupancy=1.0))
-    assert pack.grid_size[0] % pack.block_size
-    last = next(b for b in np.argwhere(pack.occupied).tolist() if b[2] == pack.grid_blocks[0] - 1)
-    block_copy(pack, atlas, tuple(last))[1, 1, -2, 3] = 5
-    assert found(pack, "outside").figures["voxels"] == 1
 
 
 def test_the_pack_made_elsewhere_has_no_errors() -> None:

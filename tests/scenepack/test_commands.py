@@ -13,7 +13,6 @@ import pytest
 from rich.console import Console
 
 from scenepack import commands, load_pack, open_pack, report
-from scenepack.check import check_pack
 from tests.scenepack.helpers import edit_json, read_image, small_pack, write_image, written
 from tests.told import told
 
@@ -82,18 +81,6 @@ def test_info_figures_agree_with_the_files_and_the_voxels(tmp_path: Path, run: R
     assert run("info", folder, "--json", "-")[1] == (tmp_path / "facts.json").read_text()
 
 
-def test_the_page_for_a_terminal_names_every_section(tmp_path: Path) -> None:
-    pack = small_pack().with_metadata(deep={"er": {"still": {"more": {"a": 1}}}}, psnr=27.123456789)
-    with open_pack(written(tmp_path / "pack", pack)) as reader:
-        facts = report.pack_facts(reader.files, reader.read())
-    console = Console(file=StringIO(), force_terminal=True, width=100, color_system=None)
-    report.print_facts(facts, console)
-    report.print_findings(check_pack(pack), console)
-    text = console.file.getvalue()  # type: ignore[attr-defined]
-    for title in ("GRID", "STORAGE", "SHADING", "METADATA", "ALPHA", "27.1235", "premultiplied"):
-        assert title in text
-
-
 def test_check_passes_a_sound_pack_and_writes_its_findings(tmp_path: Path, run: Run) -> None:
     folder = written(tmp_path / "pack", small_pack(style="borders", occupancy=1.0))
     status, out, err = run("check", folder, "--json", tmp_path / "f.json", "--strict")
@@ -121,29 +108,3 @@ def test_bad_packs_end_with_status_two_and_one_line(tmp_path: Path, run: Run, co
         status, out, err = run(command, path)
         assert status == 2 and out == ""
         assert err.startswith("snerg-pack: ") and err.count("\n") == 1 and str(path) in err
-
-
-def test_untidy_packs_are_told_in_one_plain_line(tmp_path: Path, run: Run) -> None:
-    folder = written(tmp_path / "pack")
-    edit_json(folder, lambda p: p.update(num_slices=77))
-    status, _, err = run("info", folder)
-    assert status == 0
-    assert err.startswith("snerg-pack: warning: ") and err.count("\n") == 1 and "num_slices is 77" in err
-
-
-def test_a_file_that_cannot_be_written_is_status_two(tmp_path: Path, run: Run) -> None:
-    (tmp_path / "file").write_text("in the way of a folder")
-    status, _, err = run("info", written(tmp_path / "pack"), "--json", tmp_path / "file" / "f.json")
-    assert status == 2 and "f.json" in err and err.count("\n") == 1
-
-
-@pytest.mark.parametrize("words", [[], ["inspect"], ["info"], ["info", "a", "b"], ["check", "a", "--loud"]])
-def test_bad_arguments_are_status_two_and_one_line(run: Run, words: list[str]) -> None:
-    status, out, err = run(*words)
-    assert status == 2 and out == "" and err.count("\n") == 1 and "--help" in err
-
-
-@pytest.mark.parametrize("words", [["--help"], ["info", "--help"], ["check", "--help"]])
-def test_help_is_status_zero(run: Run, words: list[str]) -> None:
-    status, out, err = run(*words)
-    assert status == 0 and "snerg-pack" in out and err == ""

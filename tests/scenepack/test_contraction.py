@@ -80,11 +80,6 @@ def test_jax_in_float32_agrees():
     np.testing.assert_allclose(points, contract(POINTS), atol=1e-6)
 
 
-@pytest.mark.parametrize("value", [None, True, "1", 0, 1e-9, -1.0, float("nan"), float("inf"), 1e7, [1.0]])
-def test_nonsense_is_no_contraction(value):
-    assert random_pack(np.random.default_rng(0)).with_metadata(contraction=value).contraction is None
-
-
 def test_a_pack_says_its_contraction_unless_it_is_forward_facing():
     pack = random_pack(np.random.default_rng(0))
     assert pack.contraction is None and pack.with_metadata(contraction=2).contraction == 2.0

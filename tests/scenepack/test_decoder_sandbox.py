@@ -85,6 +85,7 @@ def test_a_decoder_that_hangs_or_crashes_is_an_error_that_names_the_file(
     assert is_gone(began)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is limited on Linux alone")
 def test_a_decoder_that_takes_all_memory_is_an_error(pack: Path, decoder: Callable[[str], Path]) -> None:
     decoder(EATS)
@@ -106,6 +107,7 @@ def test_ctrl_c_ends_a_decoder_that_hangs(pack: Path, tmp_path: Path) -> None:
     assert is_gone(began)
 
 
+@pytest.mark.slow
 def test_a_program_that_ends_takes_its_decoders_along_and_does_not_wait_for_them(pack: Path, tmp_path: Path) -> None:
     """As when the window closes, or the program is killed, while a pack is being opened in a thread."""
     began = tmp_path / "began"
@@ -136,15 +138,3 @@ def test_decoders_are_used_again_and_do_not_stay(tmp_path: Path) -> None:
         os.kill(process.pid, signal.SIGKILL)  # as a machine does that runs out of memory
     waits_for(lambda: not any(process.poll() is None for process in decoder_sandbox._idle))
     load_pack(tmp_path / "pack")
-
-
-@pytest.mark.filterwarnings("error::ResourceWarning")
-def test_a_decoder_that_ends_leaves_no_pipe_open(pack: Path) -> None:
-    decoder_sandbox._end_idle()
-    before = len(os.listdir("/proc/self/fd")) if Path("/proc/self/fd").exists() else None
-    load_pack(pack)
-    ended = list(decoder_sandbox._idle)
-    assert ended
-    decoder_sandbox._end_idle()
-    assert all(process.closed for process in ended)
-    assert before is None or len(os.listdir("/proc/self/fd")) <= before

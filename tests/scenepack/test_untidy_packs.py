@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import pytest
 from PIL import Image
 
 from scenepack import Pack, PackWarning, load_pack, save_pack
-from scenepack.blocks import atlas_from_dense
 from tests.scenepack.helpers import edit_json, read_image, read_json, same_pack, small_pack, write_image, written
 
 
@@ -90,19 +88,10 @@ def test_num_slices_is_not_trusted(tmp_path: Path, count: Any) -> None:
     assert same_pack(opened(folder, "num_slices"), small_pack())
 
 
-def test_atlas_blocks_that_disagree_with_the_atlas_size_are_not_trusted(tmp_path: Path) -> None:
-    folder = json_edited(tmp_path, lambda p: p.update(atlas_blocks_x=99, atlas_blocks_z=0))
-    assert same_pack(opened(folder, "atlas_blocks_x/y/z"), small_pack())
-
-
 @pytest.mark.parametrize("size", [14, 5, 1])
 def test_other_block_sizes_open_silently(tmp_path: Path, size: int) -> None:
     pack = small_pack(block_size=size)
     assert same_pack(opened(written(tmp_path / "pack", pack)), pack)
-
-
-def test_a_missing_format_is_png(tmp_path: Path) -> None:
-    assert same_pack(opened(json_edited(tmp_path, lambda p: p.pop("format")), "format"), small_pack())
 
 
 def test_an_old_forward_facing_pack_gets_the_published_viewers_camera(tmp_path: Path) -> None:
@@ -114,26 +103,10 @@ def test_an_old_forward_facing_pack_gets_the_published_viewers_camera(tmp_path: 
     assert json.dumps(read_json(folder)) == json.dumps(before)
 
 
-def test_an_unusable_camera_of_a_pack_that_needs_none_is_ignored(tmp_path: Path) -> None:
-    folder = json_edited(tmp_path, lambda p: p.update(input_focal=float("nan"), input_width=800))
-    pack = opened(folder, "input_focal")
-    assert pack.input_focal is None and pack.input_width == 800
-
-
 def test_indices_may_be_rgb(tmp_path: Path) -> None:
     folder = written(tmp_path / "pack")
     write_image(folder / "atlas_indices.png", read_image(folder / "atlas_indices.png")[..., :3])
     assert same_pack(opened(folder), small_pack())
-
-
-def test_images_without_alpha_are_read_as_opaque(tmp_path: Path) -> None:
-    folder = written(tmp_path / "pack")
-    image = read_image(folder / "feature_000.png")
-    write_image(folder / "feature_000.png", image[..., :3])
-    pack = opened(folder, "feature_000.png is RGB")
-    assert pack.atlas_features is not None
-    np.testing.assert_array_equal(pack.atlas_features[:4].reshape(image.shape)[..., :3], image[..., :3])
-    assert np.all(pack.atlas_features[:4, ..., 3] == 255)
 
 
 @pytest.mark.parametrize("mode", ["L", "LA", "P"])
@@ -145,38 +118,3 @@ def test_images_that_an_optimiser_repacked_are_read(tmp_path: Path, mode: str) -
     pack = opened(folder, "feature_000.png is")
     assert pack.atlas_features is not None
     np.testing.assert_array_equal(pack.atlas_features[:4].reshape(expected.shape), expected)
-
-
-def test_an_atlas_depth_that_is_no_multiple_of_four_keeps_its_depth(tmp_path: Path) -> None:
-    dense = np.full((5, 5, 5, 4), 200, np.uint8)  # one macroblock: seven planes in two images
-    pack = replace(small_pack(block_size=5), grid_size=(5, 5, 5))
-    indices, rgba, features = atlas_from_dense(dense, dense, 5)
-    pack = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
-    folder = written(tmp_path / "pack", pack)
-    edit_json(folder, lambda p: p.update(atlas_depth=7, num_slices=2))
-    short = opened(folder)
-    assert short.atlas_rgba.shape[0] == 7
-    np.testing.assert_array_equal(short.atlas_rgba, pack.atlas_rgba[:7])
-    save_pack(short, tmp_path / "again")
-    assert same_pack(load_pack(tmp_path / "again"), short)
-
-
-def test_a_pack_without_content_opens_with_a_warning(tmp_path: Path) -> None:
-    folder = written(tmp_path / "pack")
-    write_image(folder / "atlas_indices.png", np.full_like(read_image(folder / "atlas_indices.png"), 255))
-    assert not opened(folder, "empty").occupied.any()
-
-
-def test_snerg_that_is_no_object_is_no_metadata(tmp_path: Path) -> None:
-    pack = opened(json_edited(tmp_path, lambda p: p.update(snerg=7)))
-    assert pack.metadata == {}
-    save_pack(pack, tmp_path / "again")
-    assert read_json(tmp_path / "again")["snerg"] == 7
-
-
-def test_a_byte_order_mark_and_whole_floats_are_fine(tmp_path: Path) -> None:
-    folder = written(tmp_path / "pack")
-    edit_json(folder, lambda p: p.update(grid_width=float(p["grid_width"]), atlas_depth=float(p["atlas_depth"])))
-    text = (folder / "scene_params.json").read_text()
-    (folder / "scene_params.json").write_text("\ufeff" + text, encoding="utf-8")
-    assert same_pack(opened(folder), small_pack())

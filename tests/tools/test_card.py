@@ -20,8 +20,7 @@ from tools.card import opengl, subprocesses
 from tools.card.__main__ import packs_at_hand, scene_at_hand
 from tools.card.page import page
 from tools.card.parts import Budget, Part, Skipped, run_parts
-from tools.card.subprocesses import Training, run_child, speed
-from tools.procedural import write_procedural_scene
+from tools.card.subprocesses import Training
 from tools.profile_step import PARTS, Profile, Times
 from viewer.benchmark import frames
 from viewer.rendering import software_rasteriser
@@ -52,6 +51,7 @@ def read(out: Path) -> dict:
     return json.loads((out / "report.json").read_text())["parts"]
 
 
+@pytest.mark.slow
 def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(
     folder: Path, ndc_shapes: Pack, tmp_path: Path
 ) -> None:
@@ -86,6 +86,7 @@ def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(
         assert len({row.count("|") for row in table}) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_golden_pictures")
 def test_what_only_a_card_has_is_asked_of_one_that_pretends(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -141,6 +142,7 @@ def test_what_only_a_card_has_is_asked_of_one_that_pretends(
     assert text.startswith("# Figures of NVIDIA Pretence") and "570.1" in text and "software" not in text
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_golden_pictures")
 def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -158,6 +160,7 @@ def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(
     assert parts["pack shapes"]["status"] == "done" and "the driver is moody" in (out / "report.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_picture_that_is_not_exact_fails_its_pack(shapes: Pack, ctx, monkeypatch: pytest.MonkeyPatch) -> None:
     with OffscreenRenderer(shapes, ctx=ctx) as renderer:
         cameras = orbit_path(shapes, 2, size=(32, 24))
@@ -172,29 +175,7 @@ def test_a_picture_that_is_not_exact_fails_its_pack(shapes: Pack, ctx, monkeypat
         assert not found["holds"] and found["worst"] == pytest.approx(2.55, abs=0.01) and found["beyond"] == 1.0
 
 
-def test_no_part_begins_that_has_no_time_left(tmp_path: Path) -> None:
-    now = [0.0]
-    budget = Budget(1.0, lambda: now[0])
-    now[0] = 45.0
-    assert budget.left == pytest.approx(15.0)
-    done = []
-
-    def work(left: Budget) -> dict:
-        done.append(left.left)
-        raise Skipped("not here")
-
-    report = run_parts([Part("a", work), Part("b", work, least=3600.0)], tmp_path, 1.0)
-    assert len(done) == 1 and [p["why"][:10] for p in report["parts"].values()] == ["not here", "no time is"]
-
-
-def test_a_child_that_takes_too_long_is_interrupted_and_what_it_printed_is_kept(tmp_path: Path) -> None:
-    code = "import time, sys; print('begun', flush=True); print('so far', file=sys.stderr, flush=True); time.sleep(600)"
-    ended = run_child(["-c", code], tmp_path / "child.log", 3.0)
-    assert ended.status is None and ended.out == "begun\n" and "so far" in ended.log.read_text()
-    failed = run_child(["-c", "raise SystemExit('it is broken')"], tmp_path / "child.log", 60.0)
-    assert failed.status == 1 and failed.last_line == "it is broken"
-
-
+@pytest.mark.slow
 def test_training_is_followed_by_what_the_runs_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands that are started, and what becomes of their files; see also the test below, which starts them."""
     started = []
@@ -239,6 +220,7 @@ def test_training_is_followed_by_what_the_runs_write(tmp_path: Path, monkeypatch
     assert "27.50" in text and "**200.0 ms**" in text and "gradient" in text and "full-curve.png" in text
 
 
+@pytest.mark.slow
 def test_without_jax_training_is_skipped_with_the_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocesses, "DEVICES", "import a_package_that_nobody_has")
     training = Training(tmp_path, None, 1, True, {})
@@ -246,23 +228,6 @@ def test_without_jax_training_is_skipped_with_the_reason(tmp_path: Path, monkeyp
     report = run_parts(parts, tmp_path, 20.0)["parts"]
     assert report["jax"]["status"] == "skipped" and "a_package_that_nobody_has" in report["jax"]["why"]
     assert report["curve of full"]["status"] == "skipped"
-
-
-@pytest.mark.slow
-def test_a_preset_is_trained_in_a_process_of_its_own(tmp_path: Path) -> None:
-    scene = tmp_path / "scene"
-    write_procedural_scene(scene, size=16, views=4, seed=0)
-    short = ["--steps", "4", "--log-every", "2", "--batch-size", "16", "--nerf.width", "8", "--validate-views", "2"]
-    training = Training(tmp_path, scene, 1, True, {"tiny": short}, available=True)
-    found = training.step_of("tiny", Budget(10.0))
-    assert found["problems"] == [] and found["steps"] == 4 and found["step_ms"] > 0
-    assert len(found["curve"]) == 1 and (tmp_path / found["picture"]).is_file()
-
-
-def test_speed_is_that_of_the_later_half() -> None:
-    records = [{"step": i, "steps_per_second": rate} for i, rate in enumerate((1.0, 1.0, 8.0, 10.0, 12.0))]
-    assert speed(records)["steps_per_second"] == pytest.approx(10.0)
-    assert speed([{"step": 1}])["step_ms"] is None
 
 
 def test_packs_and_a_scene_are_found(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tools.fuzz.interruptions import Writer, digest
 from tools.fuzz.long_run import FEWEST, WARM_UP, Lap, verdict
+from tools.fuzz.writer import Writer, digest
 
 OLD, NEW = "old " * 1000, "new " * 1000
 # Each writes NEW to the last word of its line. Its first run makes the file `begun` beside it and goes on for a minute.
@@ -45,6 +45,7 @@ class Scripted(Writer):
             time.sleep(0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "problem"),
     [(IN_PLACE, "neither the old output nor the new one"), (ASIDE, "left behind: ['.aside-"), (TIDY, "")],

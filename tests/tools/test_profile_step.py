@@ -10,7 +10,7 @@ import jax
 import numpy as np
 import pytest
 
-from tools.profile_step import PARTS, Profile, Times, main, profile
+from tools.profile_step import PARTS, main, profile
 from training.config import QUICK
 from training.dataset import make_dataset
 from training.multires.config import MultiresConfig
@@ -21,14 +21,6 @@ SMALL = MultiresConfig(resolutions=(8, 16), occupancy=16, samples_per_step=2048,
 TINY = dataclasses.replace(QUICK, steps=20, multires=SMALL)
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("hardly_optimised")]
-
-
-def test_shares_are_of_the_time_that_counts() -> None:
-    parts = {"draw": Times(1.0, 1.0), "gradient": Times(3.0, 1.0), "adam": Times(4.0, 2.0)}
-    of_processor = Profile("jax", parts, 400.0, 2, True, {})
-    assert of_processor.shares == {"draw": 0.25, "gradient": 0.25, "adam": 0.5}
-    assert dataclasses.replace(of_processor, by_cpu=False).shares["gradient"] == 3 / 8
-    assert of_processor.step == Times(8.0, 4.0) and of_processor.samples_per_cpu_second == 100_000
 
 
 @pytest.mark.parametrize("engine", ["fused", "jax"])
@@ -57,5 +49,5 @@ def test_photographs_become_a_table_and_json(
 
 
 def test_only_runs_of_the_field_can_be_profiled(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(Path(__file__).parents[1] / "data" / "older" / "nerf")]) == 2
+    assert main([str(Path(__file__).parents[1] / "data" / "runs" / "nerf")]) == 2
     assert "only the multi-resolution field can be profiled" in capsys.readouterr().err

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from baker.commands.make import main as make
 from console import UserError
 from tests.training.test_captures import circle, forward, write_llff
 from tests.training.test_training import MINUTE
 from training.commands.train import main
 from training.loop import train
-from training.run import load_run, read_description
+from training.run import load_run
 from training.scenes import SceneOptions, load_scene
 from training.scenes.scene_options import box_text
 
@@ -29,12 +28,6 @@ def boxed(procedural_path: Path, tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("runs") / "boxed"
     train(procedural_path, out, MINUTE, SceneOptions(aabb=BOX))
     return out
-
-
-def one_line(capsys) -> str:
-    line = capsys.readouterr().err.strip()
-    assert "\n" not in line
-    return line
 
 
 def test_the_box_takes_the_place_of_the_readers_and_far_reaches_its_end(procedural_path: Path):
@@ -56,47 +49,11 @@ def test_a_run_keeps_its_box_through_resuming_and_loading(boxed: Path, procedura
     np.testing.assert_allclose(run.dataset.aabb, np.reshape(BOX, (2, 3)))
 
 
-@pytest.mark.parametrize("command", [main, make])
-def test_a_resumed_run_cannot_take_another_box(boxed: Path, procedural_path: Path, tmp_path: Path, capsys, command):
-    out = tmp_path / "run"
-    shutil.copytree(boxed, out)
-    words = [str(procedural_path), "--out", str(tmp_path if command is make else out), "--aabb", "-1,-1,-1,1,1,1"]
-    assert command([*words, *([] if command is make else ["--resume"])]) == 2
-    line = one_line(capsys)
-    assert "--aabb" in line and "0.75" in line
-
-
-def test_a_run_from_before_there_was_a_box_still_loads(boxed: Path, tmp_path: Path):
-    old = Path(shutil.copytree(boxed, tmp_path / "old"))
-    document = json.loads((old / "config.json").read_text())
-    del document["scene_options"]["aabb"]
-    (old / "config.json").write_text(json.dumps(document))
-    assert read_description(old).options.aabb is None
-    assert load_run(old).dataset.aabb.tolist() == [[-1.5] * 3, [1.5] * 3]
-
-
 def test_the_box_and_its_units_are_told_when_training_begins(
     boxed: Path, procedural_path: Path, tmp_path: Path, capsys
 ):
     train(procedural_path, tmp_path / "plain", MINUTE)
     assert "box of the content: -1.5,-1.5,-1.5,1.5,1.5,1.5 where cameras stand 4" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("value", "words"),
-    [
-        ("1,2,3", "expected 6 such as"),
-        ("-1,-1,-1,1,1,nan", "is not a list of numbers"),
-        ("a,b,c,d,e,f", "is not a list of numbers"),
-        ("-1,1,-1,1,1,1", "y0 below y1"),
-        ("90,90,90,91,91,91", "no photograph sees this box"),
-    ],
-)
-@pytest.mark.parametrize("command", [main, make])
-def test_a_box_that_is_none_gets_one_line(procedural_path: Path, tmp_path: Path, capsys, command, value, words):
-    assert command([str(procedural_path), "--out", str(tmp_path / "run"), "--preset", "tiny", "--aabb", value]) == 2
-    line = one_line(capsys)
-    assert "--aabb" in line and words in line and not (tmp_path / "run").exists()
 
 
 def test_a_forward_facing_scene_has_no_box_to_choose(tmp_path: Path):

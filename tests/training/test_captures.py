@@ -14,7 +14,6 @@ from console import Notice, UserError
 from training.scenes import load_scene
 from training.scenes.poses import focus_point, look_at, mean_pose
 from training.scenes.rays import camera_rays
-from training.scenes.scene import HELD_OUT_EVERY
 
 
 def circle(count: int = 12, radius: float = 3.0, centre=(1.0, -2.0, 0.5), height: float = 0.4) -> np.ndarray:
@@ -68,12 +67,6 @@ def everyone(scene):
     return [p for split in scene.splits.values() for p in split]
 
 
-def test_every_eighth_photograph_is_held_out_from_the_first_on(tmp_path: Path):
-    scene = load_scene(write_llff(tmp_path, forward(17)))
-    assert [p.name for p in scene.splits["test"]] == ["img_00", "img_08", "img_16"] and HELD_OUT_EVERY == 8
-    assert len(scene.splits["train"]) == 14
-
-
 def test_a_forward_facing_capture_is_warped_to_a_box_that_holds_all_its_rays(tmp_path: Path):
     scene = load_scene(write_llff(tmp_path, forward()))
     assert scene.ndc and (scene.near, scene.far) == (0, 1) and scene.ndc_camera == (40, 32, 50.0)
@@ -100,36 +93,6 @@ def test_a_capture_from_all_around_is_spherified_by_itself_with_a_notice(tmp_pat
     np.testing.assert_allclose(focus_point(P), 0, atol=1e-9)
     np.testing.assert_allclose(P[:, :3, 3].mean(0)[:2], 0, atol=1e-9)  # the cameras stand about +z
     np.testing.assert_allclose(np.linalg.det(P[:, :3, :3]), 1)
-
-
-def test_reading_a_capture_from_all_around_as_forward_facing_is_refused(tmp_path: Path):
-    assert "--spherify" in complaint(write_llff(tmp_path, circle(height=0.0)), spherify=False)
-
-
-def test_cameras_that_look_the_same_way_cannot_be_spherified(tmp_path: Path):
-    assert "leave out --spherify" in complaint(write_llff(tmp_path, forward()), spherify=True)
-
-
-def test_the_folder_of_pictures_follows_the_downscale(tmp_path: Path):
-    path = write_llff(tmp_path, forward(), sizes={"images_2": (20, 16), "images_4": (10, 8)})
-    for downscale, size in ((2, (20, 16)), (4, (10, 8)), (8, (5, 4))):
-        camera = load_scene(path, downscale=downscale).splits["train"][0].camera
-        assert (camera.width, camera.height) == size and camera.fx == pytest.approx(50 / downscale)
-        assert load_scene(path, downscale=downscale).splits["train"][0].load().shape[1::-1] == size
-    with pytest.warns(Notice, match="images_2"):
-        assert load_scene(path).splits["train"][0].camera.width == 20
-
-
-def test_masks_cut_the_object_out(tmp_path: Path):
-    path = write_llff(tmp_path, forward(3))
-    assert "masks" in complaint(path, masks=True)
-    (path / "masks").mkdir()
-    for i in range(3):
-        mask = np.zeros((32, 40), np.uint8)
-        mask[8:24] = 255
-        Image.fromarray(mask).save(path / "masks" / f"img_{i:02d}_mask.png")
-    alpha = load_scene(path, masks=True).splits["train"][0].load()[..., 3]
-    assert alpha[:8].max() == 0 and alpha[8:24].min() == 1
 
 
 @pytest.mark.parametrize(
@@ -166,52 +129,6 @@ def test_distortion_stays_with_the_camera_whatever_the_downscale(tmp_path: Path)
     assert camera.distortion == small.distortion == (0.1, -0.02, 0.001, 0.002)
     full = camera_rays(camera, np.array(6.0), np.array(4.0))[1]
     np.testing.assert_allclose(camera_rays(small, np.array(3.0), np.array(2.0))[1], full)
-
-
-def test_intrinsics_of_a_frame_win_and_a_field_of_view_will_do(tmp_path: Path):
-    path = write_transforms(tmp_path / "s", circle())
-    document = json.loads((path / "transforms.json").read_text())
-    document["frames"][3]["fl_x"] = 40.0
-    (path / "transforms.json").write_text(json.dumps(document))
-    by_name = {p.name: p.camera for p in everyone(load_scene(path))}
-    assert by_name["images/003.png"].fx == 40 and by_name["images/004.png"].fx == 33
-    for key in ("fl_x", "fl_y", "cx", "cy", "w", "h"):
-        document.pop(key)
-    document["frames"][3].pop("fl_x")
-    (path / "transforms.json").write_text(json.dumps(document | {"camera_angle_x": np.pi / 2}))
-    camera = load_scene(path).splits["train"][0].camera
-    assert camera.fx == camera.fy == pytest.approx(15) and (camera.cx, camera.cy) == (15, 10)
-
-
-def test_frames_whose_picture_is_gone_are_left_out_with_a_notice(tmp_path: Path):
-    with pytest.warns(Notice, match="2 of 12 frames"):
-        assert len(everyone(load_scene(write_transforms(tmp_path / "s", circle(), missing=2)))) == 10
-    assert "picture not found" in complaint(write_transforms(tmp_path / "t", circle(), missing=12))
-
-
-def test_aabb_scale_is_a_box_about_the_files_origin_in_instant_ngps_units(tmp_path: Path):
-    centre = np.array([1.0, -2.0, 0.5])
-    scene = load_scene(write_transforms(tmp_path / "s", circle(), aabb_scale=2))
-    scale = 1 / (3 * np.sqrt(1 + 0.4**2))
-    half, middle = 1 / 0.33 * scale, np.linalg.norm(centre) * scale
-    inside = np.abs(scene.aabb).max(axis=0) < 1.5  # where the box is not cut
-    assert np.ptp(scene.aabb, axis=0)[inside] == pytest.approx(np.full(inside.sum(), 2 * half)) and inside.sum() == 2
-    assert np.linalg.norm(scene.aabb.mean(0)) == pytest.approx(middle, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"frames": []}, "no frames"),
-        ({"fl_x": "wide"}, "fl_x"),
-        ({"fl_x": -3}, "positive"),
-        ({"w": 99}, "another size"),
-        ({"camera_model": "OPENCV_FISHEYE"}, "not supported"),
-        ({"k3": 0.1}, "not supported"),
-    ],
-)
-def test_a_spoilt_transforms_scene_gets_one_clear_line(tmp_path: Path, values, words: str):
-    assert words in complaint(write_transforms(tmp_path / "s", circle(), **values))
 
 
 def test_real_captures_read(real_data: Path):

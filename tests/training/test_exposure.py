@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baker.metrics import colours_matched, psnr
-from training.exposure import FEWEST, GAINS, MOST, drawn, fitted
+from training.exposure import fitted
 
 VIEWS, RAYS = 12, 400
 
@@ -40,12 +40,6 @@ def test_gains_are_found_at_once_up_to_what_all_photographs_share() -> None:
     np.testing.assert_allclose(after(1, shown(np.full((5, 3), 0.8)), auto=False), 1.0, atol=0.02)
 
 
-def test_photographs_of_one_exposure_stay_as_they_are_unless_gains_are_asked_for() -> None:
-    shading = np.exp(np.random.default_rng(2).normal(0, 0.03, (VIEWS, 3)))
-    np.testing.assert_array_equal(after(3, shown(shading)), 1.0)
-    assert (after(3, shown(shading), auto=False) != 1.0).all()
-
-
 def test_clipped_and_clear_pixels_and_rays_through_air_tell_nothing() -> None:
     right = some_gains()
     look, opacity, pixels = shown(right)
@@ -55,27 +49,6 @@ def test_clipped_and_clear_pixels_and_rays_through_air_tell_nothing() -> None:
     pixels[:, 20:40, 3] = 0
     opacity[:, 40:60] = 0.1
     np.testing.assert_allclose(after(1, (look, opacity, pixels)), expected, atol=1e-6)
-
-
-def test_a_photograph_that_shows_nothing_of_the_field_has_no_gain_and_gains_stay_within_what_cameras_do() -> None:
-    gains = np.array([[1.3] * 3, [0.01] * 3, [0.8] * 3, [1.0] * 3])
-    look, opacity, pixels = shown(gains)
-    opacity[3] = 0
-    look[3] = 0
-    found = after(1, (look, opacity, pixels))
-    assert np.isfinite(found).all() and (found >= GAINS[0]).all() and (found <= GAINS[1]).all()
-    assert found[1].max() < found[2].min() < found[0].min()
-    nothing = np.zeros_like(look), np.zeros_like(opacity), pixels
-    np.testing.assert_array_equal(after(1, nothing, auto=False), 1.0)
-
-
-def test_as_many_rays_of_each_photograph_are_looked_at_however_many_there_are() -> None:
-    first = np.array([0, 1000, 1500])
-    ids = drawn(first, 40_000, (0, 100))
-    assert ids.shape == (3, MOST)
-    assert (ids >= first[:, None]).all() and (ids < np.array([1000, 1500, 40_000])[:, None]).all()
-    assert drawn(np.arange(5000), 5000, (0, 100)).shape == (5000, FEWEST)
-    assert (ids == drawn(first, 40_000, (0, 100))).all() and (ids != drawn(first, 40_000, (0, 125))).any()
 
 
 def test_a_picture_is_matched_to_its_photograph_by_gain_and_offset_and_by_no_more() -> None:

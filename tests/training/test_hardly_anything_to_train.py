@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from console import Notice, UserError
+from console import UserError
 from tests.training.test_captures import circle, write_transforms
-from tests.training.test_training import MINUTE
 from training.commands.train import main
 from training.config import PRESETS
 from training.loop import train
@@ -30,20 +29,6 @@ def test_what_can_be_expected_of_few_photographs_is_said(tmp_path: Path, photogr
     assert (line is None) if words is None else (line is not None and words in line)
 
 
-def test_it_is_said_before_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = write_transforms(tmp_path / "t", circle(3))
-
-    class Began(Exception):
-        pass
-
-    def begin(*_: object) -> None:
-        raise Began
-
-    monkeypatch.setattr("training.nerf.method.NerfMethod.step", begin)
-    with pytest.warns(Notice, match="2 photographs to train on are few"), pytest.raises(Began):
-        train(scene, tmp_path / "run", MINUTE)
-
-
 def test_cameras_that_all_look_away_from_the_box_are_refused_before_training(
     procedural_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -57,17 +42,6 @@ def test_cameras_that_all_look_away_from_the_box_are_refused_before_training(
     (scene / "transforms_train.json").write_text(json.dumps(document))
     assert main([str(scene), "--out", str(tmp_path / "run"), "--preset", "tiny", "--steps", "2"]) == 2
     assert "no photograph sees the box of the content" in capsys.readouterr().err
-    assert not (tmp_path / "run").exists()
-
-
-def test_photographs_that_show_nothing_at_all_are_refused_before_training(
-    procedural_path: Path, tmp_path: Path
-) -> None:
-    scene = Path(shutil.copytree(procedural_path, tmp_path / "scene"))
-    for picture in (scene / "train").glob("*.png"):
-        Image.new("RGBA", (48, 48)).save(picture)
-    with pytest.raises(UserError, match="every pixel is transparent"):
-        train(scene, tmp_path / "run", dataclasses.replace(MINUTE, method="multires", engine="jax"))
     assert not (tmp_path / "run").exists()
 
 

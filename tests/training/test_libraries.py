@@ -46,6 +46,7 @@ def python(code: str, *words: str, **environment: str) -> subprocess.CompletedPr
     return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -77,6 +78,7 @@ def test_variables_that_fit_are_no_obstacle() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "begun\n", "")
 
 
+@pytest.mark.slow
 def test_loops_are_compiled_anew_where_nothing_can_be_kept(tmp_path: Path) -> None:
     (tmp_path / "loops.py").write_text(LOOPS)
     (tmp_path / "__pycache__").write_text("no folder can be made here, nor in /proc")
@@ -85,15 +87,3 @@ def test_loops_are_compiled_anew_where_nothing_can_be_kept(tmp_path: Path) -> No
             COMPILE, str(tmp_path), HOME="/proc/none", XDG_CACHE_HOME="/proc/none", PYTHONDONTWRITEBYTECODE="1"
         )
         assert (done.stdout, done.stderr) == ("42 0\n", "")
-
-
-def test_spoilt_files_of_kept_loops_are_made_again(tmp_path: Path) -> None:
-    (tmp_path / "loops.py").write_text(LOOPS)
-    cache = tmp_path / "cache"
-    assert [python(COMPILE, str(tmp_path), XDG_CACHE_HOME=str(cache)).stdout for _ in range(2)] == ["42 0\n", "42 1\n"]
-    files = [*cache.rglob("*.nbi"), *cache.rglob("*.nbc")]
-    assert len(files) == 2
-    for file in files:
-        file.write_bytes(file.read_bytes()[:10])
-    done = python(COMPILE, str(tmp_path), XDG_CACHE_HOME=str(cache))
-    assert (done.stdout, done.stderr) == ("42 0\n", "")

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from training.config import PAPER, REAL_BATCH, SYNTHETIC_BATCH, NerfConfig, TrainConfig
-from training.losses import cauchy_sparsity, mean_squared_error, psnr_of, squared_error
+from training.config import PAPER, REAL_BATCH, SYNTHETIC_BATCH, TrainConfig
+from training.losses import cauchy_sparsity, squared_error
 from training.nerf.method import learning_rate, make_optimizer, sparsity_of
 
 
@@ -47,11 +47,6 @@ def test_with_the_papers_192_samples_the_release_weighs_sparsity_64_times_less()
     assert float(sparsity_of(coarse, fine, PAPER) / sparsity_of(coarse, fine, release)) == pytest.approx(64)
 
 
-def test_psnr_of_a_tenth_off_everywhere_is_20_db_and_colours_beyond_1_count_as_1():
-    assert float(psnr_of(mean_squared_error(jnp.full((4, 3), 0.6), jnp.full((4, 3), 0.5)))) == pytest.approx(20)
-    assert float(mean_squared_error(jnp.full((4, 3), 1.7), jnp.ones((4, 3)))) == 0
-
-
 @pytest.mark.parametrize(
     ("step", "rate"),
     [
@@ -65,12 +60,6 @@ def test_psnr_of_a_tenth_off_everywhere_is_20_db_and_colours_beyond_1_count_as_1
 )
 def test_the_papers_learning_rate(step, rate):
     assert float(learning_rate(PAPER.nerf, PAPER.steps, step)) == pytest.approx(rate, rel=1e-5)
-
-
-def test_without_warm_up_the_rate_starts_at_its_first_value():
-    assert float(learning_rate(NerfConfig(first_rate=1e-2, last_rate=1e-4, warmup_steps=0), 100, 0)) == pytest.approx(
-        1e-2
-    )
 
 
 def test_gradients_are_clipped_by_value_then_by_norm():

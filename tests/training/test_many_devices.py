@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 from jax.sharding import Mesh
 
-from console import UserError
 from tests.training.train_both import SHARED, TWINS
 from training.checkpoints import list_checkpoints, read_checkpoint
-from training.devices import join_processes, own_rows
+from training.devices import own_rows
 from training.recorder import read_metrics
 
 pytestmark = pytest.mark.slow
@@ -126,29 +125,3 @@ def test_rows_are_shared_out_evenly_and_padded() -> None:
 
     assert own_rows(1000, Mesh(np.array(jax.devices()[:1]), (AXIS,))) == (0, 1000)
     assert own_rows(1001, every_device())[1] >= 1001
-
-
-@pytest.mark.parametrize("told", [("127.0.0.1:1", None, None), (None, 2, 0), ("127.0.0.1:1", 2, 5)])
-def test_half_told_processes_are_refused_in_one_line(told, monkeypatch) -> None:
-    def initialize(coordinator, processes, process_id):
-        if None in (coordinator, processes, process_id) or process_id >= processes:
-            raise ValueError("coordinator_address should be defined.")
-
-    monkeypatch.setattr(jax.distributed, "initialize", initialize)
-    with pytest.raises(UserError, match="could not be joined"):
-        join_processes(*told)
-
-
-def test_a_launcher_tells_its_processes_apart(monkeypatch) -> None:
-    calls = []
-    monkeypatch.setattr(jax.distributed, "initialize", lambda *told: calls.append(told))
-    join_processes()
-    assert calls == [], "alone, nothing is joined"
-    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "4")
-    monkeypatch.setenv("OMPI_COMM_WORLD_RANK", "3")
-    join_processes()
-    join_processes("host:1234")
-    assert calls == [(None, None, None), ("host:1234", 4, 3)]
-    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "1")
-    join_processes()
-    assert len(calls) == 2, "a launcher of one process is no company"

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import errno
 import mmap
-import os
 import tracemalloc
 from pathlib import Path
 
@@ -14,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from console import Notice, UserError
+from console import Notice
 from training import dataset as datasets
 from training.dataset import MOST_RAYS, make_dataset, row_step_for
 from training.marching.layout import GridBox
@@ -65,18 +63,6 @@ def test_opaque_photographs_are_never_held_with_alpha(big: Path, procedural_scen
     assert dataset.pixels.shape == (2 * 48 * 48, 3), "alpha that is 1 everywhere is left out, too"
 
 
-def test_jax_takes_the_pixels_over_without_a_copy(procedural_scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    own: list[np.ndarray] = []
-
-    def load(*words, **options) -> np.ndarray:
-        own.append(load_pixels(*words, **options))
-        return own[-1]
-
-    monkeypatch.setattr(datasets, "load_pixels", load)
-    dataset = make_dataset(procedural_scene)
-    assert np.asarray(dataset.pixels).ctypes.data == own[0].ctypes.data
-
-
 def in_a_file(array: np.ndarray) -> bool:
     base = array
     while isinstance(base, np.ndarray) and base.base is not None:
@@ -96,19 +82,6 @@ def test_photographs_that_memory_does_not_hold_lie_in_a_file_of_the_run(
     assert not list((tmp_path / "run").iterdir()), "the file has no name, and is gone with the process"
     dataset = make_dataset(procedural_scene, folder=tmp_path / "run")
     assert np.array_equal(np.asarray(dataset.pixels), in_memory)
-
-
-def test_a_disk_that_is_full_too_gets_one_line(
-    procedural_scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(pixels, "free_memory", lambda: 0)
-    monkeypatch.setattr(os, "posix_fallocate", full, raising=False)
-    with pytest.raises(UserError, match="neither in memory nor on this disk") as raised:
-        load_pixels(procedural_scene.splits["train"], folder=tmp_path)
-    assert "No space left" in str(raised.value) and "--downscale" in str(raised.value)
 
 
 def test_more_pixels_than_ids_are_thinned_out_by_rows_and_a_line_says_so(procedural_scene: Scene) -> None:

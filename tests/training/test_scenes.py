@@ -14,7 +14,7 @@ from PIL import Image
 
 from console import UserError
 from training.scenes import Scene, load_pixels, load_scene
-from training.scenes.pictures import area_average, over_background, read_picture, shrink
+from training.scenes.pictures import over_background, read_picture, shrink
 
 
 @pytest.fixture
@@ -75,10 +75,6 @@ def test_shrinking_keeps_the_mean_of_premultiplied_colour_and_alpha():
         np.testing.assert_allclose(white, over_background(picture, (1, 1, 1)).mean((0, 1)), atol=1e-5)
 
 
-def test_an_interval_that_cuts_a_cell_counts_its_share():
-    np.testing.assert_allclose(area_average(np.array([0.0, 3.0, 6.0]), 2, 0), [1.0, 5.0])
-
-
 def test_colour_hidden_under_transparency_does_not_bleed_into_edges():
     picture = np.zeros((2, 2, 4), np.float32)
     picture[0, 0] = (1, 0, 0, 1)
@@ -102,25 +98,10 @@ def test_any_range_of_the_pixels_of_many_pictures_can_be_loaded(procedural_scene
     np.testing.assert_allclose(read_picture(tmp_path / "deep.png")[0, 0], [128.5 / 256] * 3 + [1], atol=1e-3)
 
 
-def test_a_missing_folder_a_file_and_an_empty_folder_are_told_apart(tmp_path: Path):
-    assert "no such folder" in complaint(tmp_path / "absent")
-    (tmp_path / "file").write_text("")
-    assert "not a folder" in complaint(tmp_path / "file")
-    (tmp_path / "empty").mkdir()
-    assert "empty" in complaint(tmp_path / "empty")
-
-
 def test_a_folder_without_a_scene_says_what_was_looked_for(tmp_path: Path):
     (tmp_path / "notes.txt").write_text("hello")
     line = complaint(tmp_path)
     assert "transforms_train.json" in line and str(tmp_path) in line
-
-
-@pytest.mark.parametrize("text", ["{", "not json", '{"frames": [}', ""])
-def test_json_that_is_no_json_is_named_with_its_place(copy: Path, text: str):
-    (copy / "transforms_train.json").write_text(text)
-    line = complaint(copy)
-    assert "not JSON" in line and ("line 1" if text else "an empty file") in line and "transforms_train.json" in line
 
 
 @pytest.mark.parametrize(
@@ -147,32 +128,10 @@ def test_a_description_that_is_wrong_gets_one_clear_line(copy: Path, change, wor
     assert words in complaint(copy)
 
 
-def test_a_json_file_that_is_no_object_is_refused(copy: Path):
-    (copy / "transforms_train.json").write_text("[1, 2]")
-    assert "expected an object" in complaint(copy)
-
-
-def test_a_truncated_picture_is_refused_when_it_is_decoded(copy: Path):
-    picture = copy / "train" / "r_4.png"
-    picture.write_bytes(picture.read_bytes()[:700])
-    line = complaint(copy)
-    assert "r_4.png" in line and "truncated" in line
-
-
-def test_a_file_that_is_no_picture_is_refused(copy: Path):
-    (copy / "train" / "r_4.png").write_text("hello")
-    assert "not a readable picture" in complaint(copy)
-
-
 def test_a_picture_of_another_size_is_refused_with_both_sizes(copy: Path):
     Image.new("RGBA", (40, 48)).save(copy / "train" / "r_5.png")
     line = complaint(copy)
     assert "r_5.png" in line and "the shape of 48x48" in line and "found 40x48" in line
-
-
-@pytest.mark.parametrize("downscale", [0, -2, 1.5, 49])
-def test_a_downscale_that_makes_no_sense_is_refused(procedural_path: Path, downscale):
-    assert "downscale" in complaint(procedural_path, downscale=downscale)
 
 
 def test_reading_scenes_needs_no_jax():

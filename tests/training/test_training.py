@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import dataclasses
 import errno
 import json
@@ -12,7 +11,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -25,16 +23,13 @@ from tests.compiling import as_users_have_it
 from tests.told import told
 from training.checkpoints import to_arrays
 from training.commands.train import main
-from training.config import PRESETS, TINY, TrainConfig, from_json
+from training.config import TINY
 from training.loop import train
 from training.multires.config import MultiresConfig
 from training.multires.jax_engine import JaxEngine
 from training.nerf.method import NerfMethod
-from training.recorder import MetricsLog, Recorder, read_metrics
-from training.run import load_run, start_run
-from training.scenes import SceneOptions
-
-pytestmark = pytest.mark.slow
+from training.recorder import Recorder, read_metrics
+from training.run import load_run
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -106,6 +101,7 @@ def test_a_run_stopped_by_ctrl_c_and_resumed_repeats_the_unbroken_one_exactly(
         np.testing.assert_array_equal(ours[name], theirs[name])
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_back_to_its_checkpoint_and_repeats_what_was_lost(
     unbroken: Path, procedural_path: Path, tmp_path: Path
 ):
@@ -117,29 +113,7 @@ def test_a_killed_run_goes_back_to_its_checkpoint_and_repeats_what_was_lost(
     assert losses(killed) == losses(unbroken)
 
 
-def test_a_run_killed_between_checkpoint_and_validation_makes_up_for_it(
-    unbroken: Path, procedural_path: Path, tmp_path: Path
-):
-    killed = Path(shutil.copytree(unbroken, tmp_path / "killed"))
-    lines = (killed / "metrics.jsonl").read_text().splitlines(keepends=True)
-    [lost] = [line for line in lines if "validation_psnr" in line]
-    (killed / "metrics.jsonl").write_text("".join(line for line in lines if line != lost))
-    shutil.rmtree(killed / "validation")
-    for _ in range(2):  # once, however often it is resumed
-        train(procedural_path, killed, MINUTE, resume=True)
-        [again] = [record for record in read_metrics(killed / "metrics.jsonl") if "validation_psnr" in record]
-        assert (again["step"], again["validation_psnr"]) == (12, json.loads(lost)["validation_psnr"])
-    assert (killed / "validation" / "step_00000012.png").is_file()
-
-
-def test_a_run_killed_before_it_had_begun_can_be_started(procedural_path: Path, tmp_path: Path, monkeypatch):
-    run = tmp_path / "run"
-    run.mkdir()
-    (run / ".config.json.new-99999999-0123abcd").write_text("{")
-    started = start_run(run, procedural_path, MINUTE, SceneOptions())
-    assert started.step == 0 and [file.name for file in run.iterdir()] == ["config.json"]
-
-
+@pytest.mark.slow
 def test_a_damaged_newest_checkpoint_costs_a_warning_and_some_steps(unbroken: Path, tmp_path: Path):
     damaged = Path(shutil.copytree(unbroken, tmp_path / "damaged"))
     path = damaged / "checkpoints" / "step_00000012.safetensors"
@@ -160,6 +134,7 @@ def test_a_loaded_run_renders_queries_and_knows_its_scene(unbroken: Path):
     assert out.rgb.shape == (48 * 48, 3) and float(out.rgb.min()) >= 0 and float(out.rgb.max()) <= 1
 
 
+@pytest.mark.slow
 def test_divergence_stops_with_the_last_good_checkpoint_kept(procedural_path: Path, tmp_path: Path):
     wild = dataclasses.replace(
         MINUTE,
@@ -174,6 +149,7 @@ def test_divergence_stops_with_the_last_good_checkpoint_kept(procedural_path: Pa
             assert all(not np.isnan(a).any() for a in to_arrays(arrays).values())
 
 
+@pytest.mark.slow
 def test_a_full_disk_stops_training_with_a_plain_line(procedural_path: Path, tmp_path: Path, monkeypatch, capsys):
     def full(path, data):
         if path.suffix == ".safetensors":
@@ -184,11 +160,13 @@ def test_a_full_disk_stops_training_with_a_plain_line(procedural_path: Path, tmp
         train(procedural_path, tmp_path / "run", MINUTE)
 
 
+@pytest.mark.slow
 def test_time_can_be_limited(procedural_path: Path, tmp_path: Path):
     run = train(procedural_path, tmp_path / "run", dataclasses.replace(MINUTE, steps=100_000, minutes=1e-9))
     assert run.step == 1 and load_run(tmp_path / "run").step == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["nerf", "multires"])
 def test_a_run_that_time_ends_ends_with_the_last_learning_rate(
     procedural_path: Path, tmp_path: Path, monkeypatch, method: str
@@ -218,13 +196,6 @@ def test_a_run_that_time_ends_ends_with_the_last_learning_rate(
     assert resumed.step > run.step and 0.4 < records[0]["progress"] < 0.7 and records[-1]["progress"] > 0.9
 
 
-def test_seconds_of_training_go_on_counting_after_a_resume(tmp_path: Path):
-    path = tmp_path / "metrics.jsonl"
-    path.write_text('{"step": 1, "seconds": 2.5}\n{"step": 2, "seconds": 5.0}\n{"step": 3, "seconds": 7.5}\n')
-    assert MetricsLog(path, 2).seconds == 5.0
-    assert [r["step"] for r in read_metrics(path)] == [1, 2]
-
-
 # --- the command
 # -------------------------------------------------------------------------------------------------------
 
@@ -242,6 +213,7 @@ HOLDING = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("there", [True, False])
 def test_two_processes_do_not_train_into_one_run(there: bool, unbroken: Path, procedural_path: Path, tmp_path, capsys):
     run = tmp_path / "deep" / "run"
@@ -275,6 +247,7 @@ def test_a_folder_that_is_no_run_is_not_overwritten_either(procedural_path: Path
     assert "another --out" in one_line(capsys)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -288,6 +261,7 @@ def test_a_resumed_run_keeps_its_settings(unbroken: Path, procedural_path: Path,
     assert words in one_line(capsys)
 
 
+@pytest.mark.slow
 def test_a_finished_run_can_be_given_more_steps(unbroken: Path, procedural_path: Path, tmp_path: Path, capsys):
     longer = Path(shutil.copytree(unbroken, tmp_path / "longer"))
     assert main([str(procedural_path), "--out", str(longer), "--resume", "--steps", "14"]) == 0
@@ -295,71 +269,7 @@ def test_a_finished_run_can_be_given_more_steps(unbroken: Path, procedural_path:
     assert load_run(longer).step == 14 and load_run(longer).config.steps == 14
 
 
-def test_a_resumed_runs_description_is_read_once(unbroken: Path, procedural_path: Path, tmp_path: Path, monkeypatch):
-    longer = Path(shutil.copytree(unbroken, tmp_path / "longer"))
-    read: list[str] = []
-
-    def listening(opener):
-        def opened(path, *arguments, **options):
-            read.append(Path(path).name if isinstance(path, str | Path) else "")
-            return opener(path, *arguments, **options)
-
-        return opened
-
-    monkeypatch.setattr(Path, "open", listening(Path.open))
-    monkeypatch.setattr(builtins, "open", listening(builtins.open))
-    assert main([str(procedural_path), "--out", str(longer), "--resume", "--steps", "13"]) == 0
-    assert read.count("config.json") == 1
-
-
-@pytest.mark.parametrize("way", ["started", "resumed", "resumed before its first checkpoint", "loaded"])
-def test_a_method_that_cannot_be_made_stops_all_processes_together(
-    unbroken: Path, procedural_path: Path, tmp_path: Path, monkeypatch, way: str
-):
-    out, met = tmp_path / "run", []
-    if way != "started":
-        shutil.copytree(unbroken, out)
-    if "before" in way:
-        shutil.rmtree(out / "checkpoints")
-
-    @contextmanager
-    def together():
-        try:
-            yield
-        except UserError as error:
-            met.append(error)
-            raise
-
-    def refuse(*arguments):
-        raise UserError("cannot be made")
-
-    monkeypatch.setattr("training.run.together", together)
-    monkeypatch.setattr("training.run.make_method", refuse)
-    with pytest.raises(UserError, match="cannot be made"):
-        if way == "loaded":
-            load_run(out)
-        else:
-            train(procedural_path, out, MINUTE, resume=way != "started")
-    assert [str(error) for error in met] == ["cannot be made"]
-
-
-@pytest.mark.parametrize("spoil", ["missing", "no config", "no JSON", "unknown field", "wrong type"])
-def test_resuming_what_is_no_run_gets_one_line(unbroken: Path, procedural_path: Path, tmp_path: Path, capsys, spoil):
-    out = tmp_path / "run"
-    if spoil != "missing":
-        shutil.copytree(unbroken, out)
-    if spoil == "no config":
-        (out / "config.json").unlink()
-    if spoil == "no JSON":
-        (out / "config.json").write_text("{")
-    if spoil in ("unknown field", "wrong type"):
-        document = json.loads((out / "config.json").read_text())
-        document["config"] = {"colour": 1} if spoil == "unknown field" else 5
-        (out / "config.json").write_text(json.dumps(document))
-    assert main([str(procedural_path), "--out", str(out), "--resume"]) == 2
-    assert str(out) in one_line(capsys)
-
-
+@pytest.mark.slow
 def test_a_run_whose_photographs_are_gone_says_so(unbroken: Path, tmp_path: Path):
     moved = Path(shutil.copytree(unbroken, tmp_path / "moved"))
     document = json.loads((moved / "config.json").read_text())
@@ -368,24 +278,3 @@ def test_a_run_whose_photographs_are_gone_says_so(unbroken: Path, tmp_path: Path
     with pytest.raises(UserError, match=r"gone: no such folder \(found .*/gone\).*--scene FOLDER"):
         load_run(moved)
     assert load_run(moved, scene_path=json.loads((unbroken / "config.json").read_text())["scene"]).step
-
-
-def test_bad_scenes_and_presets_end_with_status_2(tmp_path: Path, capsys):
-    assert main([str(tmp_path / "absent"), "--out", str(tmp_path / "run")]) == 2
-    assert "no such folder" in one_line(capsys)
-    assert not (tmp_path / "run").exists()
-    assert main([str(tmp_path), "--out", str(tmp_path / "run"), "--preset", "best"]) == 2
-    assert "best" in one_line(capsys)
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_config_goes_through_json_and_back(name: str):
-    written = json.loads(json.dumps(dataclasses.asdict(PRESETS[name])))
-    assert from_json(TrainConfig, written, "config.json") == PRESETS[name]
-
-
-def test_a_checkpoint_of_another_version_is_told_in_one_line(unbroken: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(NerfMethod, "restore", lambda self, arrays: arrays["what a later version keeps"])
-    with pytest.raises(UserError, match=r"another version of snerg.*what a later version keeps") as caught:
-        load_run(unbroken)
-    assert "\n" not in str(caught.value)

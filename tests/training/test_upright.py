@@ -10,12 +10,11 @@ import pytest
 
 from baker.reports.evaluation import reading_of
 from console import UserError
-from tests.training.reconstructions import around, ball, side_by_side, write_colmap
-from tests.training.test_captures import circle, write_transforms
+from tests.training.reconstructions import around, ball, write_colmap
 from training.run import read_description
 from training.scenes import SceneOptions, load_scene
 from training.scenes.colmap import sparse_points
-from training.scenes.scene_options import axes_of, composed, parse_up
+from training.scenes.scene_options import axes_of
 
 
 def eyes(scene) -> np.ndarray:
@@ -40,31 +39,6 @@ def test_what_is_up_becomes_z_and_all_else_turns_along(leaning: Path) -> None:
     assert inside.mean() > 0.95, "the box is that of the points as they lie now"
     assert (after.near, after.far) == pytest.approx((before.near, before.far))
     np.testing.assert_allclose(load_scene(leaning, up=(0.0, 0.0, 2.0)).aabb, before.aabb, atol=1e-9)
-
-
-def test_another_direction_is_told_in_the_frame_that_the_first_has_led_to(leaning: Path) -> None:
-    first = (0.5, 0.1, 1.0)
-    normal = np.array([0.2, -0.3, 0.9])
-    both = load_scene(leaning, up=composed(first, normal))
-    there = np.linalg.norm(normal)
-    heights = eyes(load_scene(leaning, up=first)) @ normal / there
-    np.testing.assert_allclose(eyes(both)[:, 2], heights, atol=1e-4)
-    assert composed(None, normal) == tuple(normal)
-
-
-@pytest.mark.parametrize("text", ["0,0,0", "1,2", "nan,0,1", "up", "1e400,0,0"])
-def test_what_is_no_direction_is_refused(text: str) -> None:
-    with pytest.raises(UserError, match="--up"):
-        parse_up(text)
-
-
-def test_scenes_that_know_what_is_up_or_have_none_refuse_it(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="say themselves"):
-        load_scene(write_transforms(tmp_path / "capture", circle()), up=(0.0, 0.0, 1.0))
-    forward = write_colmap(tmp_path / "forward", side_by_side(), ball())
-    with pytest.raises(UserError, match="--spherify"):
-        load_scene(forward, up=(0.0, 0.0, 1.0))
-    assert not load_scene(forward, up=(0.0, 0.0, 1.0), spherify=True).ndc
 
 
 def test_a_run_remembers_what_is_up(tmp_path: Path) -> None:

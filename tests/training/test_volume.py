@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from training.view_mlp import apply_view_mlp, init_view_mlp
-from training.volume import alpha_of, composite, intervals, shade, transmittance, weights_of
+from training.volume import alpha_of, composite, shade, weights_of
 
 depths = arrays(np.float32, (3, 7), elements=st.floats(0, 20, width=32))
 
@@ -24,19 +24,9 @@ def test_weights_and_what_remains_of_the_light_sum_to_one(optical):
     assert (np.asarray(weights) >= 0).all()
 
 
-def test_transmittance_is_one_before_the_first_sample_and_never_grows():
-    T = np.asarray(transmittance(jnp.asarray([[0.5, 0.0, 2.0, 10.0, 1.0]])))
-    np.testing.assert_allclose(T[0], np.exp([0, -0.5, -0.5, -2.5, -12.5]), rtol=1e-5)
-
-
 def test_alpha_is_exact_for_small_arguments_too():
     sigma = jnp.asarray([1e-6, 0.1, 3.0, 40.0])
     np.testing.assert_allclose(alpha_of(sigma, 0.1), -np.expm1(-np.asarray(sigma, np.float64) * 0.1), rtol=1e-6)
-
-
-def test_intervals_are_world_lengths_also_along_directions_that_are_not_unit():
-    delta = intervals(jnp.asarray([[0.0, 0.25, 1.0]]), jnp.asarray([[0.0, 3.0, 4.0]]), last=1.0)
-    np.testing.assert_allclose(delta, [[1.25, 3.75, 5.0]], rtol=1e-6)
 
 
 def test_composite_weighs_each_samples_values():
@@ -52,9 +42,3 @@ def test_shading_puts_the_background_behind_before_it_asks_the_view_mlp():
     behind = diffuse + 0.25 * jnp.asarray([1.0, 0.5, 0.0])
     np.testing.assert_allclose(out.diffuse, behind, rtol=1e-6)
     np.testing.assert_allclose(out.rgb, behind + apply_view_mlp(view, behind, features, v), rtol=1e-5)
-
-
-def test_without_a_view_mlp_the_colour_is_the_diffuse_one():
-    one = jnp.ones((1, 3))
-    out = shade(None, 0.5 * one, jnp.zeros((1, 4)), jnp.ones(1), jnp.ones(1), one)
-    np.testing.assert_array_equal(out.rgb, out.diffuse)

@@ -11,8 +11,8 @@ import signal
 import subprocess
 import sys
 
-from tools.fuzz.interruptions import MODULES, Writer
 from tools.fuzz.windows import working_on
+from tools.fuzz.writer import MODULES, Writer
 
 
 class SharingBake(Writer):

@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from tools.fuzz.interruptions import PATIENCE_S, STEPS, Writer
+from tools.fuzz.writer import PATIENCE_S, STEPS, Writer
 
 
 class ExportingWindow(Writer):

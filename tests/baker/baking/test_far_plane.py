@@ -18,8 +18,6 @@ from training.config import TINY
 from training.run import start_run
 from training.scenes import SceneOptions
 
-pytestmark = pytest.mark.slow
-
 DEPTH = 200.0  # of the wall, a hundred times the nearest depth: at the far plane in NDC
 CENTRE, RADIUS = np.array([1.0, -2.0, 0.5]), 1.0  # of the ball that the cameras of circle() look at
 
@@ -57,6 +55,7 @@ def test_a_forward_facing_mlp_loses_nothing_at_the_far_plane_when_it_is_baked(tm
     assert of_field > 13.5 and of_pack > of_field - 1, "with an endless last interval: 16.9 and 10.9 dB"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*--spherify")
 def test_an_mlp_with_samples_even_in_disparity_loses_nothing_when_it_is_baked(tmp_path: Path) -> None:
     scene = write_llff(tmp_path / "scene", circle())

@@ -18,14 +18,14 @@ from tests.reference_marcher import render_reference
 from training.run import Run, load_run
 from viewer.rendering.camera import ViewCamera
 
-OLDER = Path(__file__).parents[2] / "data/older"
+STORED = Path(__file__).parents[2] / "data/runs"
 CONFIG = BakeConfig(resolution=45, preset="paper", quality="draft")
 
 
 @pytest.fixture(scope="module")
 def run() -> Run:
     """Of an older version, so that nothing is trained here."""
-    return load_run(OLDER / "nerf", scene_path=OLDER / "scene")
+    return load_run(STORED / "nerf", scene_path=STORED / "scene")
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from baker.baking import bake as baking
-from baker.baking import passes, to_pack
+from baker.baking import passes
 from baker.baking.config import BakeConfig, BakePreset, Quality
 from baker.baking.passes import COMPACT, Voxels, passes_of
-from baker.tuning.pruning import Pruned
 from scenepack import Pack
 from scenepack.blocks import dense_from_pack
 from scenepack.codecs.quantisation import EXACT, Steps
@@ -23,7 +22,7 @@ from training.dataset import RayDataset
 from training.run import load_run
 from training.scenes import Scene
 
-OLDER = Path(__file__).parents[2] / "data/older"
+STORED = Path(__file__).parents[2] / "data/runs"
 BAR: Any = SimpleNamespace(update=lambda *_: None)
 
 
@@ -104,49 +103,13 @@ def test_hidden_voxels_follow_their_neighbours_in_compact_packs_alone(
     assert calls == expected and made.notes == ({"hidden_below": 64} if expected else {})
 
 
-def test_pruning_tells_what_it_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    def prune(pack: Any, arriving: Any, score: Any, most_lost: float) -> Any:
-        assert arriving == "arriving" and score(pack) == 29.0 and most_lost == passes.MOST_LOST_PRUNED
-        return replace(pack, params={"thinner": True}), Pruned(100, 80, 3, 0.02)
-
-    monkeypatch.setattr(passes, "prune", prune)
-    monkeypatch.setattr(passes, "arriving_transmittance", lambda *_: "arriving")
-    monkeypatch.setattr(passes, "with_views_between", lambda dataset: dataset)
-    monkeypatch.setattr(passes, "shown_psnr", lambda *args, **options: 29.0)
-    made = passes.pruned(voxels_of(), BAR)
-    assert made.pack.params == {"thinner": True} and made.pruned == Pruned(100, 80, 3, 0.02)
-    assert made.notes == {"voxels": {"before": 100, "after": 80, "tau_weight": 0.02}}
-    monkeypatch.setattr(passes, "arriving_transmittance", lambda *_: None)
-    unseen = voxels_of()
-    assert passes.pruned(unseen, BAR) is unseen, "photographs that do not see it say nothing of it"
-
-
-@pytest.mark.parametrize(
-    ("codec", "expected"), [("png", "compact"), ("webp", "compact"), ("jpeg", "full"), ("avif", "full")]
-)
-def test_nothing_is_rounded_for_a_codec_that_rounds_by_itself(
-    codec: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[BakeConfig] = []
-
-    def check(run: Any, config: BakeConfig) -> None:
-        asked.append(config)
-        raise HandedOver
-
-    monkeypatch.setattr(to_pack, "check_bake", check)
-    for quality in ("compact", "draft"):
-        with pytest.raises(HandedOver):
-            to_pack.bake_to(None, BakeConfig(quality=quality), tmp_path / "pack", codec)  # type: ignore[arg-type]
-    assert [config.quality for config in asked] == [expected, "draft"]
-
-
 def voxels_in(pack: Pack) -> int:
     return int(np.count_nonzero(dense_from_pack(pack)[0][..., 3]))
 
 
 def test_a_bake_says_how_it_was_made_and_of_the_papers_nothing_is_emptied(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(passes, "MOST_LOST_PRUNED", 3.0)  # so coarse a grid of mist would keep all
-    loaded = load_run(OLDER / "multires", scene_path=OLDER / "scene")
+    loaded = load_run(STORED / "multires", scene_path=STORED / "scene")
     ours, papers = (
         baking.bake(loaded, BakeConfig(resolution=31, preset=preset, quality="draft")) for preset in ("snerg", "paper")
     )

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from baker.baking import culling
 from baker.baking.config import MOST_MACROBLOCKS, UNLIMITED, BakeConfig, BakePreset, Quality
 from baker.baking.grid import make_grid
 from baker.baking.passes import passes_of
@@ -78,16 +77,6 @@ def test_each_preset_and_quality_has_its_passes_in_the_papers_order() -> None:
     assert names("snerg", "compact") == names("snerg", "full") == ours and names("snerg", "draft") == ours[:2]
     assert names("paper", "compact") == names("paper", "full") == ["padding", "view MLP"]
     assert names("paper", "draft") == ["padding"], "the paper's row of 8 bits: nothing is emptied, nothing tuned"
-
-
-def test_the_paper_culls_by_its_thresholds_and_tunes_by_its_numbers() -> None:
-    assert (culling.TAU_ALPHA, culling.TAU_VIS) == (0.005, 0.01)
-    assert (tuning.LEARNING_RATE, tuning.EPOCHS) == (3e-4, 100)
-
-
-def test_a_preset_that_is_none_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert snerg_bake(["run", "--out", str(tmp_path / "pack"), "--preset", "best"]) == 2
-    assert "best" in capsys.readouterr().err
 
 
 def test_the_paper_takes_16_gaussian_samples_of_any_field_and_averages_colours_and_densities_apart(

@@ -71,29 +71,6 @@ def test_a_preview_looks_like_the_field_and_says_after_how_many_steps(trained: t
     assert not watcher.out.exists()
 
 
-def test_previews_come_now_and_then_and_take_little_of_the_time(
-    trained: tuple[Run, Noting], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run, now = trained[0], [1000.0]
-    monkeypatch.setattr(preview.time, "monotonic", lambda: now[0])
-
-    def slow(run: Run) -> None:
-        now[0] += 20.0
-
-    monkeypatch.setattr(preview, "preview_pack", slow)
-    previews = Previews(tmp_path / "preview.zip", 30.0)
-    assert not previews.due(run)
-    now[0] += 30.0
-    assert previews.due(run)
-    assert not previews.due(dataclasses.replace(run, step=FIRST_STEP - 1)), "there is nothing to be seen yet"
-    previews.look(run)
-    now[0] += 199.0
-    assert not previews.due(run), "20 s of work are a tenth of 200 s"
-    now[0] += 1.0
-    assert previews.due(run)
-    assert not previews.out.exists(), "a field that holds nothing has no preview"
-
-
 @pytest.mark.parametrize("failure", [UserError("the disk is full"), OSError(28, "no space"), MemoryError()])
 def test_a_preview_that_fails_does_not_stop_the_training(
     trained: tuple[Run, Noting], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: Exception

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import threading
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,26 +16,16 @@ import pytest
 from baker.baking.grid import make_grid
 from baker.baking.supersample import supersample
 from baker.baking.to_pack import share_of
-from baker.baking.work_folder import BakeEnded, Share, WorkFolder
+from baker.baking.work_folder import Share, WorkFolder
 from baker.commands.bake import main as snerg_bake
 from console import UserError
 from scenepack.blocks import fill_atlas
 from tests.baker.analytic import ball, culled
-from tests.older import OLDER, SCENE
 from tests.scenepack.random_packs import BLENDER_FRAME
-
-pytestmark = pytest.mark.slow
+from tests.stored_runs import SCENE, STORED
 
 ROOT = Path(__file__).parents[3]
 KEY = {"bake": 1}
-
-
-@pytest.mark.parametrize(("process", "processes"), [(0, 1), (0, 3), (2, 3), (4, 5)])
-def test_every_process_would_make_every_piece_but_its_own_share_first(process: int, processes: int) -> None:
-    order = Share(process, processes).order(11)
-    assert sorted(order) == list(range(11))
-    own = [piece for piece in range(11) if piece % processes == process]
-    assert order[: len(own)] == own
 
 
 def voxels(dataset, work: WorkFolder | None) -> list[np.ndarray]:
@@ -51,6 +40,7 @@ def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("baker.baking.supersample.BLOCKS_AT_ONCE", 2)
 
 
+@pytest.mark.slow
 def test_two_processes_make_the_same_voxels_as_one(dataset, tmp_path: Path, small_pieces) -> None:
     alone = voxels(dataset, None)
     works = [WorkFolder(tmp_path / "work", KEY, Share(process, 2)) for process in (0, 1)]
@@ -69,43 +59,11 @@ def test_two_processes_make_the_same_voxels_as_one(dataset, tmp_path: Path, smal
     works[0].remove()
 
 
+@pytest.mark.slow
 def test_a_helper_that_dies_costs_no_more_than_its_share(dataset, tmp_path: Path, small_pieces) -> None:
     first = WorkFolder(tmp_path / "work", KEY, Share(0, 2))
     WorkFolder(tmp_path / "work", KEY, Share(1, 2))  # and never makes a piece
     assert all(np.array_equal(a, b) for a, b in zip(voxels(dataset, first), voxels(dataset, None), strict=True))
-    first.remove()
-
-
-def test_a_helper_that_comes_late_finds_that_the_bake_has_ended(dataset, tmp_path: Path) -> None:
-    first = WorkFolder(tmp_path / "work", KEY, Share(0, 2))
-    late = WorkFolder(tmp_path / "work", KEY, Share(1, 2))
-    first.remove()
-    with pytest.raises(BakeEnded):
-        voxels(dataset, late)
-    assert not (tmp_path / "work").exists()
-
-
-def test_a_piece_that_a_helper_writes_as_the_bake_ends_leaves_nothing(tmp_path: Path, monkeypatch) -> None:
-    first, helper = (WorkFolder(tmp_path / "work", KEY, Share(number, 2)) for number in (0, 1))
-    first.once("a", lambda: {"a": np.zeros(1)})
-    remove = os.rmdir
-
-    def after_another_piece(path, **options) -> None:
-        with suppress(BakeEnded):
-            helper.once("b", lambda: {"b": np.zeros(1)})
-        remove(path, **options)
-
-    monkeypatch.setattr(os, "rmdir", after_another_piece)
-    first.remove()
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_helper_of_another_bake_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = WorkFolder(tmp_path / "work", KEY, Share(0, 2))
-    monkeypatch.setattr("baker.baking.work_folder.PATIENCE", 0.3)
-    with pytest.raises(UserError, match="has not started"):
-        WorkFolder(tmp_path / "work", {"bake": 2}, Share(1, 2))
-    assert first.file("key.json").parent.is_dir()
     first.remove()
 
 
@@ -122,10 +80,11 @@ def test_shares_come_from_options_or_the_launcher(monkeypatch: pytest.MonkeyPatc
             share_of(processes, process)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("compiled_as_for_users")
 def test_two_processes_of_two_devices_write_the_pack_of_one(tmp_path: Path) -> None:
     run, one, two = tmp_path / "run", tmp_path / "one", tmp_path / "two"
-    shutil.copytree(OLDER / "multires", run)  # so that nothing is trained here
+    shutil.copytree(STORED / "multires", run)  # so that nothing is trained here
     description = json.loads((run / "config.json").read_text())
     description["config"]["engine"] = "jax"  # which several devices have, and rounds otherwise than compiled loops
     (run / "config.json").write_text(json.dumps(description))

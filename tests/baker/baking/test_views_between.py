@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from baker.baking import views_between
 from baker.baking.views_between import with_views_between
 from training.dataset import RayDataset
 
@@ -43,23 +40,3 @@ def test_a_view_between_shows_more_on_every_side_than_a_photograph(dataset: RayD
         return float((at @ at.T).min())
 
     assert widest(views.views - 1) < widest(0) - 0.1
-
-
-def test_more_neighbours_make_more_views_and_none_is_there_twice(dataset: RayDataset) -> None:
-    few, many = (with_views_between(dataset, neighbours) for neighbours in (1, 3))
-    assert few.views < many.views
-    poses = np.asarray(many.world_T_camera).reshape(many.views, -1)
-    assert len(np.unique(poses.round(5), axis=0)) == many.views
-
-
-def test_a_single_photograph_has_no_neighbour(dataset: RayDataset) -> None:
-    alone = dataclasses.replace(
-        dataset, count=48 * 48,
-        **{name: getattr(dataset, name)[:1] for name in ("world_T_camera", "intrinsics", "distortion", "first", "width")},
-    )  # fmt: skip
-    assert with_views_between(alone).views == 1
-
-
-def test_more_rays_than_ids_leave_the_photographs_alone(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(views_between, "MOST_RAYS", dataset.count + 1)
-    assert with_views_between(dataset).count == dataset.count

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -18,7 +17,7 @@ from baker.reports.evaluation import evaluate, reading_of
 from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
 from tests.viewer.rendering.shapes import shapes_pack
-from training.scenes import Scene, picture_stems
+from training.scenes import Scene
 from viewer.rendering.gpu_memory import Limits
 
 Spoil = Callable[[np.ndarray], np.ndarray]
@@ -121,30 +120,3 @@ def test_a_pack_that_does_not_fit_is_scored_at_half_resolution_only_when_allowed
     assert evaluate_command.main([*words, "--allow-half"]) == 0
     scores = json.loads(out.read_text())
     assert scores["grid_size"] == [35, 35, 35] and scores["halved"] is True
-
-
-@pytest.mark.parametrize(
-    ("names", "stems"),
-    [
-        (["train/r_0.png", "train/r_1.png"], ["r_0", "r_1"]),
-        (["a/000.png", "b/000.png", "b/001.png"], ["a-000", "b-000", "b-001"]),
-        (["a.png", "a.jpg", "./A.png"], ["a", "a-1", "A-2"]),
-        (["../x/1.png", "x/1.png"], ["x-1", "x-1-1"]),
-    ],
-)
-def test_no_two_photographs_share_the_name_of_a_picture(names: list[str], stems: list[str], scene: Scene) -> None:
-    one = scene.splits["test"][0]
-    assert picture_stems([dataclasses.replace(one, name=name) for name in names]) == stems
-
-
-def test_pictures_of_photographs_of_one_name_are_all_kept(
-    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    @contextmanager
-    def shown_by(subject: Path, allow_half: bool, photographs: Path):
-        yield evaluation.Drawn(lambda camera, mode: np.ones((camera.height, camera.width, 3), np.float32))
-
-    monkeypatch.setattr(evaluation, "shown_by", shown_by)
-    pair = [dataclasses.replace(p, name=f"{n}/000.png") for n, p in zip("ab", scene.splits["test"], strict=False)]
-    evaluate(Path("pack"), dataclasses.replace(scene, splits={"test": tuple(pair)}), "test", tmp_path / "images")
-    assert sorted(path.name for path in (tmp_path / "images").iterdir()) == ["a-000.png", "b-000.png"]

@@ -1,6 +1,6 @@
 """snerg-report: its figures are those of the commands it stands for, and those recorded; its pictures those of the packs.
 
-The field is that of tests/data/older/multires, a checkpoint, so that its figures are the same on every machine but for rounding.
+The field is that of tests/data/runs/multires, a checkpoint, so that its figures are the same on every machine but for rounding.
 tests/data/report.json holds what they were: SNERG_RECORD_REPORT=1 writes it anew. Look at each figure before you commit that.
 """
 
@@ -23,10 +23,8 @@ from PIL import Image
 from baker.baking import passes
 from baker.commands.evaluate import main as snerg_eval
 from baker.commands.report import main as snerg_report
-from baker.reports.cross_sections import OPAQUE, draw_sections, placed, section, shares
-from baker.reports.fields import label_of, row_of
+from baker.reports.cross_sections import draw_sections, placed, section, shares
 from baker.reports.pack_compare import stored_bytes
-from baker.reports.pages import SECTIONS
 from baker.reports.performance import Drawing
 from baker.reports.report import Sources, Wanted, open_study, write_tables
 from baker.reports.reproduce_commands import train_command
@@ -38,8 +36,6 @@ from tests.scenepack.random_packs import random_pack
 from tests.told import told
 from training.config import PRESETS
 from training.scenes import SceneOptions
-
-pytestmark = pytest.mark.slow
 
 DATA = Path(__file__).parents[2] / "data"
 SCENE, RECORD = DATA / "older/scene", DATA / "report.json"
@@ -99,6 +95,7 @@ def steady(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
         yield name, value
 
 
+@pytest.mark.slow
 def test_the_tables_are_made_again_as_they_were_recorded(out: Path) -> None:
     made = dict(steady(json.loads((out / "report.json").read_text())))
     if os.environ.get("SNERG_RECORD_REPORT"):
@@ -114,6 +111,7 @@ def test_the_tables_are_made_again_as_they_were_recorded(out: Path) -> None:
             assert made[name] == value, name
 
 
+@pytest.mark.slow
 def test_every_row_of_the_paper_is_there_measured_or_with_the_command_that_would_make_it(
     tables: dict[str, Any],
 ) -> None:
@@ -135,22 +133,7 @@ def test_every_row_of_the_paper_is_there_measured_or_with_the_command_that_would
     ]  # fmt: skip
 
 
-def test_the_fast_field_is_never_called_the_papers(out: Path, tables: dict[str, Any]) -> None:
-    quality = rows_of(tables["quality"])
-    assert quality["field"]["label"].startswith("multi-resolution field") and "psnr" in quality["field"]
-    assert "psnr" not in quality["deferred"] and tables["real"]["field"].startswith("multi-resolution field")
-    assert "is not that field" in (out / "report.md").read_text()
-    fast, paper = PRESETS["quick"], PRESETS["paper"]
-    assert label_of(fast, 6000) == "multi-resolution field, 6,000 steps" and row_of(fast) == "field"
-    assert label_of(paper, 250_000) == "JAXNeRF+ Deferred"
-    assert label_of(paper, 3000) == "JAXNeRF+ Deferred, 3,000 of the paper's 250,000 steps"
-    assert [row_of(PRESETS[name]) for name in ("jaxnerf", "jaxnerf-plus", "tinyview", "diffuse")] == [
-        "jaxnerf", "jaxnerf-plus", "tinyview", "diffuse",
-    ]  # fmt: skip
-    assert row_of(PRESETS["small"]) == row_of(PRESETS["tiny"]) == "field", "smaller than the paper's"
-    assert "no sparsity loss" in label_of(dataclasses.replace(fast, sparsity_weight=0.0), 10)
-
-
+@pytest.mark.slow
 def test_scores_are_those_of_snerg_eval(out: Path, tables: dict[str, Any], tmp_path: Path) -> None:
     quality, real = rows_of(tables["quality"]), rows_of(tables["real"])
     paper = out / "packs/paper-46-compact"
@@ -169,32 +152,7 @@ def test_scores_are_those_of_snerg_eval(out: Path, tables: dict[str, Any], tmp_p
     assert f"| {quality['8-bit']['psnr']:.2f} |" in text and f"{quality['field']['psnr']:.2f}" in text
 
 
-def test_resolutions_codecs_and_times_are_of_the_packs(out: Path, tables: dict[str, Any]) -> None:
-    fine, *_ = tables["resolution"]["rows"]
-    pack = load_pack(out / "packs/paper-46-compact")
-    assert fine["grid"] == list(pack.grid_size) and fine["macroblocks"] == pack.occupied.sum()
-    assert fine["bytes"] == stored_bytes(out / "packs/paper-46-compact")
-    assert fine["ms_p50"] > 0 and fine["gpu_bytes"] > 0 and tables["resolution"]["renderer"]
-    codecs = rows_of(tables["storage"])
-    assert codecs["png"]["psnr"] == pytest.approx(fine["psnr"], abs=1e-6) == pytest.approx(codecs["webp"]["psnr"])
-    assert codecs["float"]["bytes"] == 32 * pack.atlas_rgba[..., 0].size
-
-
-def test_the_sparsity_table_counts_what_is_in_both_packs(out: Path, tables: dict[str, Any]) -> None:
-    rows = tables["sparsity"]["rows"]
-    assert rows[0]["sparsity_weight"] > rows[1]["sparsity_weight"] == rows[2]["sparsity_weight"] == 0
-    assert rows[2]["macroblocks"]["occupied"] >= rows[1]["macroblocks"]["occupied"], "and those that no camera sees"
-    names = ("paper-46-compact", "paper-46-compact-no-sparsity", "paper-46-compact-no-sparsity-with-hidden")
-    for row, name in zip(rows, names, strict=True):
-        pack = load_pack(out / "packs" / name)
-        alpha = dense_from_pack(pack)[0][..., 3]
-        assert row["macroblocks"]["occupied"] == pack.occupied.sum()
-        assert row["voxels"]["with_alpha"] == (alpha > 0).sum() == sum(row["alpha_histogram"])
-        cut = next(cut for cut in tables["sparsity"]["sections"] if cut["axis"] == "z")
-        middle = alpha[pack.grid_size[2] // 2]
-        assert cut["shares"][row["label"]]["opaque"] == pytest.approx((middle >= OPAQUE).mean())
-
-
+@pytest.mark.slow
 def test_a_report_of_a_box_bakes_it_alone_and_compares_only_where_the_papers_bake_of_it_is_opaque(
     runs: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -237,24 +195,7 @@ def test_a_report_of_a_box_bakes_it_alone_and_compares_only_where_the_papers_bak
     assert snerg_report([*words[:-1], "--aabb=9,9,9,10,10,10"]) == 2, "nothing was trained there"
 
 
-def test_frames_per_nominal_watt_are_a_column_where_that_power_is_known() -> None:
-    table = {"resolution": 46, "renderer": "card", "clock": "wall", "width": 8, "height": 8, "protocol": "synthetic",
-             "distance": None, "frames": 2, "notices": []}  # fmt: skip
-    row = {
-        "row": "ours",
-        "label": "ours",
-        "fps": 42.5,
-        "ms_mean": 23.5,
-        "ms_std": 1.0,
-        "paper": {"ms": 9.3, "gpu_gb": 0.74},
-    }
-    performance, about = SECTIONS["performance"][1], {"kind": "real360"}
-    measured = "\n".join(performance({**table, "rows": [row]}, about))
-    assert "nominal" not in measured and "107.5" not in measured, "the paper prints no frame rate of this row"
-    told = "\n".join(performance({**table, "rows": [{**row, "fps_per_nominal_watt": 0.5}]}, about))
-    assert "| FPS/W | FPS/W, nominal |" in told and "| – | 0.50000 |" in told
-
-
+@pytest.mark.slow
 def test_every_picture_that_the_report_shows_is_there(out: Path) -> None:
     text = (out / "report.md").read_text()
     shown = [part.split(")")[0] for part in text.split("](")[1:]]
@@ -271,6 +212,7 @@ def test_every_picture_that_the_report_shows_is_there(out: Path) -> None:
             assert np.asarray(picture.convert("L")).std() > 1, name
 
 
+@pytest.mark.slow
 def test_the_crops_are_of_the_scored_pictures(out: Path, tables: dict[str, Any]) -> None:
     figure = tables["quality"]["figures"]["fine-tuning"]
     left, top, side = figure["box"]
@@ -289,6 +231,7 @@ def test_the_crops_are_of_the_scored_pictures(out: Path, tables: dict[str, Any])
         np.testing.assert_array_equal(shown[-3, -3], crop[-1, -1])
 
 
+@pytest.mark.slow
 def test_the_same_study_again_bakes_and_scores_nothing(
     out: Path, runs: tuple[Path, Path], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -303,6 +246,7 @@ def test_the_same_study_again_bakes_and_scores_nothing(
     assert json.loads((out / "report.json").read_text()) == figures, "tables that are not asked for stay"
 
 
+@pytest.mark.slow
 def test_reports_of_several_scenes_stand_side_by_side_with_their_mean(
     out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -334,6 +278,7 @@ def test_reports_of_several_scenes_stand_side_by_side_with_their_mean(
     assert "one scene" in twice and "holds no report" in none
 
 
+@pytest.mark.slow
 def test_the_command_for_a_row_reads_the_photographs_as_the_run_did(tmp_path: Path) -> None:
     options = SceneOptions(4, True, True, (-1.0, -1.0, -0.5, 1.0, 1.0, 1.5), (0.0, 0.0, 1.0))
     scene, config = SimpleNamespace(path=Path("my scene")), dataclasses.replace(PRESETS["full"], steps=500)
@@ -346,6 +291,7 @@ def test_the_command_for_a_row_reads_the_photographs_as_the_run_did(tmp_path: Pa
     assert "--preset quick --steps 500 --sparsity-weight 0" in train_command(run, tmp_path, "no-sparsity", "--against")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_section_is_the_packs_own_voxels_upright(axis: int, tmp_path: Path) -> None:
     pack = random_pack(np.random.default_rng(4), block_size=6, grid_blocks=(2, 3, 4), style="blob", alpha_style="any")

@@ -14,7 +14,7 @@ from scenepack import save_pack
 from tests.scenepack.random_packs import random_pack
 from training.run import Run
 
-DATA = Path(__file__).parents[2] / "data/older"
+DATA = Path(__file__).parents[2] / "data/runs"
 
 
 @pytest.fixture

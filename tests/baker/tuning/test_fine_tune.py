@@ -12,8 +12,6 @@ from baker.tuning.joint_loop import JointConfig, joint_tune
 from scenepack import check_pack
 from tests.scenepack.random_packs import random_pack, random_view_mlp
 
-pytestmark = pytest.mark.slow
-
 
 def test_fine_tuning_brings_a_spoilt_view_mlp_closer_to_the_photographs(scene, dataset) -> None:
     pack = random_pack(np.random.default_rng(7), block_size=14, grid_blocks=(3, 3, 3))
@@ -26,11 +24,13 @@ def test_fine_tuning_brings_a_spoilt_view_mlp_closer_to_the_photographs(scene, d
     assert tuned.atlas_rgba is pack.atlas_rgba, "the grid is left as it is"
 
 
+@pytest.mark.slow
 def test_a_diffuse_pack_has_nothing_to_tune(dataset) -> None:
     pack = random_pack(np.random.default_rng(3), block_size=14, grid_blocks=(2, 2, 2), diffuse=True)
     assert fine_tune(pack, dataset, epochs=3)[0] is pack
 
 
+@pytest.mark.slow
 def test_tuning_voxels_and_view_mlp_together_shows_the_photographs_better_and_keeps_all_copies_alike(dataset) -> None:
     pack = random_pack(np.random.default_rng(7), block_size=14, grid_blocks=(3, 3, 3))
     size = np.array(pack.grid_size) * 0.05

@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 
 from baker.tuning import joint_loop
-from baker.tuning.joint_loop import JointConfig, cell_for, joint_tune, split_by_view
+from baker.tuning.joint_loop import JointConfig, joint_tune, split_by_view
 from baker.tuning.tuner import Tuner
 from scenepack import check_pack
 from scenepack.codecs.quantisation import EXACT, Steps, steps_of
 from tests.baker.tuning.helpers import copied, pack_of
 from training.dataset import RayDataset
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("hardly_optimised")]
+pytestmark = pytest.mark.usefixtures("hardly_optimised")
 
 SAMPLES = 32_768
 
 
+@pytest.mark.slow
 def test_views_are_held_out_whole_and_evenly(dataset: RayDataset) -> None:
     every = np.arange(dataset.count, dtype=np.int32)
     pixels = dataset.count // dataset.views
@@ -31,16 +32,10 @@ def test_views_are_held_out_whole_and_evenly(dataset: RayDataset) -> None:
         assert np.array_equal(trained_on, every) and set(seen // pixels) == set(range(dataset.views))
 
 
-@pytest.mark.parametrize(("rays", "cell"), [(10_000_000, 2), (2000, 2), (900, 3), (500, 4), (0, 4)])
-def test_cells_are_as_large_as_the_rays_that_meet_them_ask_for(rays: int, cell: int) -> None:
-    pack = pack_of()
-    voxels = np.count_nonzero(pack.atlas_rgba[..., 3])
-    assert cell_for(pack, int(rays * voxels / 1350)) == cell
-
-
 QUICK = JointConfig(passes=2, samples=SAMPLES, rate=20.0, density_rate=0.3, head_rate=1e-2, held_out=4, checks=3)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_pack_so_that_a_bake_that_goes_on_ends_alike(dataset: RayDataset) -> None:
     pack = pack_of()
     (one, figures, _), (two, again, _) = (joint_tune(copied(pack), dataset, QUICK) for _ in range(2))
@@ -51,6 +46,7 @@ def test_the_same_seed_gives_the_same_pack_so_that_a_bake_that_goes_on_ends_alik
     assert [f for f in check_pack(one) if f.severity in ("warning", "error")] == []
 
 
+@pytest.mark.slow
 def test_a_pass_of_too_many_steps_is_cut_short_and_anneals_all_the_same(dataset: RayDataset, monkeypatch) -> None:
     rates: list[float] = []
     update = Tuner.update
@@ -65,6 +61,7 @@ def test_a_pass_of_too_many_steps_is_cut_short_and_anneals_all_the_same(dataset:
     np.testing.assert_allclose(rates[-1] / rates[0], QUICK.final_rate_factor ** (2 / 3), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_what_is_scored_is_not_what_is_trained_on_first(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without views held out, too: rays that were just trained on score better than others."""
     trained: list[np.ndarray] = []
@@ -79,6 +76,7 @@ def test_what_is_scored_is_not_what_is_trained_on_first(dataset: RayDataset, mon
     assert np.isin(scored[0], trained[0]).mean() < 0.2, "by chance; 0.5 if both were drawn alike"
 
 
+@pytest.mark.slow
 def test_tuning_that_makes_held_out_views_worse_leaves_the_pack_as_it_was(dataset: RayDataset) -> None:
     pack = pack_of()
     wild = replace(QUICK, rate=0.0, density_rate=50.0, head_rate=3.0)
@@ -91,6 +89,7 @@ def test_tuning_that_makes_held_out_views_worse_leaves_the_pack_as_it_was(datase
     assert not np.array_equal(spoilt.atlas_rgba, pack.atlas_rgba)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("held_out", "kept"), [(4, 30.1), (0, 29.5)])
 def test_the_state_is_kept_that_held_out_views_like_best(
     dataset: RayDataset, monkeypatch: pytest.MonkeyPatch, held_out: int, kept: float
@@ -106,6 +105,7 @@ def test_the_state_is_kept_that_held_out_views_like_best(
     assert states[-1] is states[-2], "the last that was taken note of"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("most_lost", "stored_in"), [(0.5, Steps(8, 8, 8)), (0.3, EXACT)])
 def test_steps_that_cost_held_out_views_too_much_are_not_stored_in(
     dataset: RayDataset, monkeypatch: pytest.MonkeyPatch, most_lost: float, stored_in: Steps
@@ -122,11 +122,7 @@ def test_steps_that_cost_held_out_views_too_much_are_not_stored_in(
         assert steps_of(pack.atlas_rgba, pack.atlas_features) == stored_in
 
 
-def test_a_pack_that_no_ray_meets_comes_back_as_it_is(dataset: RayDataset) -> None:
-    pack = replace(pack_of(), min_xyz=np.array([1e3, 1e3, 1e3]))
-    assert joint_tune(pack, dataset, QUICK) == (pack, {}, EXACT)
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [Steps(4, 16), Steps(4, 12, 8)])
 def test_in_coarse_steps_little_is_lost_and_all_that_is_stored_is_a_multiple_or_as_bright_as_can_be(
     dataset: RayDataset, steps: Steps
@@ -143,11 +139,3 @@ def test_in_coarse_steps_little_is_lost_and_all_that_is_stored_is_a_multiple_or_
     fine = joint_tune(pack_of(), dataset, replace(QUICK, held_out=0))[1]
     assert figures["held_out_psnr_after"] > fine["held_out_psnr_after"] - 0.5
     assert [f for f in check_pack(coarse) if f.severity in ("warning", "error")] == []
-
-
-def test_a_diffuse_pack_has_its_voxels_tuned(dataset: RayDataset) -> None:
-    pack = pack_of(diffuse=True)
-    tuned, figures, _ = joint_tune(copied(pack), dataset, replace(QUICK, held_out=0))
-    assert tuned.view_mlp is None and tuned.atlas_features is None
-    assert figures["held_out_psnr_after"] > figures["held_out_psnr_before"]
-    assert np.array_equal(tuned.atlas_rgba[..., 3] > 0, pack.atlas_rgba[..., 3] > 0)

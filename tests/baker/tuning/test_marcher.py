@@ -14,7 +14,6 @@ from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import random_pack
 from tests.viewer.rendering.shapes import surroundings_pack
 from training.dataset import RayDataset, make_dataset
-from training.multires.fused.workers import Workers
 from training.scenes import Scene
 from viewer.rendering.camera import ViewCamera
 
@@ -119,12 +118,3 @@ def test_half_of_the_light_arrives_as_deep_as_it_should(
     t, alpha, before = sampled(pack, voxel_rays(pack, dataset, ids))
     known = np.where((alpha > 0) & (before >= 0.5), t, 0).max(1)
     assert np.mean(np.abs(marcher.half_depths(ids) - known) > 1e-2) < 5e-3 and known.max() > 1
-
-
-def test_threads_change_nothing(marcher: PackMarcher, ids: np.ndarray, away: np.ndarray) -> None:
-    light, sums, workers = marcher.transmittance(ids, away), marcher.accumulate(ids), marcher.workers
-    marcher.workers = Workers(1)
-    assert np.array_equal(marcher.transmittance(ids, away), light)
-    for one, many in zip(marcher.accumulate(ids), sums, strict=True):
-        assert np.array_equal(one, many)
-    marcher.workers = workers

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from baker.baking.grid import make_grid
-from baker.tuning import pruning, visibility_rays
+from baker.tuning import visibility_rays
 from baker.tuning.marcher import PackMarcher
 from baker.tuning.pruning import CLOSED, Pruned, arriving_transmittance, closing_gain, prune
 from scenepack import Pack, check_pack
@@ -93,12 +92,6 @@ def test_no_more_is_emptied_than_the_score_allows(dataset) -> None:
     assert untouched is pack and figures.tau_weight == 0 and figures.voxels_after == figures.voxels_before > 0
 
 
-def test_a_pack_that_no_camera_sees_has_no_light(dataset) -> None:
-    pack, _ = hazy_ball(dataset)
-    away = replace(pack, min_xyz=np.asarray(pack.min_xyz) + 100.0)
-    assert arriving_transmittance(away, dataset, 0, None) is None
-
-
 def test_what_little_light_arrives_at_gets_denser_and_keeps_its_colour() -> None:
     alpha, transmittance = np.full(4, 51, np.uint8), np.array([255, 60, 25, 3], np.uint8)
     made = alpha * closing_gain(alpha, transmittance)
@@ -148,14 +141,6 @@ def rays_of(pack: Pack, dataset) -> visibility_rays.VisibilityRays:
     sight = visibility_rays.visibility_rays_of(PackMarcher(pack, dataset), dataset, seed=0)
     assert sight is not None
     return sight
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 11])
-def test_the_most_light_of_so_many_neighbours_is_found(count: int) -> None:
-    values = np.random.default_rng(count).integers(0, 256, (13, 12, 11)).astype(np.uint8)
-    for axis in range(3):
-        expected = np.lib.stride_tricks.sliding_window_view(values, count, axis=axis).max(axis=-1)
-        assert np.array_equal(pruning._most_of_neighbours(values, count, axis), expected)
 
 
 def test_rays_are_as_many_as_the_surface_in_view_asks_for_and_beyond_the_most_each_reaches_further(

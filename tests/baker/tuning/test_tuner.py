@@ -15,15 +15,14 @@ from baker.tuning import joint_loop
 from baker.tuning import tuner as tuner_module
 from baker.tuning.cells import BETAS, cells_of
 from baker.tuning.gradients import CHUNK, work_for
-from baker.tuning.marcher import room_for_samples, tables_of
+from baker.tuning.marcher import tables_of
 from baker.tuning.tuner import Tuner
 from scenepack import Pack, check_pack
-from scenepack.codecs.quantisation import EXACT, Steps, steps_of
+from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import ViewMlp
 from tests.baker.tuning.helpers import copied, pack_of
 from tests.baker.tuning.reference import accumulated, cells_of_atlas, moved, shown, voxel_rays
 from training.dataset import RayDataset
-from training.multires.fused.workers import Workers
 
 SAMPLES = 32_768
 RATES = np.array([*[4e-3] * 3, 0.03, *[4e-3] * 4, 1e-3], np.float32)
@@ -172,15 +171,6 @@ def test_what_has_moved_is_stored_by_the_formulas_in_every_copy_and_never_appear
     assert {findings[rule] for rule in ("padding rgba", "padding features", "premultiplied")} == {"ok"}
 
 
-def eight_of(tuner: Tuner, pack: Pack) -> np.ndarray:
-    """[8, 8] the content of the first eight voxels of the first macroblock, as the tuner stores it."""
-    x, y, z = (int(i) * 6 for i in pack.atlas_indices[tuple(np.argwhere(pack.occupied)[0])])
-    eight = (slice(z + 1, z + 3), slice(y + 1, y + 3), slice(x + 1, x + 3))
-    stored = tuner.tuned(tuner.snapshot())
-    assert stored.atlas_features is not None
-    return np.concatenate([stored.atlas_rgba[eight], stored.atlas_features[eight]], axis=-1).reshape(8, 8)
-
-
 def uniform(rgba: tuple[int, ...], features: tuple[int, ...]) -> Pack:
     """A pack whose voxels all hold the same."""
     pack = pack_of(4, whole_blocks=True)
@@ -188,40 +178,6 @@ def uniform(rgba: tuple[int, ...], features: tuple[int, ...]) -> Pack:
     atlases = np.zeros_like(pack.atlas_rgba), np.zeros_like(pack.atlas_features)
     atlases[0][...], atlases[1][...] = rgba, features
     return replace(pack, atlas_rgba=atlases[0], atlas_features=atlases[1])
-
-
-def test_colours_of_neighbours_are_rounded_up_and_down_so_that_their_mean_stays(dataset: RayDataset) -> None:
-    pack = uniform((101, 102, 103, 230), (50, 57, 60, 61))
-    tuner = Tuner(pack, dataset, 4)
-    tuner.round_to(COARSE)
-    values = eight_of(tuner, pack)
-    np.testing.assert_allclose(values[:, :4].mean(axis=0), [101, 102, 103, 230], atol=0.25)
-    assert set(np.unique(values[:, 0])) == {100, 104}
-    assert np.all(values[:, 4:] == [48, 64, 64, 64]), "features are rounded to the nearest"
-
-
-def test_what_is_as_bright_as_can_be_stays_so_in_coarse_steps(dataset: RayDataset) -> None:
-    pack = uniform((102, 101, 3, 102), (102, 100, 0, 102))
-    tuner = Tuner(pack, dataset, 4)
-    tuner.round_to(COARSE)
-    values = eight_of(tuner, pack)
-    assert np.all(values[:, [0, 3, 4, 7]] == 102) and not values[:, 6].any()
-    assert set(np.unique(values[:, 1])) == {100, 102} and np.all(values[:, 5] == 102)
-    assert abs(values[:, 1].mean() - 101) <= 0.25 and abs(values[:, 2].mean() - 3) <= 0.5
-
-
-def test_what_has_moved_back_is_to_the_byte_as_it_was(dataset: RayDataset) -> None:
-    pack = pack_of()
-    assert pack.atlas_features is not None
-    rgba, features = pack.atlas_rgba.copy(), pack.atlas_features.copy()
-    tuner, ids = tuner_of(pack, dataset)
-    start = tuner.snapshot()
-    for count in range(3):
-        tuner.update(drawn(ids, tuner, count), 5 * RATES, count)
-    assert not np.array_equal(tuner.tables.rgba, rgba.reshape(-1, 4)) and not start.delta.any()
-    assert np.shares_memory(tuner.tables.rgba, pack.atlas_rgba), "an atlas of 1000³ is a gigabyte: there is one"
-    again = tuner.tuned(start)
-    assert np.array_equal(again.atlas_rgba, rgba) and np.array_equal(again.atlas_features, features)
 
 
 # --- a run of steps ---
@@ -234,21 +190,6 @@ def test_a_run_of_steps_shows_the_photographs_better(dataset: RayDataset, by_opa
     for count in range(25):
         tuner.update(drawn(ids, tuner, count), 5 * RATES, count)
     assert tuner.score(drawn(ids, tuner, 99))[0] > before[0] + 0.5
-
-
-def test_threads_change_nothing(dataset: RayDataset) -> None:
-    found = []
-    for threads in (1, 3):
-        tuner = Tuner(pack_of(), dataset, 4)
-        tuner.workers = Workers(threads)
-        tuner.found = [room_for_samples() for _ in range(threads)]
-        every = np.arange(dataset.count, dtype=np.int32)
-        tuner.fill(every, SAMPLES, 0)
-        for count in range(4):
-            tuner.update(drawn(every, tuner, count), 5 * RATES, count)
-        found.append((tuner.delta.copy(), tuner.tables.rgba.copy(), tuner.score(every[::9])))
-    assert np.array_equal(found[0][0], found[1][0]) and np.array_equal(found[0][1], found[1][1])
-    assert found[0][2] == found[1][2]
 
 
 def test_rays_without_room_count_for_nothing(dataset: RayDataset) -> None:
@@ -278,13 +219,3 @@ def test_what_is_shown_scores_as_the_tuner_scores_it(dataset: RayDataset, monkey
     known = tuner.score(every)[0]
     assert tuner.work.whole[: len(every)].all(), "no ray is left out for want of room"
     assert joint_loop.shown_psnr(pack, dataset, 0) == pytest.approx(known, abs=0.005)
-
-
-def test_what_is_rounded_is_to_the_byte_as_it_was_once_steps_are_exact_again(dataset: RayDataset) -> None:
-    pack = pack_of()
-    before = pack.atlas_rgba.copy()
-    tuner = Tuner(pack, dataset, 4)
-    tuner.round_to(ALL_COARSE)
-    assert steps_of(pack.atlas_rgba, pack.atlas_features) == ALL_COARSE
-    tuner.round_to(EXACT)
-    assert np.array_equal(pack.atlas_rgba, before)

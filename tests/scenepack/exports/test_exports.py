@@ -12,7 +12,6 @@ import pytest
 from baker.commands.pack import main
 from scenepack import Pack, save_pack
 from scenepack.blocks import atlas_from_dense
-from scenepack.exports import scene
 from scenepack.exports.field import Field
 from scenepack.exports.file_formats import COLUMNS, opacity_table
 from scenepack.exports.scene import Export, export_scene
@@ -185,12 +184,6 @@ def test_frames_scale_and_crop(folder: str, tmp_path: Path) -> None:
     assert half.volume == pytest.approx(mesh.volume / 8 / 2, rel=0.1)
 
 
-def test_a_mirrored_frame_turns_no_face_inside_out(tmp_path: Path) -> None:
-    mirrored = np.diag([-1.0, 1, 1, 1])
-    export_scene(pack_of(ball_inside(), mirrored), tmp_path / "mesh.ply", Export("mesh", frame="world"))
-    assert trimesh.load(tmp_path / "mesh.ply", process=False).volume > 0
-
-
 @pytest.mark.parametrize("frame", ["grid", "world"])
 def test_forward_facing_packs_are_unwarped(tmp_path: Path, frame: str) -> None:
     width, height, focal = 160.0, 120.0, 140.0
@@ -234,14 +227,6 @@ def test_a_contracted_pack_is_written_as_it_is_in_space(tmp_path: Path) -> None:
     assert np.allclose(sizes[beyond].max(axis=1) / sizes[inner][0, 0], far[beyond] ** 2, rtol=1e-3)
 
 
-def test_memory_bounds_make_voxels_coarser_and_say_so(folder: str, tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(scene, "MOST_FACES", 3000)
-    monkeypatch.setattr(scene, "MOST_GAUSSIANS", 2000)
-    for name in ("mesh.ply", "gaussians.ply"):
-        assert run(folder, tmp_path / name) == 0
-        assert "2³ voxels merged into one" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -263,9 +248,3 @@ def test_what_cannot_be_is_told_in_one_line(
     line = capsys.readouterr().err.strip().splitlines()[-1]
     assert told in line
     assert not list(tmp_path.iterdir())
-
-
-def test_without_scikit_image_one_line_says_what_to_install(folder: str, tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(scene.importlib.util, "find_spec", lambda name: None)
-    assert run(folder, tmp_path / "mesh.glb") == 2
-    assert "snerg[export]" in capsys.readouterr().err

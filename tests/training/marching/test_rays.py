@@ -41,11 +41,6 @@ def test_each_ray_is_done_once_and_in_order_however_few_fit() -> None:
     assert all(len(places) == 8 and places.max() <= 20 for places in asked), "one size, so one compilation"
 
 
-def test_a_ray_that_never_fits_is_passed_over() -> None:
-    ends = [end for _, end, _ in until_complete(3, 2, lambda places: (None, jnp.asarray(places != 1)))]
-    assert ends == [1, 2, 3]
-
-
 def test_rays_in_a_turned_grid_meet_what_they_met_and_begin_where_they_did() -> None:
     turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
     grid_T_training = np.eye(4)

@@ -124,6 +124,7 @@ def test_losses_and_gradients_are_those_of_the_definition(trained: Trained) -> N
         assert np.abs(theirs).max() > 0
 
 
+@pytest.mark.slow
 def test_adam_moves_as_the_definition_does(trained: Trained) -> None:
     constants, *_ = trained.jax()
     state = trained.state
@@ -164,6 +165,7 @@ def parts_of(trained: Trained) -> Iterator[tuple[str, Trainable]]:
         yield name, Trainable(table, mask)
 
 
+@pytest.mark.slow
 def test_gradients_are_what_finite_differences_say(trained: Trained) -> None:
     _, _, gradient = trained.fused()
     values = Trainable(*(a.copy() for a in trained.state.values))
@@ -181,6 +183,7 @@ def test_gradients_are_what_finite_differences_say(trained: Trained) -> None:
         assert (losses[0] - losses[1]) / (2 * distance) == pytest.approx(norm, rel=0.03), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("extreme", [1e3, -1e3, 1e6])
 def test_no_value_however_extreme_makes_a_gradient_that_is_not_finite(trained: Trained, extreme: float) -> None:
     values = trained.state.values
@@ -195,6 +198,7 @@ def test_no_value_however_extreme_makes_a_gradient_that_is_not_finite(trained: T
     assert all(np.isfinite(part).all() for part in gradient)
 
 
+@pytest.mark.slow
 def test_beyond_the_largest_density_only_a_gradient_that_leads_back_counts(trained: Trained) -> None:
     inputs = inputs_of(len(trained.method.plan.resolutions))
     bias, values = decoder_size(inputs) - 8, trained.state.values
@@ -223,6 +227,7 @@ def test_pictures_and_points_are_those_of_the_other_engine(trained: Trained) -> 
     assert cells_of(state).occupied.sum() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [1.0, 2.0])
 def test_no_occupied_cell_is_missed_by_a_run_of_steps(trained: Trained, step: float) -> None:
     random, reach = np.random.default_rng(1), 1.5 * step  # from the middle of a run of four steps to its ends
@@ -235,6 +240,7 @@ def test_no_occupied_cell_is_missed_by_a_run_of_steps(trained: Trained, step: fl
     assert meets.sum() > 100 and np.asarray(cells.near_content(jnp.asarray(middles[meets]))).all()
 
 
+@pytest.mark.slow
 def test_points_and_pictures_are_the_same_when_many_threads_ask_at_once(trained: Trained) -> None:
     engine, state, dataset = trained.engine, trained.state, trained.method.dataset
     sets = [np.random.default_rng(seed).random((20_000, 3), np.float32) for seed in range(8)]
@@ -250,6 +256,7 @@ def test_points_and_pictures_are_the_same_when_many_threads_ask_at_once(trained:
         np.testing.assert_array_equal(together, expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("threads", [1, 3])
 def test_a_run_repeats_itself_to_the_last_bit_whatever_the_number_of_threads(
     trained: Trained, threads: int

@@ -10,18 +10,15 @@ import numpy as np
 import pytest
 
 from baker.metrics import psnr
-from console import UserError
 from training.checkpoints import named_leaves
-from training.config import PAPER, PRESETS, SMALL, TINY, NerfConfig
+from training.config import PAPER, PRESETS, TINY, NerfConfig
 from training.dataset import make_dataset
 from training.encoding import encode_points
 from training.nerf.field import apply_field, init_field
-from training.nerf.method import NerfMethod, batch_slices, in_slices
+from training.nerf.method import NerfMethod
 from training.nerf.render import NerfParams, draw_perturbation, init_nerf, render_rays
 from training.recorder import render_photograph
 from training.scenes import Scene
-
-pytestmark = pytest.mark.slow
 
 
 def size_of(tree) -> int:
@@ -59,12 +56,7 @@ def test_presets_of_the_papers_tables_have_the_parameters_counted_by_hand(preset
     assert size_of(parameters(PRESETS[preset].nerf)) == 2 * of_one_model
 
 
-def test_the_counts_are_the_published_ones():
-    assert TRUNK_512 + 512 * 8 + 8 == 1_907_720 and VIEW_MLP == 883
-    assert TRUNK_256 + 257 + nerf_head(256) == 595_844  # NeRF's own
-    assert parameters(PAPER.nerf).fine.field.trunk[5].weight.shape == (575, 512)
-
-
+@pytest.mark.slow
 def test_presets_differ_from_the_paper_in_what_their_rows_name_and_in_nothing_else():
     for name in ("jaxnerf", "jaxnerf-plus", "tinyview", "deferred", "diffuse", "no-sparsity"):
         preset = PRESETS[name]
@@ -79,6 +71,7 @@ def test_presets_differ_from_the_paper_in_what_their_rows_name_and_in_nothing_el
     assert PRESETS["no-sparsity"].sparsity_weight == 0 and PRESETS["deferred"].sparsity_weight == 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("hardly_optimised")
 @pytest.mark.parametrize("view", ["deferred", "tiny", "nerf", "none"])
 def test_every_preset_learns_and_gradients_reach_every_parameter(procedural_scene: Scene, view):
@@ -117,43 +110,6 @@ def test_the_trunk_is_the_plain_mlp_with_its_skip(monkeypatch):
     np.testing.assert_allclose(out.features, jax.nn.sigmoid(raw[:, 4:]), atol=1e-5)
 
 
-def test_bfloat16_products_hold_the_quality_of_float32(procedural_scene: Scene):
-    dataset = make_dataset(procedural_scene)
-    ends, first = {}, {}
-    for matmul in ("float32", "bfloat16"):
-        nerf = dataclasses.replace(TINY.nerf, matmul=matmul, warmup_steps=0, depth=3, coarse_samples=8, fine_samples=8)
-        method = NerfMethod(dataclasses.replace(TINY, steps=100, batch_size=192, nerf=nerf), dataset)
-        state = method.start(jax.random.key(0))
-        losses = []
-        for step in range(100):
-            state, metrics = method.step(state, step)
-            losses.append(float(metrics["loss"]))
-        assert all(leaf.dtype == jnp.float32 for leaf in jax.tree.leaves(state.params))
-        ends[matmul], first[matmul] = np.mean(losses[-20:]), losses[0]
-    assert first["bfloat16"] != first["float32"], "the option does something"
-    assert first["bfloat16"] == pytest.approx(first["float32"], rel=2e-3)
-    assert ends["bfloat16"] == pytest.approx(ends["float32"], rel=0.05)
-
-
-def test_products_are_float32_on_a_cpu_unless_asked_otherwise(procedural_scene: Scene):
-    method = NerfMethod(TINY, make_dataset(procedural_scene))
-    assert method.config.nerf.matmul == ("float32" if jax.default_backend() == "cpu" else "bfloat16")
-
-
-def test_the_small_field_is_the_same_at_256_channels():
-    field = jax.eval_shape(lambda key: init_field(key, SMALL.nerf), jax.random.key(0))
-    assert [layer.weight.shape for layer in field.trunk] == [
-        (63, 256),
-        (256, 256),
-        (256, 256),
-        (256, 256),
-        (256, 256),
-        (319, 256),
-        (256, 256),
-        (256, 256),
-    ]
-
-
 def test_density_is_never_negative_and_colours_and_features_stay_in_the_unit_range():
     config = NerfConfig(depth=2, width=16, skip_after=0)
     out = apply_field(init_field(jax.random.key(0), config), 5 * jax.random.normal(jax.random.key(1), (500, 3)), config)
@@ -163,6 +119,7 @@ def test_density_is_never_negative_and_colours_and_features_stay_in_the_unit_ran
         assert float(values.min()) >= 0 and float(values.max()) <= 1
 
 
+@pytest.mark.slow
 def test_slices_of_a_batch_give_the_gradient_of_the_whole(procedural_scene: Scene, monkeypatch):
     def linear_fit(self, params, rays, target, noise):  # smooth, as fine sampling is not
         loss = jnp.mean(jnp.square(rays.directions @ params + noise - target))
@@ -180,13 +137,7 @@ def test_slices_of_a_batch_give_the_gradient_of_the_whole(procedural_scene: Scen
     assert float(means["loss"]) == pytest.approx(float(metrics["loss"]), rel=1e-5)
 
 
-def test_a_step_takes_8192_rays_of_a_rendered_scene_and_16384_of_photographs(procedural_scene: Scene):
-    dataset = make_dataset(procedural_scene)
-    taken = dataclasses.replace(dataset, facts=dataset.facts._replace(rendered=False))
-    assert [NerfMethod(PAPER, rays).batch_size for rays in (dataset, taken)] == [8192, 16_384]
-    assert NerfMethod(TINY, taken).batch_size == TINY.batch_size, "a number that is given counts"
-
-
+@pytest.mark.slow
 def test_the_loss_is_as_large_as_jaxnerfs_and_that_of_earlier_runs_is_as_it_was(procedural_scene: Scene):
     dataset = make_dataset(procedural_scene)
     rays, target = dataset.batch(jax.random.key(1), 16)
@@ -206,6 +157,7 @@ def test_the_loss_is_as_large_as_jaxnerfs_and_that_of_earlier_runs_is_as_it_was(
         assert float(metrics["loss"]) == pytest.approx(loss, rel=1e-4), how
 
 
+@pytest.mark.slow
 def test_the_sparsity_loss_sees_densities_without_the_noise(procedural_scene: Scene):
     nerf = dataclasses.replace(TINY.nerf, density_noise=5.0, coarse_samples=8, fine_samples=8)
     dataset = make_dataset(procedural_scene)
@@ -218,28 +170,7 @@ def test_the_sparsity_loss_sees_densities_without_the_noise(procedural_scene: Sc
     assert np.abs(noisy.coarse.alpha - silent.coarse.alpha).max() > 0.01, "the picture has it"
 
 
-def test_a_batch_that_cannot_be_cut_evenly_is_refused():
-    assert batch_slices(8192, 1024) == 8 and batch_slices(8192, 0) == 1 and batch_slices(100, 200) == 1
-    assert batch_slices(8192, 1024, devices=4) == 2 and batch_slices(8192, 1024, devices=8) == 1
-    with pytest.raises(UserError, match="multiple of 3"):
-        batch_slices(1000, 0, devices=3)
-    with pytest.raises(UserError, match="evenly"):
-        batch_slices(1000, 300)
-
-
-@pytest.mark.parametrize("count", [1, 7, 8, 20])
-def test_any_number_of_rows_goes_through_slices_of_one_size(count: int):
-    sizes = []
-
-    def double(x):
-        sizes.append(x.shape)
-        return 2 * x
-
-    x = jnp.arange(count * 2.0).reshape(count, 2)
-    np.testing.assert_array_equal(in_slices(double, x, 8), 2 * x)
-    assert set(sizes) == {(8, 2)}
-
-
+@pytest.mark.slow
 def test_the_tiny_preset_learns_the_scene_without_recompiling(procedural_scene: Scene):
     dataset = make_dataset(procedural_scene)
     method = NerfMethod(TINY, dataset)

@@ -10,7 +10,7 @@ import pytest
 from training.config import NerfConfig
 from training.dataset import SceneFacts
 from training.method import Rays
-from training.nerf.render import coarse_samples, fine_samples, inverse_cdf, last_interval, merge_samples
+from training.nerf.render import coarse_samples, fine_samples, inverse_cdf, last_interval
 
 NEAR, FAR = jnp.full(5, 2.0), jnp.full(5, 6.0)
 
@@ -52,26 +52,8 @@ def test_fine_samples_crowd_where_the_coarse_weights_are():
     assert (np.abs(fine - 4.5) < 0.3).mean() > 0.95
 
 
-def test_an_empty_ray_samples_evenly_instead_of_dividing_by_zero():
-    edges = jnp.linspace(0, 1, 11)[None]
-    t = np.asarray(inverse_cdf(None, edges, jnp.zeros((1, 10)), 20))
-    np.testing.assert_allclose(t[0], (np.arange(20) + 0.5) / 20, atol=1e-4)
-
-
 def test_samples_follow_the_histogram():
     edges = jnp.asarray([[0.0, 1.0, 3.0, 4.0]])
     jitter = jax.random.uniform(jax.random.key(2), (1, 4000))
     t = np.asarray(inverse_cdf(jitter, edges, jnp.asarray([[1.0, 2.0, 1.0]]), 4000))
     np.testing.assert_allclose(np.histogram(t, [0, 1, 3, 4])[0] / 4000, [0.25, 0.5, 0.25], atol=2e-3)
-
-
-def test_no_gradient_flows_through_fine_positions():
-    t = coarse_samples(None, NEAR, FAR, 9)
-    gradient = jax.grad(lambda w: fine_samples(None, t, w, 8).sum())(jnp.ones((5, 9)))
-    assert not np.asarray(gradient).any()
-
-
-def test_merging_sorts_and_remembers_the_coarse_ones():
-    t, is_coarse = merge_samples(jnp.asarray([[1.0, 4.0]]), jnp.asarray([[0.5, 2.0, 5.0]]))
-    np.testing.assert_array_equal(t, [[0.5, 1, 2, 4, 5]])
-    np.testing.assert_array_equal(is_coarse, [[False, True, False, True, False]])

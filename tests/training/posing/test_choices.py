@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image, ImageFilter
 
-from console import UserError
 from tests.training.posing.rooms import texture
 from tools.pose_error import similarity
 from training.posing.photograph import read_photograph, sharpness, thumbnail
-from training.posing.prepare import blurred, file_stems, repeated
+from training.posing.prepare import blurred, repeated
 
 
 def test_a_blurred_picture_is_told_from_plain_ones_and_from_pictures_of_other_things():
@@ -37,16 +35,6 @@ def test_repeated_pictures_are_set_aside_and_similar_ones_are_not():
     assert repeated(["a", "b", "a"], [thumbnail(wall[i * 9 :]) for i in range(3)]) == [None, None, 0]
 
 
-def test_names_become_such_as_lists_of_pairs_can_hold():
-    assert file_stems(["a b.jpg", "a_b.png", "#1.jpg", "left/1.jpg", "\\xe4.jpg"]) == [
-        "a_b",
-        "a_b-2",
-        "_1",
-        "left-1",
-        "_xe4",
-    ]
-
-
 def test_pictures_of_one_lens_share_a_camera_and_exif_says_its_focal_length(tmp_path: Path):
     for name, focal in (("a", 26), ("b", 26), ("c", 52)):
         exif = Image.Exif()
@@ -56,18 +44,6 @@ def test_pictures_of_one_lens_share_a_camera_and_exif_says_its_focal_length(tmp_
     a, b, c = (read_photograph(tmp_path / f"{name}.jpg") for name in "abc")
     assert a.camera == b.camera != c.camera
     assert a.focal == pytest.approx(26 * 150 / 43.27, rel=1e-3) and c.focal == pytest.approx(2 * a.focal)
-
-
-def test_heic_says_what_to_install_or_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    (tmp_path / "a.heic").write_bytes(b"\x00\x00\x00\x18ftypheic" + bytes(64))
-    monkeypatch.setitem(sys.modules, "pillow_heif", None)
-    with pytest.raises(UserError, match="pip install pillow-heif"):
-        read_photograph(tmp_path / "a.heic")
-    heif = monkeypatch.undo() or pytest.importorskip("pillow_heif", reason="HEIC needs pillow-heif")
-    heif.from_pillow(Image.new("RGB", (64, 48), "red")).save(tmp_path / "b.heic")
-    assert (
-        read_photograph(tmp_path / "b.heic").size == (64, 48) and read_photograph(tmp_path / "b.heic").needs_conversion
-    )
 
 
 def test_few_pictures_are_all_matched_and_of_many_those_that_look_alike(monkeypatch: pytest.MonkeyPatch):

@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image, ImageFilter
 
-from console import UserError
 from tests.training.posing.rooms import texture
 from training.scenes.sources import find_source
 
 av = pytest.importorskip("av", reason="films need PyAV (the extra video)")
 
-from av.stream import Disposition  # noqa: E402
 
 from training.posing.film import glimpse, intervals_of, take_frames  # noqa: E402
 
@@ -113,36 +111,6 @@ def test_films_of_every_container_give_the_same_frames(
     assert told == [4] and shown and shown == sorted(shown)
 
 
-@pytest.mark.parametrize("muxer", ["mp4", "matroska", "avi"])
-@pytest.mark.parametrize("still", ["one frame", "attached"])
-def test_the_stream_that_moves_is_the_film_whatever_still_picture_comes_first(muxer: str, still: str, tmp_path: Path):
-    frames, film = frames_of_film(12, sharp_every=1), tmp_path / "film"
-    with av.open(str(film), "w", format=muxer) as written:
-        streams = [written.add_stream(codec, rate=10) for codec in ("mjpeg", "mpeg4")]
-        for stream, pix_fmt, size in zip(streams, ("yuvj420p", "yuv420p"), ((640, 480), (WIDTH, HEIGHT)), strict=True):
-            (stream.width, stream.height), stream.pix_fmt = size, pix_fmt
-        if still == "attached":
-            streams[0].disposition = Disposition.attached_pic | Disposition.default
-        cover = av.VideoFrame.from_ndarray(np.zeros((480, 640, 3), np.uint8), format="rgb24")
-        written.mux([*streams[0].encode(cover), *streams[0].encode()])
-        for pixels in frames:
-            written.mux(streams[1].encode(av.VideoFrame.from_ndarray(pixels, format="rgb24")))
-        written.mux(streams[1].encode())
-    found = taken(film)
-    assert len(found) > 3 and all(picture.shape == (HEIGHT, WIDTH, 3) for _, picture in found)
-
-
-def test_a_film_of_nothing_but_its_cover_is_refused(tmp_path: Path):
-    film = tmp_path / "song.mp4"
-    with av.open(str(film), "w") as written:
-        stream = written.add_stream("mjpeg", rate=1)
-        stream.width, stream.height, stream.pix_fmt, stream.disposition = 64, 64, "yuvj420p", Disposition.attached_pic
-        cover = av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")
-        written.mux([*stream.encode(cover), *stream.encode()])
-    with pytest.raises(UserError, match="no moving picture"):
-        taken(film)
-
-
 @pytest.mark.parametrize(("name", "codec"), [("walk.mp4", "libx264"), ("walk.mov", "mpeg4"), ("walk.webm", "libvpx")])
 def test_the_sharpest_frame_of_each_interval_is_taken(name: str, codec: str, tmp_path: Path):
     film = write_film(tmp_path / name, frames_of_film(), [100 * i for i in range(24)], codec)
@@ -183,29 +151,3 @@ def test_frames_are_counted_by_their_time_and_a_camera_that_rests_gives_its_shar
     assert [round(seconds, 1) for seconds, _ in found][-2] <= 1.0
     assert intervals_of([0.0, 0.1, 0.2, 5.0, 10.0], 2) == [0, 0, 0, 1, 1]
     assert intervals_of([3.0], 5) == [0] and max(intervals_of([0.0, 1.0], 100)) == 5
-
-
-@pytest.mark.parametrize(
-    ("content", "told"),
-    [
-        (b"#EXTM3U\n#EXTINF:1,\nhttp://127.0.0.1:9/x.ts\n", "text that begins '#EXTM3U"),
-        (b"v=0\no=- 0 0 IN IP4 127.0.0.1\n", "text that begins 'v=0"),
-        (b"ffconcat version 1.0\nfile /etc/passwd\n", "text that begins 'ffconcat"),
-        (b"RIFF\x24\x00\x00\x00AVI LIST", "cannot be read"),
-        (b"RIFF\x24\x00\x00\x00WAVEfmt ", "unknown data"),
-        (b"\x00\x00\x00\x18ftypisom" + bytes(64), "cannot be read"),
-        (b"", "an empty file"),
-    ],
-)
-def test_what_only_calls_itself_a_film_is_refused(content: bytes, told: str, tmp_path: Path):
-    film = tmp_path / "film.mp4"
-    film.write_bytes(content)
-    with pytest.raises(UserError) as error:
-        taken(film)
-    assert told in str(error.value)
-
-
-def test_a_codec_that_is_not_listed_is_refused_by_name(tmp_path: Path):
-    film = write_film(tmp_path / "film.mp4", frames_of_film(2), [0, 40], codec="png")
-    with pytest.raises(UserError, match=r"codec is not supported .*h264.*found png"):
-        taken(film)

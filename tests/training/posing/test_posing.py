@@ -18,14 +18,12 @@ from PIL import Image
 
 from baker.commands.make import main as snerg_make
 from console import UserError
-from tests.training.posing.conftest import COUNT, SIDEWAYS, STRANGER, Found, write_photographs, write_stranger
+from tests.training.posing.conftest import COUNT, SIDEWAYS, Found, write_photographs, write_stranger
 from tests.training.posing.rooms import SIZE, photograph
 from tools.pose_error import pose_error
 from training.posing import child_process, find, rejection_report
 from training.posing.find import find_poses, posed_scene
 from training.scenes import Photograph, Scene, load_scene
-from training.scenes.colmap import sparse_points
-from training.scenes.sources import find_source
 
 ROOT = Path(__file__).parents[3]
 
@@ -50,15 +48,6 @@ def test_the_cameras_of_bare_photographs_are_found(found: Found):
     assert np.allclose(list(focals.values()), 268.8 / 256, rtol=0.02)
 
 
-def test_the_points_have_the_colours_of_the_walls_and_lie_before_the_cameras(found: Found):
-    scene = load(found.scene)
-    points = sparse_points(scene)
-    assert points is not None and len(points.places) > 300 and points.colours.astype(float).std(axis=0).min() > 20
-    poses = np.stack([one.camera.world_T_camera for one in photographs_of(scene).values()])
-    local = np.einsum("nji,nmj->nmi", poses[:, :3, :3], points.places[None] - poses[:, None, :3, 3])
-    assert (local[..., 2] < 0).mean() > 0.99
-
-
 def test_pictures_of_every_kind_come_upright_with_eight_bits_a_channel(found: Found):
     there = photographs_of(load(found.scene))
     for name, camera in found.cameras.items():
@@ -70,14 +59,6 @@ def test_pictures_of_every_kind_come_upright_with_eight_bits_a_channel(found: Fo
             assert np.abs(apart).mean() < 0.08, name
     assert there[f"p{SIDEWAYS}"].camera.width == SIZE[0]
     assert Image.open(found.scene / "images" / f"p{SIDEWAYS}.jpg", formats=["JPEG"]).getexif().get(0x0112) is None
-
-
-def test_what_is_not_used_is_told_by_name(found: Found):
-    told = " | ".join(found.notices)
-    assert "p0b.jpg = p0.jpg" in told
-    assert "1 picture is left out: blurred (p6b.jpg)" in told
-    assert f"1 picture is left out: no pose was found ({STRANGER})" in told
-    assert not (found.scene / "images" / STRANGER).exists()
 
 
 def test_the_users_folder_is_left_as_it_was_and_the_scene_holds_no_copies_of_what_can_be_used(found: Found):
@@ -92,18 +73,7 @@ def test_the_same_line_again_finds_the_poses_there(found: Found, monkeypatch: py
     assert posed_scene(found.scene, found.scene.parent / "other") == found.scene  # which has poses
 
 
-def test_a_run_of_other_photographs_is_not_overwritten(found: Found, tmp_path: Path):
-    out = tmp_path / "out"
-    (out / "run").mkdir(parents=True)
-    (out / "run" / "config.json").write_text("{}")
-    (out / "scene").mkdir()
-    report = json.loads((found.scene / find.REPORT).read_text())
-    report["key"]["files"][0][1] += 1
-    (out / "scene" / find.REPORT).write_text(json.dumps(report))
-    with pytest.raises(UserError, match="run of other photographs"):
-        find_poses(found.source, out)
-
-
+@pytest.mark.slow
 def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(
     found: Found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -150,6 +120,7 @@ def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(
         assert one.camera.fx == pytest.approx(of_second[name].camera.fx, rel=0.005)
 
 
+@pytest.mark.slow
 def test_one_ctrl_c_ends_it_in_one_line(found: Found, tmp_path: Path):
     code = (
         "import sys; from pathlib import Path; from console import run_command; from training.posing.find import posed_scene\n"
@@ -170,6 +141,7 @@ def test_one_ctrl_c_ends_it_in_one_line(found: Found, tmp_path: Path):
     assert told[-1].startswith("go: interrupted; ") and not [line for line in told if "Traceback" in line]
 
 
+@pytest.mark.slow
 def test_snerg_make_trains_on_the_scene_whose_poses_it_found(
     found: Found, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
@@ -179,12 +151,6 @@ def test_snerg_make_trains_on_the_scene_whose_poses_it_found(
     monkeypatch.setattr("training.loop.train", train)
     assert snerg_make([str(found.source.path), "--out", str(found.scene.parent)]) == 2
     assert capsys.readouterr().err.splitlines()[-1] == f"snerg-make: {found.scene}: trained"
-
-
-def test_snerg_make_stops_after_the_poses_where_it_is_asked_to(found: Found, capsys: pytest.CaptureFixture[str]):
-    assert snerg_make([str(found.source.path), "--out", str(found.scene.parent), "--poses-only"]) == 0
-    assert capsys.readouterr().out.startswith(f"the poses are in {found.scene}; ")
-    assert not (found.scene.parent / "run").exists()
 
 
 # --- why none are found -----------------------------------------------------------------------------------------------
@@ -214,49 +180,7 @@ def test_folders_that_it_did_not_make_are_left_alone(name: str, tmp_path: Path, 
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_too_few_photographs_are_refused_before_anything_is_written(tmp_path: Path):
-    write_photographs(tmp_path / "photographs", 3)
-    with pytest.raises(UserError, match=r"too few photographs to find camera poses .*at least 8, found 3"):
-        posed_scene(tmp_path / "photographs", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(("registered", "enough"), [(9, True), (8, True), (7, False)])
-def test_a_part_of_the_photographs_must_do(
-    registered: int, enough: bool, found: Found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    def answer(service: str, request: dict, log: Path, tell: Any) -> dict:
-        model = Path(request["work"]) / find.MODEL
-        model.mkdir()
-        (model / "cameras.bin").write_bytes(b"")
-        names = request["names"]
-        return {"registered": names[:registered], "features": dict.fromkeys(names, 9), "matched": dict.fromkeys(names, 1),
-                "models": [names[:registered]], "is_static": False, "points": 1, "error": 0.5}  # fmt: skip
-
-    monkeypatch.setattr(find, "ask", answer)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        if enough:
-            assert (find_poses(found.source, tmp_path / "out") / "images").is_dir()
-            assert f"{STRANGER}" in str(caught[-1].message)
-        else:
-            with pytest.raises(UserError, match=f"only {registered} of 10 .*at least 8, found none for .*{STRANGER}"):
-                find_poses(found.source, tmp_path / "out")
-
-
-def test_without_pycolmap_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(sys.modules, "pycolmap", None)
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    write_photographs(tmp_path, 3)
-    source = find_source(tmp_path)
-    assert source is not None
-    with pytest.raises(ModuleNotFoundError) as error:
-        find.require(source)
-    from console.errors import missing_extra
-
-    assert "pip install 'snerg[poses]'" in str(missing_extra(error.value))
-
-
+@pytest.mark.slow
 def test_a_child_that_dies_is_told_with_its_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def becomes(code: str) -> None:
         monkeypatch.setattr(child_process, "COMMAND", [sys.executable, "-P", "-c", code])

@@ -47,6 +47,7 @@ def test_photographs_that_share_nothing_are_refused_with_a_table(real_data: Path
     assert len(table) == 9 and all(line.split()[2] == "no" for line in table[1:])
 
 
+@pytest.mark.slow
 def test_photographs_of_three_places_are_refused_with_the_names_of_the_rest(real_data: Path, tmp_path: Path) -> None:
     photographs = tmp_path / "photographs"
     taken(real_data, photographs, FOX, (0, 25, 40))
@@ -59,6 +60,7 @@ def test_photographs_of_three_places_are_refused_with_the_names_of_the_rest(real
     assert "fern03.jpg, fox00.jpg, fox25.jpg, fox40.jpg" in told and "mary_rose60.jpg" in told
 
 
+@pytest.mark.slow
 def test_of_two_places_the_larger_is_made_and_blurred_and_repeated_pictures_are_named(
     real_data: Path, tmp_path: Path
 ) -> None:
@@ -78,6 +80,7 @@ def test_of_two_places_the_larger_is_made_and_blurred_and_repeated_pictures_are_
     assert {Path(name).stem for name in names} == {f"fern{i:02d}" for i in range(9)}
 
 
+@pytest.mark.slow
 def test_three_photographs_are_too_few(real_data: Path, tmp_path: Path) -> None:
     taken(real_data, tmp_path / "photographs", FERN, range(3))
     with pytest.raises(UserError, match=r"too few photographs to find camera poses .*at least 8, found 3"):

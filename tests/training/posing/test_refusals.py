@@ -56,6 +56,7 @@ def load(scene: Path, *, masks: bool = False) -> Scene:
         return load_scene(scene, spherify=True, masks=masks)
 
 
+@pytest.mark.slow
 def test_a_turntable_before_a_still_background_is_told_and_its_masks_mend_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -91,15 +92,7 @@ def test_masks_that_do_not_fit_or_are_missing_are_told(tmp_path: Path):
     assert any("1 photograph has no mask, all of it is used (t3.png)" in notice for notice in notices)
 
 
-def test_photographs_that_change_their_masks_are_looked_at_anew(tmp_path: Path):
-    write_turntable(tmp_path / "photographs", lambda name: f"{name}.png")
-    source = find_source(tmp_path / "photographs")
-    assert source is not None
-    before = find.fingerprint(source)
-    Image.new("L", turntables.SIZE).save(tmp_path / "photographs" / "masks" / "t0.png.png")
-    assert find.fingerprint(source) != before
-
-
+@pytest.mark.slow
 def test_photographs_of_two_places_are_told_apart_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     photographs = tmp_path / "photographs"
     photographs.mkdir()
@@ -115,9 +108,3 @@ def test_photographs_of_two_places_are_told_apart_by_name(tmp_path: Path, capsys
     assert [line.split("  ")[-1] for line in table.splitlines() if "part 2" in line] == [
         f"yard{i}.jpg" for i in range(4)
     ]
-
-
-def test_a_walk_whose_neighbours_hardly_differ_is_no_turntable():
-    from training.posing.mapping import is_static_camera
-
-    assert not is_static_camera(0, 0) and not is_static_camera(20, 45) and is_static_camera(23, 45)

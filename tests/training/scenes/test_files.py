@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from training.scenes.files import FileFinder, clean_name, find_masks, visible_files, without_suffix
+from training.scenes.files import FileFinder
 
 
 def touch(folder: Path, *names: str) -> None:
@@ -75,16 +75,3 @@ def test_two_names_never_lead_to_one_picture_by_guessing(tmp_path: Path):
     assert finder.find_all(["left/01.jpg", "right/01.jpg", "02.jpg"]) == [None, None, tmp_path / "02.jpg"]
     assert finder.find_all(["02.jpg", "right/02.jpg"]) == [tmp_path / "02.jpg", None]
     assert finder.find_all(["./01.jpg", "01.jpg"]) == [tmp_path / "01.jpg"] * 2, "the same name twice"
-
-
-def test_masks_have_the_names_that_programs_give_them(tmp_path: Path):
-    touch(tmp_path, "a.jpg.png", "B.PNG", "sub/c_mask.png", "d.jpeg", "e.txt")
-    found = find_masks(tmp_path, ["a.jpg", "b.jpg", "sub/c.jpg", "d.jpg", "e.jpg"])
-    assert [mask and mask.name for mask in found] == ["a.jpg.png", "B.PNG", "c_mask.png", "d.jpeg", None]
-
-
-def test_names_are_cleaned_alike_everywhere(tmp_path: Path):
-    assert clean_name(".\\train\\.\\r_0.png") == clean_name("D:/train//r_0.png") == "train/r_0.png"
-    assert without_suffix("r_0.JPG") == without_suffix("r_0") == "r_0" and without_suffix("r_0.5") == "r_0.5"
-    touch(tmp_path, "b.JPG", "a.png", ".hidden.png", "._a.png", "notes.txt")
-    assert [path.name for path in visible_files(tmp_path)] == ["a.png", "b.JPG"]

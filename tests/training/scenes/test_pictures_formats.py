@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import sys
 from pathlib import Path
 
 import imagecodecs
@@ -13,7 +12,6 @@ from PIL import Image, ImageOps, features
 
 from console import UserError
 from training.posing.photograph import link_or_convert, read_photograph
-from training.scenes.deep_pictures import linear_to_srgb
 from training.scenes.files import PICTURE_SUFFIXES, UNREAD_FORMATS
 from training.scenes.picture_headers import read_header
 from training.scenes.pictures import PictureLoader, decoded, is_turned, picture_size, read_picture, small_picture
@@ -98,75 +96,6 @@ def test_pictures_of_more_than_8_bits_keep_their_values_posed_and_bare(tmp_path:
     assert small_picture(path, 15, "RGB").size == (15, 10)
 
 
-@pytest.mark.parametrize("kind", [np.uint16, np.float32, np.uint8])
-@pytest.mark.parametrize("photometric", [0, 1])
-def test_grey_tiffs_are_read_whichever_end_is_white(tmp_path: Path, kind: type, photometric: int) -> None:
-    grey = COLOURS[..., :1]
-    most = 1 if kind is np.float32 else np.iinfo(kind).max
-    path = write_tiff(
-        tmp_path / "a.tif", ((grey if photometric else 1 - grey) * most).astype(kind), photometric=photometric
-    )
-    np.testing.assert_allclose(read_picture(path)[..., :3], np.repeat(grey, 3, axis=-1), atol=1 / 200)
-    assert not read_header(path).transparent
-
-
-def test_floats_are_display_referred_or_refused(tmp_path: Path) -> None:
-    over = COLOURS[..., :3].copy()
-    over[0, 0], over[0, 1] = 1.05, np.nan
-    found = read_picture(write_tiff(tmp_path / "a.tif", over))
-    assert (found[0, 0] == 1).all() and (found[0, 1, :3] == 0).all()
-    for values in (255 * over, 3 * over):
-        with pytest.raises(UserError, match=r"no display-referred colours \(expected 0 to 1, found up to .* OpenEXR"):
-            read_picture(write_tiff(tmp_path / "a.tif", values))
-
-
-@pytest.mark.parametrize(
-    "path",
-    [
-        lambda p: write_tiff(p, COLOURS, photometric=5),  # CMYK
-        lambda p: write_tiff(p, (COLOURS[..., :3] * 100).astype(np.int16)),
-        lambda p: write_tiff(p, np.zeros((4, 6, 5), np.float32)),
-    ],
-)
-def test_tiffs_of_other_colours_and_numbers_are_refused(tmp_path: Path, path) -> None:
-    with pytest.raises(UserError, match=r"a TIFF of other .*convert it to PNG"):
-        read_picture(path(tmp_path / "a.tif"))
-
-
-def test_an_openexr_of_several_layers_gives_its_picture(tmp_path: Path) -> None:
-    light = premultiplied_light(np.float32)
-    layers = {f"ViewLayer.Combined.{c}": v for c, v in light.items()} | {
-        f"ViewLayer.Glossy.{c}": light["A"] for c in "RGB"
-    }
-    np.testing.assert_allclose(
-        straight(read_picture(write_exr(tmp_path / "a.exr", layers))), straight(COLOURS), atol=1e-5
-    )
-    grey = read_picture(write_exr(tmp_path / "b.exr", {"Y": light["A"]}))
-    np.testing.assert_allclose(grey[..., 0], linear_to_srgb(light["A"]), atol=1e-6)
-    for channels in ({"Z": light["A"]}, {f"{layer}.{c}": light["A"] for c in "RGB" for layer in ("left", "right")}):
-        with pytest.raises(UserError, match="an OpenEXR without a picture"):
-            picture_size(write_exr(tmp_path / "c.exr", channels))
-
-
-def test_a_cropped_openexr_is_as_large_as_its_display_window(tmp_path: Path) -> None:
-    windows = {"dataWindow": ((5, 3), (34, 22)), "displayWindow": ((0, 0), (31, 29))}
-    path = write_exr(tmp_path / "a.exr", {c: np.ones((20, 30), np.float32) for c in "RGB"}, **{
-        name: tuple(np.array(corner, np.int32) for corner in window) for name, window in windows.items()
-    })  # fmt: skip
-    picture = read_picture(path)
-    assert picture.shape == (30, 32, 4) and read_header(path).transparent
-    shown = np.zeros((30, 32))
-    shown[3:23, 5:] = 1
-    np.testing.assert_allclose(picture, np.dstack([shown] * 4), atol=1e-6)
-
-
-def test_openexr_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "a.exr").write_bytes(b"\x76\x2f\x31\x01" + bytes(64))
-    monkeypatch.setitem(sys.modules, "OpenEXR", None)
-    with pytest.raises(UserError, match=r"pip install 'snerg\[export\]'"):
-        picture_size(tmp_path / "a.exr")
-
-
 @pytest.mark.parametrize("suffix", ["png", "jpg", "webp", "tif", "avif"])
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_pictures_are_upright_as_exif_says_or_as_stored(tmp_path: Path, suffix: str, orientation: int) -> None:
@@ -192,13 +121,6 @@ def test_pictures_are_upright_as_exif_says_or_as_stored(tmp_path: Path, suffix: 
         assert small.shape == whole.shape and np.abs(small.astype(int) - whole).max() <= 2
 
 
-def test_floats_are_turned_too(tmp_path: Path) -> None:
-    path = write_tiff(tmp_path / "a.tif", COLOURS[..., :3], t274=6)
-    assert picture_size(path) == (20, 30) and is_turned(path)
-    np.testing.assert_array_equal(decoded(path), np.rot90(COLOURS[..., :3], -1))
-    np.testing.assert_array_equal(decoded(path, as_stored=True), COLOURS[..., :3])
-
-
 @pytest.mark.parametrize(
     ("name", "said"),
     [
@@ -217,26 +139,6 @@ def test_formats_that_are_not_read_are_refused_by_name(tmp_path: Path, name: str
         picture_size(tmp_path / name)
     assert not UNREAD_FORMATS.keys() & set(PICTURE_SUFFIXES)
     assert all(suffix == suffix.lower() and suffix.startswith(".") for suffix in (*UNREAD_FORMATS, *PICTURE_SUFFIXES))
-
-
-@pytest.mark.parametrize(
-    ("head", "found"),
-    [
-        (b"\xff\x0a" + bytes(30), "a JPEG XL"),
-        (b"8BPS\0\1" + bytes(30), "a Photoshop file"),
-        (b"\0\0\0\x18ftypcrx " + bytes(30), "a Canon raw photograph"),
-        (b"#?RADIANCE\n" + bytes(30), "a Radiance HDR"),
-    ],
-)
-def test_they_are_told_under_other_names_too(tmp_path: Path, head: bytes, found: str) -> None:
-    (tmp_path / "a.jpg").write_bytes(head)
-    with pytest.raises(UserError, match=f"not a readable picture .*found {found}"):
-        picture_size(tmp_path / "a.jpg")
-
-
-def test_a_raw_photograph_named_tiff_does_not_give_its_preview(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"raw photographs are not read .*preview"):
-        read_picture(write_tiff(tmp_path / "a.tif", RGBA8[..., :3], t254=1))
 
 
 @pytest.mark.parametrize("kind", ["tif", "exr"])

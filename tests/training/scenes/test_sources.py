@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
 
 from console import UserError
-from training.scenes.files import UNREAD_FORMATS
 from training.scenes.sources import CONTAINERS, FEWEST, FILMS, Source, container_of, find_source, require_source
 
 MANY = [f"p{i}.jpg" for i in range(FEWEST)]
@@ -39,22 +37,6 @@ def test_photographs_are_found_in_the_folder_or_just_below_it_in_the_order_of_th
     assert find_source(files(tmp_path / "d", "notes.txt")) is None and find_source(tmp_path / "none") is None
 
 
-@pytest.mark.parametrize(
-    "hidden",
-    ["._p0.jpg", ".p0.jpg", "@eaDir/p0.jpg", "__MACOSX/p0.jpg", "__MACOSX/._p0.jpg", ".thumbnails/p0.png", "Thumbs.db",
-     "desktop.ini", ".DS_Store", "$RECYCLE.BIN/p0.jpg", "#recycle/p0.jpg", "._walk.mp4", ".walk.mp4"],
-)  # fmt: skip
-def test_hidden_files_of_other_systems_are_neither_photographs_nor_films(hidden: str, tmp_path: Path):
-    assert find_source(files(tmp_path / "alone", hidden)) is None
-    with pytest.raises(UserError, match="the folder is empty"):
-        require_source(tmp_path / "alone")
-    assert names_of(found(tmp_path / "beside", *MANY, hidden)) == MANY
-    assert names_of(found(tmp_path / "below", *(f"left/{name}" for name in MANY), hidden)) == [
-        f"left/{n}" for n in MANY
-    ]
-    assert names_of(found(tmp_path / "film", "walk.mov", hidden)) == ["walk.mov"]
-
-
 def test_a_film_with_its_cover_is_a_film_and_a_film_beside_enough_photographs_is_not(tmp_path: Path):
     for stills in (["cover.jpg"], MANY[:3], ["images/a.png"], ["cover.gif"], []):
         source = found(
@@ -68,26 +50,6 @@ def test_a_film_with_its_cover_is_a_film_and_a_film_beside_enough_photographs_is
             UserError, match=r"several films, .*expected one film, found a\.mp4, b\.webm\); name one of them"
         ):
             find_source(files(tmp_path / f"several{number}", "a.mp4", "b.webm", *stills))
-
-
-def test_pictures_of_formats_that_are_not_read_are_said_by_name_with_what_to_do(tmp_path: Path):
-    source = found(tmp_path / "beside", *MANY, "q1.jxl", "q2.JXL", "q3.gif", "q4.dng", "p0.dng")
-    assert names_of(source) == MANY and len(source.notes) == 1  # p0 is there as a JPEG, too
-    assert "1 DNG, 1 GIF, 2 JXL pictures, a format that is not read" in source.notes[0]
-    assert "convert them to JPEG or PNG; export them as JPEG, PNG or 16 bit TIFF" in source.notes[0]
-    with pytest.raises(
-        UserError, match=r"expected a folder of photographs \(PNG, .*found 9 JXL pictures\); convert them"
-    ):
-        find_source(files(tmp_path / "alone", *(f"{i}.jxl" for i in range(9))))
-    with pytest.raises(UserError, match=r"found 1 GIF picture\)"):
-        find_source(files(tmp_path / "images_alone", "images/a.gif"))
-    assert find_source(files(tmp_path / "any", "below/a.gif", "notes.txt")) is None  # a folder to be looked into
-    with pytest.raises(UserError, match=r"found 1 GIF picture\)"):
-        require_source(tmp_path / "any")
-    for suffix, remedy in UNREAD_FORMATS.items():
-        with pytest.raises(UserError) as error:
-            find_source(files(tmp_path / suffix[1:], f"a{suffix}"))
-        assert f"found 1 {suffix[1:].upper()} picture); {remedy}" in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -147,14 +109,3 @@ def test_a_film_is_told_by_its_first_bytes_whatever_it_is_called(tmp_path: Path)
         (tmp_path / "other").write_bytes(head + bytes(2000))
         assert container_of(tmp_path / "other") is None
     assert len(set(FILMS)) == len(FILMS) and all(suffix == suffix.lower() for suffix in FILMS)
-
-
-def test_names_that_are_not_utf_8_are_told_in_letters_and_differ(tmp_path: Path):
-    names = ["a\udce4.jpg", "a\udcf6.jpg", *MANY]
-    try:
-        source = found(tmp_path, *names)
-    except (OSError, UnicodeError):
-        pytest.skip("this file system has no such names")
-    assert names_of(source)[:2] == ["a\\xe4.jpg", "a\\xf6.jpg"] and os.path.isfile(source.files[0])
-    files(tmp_path / "masks", "a\udce4.png")
-    assert source.mask_of(source.files[0]) == tmp_path / "masks" / "a\udce4.png"

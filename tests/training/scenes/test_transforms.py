@@ -15,7 +15,7 @@ from console import Notice, UserError
 from tests.training.test_captures import circle, complaint, everyone
 from training.scenes import load_scene
 from training.scenes.rays import camera_rays
-from training.scenes.scene import Scene, split_line
+from training.scenes.scene import Scene
 from training.scenes.scene_options import require_rays
 
 SIZE = (40, 30)
@@ -120,15 +120,6 @@ def test_what_a_frame_says_of_its_camera_wins(tmp_path: Path, write):
     assert found[fourth].cx == 19 and found[fourth].fx == 50 and found[fourth].distortion[0] == 0
 
 
-def test_pictures_of_other_shapes_need_their_own_focal_lengths(tmp_path: Path):
-    path = write_blender(tmp_path, camera_angle_x=0.7)
-    Image.new("RGBA", (30, 40)).save(path / "train/r_1.png")
-    assert "the shape of 40x30" in complaint(path)
-    edit(path / "transforms_train.json", lambda d: d["frames"][1].update(camera_angle_x=0.5))
-    camera = cameras(load_scene(path))["train/r_1"]
-    assert (camera.width, camera.height) == (30, 40) and camera.fx == pytest.approx(15 / np.tan(0.25))
-
-
 @pytest.mark.parametrize("write", [write_blender, write_capture])
 @pytest.mark.parametrize(
     "values",
@@ -155,14 +146,6 @@ def test_lenses_that_are_not_understood_are_refused_by_name(tmp_path: Path, writ
 
 
 @pytest.mark.parametrize(
-    "values",
-    [{"camera_model": "FULL_OPENCV", "k4": 0}, {"camera_model": "pinhole"}, {"is_fisheye": False}, {"k3": 0.0}],
-)
-def test_a_lens_that_says_no_more_than_we_read_is_read(tmp_path: Path, values):
-    assert len(cameras(load_scene(write_capture(tmp_path, **values)))) == 9
-
-
-@pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda M: M * [[-1], [1], [1], [1]], "mirrors the world"),
@@ -175,17 +158,6 @@ def test_a_lens_that_says_no_more_than_we_read_is_read(tmp_path: Path, values):
 def test_matrices_that_are_no_pose_are_refused(tmp_path: Path, write, change, words):
     P = circle(9)
     assert words in complaint(write(tmp_path, np.stack([change(M) for M in P])))
-
-
-def test_what_is_known_and_not_read_is_named(tmp_path: Path):
-    path = write_capture(tmp_path)
-    moving = {"transform_matrix_start": np.eye(4).tolist(), "rolling_shutter": [0, 0]}
-    edit(path / "transforms.json", lambda d: d["frames"][0].update(moving))
-    Image.new("L", SIZE).save(path / "images/dynamic_mask_000.png")
-    with pytest.warns(Notice, match="transform_matrix_start.*dynamic_mask"):
-        load_scene(path)
-    edit(path / "transforms.json", lambda d: d.update(from_mitsuba=True))
-    assert "from_mitsuba" in complaint(path)
 
 
 # --- space ------------------------------------------------------------------------------------------------------------
@@ -202,16 +174,6 @@ def test_an_object_of_any_scale_and_place_gets_the_published_bounds(tmp_path: Pa
     require_rays(scene)
 
 
-def test_an_object_before_another_lens_has_the_box_that_cameras_frame(tmp_path: Path):
-    wide = load_scene(write_blender(tmp_path / "wide", fl_x=20.0))
-    assert np.abs(wide.aabb).max() == pytest.approx(1.03 * 4.03) and wide.near < 0.5 and wide.far > 11
-    zoomed = load_scene(write_blender(tmp_path / "zoomed", fl_x=400.0))
-    assert np.abs(zoomed.aabb).max() == pytest.approx(1.03 * 0.05 * 4.03)
-    assert 3.5 < zoomed.near < 4 < zoomed.far < 4.5
-    for scene in (wide, zoomed):
-        require_rays(scene)
-
-
 def test_cameras_that_look_outwards_have_a_box_around_them(tmp_path: Path):
     P = circle(9, centre=ORIGIN)
     P[:, :3, 0] *= -1
@@ -223,13 +185,6 @@ def test_cameras_that_look_outwards_have_a_box_around_them(tmp_path: Path):
         eyes = np.stack([camera.world_T_camera[:3, 3] for camera in cameras(scene).values()])
         assert np.abs(scene.aabb).max() >= 2 * np.abs(eyes).max()
         require_rays(scene)
-
-
-def test_cameras_that_look_away_from_an_object_that_was_cut_out_are_wrong(tmp_path: Path):
-    P = circle(9, centre=ORIGIN)
-    P[:, :3, [0, 2]] *= -1
-    with pytest.raises(UserError, match="no photograph sees the box"):
-        require_rays(load_scene(write_blender(tmp_path, P)))
 
 
 @pytest.mark.parametrize("aabb_scale", [16, 32, 128])
@@ -296,27 +251,6 @@ def names(scene: Scene, split: str) -> list[str]:
     return [photograph.name for photograph in scene.splits.get(split, ())]
 
 
-def test_names_of_splits_match_however_they_are_spelled(tmp_path: Path):
-    train, test = (
-        [f"./images/{i:03d}.png" for i in range(6)],
-        ["images\\006.png", "images//007.png", "./images/./008.png"],
-    )
-    scene = load_scene(write_capture(tmp_path, train_filenames=train, test_filenames=test))
-    assert names(scene, "train") == [f"images/{i:03d}.png" for i in range(6)] and len(names(scene, "test")) == 3
-    assert split_line(scene) == "photographs: 6 to train on, 3 to test with; as transforms.json lists them"
-
-
-def test_names_of_splits_that_match_nothing_are_named(tmp_path: Path):
-    path = write_capture(tmp_path, test_filenames=["images/000.png", "images/100.png", "x.png"])
-    with pytest.warns(Notice, match=r"2 of 3 test_filenames name no frame \(images/100\.png, x\.png\)"):
-        scene = load_scene(path)
-    assert names(scene, "test") == ["images/000.png"] and "images/000.png" not in names(scene, "train")
-    edit(path / "transforms.json", lambda d: d.update(train_filenames=["nothing.png"]))
-    assert "names no frame" in complaint(path)
-    edit(path / "transforms.json", lambda d: d.update(train_filenames="images/001.png"))
-    assert "no list of names" in complaint(path)
-
-
 def test_a_frame_is_never_trained_on_and_held_out(tmp_path: Path):
     both = [f"images/{i:03d}.png" for i in range(9)]
     with pytest.warns(Notice, match="2 frames are listed for training and for testing"):
@@ -327,38 +261,6 @@ def test_a_frame_is_never_trained_on_and_held_out(tmp_path: Path):
     edit(path / "transforms_test.json", lambda d: d["frames"].append(first))
     with pytest.warns(Notice, match="1 of 3 frames are trained on"):
         assert len(names(load_scene(path), "test")) == 2
-
-
-def test_a_frame_that_is_listed_twice_counts_once(tmp_path: Path):
-    path = write_capture(tmp_path)
-    edit(path / "transforms.json", lambda d: d["frames"].extend(dict(f) for f in d["frames"][:3]))
-    edit(path / "transforms.json", lambda d: d["frames"][-1].update(file_path="./images//002.png"))
-    with pytest.warns(Notice, match="3 frames repeat another"):
-        assert len(everyone(load_scene(path))) == 9
-    edit(path / "transforms.json", lambda d: d["frames"][-1].update(transform_matrix=circle(9)[5].tolist()))
-    assert "different poses" in complaint(path)
-
-
-def test_hold_outs_go_by_sorted_names_whatever_the_order_of_the_frames(tmp_path: Path):
-    path = write_capture(tmp_path, circle(17))
-    before = load_scene(path)
-    edit(path / "transforms.json", lambda d: d["frames"].reverse())
-    edit(path / "transforms.json", lambda d: [f.update(file_path="./" + f["file_path"]) for f in d["frames"][::2]])
-    after = load_scene(path)
-    assert names(before, "test") == names(after, "test") == ["images/000.png", "images/008.png", "images/016.png"]
-    for one, other in zip(everyone(before), everyone(after), strict=True):
-        np.testing.assert_allclose(one.camera.world_T_camera, other.camera.world_T_camera, atol=1e-12)
-    assert split_line(after).endswith("every 8th by sorted name")
-
-
-@pytest.mark.parametrize("spoil", [lambda d: d.update(frames=[]), lambda d: d["frames"][0].update(file_path="gone"),
-                                   lambda d: d.pop("frames")])  # fmt: skip
-def test_a_test_list_without_pictures_is_told_and_training_goes_on(tmp_path: Path, spoil):
-    path = write_blender(tmp_path, held_out=1)
-    edit(path / "transforms_test.json", spoil)
-    with pytest.warns(Notice, match="there is no split test"):
-        scene = load_scene(path)
-    assert list(scene.splits) == ["train"] and split_line(scene).endswith("none held out")
 
 
 def test_rays_go_where_the_file_says_in_either_layout(tmp_path: Path):
@@ -377,47 +279,3 @@ def test_rays_go_where_the_file_says_in_either_layout(tmp_path: Path):
 
 
 # --- pictures ---------------------------------------------------------------------------------------------------------
-
-
-def turn_by_exif(picture: Path, orientation: int = 6) -> np.ndarray:
-    """Stores a picture of a corner sideways, with EXIF's word for it; the picture as it should be seen."""
-    upright = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
-    upright[:10, :14] = (250, 40, 10)
-    exif = Image.Exif()
-    exif[0x0112] = orientation
-    Image.fromarray(np.rot90(upright)).save(picture, exif=exif)
-    return upright / 255
-
-
-@pytest.mark.parametrize("write", [write_blender, write_capture])
-def test_pictures_that_exif_turns_are_turned_with_a_word(tmp_path: Path, write):
-    path = write(tmp_path, w=40, h=30, fl_x=FOCAL)
-    for picture in path.rglob("*.png"):
-        upright = turn_by_exif(picture)
-    with pytest.warns(Notice, match="turned as EXIF says"):
-        photograph = load_scene(path).splits["train"][0]
-    np.testing.assert_allclose(photograph.load()[..., :3], upright, atol=0.01)
-
-
-def test_a_camera_that_fits_a_picture_only_as_it_is_stored_gets_it_as_it_is_stored(tmp_path: Path):
-    path = write_capture(tmp_path, w=30, h=40, fl_x=FOCAL)
-    for picture in path.rglob("*.png"):
-        upright = turn_by_exif(picture)
-    with pytest.warns(Notice, match="9 of 9 pictures are not turned"):
-        photograph = load_scene(path).splits["train"][0]
-    assert (photograph.camera.width, photograph.camera.height) == (30, 40)
-    np.testing.assert_allclose(photograph.load()[..., :3], np.rot90(upright), atol=0.01)
-
-
-def test_masks_of_frames_are_found_by_their_path_or_beside_the_pictures(tmp_path: Path):
-    path = write_capture(tmp_path)
-    assert "a frame without a mask" in complaint(path, masks=True)
-    mask = Image.new("L", (SIZE[0] // 2, SIZE[1] // 2))  # of half the size
-    mask.paste(1, (0, 0, 10, 15))  # and 1 for white
-    for index in range(9):
-        (path / "masks").mkdir(exist_ok=True)
-        mask.save(path / f"masks/{index:03d}.png")
-    edit(path / "transforms.json", lambda d: d["frames"][3].update(mask_path="MASKS\\000.PNG"))
-    photographs = load_scene(path, masks=True).splits["train"]
-    for photograph in photographs:
-        assert photograph.load()[..., 3].mean() == pytest.approx(0.5, abs=0.03)

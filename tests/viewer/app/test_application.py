@@ -82,13 +82,6 @@ def test_a_card_too_small_is_a_dialog_and_the_old_scene_stays(open_app, pack_fol
     assert "no room" in open_app.messages.dialogs[0].text
 
 
-def test_a_bug_while_loading_is_a_dialog_too(open_app, pack_folder, monkeypatch):
-    monkeypatch.setattr(loading_module, "load_pack", lambda *a, **k: 1 / 0)
-    open_app.open(pack_folder)
-    finish_loading(open_app)
-    assert open_app.messages.dialogs
-
-
 def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
     go_on = threading.Event()
 
@@ -106,50 +99,6 @@ def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
     until(lambda: loading.finished)
     open_app.tick(0.01)
     assert loading.pack is None and loading.error is None and open_app.scene is old and not open_app.messages.dialogs
-
-
-def test_room_is_asked_for_while_a_pack_is_read_and_given_back(open_app, pack_folder, monkeypatch):
-    go_on, outline = threading.Event(), toy_pack()
-
-    def slow(path, *, on_begin, on_progress, **_):
-        on_begin(outline)
-        go_on.wait(20)
-        on_progress(1, 2)
-        return toy_pack()
-
-    monkeypatch.setattr(loading_module, "load_pack", slow)
-    preallocated = open_app.canvas.preallocated
-    for cancelled in (False, True):
-        preallocated.clear()
-        go_on.clear()
-        open_app.open(pack_folder)
-        until(lambda: open_app.loading.begun is outline)
-        open_app.tick(0.01)
-        open_app.tick(0.01)
-        assert len(preallocated) and preallocated[-1] is outline and preallocated.count(outline) == 1
-        if cancelled:
-            open_app.cancel_loading()
-            go_on.set()
-        else:
-            go_on.set()
-            finish_loading(open_app)
-        assert preallocated[-1] is None
-
-
-def test_a_preview_tells_its_images_and_not_its_voxels(open_app):
-    from viewer.interface.top_bar import state_of
-
-    assert state_of(open_app) == "44 × 44 × 44 voxels"
-    open_app.scene.whole = False
-    assert state_of(open_app) == "loading"
-    open_app.opening.loading = type("Loading", (), {"images": (3, 16)})()
-    assert state_of(open_app) == "loading 3 of 16 images"
-
-
-def test_dropping_a_pack_opens_it(open_app, pack_folder):
-    open_app.drop([pack_folder])
-    finish_loading(open_app)
-    assert len(open_app.canvas.shown) == 2
 
 
 def test_every_command_runs_with_and_without_a_scene(open_app):

@@ -11,7 +11,6 @@ import pytest
 from PIL import Image
 
 from scenepack import save_pack
-from tests.viewer.app.test_application import FakeCanvas, finish_loading
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.waiting import until
 from viewer.app.application import App
@@ -19,7 +18,6 @@ from viewer.app.commands import run
 from viewer.features.film import film_export as export_module
 from viewer.features.film.film_export import FilmWriter
 from viewer.features.opening import opening as loading_module
-from viewer.rendering import gpu_memory
 from viewer.rendering.gpu_memory import Limits
 
 
@@ -171,61 +169,7 @@ def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_writte
     still_alive(ui)
 
 
-def test_a_disk_that_is_full_at_the_very_end_of_a_film_leaves_nothing(ui, tmp_path, monkeypatch):
-    def full(self) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device", str(self.aside.path))
-
-    monkeypatch.setattr(FilmWriter, "finish", full)
-    app = ui.app
-    run(app, "turntable")
-    app.filming.size, app.filming.fps = (32, 32), 2.0
-    app.filming.film(app, tmp_path / "film.mp4")
-    assert "the disk is full" in wait_for_dialog(ui)
-    assert not list(tmp_path.glob("*film*")) and not list(tmp_path.glob(".*"))
-    still_alive(ui)
-
-
-def test_an_old_picture_stays_when_the_new_one_does_not_fit(ui, small_disk):
-    app = ui.app
-    Image.new("RGB", (8, 8), (1, 2, 3)).save(small_disk / "still.png")
-    noise = np.random.default_rng(0).integers(0, 256, (256, 320, 3), np.uint8)
-    app.canvas.snapshot = lambda camera, settings: noise[: camera.height, : camera.width]
-    app.filming.size = (320, 256)
-    app.filming.still(app, small_disk / "still.png")
-    assert "the disk is full" in wait_for_dialog(ui)
-    assert np.asarray(Image.open(small_disk / "still.png"))[0, 0].tolist() == [1, 2, 3]
-
-
 # A place that cannot be written
-
-
-@pytest.mark.parametrize(
-    ("place", "code", "words"),
-    [
-        ("/proc/nope/x.png", None, "there is no such folder"),
-        ("file/x.png", None, "a part of the path is a file"),
-        ("x.png", errno.EROFS, "that disk is read-only"),
-        ("x.png", errno.EACCES, "writing there is not permitted"),
-        ("x.png", errno.ENOSPC, "make room"),
-    ],
-)
-def test_why_a_picture_cannot_be_written_is_told_by_the_systems_own_reason(
-    ui, tmp_path, monkeypatch, place, code, words
-):
-    app = ui.app
-    (tmp_path / "file").touch()
-    if code is not None:
-
-        def refuse(self, picture) -> None:
-            raise OSError(code, "whatever the system says")
-
-        monkeypatch.setattr(export_module._Still, "add", refuse)
-    app.filming.size = (32, 32)
-    app.filming.still(app, tmp_path / place)
-    told = wait_for_dialog(ui)
-    assert words in told and str(tmp_path / place) in told and ("make room" in told) == (code == errno.ENOSPC)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "open"]
-    still_alive(ui)
 
 
 # A card too small
@@ -240,32 +184,6 @@ def test_a_card_with_too_little_room_shows_half_and_says_so_with_both_sizes(ui, 
     assert "70x70x70 voxels" in told and "35x35x35 voxels" in told and "half" in told and "MiB" in told
     assert app.scene is not scene and max(ui.canvas.renderer.pack.grid_size) == 35
     assert not app.messages.dialogs[0].failed
-    still_alive(ui)
-
-
-def test_a_card_with_no_room_at_all_keeps_the_old_scene(ui, shapes_folder, monkeypatch):
-    app, scene = ui.app, ui.app.scene
-    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, ctx: Limits(2048, 1000)))
-    app.open(shapes_folder)
-    assert "MiB" in wait_for_dialog(ui) and app.scene is scene
-    still_alive(ui)
-    app.open(shapes_folder, other=True)
-    assert "MiB" in wait_for_dialog(ui) and app.comparison.against == ""
-    still_alive(ui)
-
-
-def test_a_driver_that_gives_up_while_a_pack_arrives_is_told_and_the_old_scene_stays(ui, shapes_folder, monkeypatch):
-    app, scene = ui.app, ui.app.scene
-    calls = []
-
-    def refuse(uploader, what, size):
-        calls.append(what)
-        raise gpu_memory.NoRoomError(f"the graphics driver has no room for {what}", found="GL_OUT_OF_MEMORY")
-
-    monkeypatch.setattr(gpu_memory.Uploader, "check", refuse)
-    app.open(shapes_folder)
-    assert "no room" in wait_for_dialog(ui) and calls and app.scene is scene
-    monkeypatch.undo()
     still_alive(ui)
 
 
@@ -306,13 +224,6 @@ def test_dropping_what_is_no_pack_is_a_dialog_and_the_scene_stays(ui, tmp_path, 
     told = wait_for_dialog(ui)
     assert path.name in told and app.scene is scene and app.making.plan is None
     still_alive(ui)
-
-
-def test_dropping_it_on_the_start_page_is_a_dialog_too(tmp_path):
-    app = App(canvas=FakeCanvas())
-    app.drop([_text(tmp_path)])
-    finish_loading(app)
-    assert "notes.txt" in app.messages.dialogs[0].title and app.scene is None
 
 
 def test_a_bug_is_told_as_one_with_its_traceback_in_the_log(tmp_path):

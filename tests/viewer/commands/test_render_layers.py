@@ -53,11 +53,6 @@ def test_an_exr_without_opacity_has_the_picture_over_its_background(folder: str,
     assert channels["samples"].max() > 2 and np.all(channels["samples"] == np.rint(channels["samples"]))
 
 
-def test_depth_alone_as_exr(folder: str, tmp_path: Path) -> None:
-    assert render.main([folder, "--mode", "depth", "--out", str(tmp_path / "F.exr"), *SMALL]) == 0
-    assert set(exr(tmp_path / "F.exr")[1]) == {"Z"}
-
-
 def test_a_transparent_png_has_straight_alpha_and_laid_over_white_it_is_the_picture(
     folder: str, tmp_path: Path
 ) -> None:

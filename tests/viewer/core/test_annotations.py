@@ -46,12 +46,6 @@ def test_words_have_as_many_digits_as_voxels_are_worth(pack: Pack):
     assert LengthFormat(pack, Scale()).measurement(ANGLE) == "45.0°"
 
 
-def test_a_scale_in_another_unit_is_the_same_length():
-    assert Scale(2.0, "m").shown_in("cm") == Scale(200.0, "cm")
-    assert Scale(1.0, "ft").shown_in("in").factor == pytest.approx(12.0)
-    assert Scale(2.0).shown_in("cm") == Scale(2.0)
-
-
 def test_the_table_has_a_row_for_each_point_and_the_text_a_line_for_each_measurement(pack: Pack):
     rows = list(csv.DictReader(io.StringIO(as_csv(pack, ANNOTATIONS))))
     assert [(row["measurement"], row["kind"], row["point"]) for row in rows][:4] == [
@@ -155,16 +149,6 @@ def test_what_is_not_ours_to_change_is_not_changed(pack: Pack, tmp_path: Path, k
     assert opened(path.rename(path.with_stem("elsewhere")), tmp_path / "user").annotations.current == ANNOTATIONS
     keep(opened(path.with_stem("elsewhere"), tmp_path / "user"), Annotations())
     assert not list((tmp_path / "user").glob("*.json"))
-
-
-def test_scripts_read_marks_and_write_none(own: Path, tmp_path: Path):
-    keep(opened(own, tmp_path / "user"), ANNOTATIONS)
-    app = App()
-    app.show(load_pack(own), own)
-    assert app.annotations.current == ANNOTATIONS
-    text = (own / "scene_params.json").read_bytes()
-    keep(app, Annotations())
-    assert (own / "scene_params.json").read_bytes() == text
 
 
 def test_a_broken_file_of_the_user_is_told_in_the_log_and_nothing_else(tmp_path: Path, pack: Pack):

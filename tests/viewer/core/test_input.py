@@ -113,12 +113,6 @@ def test_the_dead_zone_is_still_and_beyond_it_deflections_grow_evenly(value, dea
     assert shaped(1.0, dead_zone) == 1.0 and shaped(min(abs(value), 1.0) + 0.01, dead_zone) >= abs(out)
 
 
-def test_what_is_neither_gamepad_nor_3d_mouse_moves_nothing(app, hear):
-    start = app.scene.rig.goal
-    hear(ControllerState("Some wheel", (1.0,) * 6, (True,) * 4), ControllerState("3Dconnexion keypad", (1.0, 1.0)))
-    assert app.scene.rig.goal == start and not app.controllers.present
-
-
 def test_a_resting_stick_asks_for_no_frame(app, hear):
     hear(pad())
     app.frames_owed = 0

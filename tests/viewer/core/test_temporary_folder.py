@@ -23,12 +23,3 @@ def test_no_temporary_folder_is_told_with_the_remedy(tmp_path: Path, monkeypatch
         tempfile.gettempdir()
     assert "TMPDIR" in (refusal(told.value) or "")
     assert refusal(FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), "scene.json")) is None
-
-
-def test_a_full_disk_for_temporary_files_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object, **__: object) -> str:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(tempfile, "mkdtemp", full)
-    with pytest.raises(UserError, match="the disk is full; make room"):
-        CommandProcess([sys.executable, "-c", ""], tmp_path / "log")

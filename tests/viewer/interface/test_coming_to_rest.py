@@ -82,31 +82,3 @@ def test_a_movement_ends_the_fading_at_once(offscreen, app, pack, pack_folder, c
         clock.now += REST_S
         ui.frame()
         assert len(ui.canvas.layers) > 1
-
-
-def test_a_difference_of_two_packs_is_that_of_the_full_pictures_once_they_have_appeared(
-    offscreen, app, pack, pack_folder, clock
-) -> None:
-    """The last frame of the fading draws nothing, and still the difference is taken anew."""
-    ui = offscreen(app, size=(500, 400))
-    app.interface.page = ""
-    app.interface.axes_shown = False
-    app.show(pack, pack_folder)
-    ui.settle()
-    app.compare_with(pack, pack_folder)
-    app.comparison.how = "difference"
-    ui.settle()
-    for each in (ui.canvas, ui.canvas.other):
-        each.rest_s, each.blend_s = REST_S, BLEND_S
-    app.resolution.scale = 0.25
-    app.scene.rig.orbit(0.02, 0.0)
-    app.scene.rig.shown = app.scene.rig.goal
-    ui.frame()
-    taken = []
-    ui.canvas.subtract, subtract = lambda a, b, *rest: (taken.append((a, b)), subtract(a, b, *rest)), ui.canvas.subtract
-    for _ in range(40):
-        clock.now += 0.05
-        app.frames_owed = 0
-        ui.frame()
-    assert (taken[-1][0], taken[-1][1]) == (ui.canvas.layers[0], ui.canvas.other.layers[0])
-    assert ui.canvas.layers[0] is not ui.canvas.quick

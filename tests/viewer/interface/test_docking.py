@@ -56,19 +56,6 @@ def test_a_page_is_docked_at_the_other_side(ui, app):
     assert app.viewport.x > 200 and app.viewport.x + app.viewport.width < 1180 - 250
 
 
-def test_pages_that_were_seen_before_open_at_home_and_not_over_the_picture(ui, app):
-    app.interface.opens("performance")
-    ui.settle()
-    app.interface.opens("camera")
-    ui.settle()
-    pull_out(ui)
-    pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
-    app.interface.opens("performance")
-    ui.settle()
-    assert app.interface.page == "performance" and app.interface.moved == ["camera"]
-    assert app.viewport.width == pytest.approx(1180 - 50 - 318 - 320, abs=8)
-
-
 def test_a_layout_is_remembered_and_comes_back(ui, app, offscreen, tmp_path, pack, pack_folder):
     pull_out(ui)
     pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
@@ -105,21 +92,6 @@ def test_a_tab_is_closed_and_the_rail_opens_it_again(ui, app):
     assert app.interface.moved == ["view"]  # where it was left
 
 
-def test_panels_hidden_and_a_narrow_window_keep_the_layout(ui, app):
-    pull_out(ui)
-    pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
-    before = app.viewport
-    for _ in range(2):
-        run(app, "panels")
-        ui.settle()
-    assert app.viewport == before
-    ui.resize(500, 400)
-    ui.settle()
-    ui.resize(1180, 760)
-    ui.settle()
-    assert app.viewport == before and app.interface.moved == ["view"]
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -145,11 +117,3 @@ def test_a_layout_that_makes_no_sense_is_the_usual_one(offscreen, pack, pack_fol
 
 def test_every_page_has_a_window_of_its_own():
     assert len({page.window for page in PAGES}) == len(PAGES)
-
-
-def test_a_page_has_its_width_also_after_the_start_page(offscreen, app, pack, pack_folder):
-    ui = offscreen(app)
-    ui.settle()
-    app.show(pack, pack_folder)
-    ui.settle()
-    assert 250 < ui.size[0] - app.viewport.width < 450

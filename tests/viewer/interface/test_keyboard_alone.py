@@ -117,6 +117,7 @@ def test_tab_comes_to_every_widget_and_escape_declines(
     assert not keys.busy(app) and ui.ctx.error == "GL_NO_ERROR"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_dialogs_that_are_asked_for_at_once_come_one_after_the_other(
     offscreen, app, pack, pack_folder, photographs, seed
@@ -200,38 +201,3 @@ def test_down_and_enter_within_one_slow_frame_open_the_picked_line(
         stroke(ui, key)
     ui.frame()
     assert opened == [folder / picked] and app.open_prompt is None
-
-
-def test_keys_that_overlap_and_a_folder_that_is_looked_into_within_one_slow_frame(offscreen, app, two_scenes):
-    folder, opened = two_scenes
-    ui: OffscreenUi = offscreen(app, size=(800, 600))
-    for _ in range(2):
-        opened.clear()
-        ui.frame()
-        stroke(ui, *CTRL_O)
-        ui.frame()
-        ui.hold(DOWN), ui.hold(ENTER)
-        ui.let_go(DOWN), ui.let_go(ENTER)
-        ui.frame()
-        assert opened == [folder / "a"]
-    opened.clear()
-    app.preferences.opened(folder)
-    stroke(ui, *CTRL_O)
-    for key in (DOWN, ENTER, DOWN, DOWN, ENTER):  # the folder is the latest
-        stroke(ui, key)
-    ui.frame()
-    assert opened == [folder / "b"]
-
-
-def test_down_leaves_the_keyboard_with_the_line_to_type_into(offscreen, app, two_scenes):
-    folder, opened = two_scenes
-    ui: OffscreenUi = offscreen(app, size=(800, 600))
-    ui.key(*CTRL_O)
-    ui.key(DOWN), ui.key(DOWN), ui.key(imgui.Key.up_arrow)
-    assert app.open_prompt.picked == 0
-    for letter in f"{folder}/b":
-        ui.io.add_input_character(ord(letter))
-    ui.frame()
-    assert app.open_prompt.text == f"{folder}/b"
-    ui.key(imgui.Key.keypad_enter)
-    assert opened == [folder / "b"]

@@ -1,20 +1,16 @@
 """Themes that can be read, an interface of any size, and what stands behind a scene."""
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from imgui_bundle import ImVec2, imgui
 
 from tests.reference_marcher import render_reference
 from tests.viewer.offscreen_ui import OffscreenUi
-from tests.viewer.scenes import photographed
 from viewer.app.commands import run
 from viewer.core import theme
 from viewer.features.display.display import STYLES, backdrop
 from viewer.features.preferences.preferences import (
-    Preferences,
     apply_preferences,
     current_preferences,
     load,
@@ -22,7 +18,7 @@ from viewer.features.preferences.preferences import (
 )
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import RenderSettings, of_picture
+from viewer.rendering.settings import RenderSettings
 
 GROUNDS = ("base", "panel", "card", "control")
 INKS = ("text", "muted", "faint", "accent", "good", "warn", "bad")
@@ -79,13 +75,6 @@ def test_the_theme_and_the_size_change_at_once_and_are_remembered(offscreen, app
     assert app.interface.scale == 2.0
 
 
-def test_settings_that_make_no_sense_keep_their_defaults(tmp_path):
-    file = tmp_path / "viewer.json"
-    file.write_text('{"background": [1, 1, 1], "interface_scale": 99, "theme": "mauve"}')
-    found = load(file)
-    assert (found.backdrop, found.interface_scale) == ("gradient", 2.0) == (Preferences().backdrop, 2.0)
-
-
 @pytest.mark.parametrize("style", STYLES)
 @pytest.mark.parametrize("mode", ["normal", "diffuse", "alpha"])
 def test_a_backdrop_is_put_behind_by_opacity_after_all_shading(ctx, pack, style, mode):
@@ -111,29 +100,6 @@ def test_a_backdrop_is_put_behind_by_opacity_after_all_shading(ctx, pack, style,
     assert opaque.any() and np.abs(shown - plain)[opaque].max() < 2 / 255
 
 
-@pytest.mark.parametrize("style", STYLES)
-def test_tiles_of_a_picture_have_one_backdrop(ctx, pack, style):
-    whole = ViewCamera.orbit(pack, 35, 28, 2.9, fov_degrees=42, size=(64, 48))
-    wanted = of_picture(RenderSettings(backdrop=backdrop(style, "light")), whole.height, whole.fy)
-    renderer = OffscreenRenderer(pack, ctx=ctx)
-    expected = renderer.render(whole, RenderSettings(backdrop=backdrop(style, "light")))
-    part = replace(whole, width=20, height=16, cx=whole.cx - 40, cy=whole.cy - 30)
-    tile = renderer.render(part, wanted)
-    larger = renderer.render(part.resized(40, 32), wanted)
-    renderer.release()
-    assert np.abs(tile.astype(int) - expected[30:46, 40:60]).max() <= 1
-    assert np.abs(larger[::2, ::2].astype(int).mean() - tile.mean()) < 3
-
-
-def test_a_photograph_is_compared_over_the_plain_background(offscreen, app, pack, tmp_path):
-    ui = offscreen(app, size=(700, 500))
-    app.show(photographed(pack, tmp_path / "scene", 2), tmp_path / "toy")
-    app.set_backdrop("checker")
-    app.gallery.stand_in(app, 0)
-    ui.settle()
-    assert app.comparison.psnr_db is not None and app.comparison.psnr_db > 40
-
-
 def test_the_backdrop_goes_with_the_theme_and_a_plain_colour_ends_it(app):
     app.set(background=(0.0, 0.0, 0.0))
     app.set_backdrop("gradient")
@@ -143,31 +109,3 @@ def test_the_backdrop_goes_with_the_theme_and_a_plain_colour_ends_it(app):
     assert app.settings.backdrop != dark and app.settings.backdrop.style == "gradient"
     app.set_backdrop("plain")
     assert app.settings.backdrop is None
-
-
-def test_what_was_larger_for_a_while_leaves_no_size_behind(offscreen, app):
-    """imgui's scale_all_sizes multiplies what is there: the least size of a window grew with each change of theme or size."""
-    ui: OffscreenUi = offscreen(app)
-
-    def sizes() -> dict[str, object]:
-        imgui.set_current_context(ui.ui.context)
-        style = imgui.get_style()
-        found = {name: getattr(style, name) for name in dir(style) if not name.startswith("_")}
-        return {
-            name: (value.x, value.y) if isinstance(value, ImVec2) else value
-            for name, value in found.items()
-            if isinstance(value, float | int | ImVec2)
-        }
-
-    ui.frame()
-    before = sizes()
-    for _ in range(3):
-        run(app, "theme")
-        run(app, "larger")
-        ui.frame()
-    for _ in range(3):
-        run(app, "smaller")
-        ui.frame()
-    run(app, "theme")
-    ui.frame()
-    assert sizes() == before and before["window_min_size"] == (32.0, 32.0)

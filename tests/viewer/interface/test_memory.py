@@ -27,6 +27,7 @@ WARM_UP, PACKS, ROUNDS = 15, 30, 3
 REPOSITORY = Path(__file__).parents[3]
 
 
+@pytest.mark.slow
 def test_thirty_packs_opened_from_disk_and_closed_leave_memory_where_it_was(tmp_path: Path) -> None:
     if not Path("/proc/self/statm").exists():
         pytest.skip("this system does not tell what a process holds as Linux does")

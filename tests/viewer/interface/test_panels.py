@@ -3,13 +3,10 @@
 import numpy as np
 import pytest
 from imgui_bundle import imgui
-from PIL import Image
 
 from tests.viewer.rendering.shapes import surroundings_pack
-from tests.viewer.waiting import until
 from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.features.preferences.preferences import apply_preferences, current_preferences
 from viewer.interface.layout import PAGES
 from viewer.rendering.settings import MODES
@@ -41,10 +38,6 @@ def test_the_window_shows_the_same_pixels_as_the_offscreen_renderer(ui, app, pac
     # Tiles round rays a little differently, so that a few pixels may fall on the other side of a rounding.
     difference = np.abs(shown.astype(int) - expected.astype(int))
     assert (difference > 1).mean() < 1e-3
-
-
-def test_something_of_the_toy_is_seen(ui):
-    assert scene_part(ui).reshape(-1, 3).std(axis=0).max() > 15
 
 
 def test_a_drag_turns_a_right_drag_slides_the_wheel_comes_nearer(ui, app):
@@ -134,24 +127,6 @@ def test_the_surroundings_of_a_contracted_pack_have_a_switch_that_is_remembered(
     assert app.settings.surroundings and np.abs(scene_part(ui).astype(int) - whole).mean() < 1
 
 
-def test_the_marcher_is_chosen_on_the_performance_page_and_draws_the_picture(ui, app, pack):
-    app.interface.page = "performance"
-    with watch() as seen:
-        ui.settle()
-        places = {label.partition("##")[0]: each.at for (_, label), each in seen.seen.items() if "##marcher" in label}
-    assert list(places) == ["Exact", "Paper", "Every sample"]
-    before, drawn = ui.canvas.gpu_bytes_by_use["Pack"], {}
-    for name, marcher in (("Paper", "paper"), ("Every sample", "brute"), ("Exact", "exact")):
-        ui.click(*places[name])
-        ui.settle()
-        assert app.settings.marcher == marcher
-        drawn[name] = scene_part(ui).astype(int)
-        assert (np.abs(drawn[name] - ui.canvas.snapshot(app.camera(), app.settings)) > 1).mean() < 1e-3
-    assert np.abs(drawn["Paper"] - drawn["Every sample"]).max() > 2, "the paper's picture is a little different"
-    assert (np.abs(drawn["Exact"] - drawn["Every sample"]) > 1).mean() < 1e-3
-    assert ui.canvas.gpu_bytes_by_use["Pack"] > 1.5 * before, "the paper's textures are its own"
-
-
 def test_a_dialog_waits_for_its_answer_and_keeps_the_keys(ui, app):
     app.messages.fail("it cannot be opened", "the file is no pack")
     ui.settle()
@@ -173,14 +148,6 @@ def test_every_page_and_every_mode_draws_without_gl_errors(ui, app):
         app.set(mode=mode)
         ui.settle()
         assert ui.ctx.error == "GL_NO_ERROR"
-
-
-def test_a_forward_facing_pack_slides_under_the_left_button(ui, app, ndc_pack, pack_folder):
-    app.show(ndc_pack, pack_folder)
-    ui.settle()
-    before = app.scene.rig.goal
-    ui.drag([MIDDLE, (460, 430)])
-    assert app.scene.rig.goal.pivot != before.pivot and app.scene.rig.goal.azimuth == before.azimuth
 
 
 def test_the_start_page_is_shown_without_a_scene(offscreen, app):
@@ -215,61 +182,3 @@ def test_the_picture_is_quick_while_moving_and_whole_at_rest(ui, app):
     assert ui.canvas.pending and ui.canvas.drawn_size[0] < app.viewport.pixels[0]
     ui.settle()
     assert ui.canvas.drawn_size == app.viewport.pixels
-
-
-def test_a_film_is_exported_while_the_window_goes_on(ui, app, tmp_path):
-    run(app, "turntable")
-    app.filming.size, app.filming.fps = (96, 64), 2.0
-    app.filming.film(app, tmp_path / "frames")
-    azimuth = app.scene.rig.goal.azimuth
-    ui.drag([MIDDLE, (480, 400)])
-    for _ in range(600):
-        ui.frame()
-        if app.filming.export is None:
-            break
-    assert len(list((tmp_path / "frames").glob("*.png"))) == 16
-    assert app.scene.rig.goal.azimuth != azimuth
-    assert not app.messages.dialogs and ui.ctx.error == "GL_NO_ERROR"
-
-
-def test_a_path_is_typed_where_the_system_has_no_dialogs(ui, app, pack_folder):
-    ui.key(imgui.Key.mod_ctrl, imgui.Key.mod_shift, imgui.Key.o)
-    assert app.file_request is not None
-    ui.frame()
-    ui.io.add_input_characters_utf8(str(pack_folder))
-    ui.frame()
-    ui.key(imgui.Key.enter)
-    assert app.file_request is None and app.loading is not None
-    until(lambda: app.loading.finished)
-    ui.settle()
-    assert app.scene.path == pack_folder and not app.messages.dialogs
-
-
-def test_flying_moves_with_the_keys(ui, app):
-    ui.key(imgui.Key.v)
-    before = app.scene.rig.goal.eye(app.scene.rig.table)
-    ui.hold(imgui.Key.w)
-    for _ in range(10):
-        ui.frame()
-    ui.let_go(imgui.Key.w)
-    ui.frame()
-    assert np.linalg.norm(app.scene.rig.goal.eye(app.scene.rig.table) - before) > 0.01
-
-
-def test_a_still_that_is_saved_with_anti_aliasing_is_the_mean_of_rays(ui, app, tmp_path):
-    filming, pictures = app.filming, {}
-    app.interface.page, filming.size = "film", (96, 64)
-    with watch() as seen:
-        ui.settle()
-        places = {label.partition("##")[0]: each.at for (_, label), each in seen.seen.items() if "##samples" in label}
-    for name, size in (("Off", (96, 64)), ("4 × 4", (96, 64)), ("Off", (384, 256))):
-        ui.click(*places[name])
-        filming.size = size
-        filming.still(app, tmp_path / "still.png")
-        until(lambda: ui.frame() or filming.export is None)
-        pictures[name, size[0]] = np.asarray(Image.open(tmp_path / "still.png")).astype(float)
-    mean = pictures["Off", 384].reshape(64, 4, 96, 4, 3).mean(axis=(1, 3))
-    difference = np.abs(pictures["4 × 4", 96] - mean)
-    assert (difference > 1.01).mean() < 1e-3  # both are rounded; tiles round rays a little differently
-    assert np.abs(pictures["Off", 96] - mean).max() > 30
-    assert filming.of_another_scene().samples == 1

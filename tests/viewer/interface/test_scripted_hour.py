@@ -6,9 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 REPOSITORY = Path(__file__).parents[3]
 
 
+@pytest.mark.slow
 def test_random_use_of_everything_at_once_finds_nothing() -> None:
     command = [sys.executable, "-m", "tests.viewer.interface.scripted_hour", "--events", "90", "--seed", "5"]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}

@@ -12,7 +12,6 @@ from scenepack import Pack
 from tests.viewer.rendering.pictures import assert_same_picture
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import RenderSettings
 from viewer.rendering.skip_grid import MARGIN, hull_triangles
 
 CELL = 4
@@ -57,10 +56,6 @@ def test_every_edge_belongs_to_two_triangles_that_run_along_it_in_opposite_direc
     assert all((b, a) in edges for a, b in edges)
 
 
-def test_nothing_has_no_hull() -> None:
-    assert hull_triangles(np.zeros((3, 4, 5), bool), CELL).shape == (0, 3, 3)
-
-
 def test_a_framebuffer_without_depth_shows_the_same_picture(ctx: moderngl.Context, shapes: Pack) -> None:
     camera = ViewCamera.orbit(shapes, 35, size=(64, 48))
     with OffscreenRenderer(shapes, ctx=ctx) as offscreen:
@@ -73,16 +68,3 @@ def test_a_framebuffer_without_depth_shows_the_same_picture(ctx: moderngl.Contex
         assert_same_picture(pixels / 255, expected / 255)
         bare.release()
         texture.release()
-
-
-def test_content_that_reaches_past_the_edge_of_the_picture_is_not_cut(ctx: moderngl.Context, shapes: Pack) -> None:
-    """From within, from close by, and from where the hull reaches behind the camera."""
-    middle = shapes.min_xyz + 0.5 * shapes.voxel_size * np.asarray(shapes.grid_size)
-    with OffscreenRenderer(shapes, ctx=ctx) as offscreen:
-        for away in (0.0, 0.3, 0.6, 1.2):
-            camera = ViewCamera.look_at(
-                (middle + np.array([0.01, 0.02, away])), middle - [0.3, 0.1, 1.0], fov_degrees=100, size=(90, 60)
-            )
-            exact, brute = (offscreen.render_float(camera, RenderSettings(marcher=m)) for m in ("exact", "brute"))
-            assert exact.std() > 0.02
-            assert_same_picture(exact, brute)

@@ -16,11 +16,9 @@ from tests.viewer.rendering.shapes import BALL, FLOOR, SKY
 from viewer.core.pose import project
 from viewer.features.camera.orbit_camera import view_from_within
 from viewer.features.measuring.surface import surface_at
-from viewer.rendering.camera import ViewCamera, content_box, ray_through
-from viewer.rendering.framing import filling_orbit, outline
+from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.layers import depth_along_axis, unit_normals
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import RenderSettings
 
 Make = Callable[..., OffscreenRenderer]
@@ -71,6 +69,7 @@ def test_crop_box_and_near_plane_keep_it_exact(offscreen: Make, surroundings: Pa
         assert_exact(offscreen(surroundings), CAMERAS[name], wanted, name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_exact_takes_every_sample_of_random_packs(offscreen: Make, seed: int) -> None:
     """Cubes of any size, in the middle of the grid or not; part of the grid may lie beyond infinity."""
@@ -89,21 +88,6 @@ def test_the_paper_marcher_comes_close(offscreen: Make, surroundings: Pack, name
     paper = offscreen(surroundings, "paper").render_float(camera, RenderSettings(marcher="paper"))
     exact = offscreen(surroundings).render_float(camera)
     assert 22 < -10 * np.log10(np.mean((paper - exact) ** 2)) < 60
-
-
-def test_a_cube_around_the_whole_grid_changes_nothing_but_the_phase(offscreen: Make, shapes: Pack) -> None:
-    camera = ViewCamera.orbit(shapes, 40, size=(96, 96))
-    contracted = shapes.with_metadata(contraction=9.0)
-    pictures, depths = [], []
-    for pack in (shapes, contracted):
-        renderer = offscreen(pack)
-        pictures.append(renderer.render_float(camera))
-        raw = renderer.render_raw(camera, RenderSettings(mode="depth", raw=True))
-        depths.append(np.where(raw[..., 3] > 0.9, depth_along_axis(raw, camera, pack), 0.0))
-    assert np.abs(pictures[1] - pictures[0]).mean() < 0.02
-    both = (depths[0] > 0) & (depths[1] > 0)
-    off = np.abs(depths[1] - depths[0])[both] / shapes.voxel_size
-    assert both.sum() > 500 and np.percentile(off, 95) < 1.0
 
 
 def known_distance(point: np.ndarray, ray: np.ndarray) -> tuple[float, np.ndarray, float]:
@@ -162,17 +146,6 @@ def test_what_is_picked_lies_where_it_is_seen(surroundings: Pack) -> None:
     assert without is None or np.abs(without.point).max() <= 1.001
 
 
-def test_the_inner_cube_is_what_cameras_frame(surroundings: Pack) -> None:
-    low, high = content_box(surroundings)
-    assert np.abs(np.stack([low, high])).max() <= 1.0 and np.all(high > low)
-    assert np.abs(outline(surroundings)).max() <= 1.0
-    near, far = RayFrame(surroundings).depth_range(outside)
-    assert (near * VOXEL, far * VOXEL) == pytest.approx(
-        np.linalg.norm(outside.position) + np.sqrt(3) * np.array([-1, 1])
-    )
-    assert all(np.linalg.norm(camera.position) < 6.0 for camera in filling_orbit(surroundings, 3, 40.0, SIZE))
-
-
 def test_the_viewer_begins_amid_the_photographs_wherever_they_were_taken(surroundings: Pack) -> None:
     """A contracted pack surrounds its cameras, unlike one of an object."""
     views = [ViewCamera.orbit(surroundings, azimuth, distance=5.0) for azimuth in (0, 20, 40)]
@@ -189,14 +162,3 @@ def test_the_viewer_begins_amid_the_photographs_wherever_they_were_taken(surroun
     first = view_from_within(surroundings.with_metadata(cameras=cameras))
     assert first is not None and np.allclose(first.position, views[1].position)
     assert view_from_within(surroundings.with_metadata(cameras=cameras, contraction=None)) is None
-
-
-def test_no_light_is_lost_where_rays_leave_for_infinity(offscreen: Make, surroundings: Pack) -> None:
-    alpha = offscreen(surroundings).render_float(inside, RenderSettings(mode="alpha"))
-    assert alpha.min() > 0.98
-
-
-def test_the_atlas_and_the_costs_can_be_shown(offscreen: Make, surroundings: Pack) -> None:
-    for mode in ("atlas", "samples", "jumps", "macroblocks", "features", "view-dependent"):
-        picture = offscreen(surroundings).render(outside, RenderSettings(mode=mode, cost_scale=24))
-        assert picture.std() > 3, mode

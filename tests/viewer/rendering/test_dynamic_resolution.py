@@ -1,7 +1,6 @@
 """How many pixels are drawn."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -68,35 +67,6 @@ def test_the_whole_frame_holds_the_target_and_no_pixels_are_given_away(ms_at_ful
     assert work >= 0.8 * HEADROOM * target or resolution.scale in (1.0, SMALLEST_SCALE)
 
 
-@given(ms_at_full=st.floats(20.0, 800.0), rest=st.floats(1.0, 4.0), fixed=st.floats(0.0, 1.0))
-def test_where_the_rest_leaves_no_time_the_picture_keeps_a_share_of_the_frame(ms_at_full, rest, fixed):
-    """The target is lost: pictures that are smaller still would cost sharpness and bring no rate."""
-    resolution = DynamicResolution(target_fps=30.0)
-    target = resolution.target_ms
-    machine = Machine(ms_at_full, panels=0.7 * rest * target, swap=0.3 * rest * target, fixed=fixed * target)
-    machine.run(resolution)
-    unmoved = (rest + fixed) * target
-    assert machine.work(resolution) <= 1.6 * unmoved or resolution.scale == SMALLEST_SCALE
-    share = machine.pixels_ms(resolution) / unmoved  # or it is sharp enough anyway, and takes less
-    assert share >= 0.35 or resolution.scale >= 0.4
-
-
-def test_panels_that_take_more_than_the_frame_leave_a_picture_that_is_worth_looking_at():
-    """As it was met: 56 ms a frame, nearly all of them the panels', and a picture of 119 x 95 pixels in 992 x 792."""
-    resolution = DynamicResolution(target_fps=30.0)
-    frames = Machine(ms_at_full=120.0, panels=38.0, swap=12.0, fixed=1.0, noise=0.1).run(resolution)
-    assert resolution.scale > 0.4 and frames[-50:].mean() < 80.0
-
-
-@pytest.mark.parametrize("fps", [30.0, 60.0])
-def test_waiting_for_the_screen_takes_nothing_from_the_picture(fps):
-    resolution = DynamicResolution(target_fps=fps, scale=SMALLEST_SCALE)
-    machine = Machine(ms_at_full=100.0, panels=2.0, refresh=1000.0 / 60.0, noise=0.05)
-    frames = machine.run(resolution, 400)[-200:]
-    assert machine.work(resolution) > 0.75 * resolution.target_ms
-    assert (frames > 1.05 * resolution.target_ms).mean() < 0.02
-
-
 def test_the_scale_holds_still_while_times_waver():
     resolution = DynamicResolution(target_fps=30.0)
     machine = Machine(ms_at_full=150.0, panels=4.0, swap=3.0, noise=0.05)
@@ -108,42 +78,7 @@ def test_the_scale_holds_still_while_times_waver():
     assert max(scales) / min(scales) < 1.12 and (np.diff(scales) != 0).mean() < 0.3
 
 
-def test_two_pictures_share_one_frame():
-    one, two = DynamicResolution(), DynamicResolution()
-    Machine(100.0).run(one)
-    for _ in range(150):
-        ms = 100.0 * two.moving_scale**2
-        for _ in range(2):
-            two.moved(ms, round(FULL * two.moving_scale**2))
-        two.frame_ended(2 * ms)
-    assert two.scale == pytest.approx(one.scale / np.sqrt(2), rel=0.1)
-
-
 def test_a_resolution_that_is_not_dynamic_draws_everything():
     resolution = DynamicResolution(enabled=False, rest_scale=0.5)
     Machine(900.0).run(resolution, 5)
     assert resolution.moving_scale == 0.5
-
-
-def test_frames_in_which_nothing_moved_change_nothing():
-    resolution = DynamicResolution()
-    for _ in range(5):
-        resolution.frame_ended(400.0, 20.0)
-    assert resolution == DynamicResolution()
-
-
-def test_tiles_grow_with_the_cards_speed():
-    resolution = DynamicResolution()
-    sides = []
-    for speed in (100, 1000, 10000):
-        resolution.pixels_per_ms = speed
-        sides.append(resolution.tile_side())
-    assert sides == sorted(sides) and sides[0] < sides[2]
-
-
-def test_tiles_are_not_smaller_than_panels_that_take_long_are_worth():
-    """A tile comes with a frame each, so that many small ones would take as many times the panels."""
-    quick, slow = DynamicResolution(), DynamicResolution()
-    Machine(100.0, panels=2.0).run(quick)
-    Machine(100.0, panels=120.0).run(slow)
-    assert slow.tile_side() > 1.7 * quick.tile_side()

@@ -17,8 +17,7 @@ from scenepack.pack import Pack
 from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import packs, random_pack
 from tests.viewer.rendering.pictures import assert_same_picture
-from viewer.core.pose import project
-from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
+from viewer.rendering.camera import ViewCamera, is_mirrored
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
@@ -168,35 +167,6 @@ def test_a_forward_facing_pack_has_no_orthographic_view(offscreen: Make, ndc_sha
     camera = forward_facing_camera(np.random.default_rng(3)).as_orthographic(2.0)
     with pytest.raises(ValueError, match="no orthographic view"):
         offscreen(ndc_shapes).render(camera)
-
-
-def test_parallel_rays_show_the_same_size_from_every_distance(offscreen: Make, shapes: Pack) -> None:
-    renderer = offscreen(shapes)
-    near, far = (ViewCamera.orbit(shapes, 40, 20, d, size=(90, 70)).as_orthographic(3.0) for d in (3.0, 5.0))
-    wanted = RenderSettings(mode="alpha")
-    seen = [renderer.render_float(camera, wanted)[..., 0] for camera in (near, far)]
-    assert 0.05 < seen[0].mean() < 0.6 and abs(seen[0] - seen[1]).mean() < 0.01  # the samples' phase differs
-    pixels, before = project(near, content_box(shapes)[0][None])
-    assert before.all() and project(far, content_box(shapes)[0][None])[0] == pytest.approx(pixels, abs=1e-6)
-
-
-def test_samples_mode_counts_wherever_something_contributes(offscreen: Make, shapes: Pack) -> None:
-    camera = ViewCamera.orbit(shapes, 40, size=SIZE)
-    contributing = render_reference(shapes, camera).samples > 0
-    counted = offscreen(shapes).render_float(camera, RenderSettings(mode="samples", cost_scale=1e6))[..., 2] > 0
-    assert contributing.any() and np.all(counted[contributing])
-
-
-def test_an_empty_pack_is_background(offscreen: Make) -> None:
-    pack = random_pack(np.random.default_rng(0), style="isolated")
-    empty = replace(
-        pack, atlas_indices=np.full_like(pack.atlas_indices, 255), atlas_rgba=np.zeros((4, 16, 16, 4), np.uint8)
-    )
-    empty = replace(empty, atlas_features=None, view_mlp=None)
-    camera = ViewCamera.look_at((0, 0, 3), (0, 0, 0), size=SIZE)
-    for marcher in ("exact", "brute", "paper"):
-        picture = offscreen(empty, marcher).render(camera, RenderSettings(marcher=marcher, background=(1, 0, 0)))
-        assert np.array_equal(np.unique(picture.reshape(-1, 3), axis=0), [[255, 0, 0]])
 
 
 def test_exact_is_every_sample_on_a_pack_made_elsewhere(offscreen: Make, real_pack: Pack) -> None:

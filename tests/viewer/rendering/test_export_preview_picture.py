@@ -36,18 +36,3 @@ def test_a_preview_is_seen_where_the_pack_is_in_its_colours(ctx: moderngl.Contex
         assert ctx.error == "GL_NO_ERROR"
     finally:
         canvas.close()
-
-
-def test_what_is_in_front_hides_what_is_behind(ctx: moderngl.Context) -> None:
-    """The post stands before the ball from one side, and behind it from the other."""
-    pack, canvas = toy_pack(), Canvas(ctx)
-    try:
-        geometry = preview_geometry(pack, Export("mesh"))
-        blue = []
-        for x in (4.0, -4.0):
-            camera = ViewCamera.look_at((x, -0.25, 0.0), (0.0, -0.25, 0.0), size=(121, 121))
-            middle = canvas.draw_export_preview(geometry, camera, GROUND)[60, 60]
-            blue.append(int(middle.argmax()) == 2)
-        assert blue == [True, False]
-    finally:
-        canvas.close()

@@ -66,6 +66,7 @@ def wakings_meanwhile(wait: Callable[[], object]) -> int:
     return during
 
 
+@pytest.mark.slow
 def test_other_threads_run_while_a_picture_is_drawn(ctx, slow):
     if not is_software(str(ctx.info["GL_RENDERER"])):
         pytest.skip("a card draws it in no time")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import moderngl
 import numpy as np
 import pytest
@@ -12,9 +10,8 @@ from console import UserError
 from scenepack.pack import Pack
 from tests.scenepack.random_packs import random_pack
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_memory import Limits, Uploader
+from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.gpu_scene import GpuScene, tightest_atlas, upload
-from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.renderer import Renderer
 
 
@@ -99,26 +96,3 @@ def arrived(scene: GpuScene, pack: Pack) -> np.ndarray:
     indirection = np.frombuffer(texture.read(alignment=1), np.uint8)
     indirection = indirection.reshape(*(n + 2 for n in pack.occupied.shape), 4)
     return indirection[1:-1, 1:-1, 1:-1, 3][pack.occupied] == 0
-
-
-def test_gpu_bytes_are_within_a_sixth_of_the_occupied_macroblocks(
-    offscreen: Callable[..., OffscreenRenderer], real_pack: Pack
-) -> None:
-    voxels = int(real_pack.occupied.sum()) * real_pack.padded_block_size**3
-    assert offscreen(real_pack).renderer.gpu_bytes() <= 1.15 * 4 * voxels
-
-
-def test_a_texture_that_the_driver_refuses_is_told_in_one_line(ctx: moderngl.Context) -> None:
-    if "llvmpipe" not in ctx.info["GL_RENDERER"]:
-        pytest.skip("other drivers may have 32 GiB to spare")
-    uploader = Uploader(ctx)
-    with pytest.raises(UserError, match="no room for the huge texture"):
-        uploader.volume("huge", (2048, 2048, 2048), 4)
-    uploader.give_up()
-
-
-def test_diffuse_packs_upload_no_features(ctx: moderngl.Context) -> None:
-    pack = random_pack(np.random.default_rng(1), diffuse=True)
-    scene = upload(ctx, pack, "exact")
-    assert "atlas_features" not in scene.textures
-    scene.release()

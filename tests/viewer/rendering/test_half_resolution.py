@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import moderngl
 import numpy as np
 import pytest
 
-from console import Notice, UserError
-from scenepack import Pack, save_pack
-from scenepack.blocks import atlas_from_dense, dense_from_pack
-from scenepack.check import check_pack
+from console import Notice
+from scenepack import Pack
+from scenepack.blocks import dense_from_pack
 from tests.viewer.rendering.shapes import shapes_pack
-from viewer.commands import render
-from viewer.rendering import gpu_scene
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
-from viewer.rendering.gpu_memory import Limits, NoRoomError, half_resolution
+from viewer.rendering.gpu_memory import Limits, half_resolution
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.renderer import Renderer
 
@@ -47,14 +43,6 @@ def test_each_voxel_is_the_mean_of_eight_seen_through_twice_the_depth(side: int)
         assert np.abs(halved - np.minimum(expected, 255)).max() <= 0.51
 
 
-def test_the_padding_is_made_anew_and_content_lies_where_it_lay(shapes: Pack) -> None:
-    half = half_resolution(shapes)
-    assert not [finding for finding in check_pack(half) if finding.severity == "error"]
-    rgba, features = dense_from_pack(half)
-    _, again, again_features = atlas_from_dense(rgba, features, half.block_size, half.occupied)
-    assert np.array_equal(again, half.atlas_rgba) and np.array_equal(again_features, half.atlas_features)
-
-
 def test_the_picture_stays_much_the_same(offscreen: Callable[..., OffscreenRenderer]) -> None:
     pack = shapes_pack(140, 30)
     camera = ViewCamera.orbit(pack, 35, 28, size=(120, 90))
@@ -80,44 +68,7 @@ def test_a_pack_too_large_for_the_card_is_shown_at_half_resolution_with_both_siz
     assert len(caught) == 1 and "\n" not in str(caught[0].message)
 
 
-def test_what_a_driver_refuses_while_textures_are_made_counts_as_too_large(
-    ctx: moderngl.Context, shapes: Pack, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    allocate = gpu_scene._allocate
-    refused = []
-
-    def refuse_the_first_size(uploader, pack: Pack, layout: str, features_beside: bool):
-        if len(refused) < 2:  # in one atlas, then in two
-            uploader.volume("first", (8, 8, 8), 4)  # must be given back
-            refused.append(uploader.made[0])
-            raise NoRoomError("no room", found="GL_OUT_OF_MEMORY")
-        return allocate(uploader, pack, layout, features_beside)
-
-    monkeypatch.setattr(gpu_scene, "_allocate", refuse_the_first_size)
-    with pytest.warns(Notice, match="GL_OUT_OF_MEMORY"):
-        Renderer(ctx, shapes).release()
-    assert all(isinstance(texture.mglo, moderngl.InvalidObject) for texture in refused)
-
-
-def test_where_not_even_a_small_pack_fits_it_is_one_line(ctx: moderngl.Context, shapes: Pack) -> None:
-    with pytest.raises(UserError, match="too large") as caught:
-        Renderer(ctx, shapes, limits=Limits(PLENTY, 1000))
-    assert "\n" not in str(caught.value)
-
-
-def test_a_command_warns_and_goes_on(
-    shapes: Pack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], ctx
-) -> None:
-    save_pack(shapes, tmp_path / "pack")
-    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, _: Limits(PLENTY, 400_000)))
-    words = [str(tmp_path / "pack"), "--out", str(tmp_path / "a.png"), "--size", "32x24"]
-    try:
-        assert render.main(words) == 0
-    finally:
-        ctx.__enter__()
-    assert "half resolution" in capsys.readouterr().err
-
-
+@pytest.mark.slow
 def test_a_pack_can_be_drawn_while_it_arrives(ctx: moderngl.Context, shapes: Pack) -> None:
     camera = ViewCamera.orbit(shapes, 35, 28, size=(64, 48))
     framebuffer = ctx.simple_framebuffer((64, 48))
@@ -143,6 +94,7 @@ def test_a_pack_can_be_drawn_while_it_arrives(ctx: moderngl.Context, shapes: Pac
     framebuffer.release()
 
 
+@pytest.mark.slow
 def test_a_canvas_goes_on_drawing_until_all_has_arrived(
     ctx: moderngl.Context, shapes: Pack, monkeypatch: pytest.MonkeyPatch
 ) -> None:

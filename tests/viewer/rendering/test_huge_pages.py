@@ -9,13 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from viewer.rendering.software_rasteriser import HUGE, _without, memory_taken_since, move_to_huge_pages, private_memory
-
-
-def test_the_parts_that_are_new_are_found() -> None:
-    assert _without([(0, 10), (20, 30)], []) == [(0, 10), (20, 30)]
-    assert _without([(0, 10), (20, 30)], [(2, 4), (8, 22), (29, 40)]) == [(0, 2), (4, 8), (22, 29)]
-    assert _without([(5, 6)], [(0, 10)]) == []
+from viewer.rendering.software_rasteriser import HUGE, memory_taken_since, move_to_huge_pages, private_memory
 
 
 def test_new_memory_is_moved_and_keeps_its_contents() -> None:

@@ -127,14 +127,3 @@ def test_light_is_decoded_before_opacity_is_multiplied_in() -> None:
     raw = np.array([[[0.25, 0.5, 0.0, 0.5]]], np.float32)
     assert np.allclose(linear_rgb(raw), [[[0.5 * 0.21404114, 0.5, 0.0]]], atol=1e-6)
     assert straight_rgba(raw).tolist() == [[[128, 255, 0, 128]]]
-
-
-def test_every_marcher_gives_the_same_numbers(offscreen: Make) -> None:
-    camera = ViewCamera.orbit(shapes_pack(), 200, size=(48, 36))
-    pictures = []
-    for marcher in ("exact", "brute"):
-        renderer = offscreen(shapes_pack(), marcher)
-        settings = RenderSettings(mode="normals", raw=True, marcher=marcher)  # type: ignore[arg-type]
-        pictures.append(renderer.render_raw(camera, settings))
-    away = np.abs(pictures[0] - pictures[1])
-    assert np.mean(away > 0.01) < 1e-3

@@ -48,30 +48,11 @@ def test_a_variable_that_chooses_the_driver_is_named_with_its_value(name, monkey
     assert f"{name}=1 is set" in line and f"unset {name}" in line and "install a graphics driver" in line
 
 
-def test_indirect_rendering_is_named(display, pack_folder) -> None:
-    done = call("viewer.commands.view", str(pack_folder), "--frames", "1", LIBGL_ALWAYS_INDIRECT="1", DISPLAY=display)
-    if done.returncode == 0:
-        pytest.skip("this X server draws indirectly")
-    assert done.returncode == 2 and "LIBGL_ALWAYS_INDIRECT=1 is set" in done.stderr.splitlines()[-1]
-
-
 def call(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
     kept = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     return subprocess.run(
         [sys.executable, "-m", *words], env=kept | environment, capture_output=True, text=True, timeout=120, cwd=ROOT
     )
-
-
-@pytest.mark.parametrize("version", ["3.1", "2.1"])
-@pytest.mark.parametrize("command", ["view", "render", "bench"])
-def test_mesa_pretending_to_be_old_is_told_with_its_version(display, pack_folder, tmp_path, command, version) -> None:
-    words = {"render": ["--out", str(tmp_path / "a.png")], "bench": ["--frames", "1"], "view": []}[command]
-    shown = {"DISPLAY": display} if command == "view" else {}
-    done = call(f"viewer.commands.{command}", str(pack_folder), *words, MESA_GL_VERSION_OVERRIDE=version, **shown)
-    assert done.returncode == 2, done.stderr
-    line = done.stderr.splitlines()[-1]
-    assert f"found OpenGL {version}" in line and "OpenGL 3.3 or later" in line and "unset it" in line
-    assert "rendering an orbit" not in done.stderr and len(done.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize("command", ["view", "render"])
@@ -84,24 +65,3 @@ def test_no_driver_is_told_with_what_to_install(display, pack_folder, tmp_path, 
         pytest.skip("this Mesa has its drivers built in")
     line = done.stderr.splitlines()[-1]
     assert done.returncode == 2 and "install a graphics driver" in line and "libgl1-mesa-dri" in line
-
-
-def test_a_viewer_started_from_a_desktop_shows_it_in_a_box(display, pack_folder, tmp_path) -> None:
-    """As from a menu: no terminal, stderr in the desktop's log."""
-    said = tmp_path / "said"
-    (tmp_path / "zenity").write_text(f'#!/bin/sh\necho "$@" > "{said}"\n')
-    (tmp_path / "zenity").chmod(0o755)
-    environment = {
-        **os.environ,
-        "DISPLAY": display,
-        "MESA_GL_VERSION_OVERRIDE": "3.1",
-        "PATH": f"{tmp_path}:{os.environ['PATH']}",
-    }
-    command = [sys.executable, "-m", "viewer.commands.view", str(pack_folder)]
-    with open(tmp_path / "log", "wb") as log:
-        done = subprocess.run(
-            command, env=environment, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-            start_new_session=True, timeout=120,
-        )  # fmt: skip
-    assert done.returncode == 2
-    assert "OpenGL 3.1" in said.read_text() and "--error" in said.read_text()

@@ -14,7 +14,6 @@ import pytest
 from console import UserError
 from scenepack.pack import Pack
 from tests.viewer.rendering.pictures import assert_same_picture
-from viewer.rendering import offscreen as offscreen_module
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_scene import Limits
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
@@ -97,35 +96,6 @@ def test_every_mode_of_every_kind_of_pack_draws_something_finite(
     assert (picture.std() == 0) == empty
 
 
-def test_where_nothing_is_every_marcher_shows_the_same_nothing(offscreen: Make, shapes: Pack) -> None:
-    away = ViewCamera.look_at((0, 0, 5), (0, 0, 9), size=(16, 12))
-    renderer = offscreen(shapes)
-    for mode in MODES:
-        pictures = [
-            renderer.render(away, RenderSettings(mode=mode, marcher=marcher, background=(0.2, 0.4, 0.6)))
-            for marcher in ("exact", "brute", "paper")
-        ]
-        assert np.array_equal(pictures[0], pictures[1]) and np.array_equal(pictures[0], pictures[2]), mode
-
-
-def test_the_view_mlp_at_every_sample_is_another_picture_but_not_a_far_one(
-    offscreen: Make, shapes: Pack, camera: ViewCamera
-) -> None:
-    renderer = offscreen(shapes)
-    once = renderer.render_float(camera)
-    each = renderer.render_float(camera, RenderSettings(view_mlp_per_sample=True))
-    assert 0 < np.abs(once - each).mean() < 0.2
-
-
-def test_renderers_can_come_and_go_in_one_context(ctx: moderngl.Context, shapes: Pack, camera: ViewCamera) -> None:
-    pictures = []
-    for _ in range(3):
-        with OffscreenRenderer(shapes, ctx=ctx) as renderer:
-            pictures.append(renderer.render(camera))
-            renderer.render_float(camera)
-    assert np.array_equal(pictures[0], pictures[2])
-
-
 def test_renderers_with_contexts_of_their_own_do_not_disturb_one_another(shapes: Pack, camera: ViewCamera) -> None:
     def draw() -> None:  # in a thread, for the current context is the thread's
         with OffscreenRenderer(shapes) as one, OffscreenRenderer(replace(shapes, view_mlp=None)) as other:
@@ -137,17 +107,6 @@ def test_renderers_with_contexts_of_their_own_do_not_disturb_one_another(shapes:
     thread.join()
     assert np.array_equal(pictures[0], pictures[2]) and np.array_equal(pictures[1], pictures[3])
     assert not np.array_equal(pictures[0], pictures[1])
-
-
-@pytest.mark.parametrize("message", ["libEGL.so not loaded", "Requested OpenGL version 330, got version 210", ""])
-def test_no_opengl_is_one_clear_line(monkeypatch: pytest.MonkeyPatch, message: str) -> None:
-    def fail(**_: object) -> None:
-        raise Exception(message)
-
-    monkeypatch.setattr(offscreen_module.moderngl, "create_context", fail)
-    with pytest.raises(UserError, match=r"OpenGL 3\.3 or later") as caught:
-        create_context()
-    assert "\n" not in str(caught.value) and "install" in str(caught.value)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only EGL tells which context is current")

@@ -10,11 +10,9 @@ import pytest
 
 from tests.viewer.rendering.shapes import glossy_mlp
 from viewer.rendering.shader_source import (
-    SHADER_FOLDER,
     ShaderError,
     assemble,
     compile_program,
-    define_lines,
     glsl_float,
     view_mlp_biases,
     view_mlp_weights,
@@ -42,17 +40,6 @@ def test_an_error_in_an_included_file_names_that_file_and_line(ctx: moderngl.Con
         compile_program(ctx, vertex, assemble("main.frag", defines, folder=tmp_path))
 
 
-def test_an_error_behind_an_include_names_the_including_file_and_line(ctx: moderngl.Context, tmp_path: Path) -> None:
-    write(
-        tmp_path,
-        main_vert=VERTEX,
-        main_frag='#version 330 core\n#include "one.glsl"\n#include "one.glsl"\nout vec4 c;\nvoid main() { c = nope; }\n',
-        one_glsl="const float ONE = 1.0;\n\n\n",
-    )
-    with pytest.raises(ShaderError, match=r"main\.frag:5:"):
-        compile_program(ctx, assemble("main.vert", folder=tmp_path), assemble("main.frag", {"X": 1}, folder=tmp_path))
-
-
 def test_an_error_in_the_vertex_shader_names_it(ctx: moderngl.Context, tmp_path: Path) -> None:
     write(
         tmp_path,
@@ -61,12 +48,6 @@ def test_an_error_in_the_vertex_shader_names_it(ctx: moderngl.Context, tmp_path:
     )
     with pytest.raises(ShaderError, match=r"bad\.vert:3:"):
         compile_program(ctx, assemble("bad.vert", folder=tmp_path), assemble("main.frag", folder=tmp_path))
-
-
-@pytest.mark.parametrize("message", ["2:7(3): error: x", "2(7) : error C1: x", "ERROR: 2:7: x"])
-def test_the_line_styles_of_mesa_nvidia_and_apple_are_understood(tmp_path: Path, message: str) -> None:
-    write(tmp_path, a_frag='#include "b.glsl"\n#include "c.glsl"\n', b_glsl="", c_glsl="")
-    assert "c.glsl:7:" in assemble("a.frag", folder=tmp_path).locate(message)
 
 
 def test_a_file_is_included_once_and_an_unknown_one_is_told_with_the_line_that_asked(tmp_path: Path) -> None:
@@ -84,17 +65,6 @@ def test_numbers_survive_the_way_into_a_shader_and_nothing_else_does() -> None:
     for value in (float("nan"), float("inf"), "1.0); discard; (", "0; }"):
         with pytest.raises(ValueError):
             glsl_float(value)  # type: ignore[arg-type]
-
-
-def test_definitions_are_floats_integers_bare_names_or_nothing() -> None:
-    assert (
-        define_lines({"A": 1.0, "B": 2, "C": True, "D": False, "E": None}) == "#define A 1.0\n#define B 2\n#define C\n"
-    )
-
-
-def test_every_shader_file_opens_with_what_it_is_for() -> None:
-    for path in SHADER_FOLDER.iterdir():
-        assert path.read_text(encoding="utf-8").startswith("// "), path.name
 
 
 def test_the_generated_view_mlp_holds_every_weight() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scenepack.pack import Pack
 from tests.reference_marcher import fetch
 from tests.scenepack.random_packs import packs
-from viewer.rendering.skip_grid import CELL, FARTHEST, chebyshev_distances, content_bounds, content_cells, skip_words
+from viewer.rendering.skip_grid import CELL, chebyshev_distances, content_bounds, content_cells, skip_words
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
@@ -54,11 +54,3 @@ def test_chebyshev_distances_are_those_of_a_plain_search(seed: int) -> None:
     everywhere = np.stack(np.indices(content.shape), axis=-1)
     expected = np.abs(everywhere[..., None, :] - places).max(axis=-1).min(axis=-1)
     assert np.array_equal(chebyshev_distances(content), expected)
-
-
-def test_distances_saturate_at_a_byte() -> None:
-    content = np.zeros((1, 2, 400), bool)
-    content[0, 0, 0] = True
-    distances = chebyshev_distances(content)
-    assert distances[0, 1, 1:].tolist() == [min(i, FARTHEST) for i in range(1, 400)]
-    assert np.all(chebyshev_distances(np.zeros((3, 3, 3), bool)) == FARTHEST)

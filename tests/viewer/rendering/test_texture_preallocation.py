@@ -73,30 +73,3 @@ def test_a_pack_in_a_texture_made_ahead_is_drawn_as_any_other(
     made.release()  # which was taken
     assert np.array_equal(with_room, picture(ctx, renderer, pack))
     renderer.release()
-
-
-def test_a_texture_for_another_pack_is_not_taken_and_is_given_back(ctx, shared_context, for_all_packs) -> None:
-    made = preallocate(ctx, toy_pack(), shared_context())
-    assert made is not None
-    renderer = Renderer(ctx, toy_pack(view_mlp=False), preallocated=made)
-    assert not made.taken
-    made.release()
-    assert isinstance(made._texture.mglo, moderngl.InvalidObject) and not made.busy
-    renderer.release()
-
-
-def test_a_texture_that_was_refused_is_made_anew(
-    ctx, shared_context, for_all_packs, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(texture_preallocation.PreallocatedTexture, "_make", lambda _: False)
-    pack = toy_pack()
-    made = preallocate(ctx, pack, shared_context())
-    assert made is not None
-    renderer = Renderer(ctx, pack, preallocated=made)
-    assert not made.taken and np.ptp(picture(ctx, renderer, pack)) > 50
-    made.release()
-    renderer.release()
-
-
-def test_small_packs_need_none(ctx, shared_context) -> None:
-    assert preallocate(ctx, toy_pack(), shared_context()) is None

@@ -20,7 +20,6 @@ from viewer.features.film.camera_path import CameraPath, Keyframe
 from viewer.rendering.camera import ViewCamera
 from viewer.web.page import PageContent
 
-pytestmark = pytest.mark.slow
 SIZE = (400, 300)
 Show = Callable[..., Browser]
 
@@ -52,6 +51,7 @@ def assert_as_desktop(browser: Browser, rig: Any) -> None:
     np.testing.assert_allclose(view["eye"], matrix[:3, 3], atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ndc", [False, True])
 def test_the_mouse_moves_the_camera_as_the_desktops_does(ndc: bool, show: Show) -> None:
     pack = shapes_pack(42, ndc=ndc)
@@ -72,6 +72,7 @@ def test_the_mouse_moves_the_camera_as_the_desktops_does(ndc: bool, show: Show) 
     assert not browser.problems
 
 
+@pytest.mark.slow
 def test_the_wheel_keeps_what_lies_under_the_cursor(show: Show, shapes: Pack) -> None:
     browser = show(shapes, size=SIZE)
 
@@ -88,6 +89,7 @@ def test_the_wheel_keeps_what_lies_under_the_cursor(show: Show, shapes: Pack) ->
     np.testing.assert_allclose(under_cursor(), first, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_one_finger_turns_two_fingers_move_and_zoom(show: Show, shapes: Pack) -> None:
     browser = show(shapes, size=SIZE)
     browser.resize(*SIZE, touch=True)
@@ -116,6 +118,7 @@ def test_one_finger_turns_two_fingers_move_and_zoom(show: Show, shapes: Pack) ->
         browser.resize(*SIZE)
 
 
+@pytest.mark.slow
 def test_keys_fly_turn_choose_and_reset(show: Show, shapes: Pack) -> None:
     browser = show(shapes, size=SIZE)
     start = goal(browser)
@@ -136,6 +139,7 @@ def test_keys_fly_turn_choose_and_reset(show: Show, shapes: Pack) -> None:
     assert goal(browser) == start
 
 
+@pytest.mark.slow
 def test_nothing_is_drawn_while_nothing_moves_and_the_picture_at_rest_is_sharp(show: Show, shapes: Pack) -> None:
     browser = show(shapes, size=SIZE)
     browser.key("keyDown", "h")  # hides the buttons
@@ -153,6 +157,7 @@ def test_nothing_is_drawn_while_nothing_moves_and_the_picture_at_rest_is_sharp(s
     assert difference.max() <= 1, "the screen does not show the picture of every pixel"
 
 
+@pytest.mark.slow
 def test_bookmarks_are_buttons_and_a_camera_path_is_played(show: Show, shapes: Pack) -> None:
     views = (
         Bookmark("From above", (0.0, 3.0, 0.1), (0.0, 0.0, 0.0)),

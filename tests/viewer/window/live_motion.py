@@ -20,7 +20,7 @@ from PIL import Image, ImageFilter, ImageGrab
 
 from tests.viewer.conftest import toy_pack
 from tests.viewer.rendering.pictures import FAILURES
-from tests.viewer.window.living import SIZE, pump
+from tests.viewer.window.living import SIZE, pump, wait
 from viewer.app.application import App
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.window.window import Window
@@ -126,7 +126,7 @@ def test_it_is_one_picture_while_the_camera_slides_out_of_view_turns_and_flies(w
     for button in (3, 1):
         slide(window, xdotool, grab, lambda shown: hold_against_camera(window, shown), button)
     xdotool("key", "v")
-    pump(window)
+    wait(window, lambda: window.app.scene.rig.flying)
     window.app.messages.toast_until = 0.0  # which would lie over the picture
     xdotool("keydown", "w")
     for _ in range(GRABS):
@@ -160,6 +160,7 @@ def test_two_packs_are_seen_through_one_camera_while_it_moves(window, xdotool, g
     app = window.app
     app.compare_with(toy_pack(), app.scene.path)
     app.comparison.how = "difference"
+    wait(window, lambda: not window.canvas.pending)
     worst = []
     slide(window, xdotool, grab, lambda shown: worst.append(shown.max()), button=1)
     assert max(worst) <= 24

@@ -41,6 +41,7 @@ def picture_of_name(name: str, display: str, pack, folder: Path, **environment: 
     return np.asarray(Image.open(folder / "a.png")).astype(int)[4:44, 100:160]
 
 
+@pytest.mark.slow
 def test_a_japanese_name_is_shown_in_the_real_window(display, pack, tmp_path):
     needs_japanese()
     one = picture_of_name(JAPANESE, display, pack, tmp_path)
@@ -48,6 +49,7 @@ def test_a_japanese_name_is_shown_in_the_real_window(display, pack, tmp_path):
     assert np.abs(one - other).max() > 60  # boxes are the same whatever they stand for
 
 
+@pytest.mark.slow
 def test_without_any_font_the_window_opens_all_the_same(display, pack, tmp_path):
     (tmp_path / "fonts.conf").write_text("<fontconfig></fontconfig>")
     bar = picture_of_name(JAPANESE, display, pack, tmp_path, FONTCONFIG_FILE=str(tmp_path / "fonts.conf"))

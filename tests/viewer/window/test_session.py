@@ -63,6 +63,7 @@ def own_display() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     server.wait(10)
 
 
+@pytest.mark.slow
 def test_a_display_that_goes_away_ends_it_and_nothing_is_lost(
     own_display: tuple[str, subprocess.Popen[bytes]], tmp_path: Path, pack_folder: Path
 ) -> None:
@@ -76,6 +77,7 @@ def test_a_display_that_goes_away_ends_it_and_nothing_is_lost(
         assert viewer.saved["recent"] == [str(pack_folder)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["SIGTERM", "SIGHUP", "display"])
 def test_what_is_being_made_saves_when_the_session_ends(
     own_display: tuple[str, subprocess.Popen[bytes]], tmp_path: Path, how: str
@@ -95,6 +97,7 @@ def test_what_is_being_made_saves_when_the_session_ends(
         wait_until(lambda: gone(int((tmp_path / "pid").read_text())), "the child's end")
 
 
+@pytest.mark.slow
 def test_two_viewers_at_once_keep_each_others_packs(display: str, tmp_path: Path, pack: Pack) -> None:
     for name in ("one", "two", "three"):
         save_pack(pack, tmp_path / name)
@@ -113,6 +116,7 @@ def test_two_viewers_at_once_keep_each_others_packs(display: str, tmp_path: Path
             assert [Path(name).name for name in second.saved["recent"]] == ["two", "one"]
 
 
+@pytest.mark.slow
 def test_a_crash_leaves_a_log_with_the_last_commands_and_the_next_start_says_where(
     viewer: RunningViewer, display: str, pack_folder: Path
 ) -> None:

@@ -82,29 +82,34 @@ def picture_of(display: str, tmp_path: Path, *words: object) -> np.ndarray:
     return np.asarray(Image.open(picture)).astype(int)
 
 
+@pytest.mark.slow
 def test_without_a_pack_the_start_page_is_shown(display, tmp_path):
     picture = picture_of(display, tmp_path)
     background = np.abs(picture - picture[-1, 0]).sum(axis=2) < 6
     assert 0.6 < background.mean() < 0.98 and background[:, :60].mean() > 0.9
 
 
+@pytest.mark.slow
 def test_a_photograph_is_wiped_at_the_command_line(display, tmp_path, known_pack):
     picture = picture_of(display, tmp_path, known_pack, "--photograph", "test/r_1", "--look", "wipe")
     edge = np.abs(picture - (0x45, 0xD0, 0xBD)).sum(axis=2) < 40
     assert edge[60:490, :400].mean(axis=0).max() > 0.9  # the wipe's edge, from top to bottom
 
 
+@pytest.mark.slow
 def test_another_pack_is_subtracted_at_the_command_line(display, tmp_path, known_pack):
     same = picture_of(display, tmp_path, known_pack, "--compare", known_pack, "--look", "difference")
     assert same[170:490, 10:400].max() < 12  # below the axes
 
 
+@pytest.mark.slow
 def test_a_path_is_exported_to_its_end_at_the_command_line(display, tmp_path, known_pack):
     frames = tmp_path / "frames"
     picture_of(display, tmp_path, known_pack, "--export", frames, "--export-size", "32x24")
     assert len(list(frames.glob("*.png"))) == 240  # a turntable: 8 s of 30 frames
 
 
+@pytest.mark.slow
 def test_a_bad_pack_is_a_dialog_on_a_display(display, tmp_path):
     (tmp_path / "scene_params.json").write_text("{")
     picture = tmp_path / "window.png"
@@ -115,6 +120,7 @@ def test_a_bad_pack_is_a_dialog_on_a_display(display, tmp_path):
     assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[150:300, 200:600].mean() > 0.5  # a card, in the middle
 
 
+@pytest.mark.slow
 def test_photographs_are_asked_about_on_a_display_and_told_without_one(display, tmp_path, known_pack):
     pixels = picture_of(display, tmp_path, known_pack.parent / "scene")
     assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[120:380, 130:670].mean() > 0.4  # a card, in the middle
@@ -128,6 +134,7 @@ def test_bad_arguments_are_one_line_and_status_2(pack_folder, words):
     assert done.returncode == 2 and len(told(done.stderr)) == 1
 
 
+@pytest.mark.slow
 def test_a_session_is_opened_at_the_command_line_and_a_bad_one_is_one_line(display, tmp_path, known_pack):
     app = App()
     app.show(load_pack(known_pack), known_pack)
@@ -154,6 +161,7 @@ def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
         Window(App())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Wayland is Linux's")
 @pytest.mark.parametrize("words", [(), ("--frames", "1", "--screenshot", "window.png")])
 def test_wayland_alone_is_refused_in_one_line_that_names_xwayland(pack_folder, monkeypatch, words):

@@ -94,16 +94,6 @@ def test_a_film_flies_through_the_views(app):
         assert np.allclose(path.at(path.start_of(i))[0], matrix, atol=1e-6)
 
 
-def test_a_view_remembers_what_is_up(pack):
-    app = App()
-    app.show(pack, Path("toy"))
-    lying = place(app, 30.0, "z")
-    run(app, "bookmark")
-    place(app, 10.0, "y")
-    run(app, "next-bookmark")
-    assert app.scene.rig.table.up == "z" and np.allclose(arrived(app), lying, atol=1e-6)
-
-
 def test_a_photographs_camera_is_bookmarked_level_from_its_place(app):
     here = place(app, 5.0)
     rig = app.scene.rig
@@ -112,10 +102,3 @@ def test_a_photographs_camera_is_bookmarked_level_from_its_place(app):
     rig.hold(replace(rig.camera((64, 48)), grid_T_camera=turned))
     run(app, "bookmark")
     assert np.allclose(app.annotations.current.bookmarks[0].eye, turned[:3, 3], atol=1e-6)
-
-
-def test_another_scene_has_other_views(app, pack):
-    run(app, "bookmark")
-    app.show(pack, Path("another"))
-    assert not app.annotations.current.bookmarks and app.bookmarks.selected is None
-    assert run(app, "next-bookmark") and "no bookmarks" in app.messages.toast

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.viewer.conftest import toy_pack
 from tests.viewer.window.widgets_seen import watch
 from viewer.app.commands import run
-from viewer.features.bookmarks.bookmarks import MOST_KEPT, SIZE
+from viewer.features.bookmarks.bookmarks import SIZE
 
 
 @pytest.fixture
@@ -58,33 +57,3 @@ def test_a_click_on_a_row_goes_there(ui, app):
     view = app.annotations.current.bookmarks[1]
     assert app.bookmarks.selected == 1
     assert np.allclose(app.scene.rig.matrix[:3, 3], view.eye, atol=1e-3)
-
-
-def test_keyframes_have_pictures_too_and_share_those_of_bookmarks(ui, app):
-    rows_of(ui, "bookmarks", "bookmark")
-    run(app, "film-bookmarks")
-    rows = rows_of(ui, "film", "key")
-    assert len(rows) == 4 and thumbnail(ui, rows[0]).std(axis=(0, 1)).max() > 20
-    assert len(app.views._pictures) == 4
-
-
-def test_pictures_are_of_this_background_and_of_this_pack_and_not_too_many(ui, app, pack_folder, monkeypatch):
-    rows = rows_of(ui, "bookmarks", "bookmark")
-    app.set(background=(0.0, 0.0, 0.0))
-    ui.settle()
-    assert thumbnail(ui, rows[0])[0].mean() < 60
-    app.show(toy_pack(seed=1), pack_folder)
-    ui.settle()
-    assert not app.views._pictures
-    monkeypatch.setattr("viewer.features.bookmarks.bookmarks.MOST_KEPT", 3)
-    for turn in (0.1, 0.2, 0.3, 0.4, 0.5):
-        app.scene.rig.orbit(turn, 0.0)
-        app.scene.rig.shown = app.scene.rig.goal
-        run(app, "bookmark")
-    before = set(ui.canvas._images)
-    app.interface.page = "bookmarks"
-    for _ in range(30):
-        ui.frame()
-        assert len(app.views._pictures) <= 3
-        assert len(ui.canvas._images) <= len(before) + 3 and ui.ctx.error == "GL_NO_ERROR"
-    assert MOST_KEPT > 100

@@ -1,15 +1,12 @@
 """What hands do to the camera."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.viewer.conftest import toy_pack
-from viewer.app.commands import run
-from viewer.core.pose import box_points, shortest_turn, view_camera
+from viewer.core.pose import box_points, shortest_turn
 from viewer.core.pose import project as projected
 from viewer.features.camera.forward_facing import (
     DISTANCES,
@@ -20,7 +17,6 @@ from viewer.features.camera.forward_facing import (
 )
 from viewer.features.camera.orbit_camera import OrbitCamera
 from viewer.rendering.camera import ViewCamera, content_box
-from viewer.rendering.framing import outline
 
 SIZE = (800, 600)
 
@@ -125,22 +121,6 @@ def test_home_comes_back_from_anywhere(rig):
     assert rig.goal == start and rig.fov == rig.home_fov
 
 
-def test_undo_and_redo_walk_through_gestures(rig):
-    places = [rig.goal]
-    for dx in (0.1, 0.2, 0.3):
-        rig.remember()
-        rig.orbit(dx, 0.0)
-        places.append(rig.goal)
-    for place in reversed(places[:-1]):
-        assert rig.history.undo()
-        assert rig.goal == place
-    assert not rig.history.undo()
-    for place in places[1:]:
-        assert rig.history.redo()
-        assert rig.goal == place
-    assert not rig.history.redo()
-
-
 def test_a_held_camera_is_shown_exactly_until_the_hands_move(rig):
     held = ViewCamera.look_at((2, 1, 2), (0, 0, 0), up=(0.2, 1, 0), fov_degrees=50, size=(400, 300))
     rig.hold(held)
@@ -210,16 +190,6 @@ def test_a_forward_facing_pack_is_first_seen_as_in_the_published_viewer(ndc_pack
     np.testing.assert_allclose(training, np.eye(3), atol=1e-12)
 
 
-def test_sliding_a_forward_facing_pack_moves_the_picture_with_the_hand(ndc_pack):
-    rig = orbit_camera_for(ndc_pack)
-    far = np.array([0.0, 0.0, 5.0])
-    before = project(rig.camera(SIZE), far)
-    rig.pan(0.1, 0.05)
-    rig.shown = rig.goal
-    after = project(rig.camera(SIZE), far)
-    assert after[0] > before[0] and after[1] > before[1]
-
-
 @settings(max_examples=40, deadline=None)
 @given(moves)
 def test_no_movement_breaks_the_camera(steps):
@@ -257,57 +227,6 @@ def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them():
     np.testing.assert_allclose(outside.matrix, OrbitCamera(toy_pack()).matrix)
 
 
-@given(aspect=st.floats(0.3, 3.0), azimuth=st.floats(0, 360), elevation=st.floats(-60, 60), fov=st.floats(15, 80))
-@settings(deadline=None, max_examples=60)
-def test_the_whole_scene_is_seen_in_every_picture(aspect, azimuth, elevation, fov):
-    pack = toy_pack()
-    rig = orbit_camera_for(pack)
-    rig.shape(aspect)
-    rig.fov = fov
-    rig.look_along(azimuth, elevation)
-    rig.frame()
-    rig.shown = rig.goal
-    size = (round(600 * aspect), 600)
-    pixels, before = projected(rig.camera(size), corners_of_voxels(pack))
-    assert before.all() and pixels.min() >= 0 and (pixels <= size).all()
-
-
-def test_the_first_view_follows_the_window_until_it_is_left(rig):
-    wide = rig.goal.distance
-    rig.shape(0.4)
-    assert rig.goal.distance > wide and rig.shown == rig.goal == rig.home_pose
-    rig.shape(1.5)
-    assert rig.goal.distance == wide
-    rig.orbit(0.1, 0.0)
-    left = rig.goal
-    rig.shape(0.4)
-    assert rig.goal == left
-    rig.home()
-    assert rig.goal.distance > wide
-
-
-def test_what_home_changes_of_the_lens_is_undone_too(rig):
-    rig.fov = 90.0
-    rig.home()
-    assert rig.history.undo() and rig.fov == 90.0
-
-
-def test_another_up_is_undone(rig):
-    before = rig.goal, rig.table
-    rig.set_up("-z")
-    assert rig.history.undo() and (rig.goal, rig.table) == before
-
-
-def test_the_first_view_is_filled_and_cuts_nothing_off():
-    rig = orbit_camera_for(toy_pack())
-    for aspect in (0.5, 1.0, 2.2):
-        rig.shape(aspect)
-        camera = rig.camera((round(600 * aspect), 600))
-        places = np.array([project(camera, point) for point in outline(toy_pack())])
-        shares = np.abs(places / [camera.width, 600] * 2 - 1)
-        assert 0.9 < shares.max() < 1.0
-
-
 def test_without_perspective_the_pivot_keeps_its_size_and_moving_closer_only_enlarges(rig):
     rig.look_along(30, 20)
     rig.shown = rig.goal
@@ -328,33 +247,6 @@ def test_without_perspective_the_pivot_keeps_its_size_and_moving_closer_only_enl
     assert rig.history.undo() and rig.orthographic
 
 
-def test_the_near_plane_stays_in_place_without_perspective(rig):
-    near = 0.8 * rig.goal.distance
-    plane = rig.camera(SIZE, near).position - near * rig.matrix[:3, 2]
-    rig.set_orthographic(True)
-    camera = rig.camera(SIZE, near)
-    np.testing.assert_allclose(
-        (camera.position - camera.near * rig.matrix[:3, 2] - plane) @ rig.matrix[:3, 2], 0, atol=1e-9
-    )
-
-
-def test_a_copied_orthographic_view_comes_back(app, pack, pack_folder):
-    app.show(pack, pack_folder)
-    rig = app.scene.rig
-    rig.set_orthographic(True)
-    rig.orbit(0.2, 0.1)
-    rig.dolly(3, (0.2, 0.1))
-    rig.shown = rig.goal
-    app.copy_pose()
-    before = rig.camera(SIZE)
-    rig.home()
-    app.paste()
-    after = rig.camera(SIZE)
-    assert after.orthographic and after.fx == pytest.approx(before.fx, rel=1e-5)
-    corners = box_points(*content_box(pack))
-    np.testing.assert_allclose(projected(after, corners)[0], projected(before, corners)[0], atol=0.01)
-
-
 @pytest.mark.parametrize(("axis", "angles"), [((1, 0, 0), (90, 0)), ((0, 1, 0), (0, 90)), ((0, 0, -1), (180, 0))])
 def test_an_axis_is_looked_along_and_from_the_other_side_the_second_time(rig, axis, angles):
     axis = np.array(axis, float)
@@ -364,31 +256,3 @@ def test_an_axis_is_looked_along_and_from_the_other_side_the_second_time(rig, ax
     rig.shown = rig.goal
     rig.look_from(axis)
     np.testing.assert_allclose(rig.goal.rotation(rig.table)[:, 2], -axis, atol=1e-9)
-
-
-def test_a_camera_that_looks_straight_down_keeps_its_turn(rig):
-    for azimuth in (0.0, 70.0, -130.0):
-        for elevation in (90.0, -90.0):
-            rig.look_along(azimuth, elevation)
-            rig.shown = rig.goal
-            rig.set_matrix(rig.matrix)
-            assert shortest_turn(rig.goal.azimuth, azimuth) == pytest.approx(0, abs=1e-6)
-
-
-def test_a_forward_facing_pack_says_that_it_has_no_orthographic_view(app, ndc_pack):
-    app.show(ndc_pack, Path("ndc"))
-    run(app, "orthographic")
-    assert "no orthographic view" in app.messages.dialogs[0].text and not app.scene.rig.orthographic
-    app.paste_pose('{"eye": [0, 0, -0.2], "target": [0, 0, 1], "ortho_height": 2}')
-    assert not app.camera().orthographic
-
-
-def test_a_turntable_from_the_first_view_shows_every_side_whole(app):
-    app.show(toy_pack(), Path("toy"))
-    app.scene.rig.shape(0.6)
-    run(app, "turntable")
-    points = outline(app.scene.pack)
-    for matrix, fov in app.filming.path.sample(4):
-        camera = view_camera(matrix, fov, (360, 600))
-        pixels, _ = projected(camera, points)
-        assert np.abs(pixels / [180, 300] - 1).max() < 1.0

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from viewer.app.commands import run
 from viewer.core.pose import project
 from viewer.features.crop import crop
 
@@ -60,52 +59,12 @@ def test_the_gizmo_moves_the_box_along_the_axis_that_is_dragged(ui, app):
     assert app.scene.rig.goal == rig and ui.ctx.error == "GL_NO_ERROR"
 
 
-def test_the_gizmo_scales_the_box_about_its_middle(ui, app):
-    app.crop_tool = "scale"
-    ui.settle()
-    before = centre(app)
-    pull(ui, arrow(app, 1, 1.0), (0, -50))
-    assert size(app)[1] > 0.9 and size(app)[[0, 2]] == pytest.approx(0.8, abs=1e-3)
-    np.testing.assert_allclose(centre(app), before, atol=1e-3)
-
-
 def test_beside_the_gizmo_the_mouse_is_the_cameras(ui, app):
     app.crop_tool = "move"
     ui.settle()
     cut, goal = app.settings.crop, app.scene.rig.goal
     pull(ui, np.array([120.0, 650.0]), (60, 20))
     assert app.settings.crop == cut and app.scene.rig.goal != goal
-
-
-def test_cuts_and_moves_are_undone_in_turn(ui, app):
-    rig = app.scene.rig
-    app.crop_tool = "move"
-    ui.settle()
-    first, home = app.settings.crop, rig.goal
-    pull(ui, np.array([120.0, 650.0]), (60, 20))
-    turned = rig.goal
-    pull(ui, arrow(app, 1), (0, -50))
-    cut = app.settings.crop
-    pull(ui, np.array([120.0, 650.0]), (0, 40))
-    states = [(app.settings.crop, rig.goal)]
-    for expected in ((cut, turned), (first, turned), (first, home)):
-        assert run(app, "undo")
-        assert (app.settings.crop, rig.goal) == expected
-        states.append(expected)
-    for expected in reversed(states[:-1]):
-        assert run(app, "redo")
-        assert (app.settings.crop, rig.goal) == expected
-
-
-def test_what_was_undone_is_gone_after_something_else(ui, app):
-    pack = app.scene.pack
-    before = app.settings.crop
-    app.scene.rig.remember()
-    app.set(crop=crop.whole(pack))
-    assert app.scene.rig.history.undo() and app.settings.crop == before
-    app.scene.rig.remember()
-    app.scene.rig.orbit(0.3, 0.0)
-    assert not app.scene.rig.history.redo() and app.settings.crop == before
 
 
 def test_a_box_stays_where_the_content_is_and_never_vanishes(pack):

@@ -1,17 +1,13 @@
 """What is said about colours and sides is what the picture shows."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import moderngl
 import numpy as np
 import pytest
 
-from tests.viewer.conftest import toy_pack
-from tests.viewer.rendering.shapes import surroundings_pack
 from tests.viewer.scenes import photographed
 from viewer.features.display import panel as display_panel
-from viewer.rendering.settings import MODES
 from viewer.rendering.shader_source import assemble, colour_stops, compile_program
 
 
@@ -64,16 +60,6 @@ def test_the_numbers_of_the_depths_are_distances(ui, app):
     assert float(told.middle) == pytest.approx((near + far) / 2, abs=0.01) and "units" in told.unit
 
 
-def test_depths_of_a_contracted_pack_are_told_as_far_as_the_inner_cube(ui, app, pack_folder):
-    app.show(surroundings_pack(64), pack_folder)
-    app.set(mode="depth")
-    ui.settle()
-    told, camera = display_panel.legend_of(app), app.camera()
-    assert told.high.startswith("≥ ")
-    distances = [ui.canvas.distance_at(camera, app.settings, x, 20.5) for x in (10.5, 200.5, 400.5)]
-    assert all(distance > float(told.high[2:]) for distance in distances)  # the sky
-
-
 @pytest.mark.parametrize("mode", ["samples", "jumps"])
 def test_the_costs_have_a_scale_that_follows_the_slider(ui, app, mode):
     app.set(mode=mode, cost_scale=32.0)
@@ -86,20 +72,6 @@ def test_the_costs_have_a_scale_that_follows_the_slider(ui, app, mode):
     x = np.clip(count / 32.0, 0, 1) * (len(stops) - 1)
     wanted = np.stack([np.interp(x, np.arange(len(stops)), stops[:, i]) for i in range(3)], axis=-1)
     assert count.max() > 3 and np.abs(shown - wanted).mean() < 2e-3
-
-
-def test_only_depth_and_costs_have_a_legend_and_it_is_seen(ui, app):
-    for mode in MODES:
-        app.set(mode=mode)
-        assert (display_panel.legend_of(app) is not None) == (mode in ("depth", "samples", "jumps"))
-    app.set(mode="depth")
-    ui.settle()
-    with_it = ui.picture().astype(int)
-    box = app.viewport
-    corner = with_it[round(box.y + box.height) - 90 : round(box.y + box.height) - 14, 20:230]
-    assert (corner.max(axis=(1, 2)) > 240).any()  # the bar's white end
-    ramp = corner[np.argmax(corner[:, 8:200].sum(axis=(1, 2)))][8:200, 0]
-    assert ramp[0] > 230 and ramp[-1] < 40 and (np.diff(ramp) <= 3).all()
 
 
 def label_at(picture: np.ndarray, columns: slice, rows: slice) -> bool:
@@ -122,17 +94,3 @@ def test_both_sides_of_the_wipe_are_named(ui, app):
     app.comparison.how = "flip"
     app.comparison.clock = 0.0
     assert app.comparison.sides(app)[app.comparison.other_side] == "Rendered"
-
-
-def test_two_packs_are_named_and_long_names_are_cut_at_the_edge(ui, app):
-    app.compare_with(toy_pack(view_mlp=False), Path("scenes/toy-diffuse-with-a-very-long-name-indeed/pack"))
-    assert app.comparison.sides(app) == ("toy", "toy-diffuse-with-a-very-long-name-indeed")
-    app.comparison.split = 0.9
-    app.touch()
-    ui.settle()
-    picture = ui.picture()
-    edge, right = round(0.9 * app.viewport.width), round(app.viewport.width)
-    row = round(app.viewport.y) + 27
-    beyond = picture[row - 8 : row + 8, right + 4 : right + 10].astype(int)
-    assert beyond.max() < 60  # nothing of it lies on the page beside the picture
-    assert (picture[row, edge + 4 : right].astype(int).max(axis=1) > 240).any()  # nor does it fill all of its side

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +11,6 @@ from scenepack import Pack
 from scenepack.exports import export_preview
 from scenepack.exports.scene import Export
 from tests.viewer.waiting import until
-from viewer.app.application import App
 from viewer.features.export.exporting import ExportPreview
 
 
@@ -44,16 +42,6 @@ def test_the_newest_choice_is_shown_and_older_ones_are_given_up(pack: Pack, monk
     assert preview.geometry is not None and not preview.error and preview.news() and not preview.news()
 
 
-def test_why_there_is_none_is_told_and_the_last_one_stays(pack: Pack) -> None:
-    preview = ExportPreview()
-    finish(preview, pack, Export("mesh"))
-    before = preview.geometry
-    finish(preview, pack, Export("mesh", crop=((5.0, 5.0, 5.0), (6.0, 6.0, 6.0))))
-    assert "nothing to export" in preview.error and preview.geometry is before is not None
-    finish(preview, pack, Export("points"))
-    assert not preview.error and preview.geometry is not before
-
-
 @pytest.mark.parametrize("error", [UserError("a mesh needs scikit-image", remedy="install it"), MemoryError()])
 def test_what_cannot_be_previewed_says_why(pack: Pack, monkeypatch, error: Exception) -> None:
     def fails(*_: object):
@@ -63,19 +51,3 @@ def test_what_cannot_be_previewed_says_why(pack: Pack, monkeypatch, error: Excep
     preview = ExportPreview()
     finish(preview, pack, Export("mesh"))
     assert ("scikit-image" in preview.error) if isinstance(error, UserError) else ("memory" in preview.error)
-
-
-def test_the_dialog_has_one_of_its_own_choices_and_it_ends_with_the_dialog(
-    app: App, pack: Pack, pack_folder: Path
-) -> None:
-    app.show(pack, pack_folder)
-    app.set(crop=((-1.0, -1.0, -1.0), (1.0, -0.5, 1.0)))  # the plate
-    app.exporting.ask(app)
-    preview = app.exporting.preview
-    assert preview is not None
-    until(lambda: app.exporting.tick(app) or not preview.working)
-    assert preview.geometry is not None and preview.geometry.vertices[:, 1].max() < -0.4
-    app.exporting.plan.crop = False
-    until(lambda: app.exporting.tick(app) or (not preview.working and preview.geometry.vertices[:, 1].max() > 0.2))
-    app.exporting.dismiss()
-    assert app.exporting.preview is None

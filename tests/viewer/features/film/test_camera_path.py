@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from PIL import Image
 
 from console import UserError
 from tests.viewer.app.test_application import FakeCanvas
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.core.pose import Pose, Turntable, view_camera
+from viewer.core.pose import Pose, Turntable
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
-from viewer.features.film.film_export import Export, films_possible
-from viewer.rendering.settings import RenderSettings
+from viewer.features.film.film_export import films_possible
 
 poses = st.builds(Pose, st.tuples(*[st.floats(-2, 2)] * 3), st.floats(-180, 180), st.floats(-80, 80), st.floats(0.5, 5))
 
@@ -39,26 +37,6 @@ def test_a_path_passes_through_its_keyframes_and_stays_rigid(some, closed, mirro
         assert np.sign(np.linalg.det(R)) == (-1 if mirrored else 1)
 
 
-@settings(max_examples=20)
-@given(st.lists(poses, min_size=1, max_size=6), st.booleans(), st.booleans())
-def test_many_times_at_once_are_each_of_them(some, closed, mirrored):
-    path = CameraPath(keyframes(some, mirrored), closed)
-    seconds = np.linspace(-1.0, 1.3 * path.duration + 1.0, 23)
-    matrices, fovs = path.poses(seconds)
-    for time, matrix, fov, place in zip(seconds, matrices, fovs, path.places(seconds), strict=True):
-        np.testing.assert_allclose(matrix, path.at(time)[0], atol=1e-12)
-        assert fov == pytest.approx(path.at(time)[1]) and place == pytest.approx(matrix[:3, 3])
-
-
-def test_a_file_with_a_mirrored_keyframe_among_others_is_refused(tmp_path):
-    """No turn leads from one to the other."""
-    file = tmp_path / "mixed.json"
-    frames = [{"matrix": np.diag([hand, 1.0, 1.0, 1.0]).ravel().tolist(), "fov": 50} for hand in (1, -1)]
-    file.write_text(json.dumps({"keyframes": frames}))
-    with pytest.raises(UserError, match=r"is not a camera path.*mirrored"):
-        load_path(file, np.eye(4))
-
-
 def test_a_closed_path_ends_where_it_begins():
     path = CameraPath(keyframes([Pose(azimuth=a) for a in (0, 90, 180, 270)]), closed=True)
     np.testing.assert_allclose(path.at(path.duration)[0], path.at(0.0)[0], atol=1e-9)
@@ -80,14 +58,6 @@ def test_a_path_survives_nerfstudios_file(tmp_path_factory, some, closed):
     assert {"camera_type", "render_height", "render_width", "camera_path", "fps", "seconds"} <= set(document)
     first = np.array(document["camera_path"][0]["camera_to_world"]).reshape(4, 4)
     np.testing.assert_allclose(first, frame @ path.keyframes[0].grid_T_camera, atol=1e-6)
-
-
-def test_the_older_viewers_column_major_text_is_understood(tmp_path):
-    matrix = Pose(azimuth=30, elevation=10, distance=3).matrix(Turntable())
-    file = tmp_path / "old.json"
-    text = json.dumps(matrix.T.ravel().tolist())
-    file.write_text(json.dumps({"keyframes": [{"matrix": text, "fov": 50, "aspect": 1.7}], "is_cycle": False}))
-    np.testing.assert_allclose(load_path(file, np.eye(4)).keyframes[0].grid_T_camera, matrix, atol=1e-6)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"keyframes": [{}]}', '{"keyframes": [{"matrix": [1, 2]}]}',
@@ -146,19 +116,6 @@ def test_playing_moves_the_camera_and_stops_at_the_end(filming_app):
     assert not app.filming.playing and app.filming.time == app.filming.path.duration
 
 
-def test_a_still_is_written_at_its_size(filming_app, tmp_path):
-    filming_app.filming.still(filming_app, tmp_path / "still.png")
-    finish_export(filming_app)
-    assert Image.open(tmp_path / "still.png").size == (96, 64) and not list(tmp_path.glob(".*part*"))
-
-
-def test_a_sequence_has_a_picture_for_every_frame(filming_app, tmp_path):
-    run(filming_app, "turntable")
-    filming_app.filming.film(filming_app, tmp_path / "frames")
-    finish_export(filming_app)
-    assert len(list((tmp_path / "frames").glob("*.png"))) == 8 * 4
-
-
 @pytest.mark.skipif(not films_possible(), reason="PyAV is not installed: pip install 'snerg[video]'")
 def test_a_film_holds_every_frame(filming_app, tmp_path):
     import av
@@ -178,28 +135,3 @@ def test_a_cancelled_export_leaves_nothing(filming_app, tmp_path):
         app.filming.export.step(0.0)
         app.filming.cancel(app)
         assert app.filming.export is None and not list((tmp_path / "out").iterdir())
-
-
-def test_a_full_disk_is_a_dialog_and_leaves_nothing(filming_app, tmp_path, monkeypatch):
-    def full(*_, **__):
-        raise OSError(28, "No space left on device")
-
-    run(filming_app, "turntable")
-    filming_app.filming.film(filming_app, tmp_path / "out" / "frames")
-    monkeypatch.setattr(Image.Image, "save", full)
-    finish_export(filming_app)
-    assert "the disk is full" in filming_app.messages.dialogs[0].text
-    assert not list((tmp_path / "out").iterdir())
-
-
-def test_tiles_of_an_export_make_the_whole_picture(tmp_path):
-    camera = view_camera(Pose(distance=3).matrix(Turntable()), 40, (50, 40))
-
-    def direction(part, _settings):  # what each pixel sees, in colours
-        x, y = np.meshgrid(np.arange(part.width) + 0.5, np.arange(part.height) + 0.5)
-        u, v = (x - part.cx) / part.fx, (y - part.cy) / part.fy
-        return np.dstack([127 + 200 * u, 127 + 200 * v, 0 * u]).astype(np.uint8)
-
-    export = Export([camera], RenderSettings(), tmp_path / "a.png", direction, tile_side=16)
-    export.step(10)
-    assert np.array_equal(np.asarray(Image.open(tmp_path / "a.png")), direction(camera, None))

@@ -13,7 +13,6 @@ import pytest
 from PIL import Image
 
 from scenepack import load_pack
-from tests.viewer.conftest import toy_pack
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.waiting import until
 from viewer.app.application import App
@@ -26,21 +25,6 @@ from viewer.rendering.settings import RenderSettings
 DEMO = Path(__file__).parents[4] / "viewer" / "demo" / "demo.zip"
 SIZE = (64, 64)  # x264 writes the same pictures of 48 × 32 in two ways, now and then
 needs_video = pytest.mark.skipif(not films_possible(), reason="PyAV is not installed")
-
-
-def test_a_picture_that_is_asked_for_while_a_finer_pack_arrives_is_of_the_finer_one(ctx: moderngl.Context) -> None:
-    coarse, fine = toy_pack(seed=1), toy_pack()
-    canvas = Canvas(ctx)
-    try:
-        camera = ViewCamera.orbit(fine, 205.0, size=SIZE)
-        canvas.show(fine)
-        expected = canvas.snapshot(camera, RenderSettings())
-        canvas.show(coarse)
-        assert np.abs(canvas.snapshot(camera, RenderSettings()).astype(int) - expected).max() > 8
-        canvas.refine(fine)
-        assert np.array_equal(canvas.snapshot(camera, RenderSettings()), expected)
-    finally:
-        canvas.close()
 
 
 @pytest.mark.parametrize("name", [pytest.param("film.mp4", marks=needs_video), "still.png"])

@@ -19,16 +19,6 @@ def test_without_a_clipboard_the_reason_and_the_remedy_are_told(monkeypatch: pyt
         copy_picture(np.zeros((4, 6, 3), np.uint8))
 
 
-def test_rows_and_columns_are_handed_over_in_their_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    handed = []
-    monkeypatch.setattr(copykitten, "copy_image", lambda *words: handed.append(words))
-    picture = np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3)
-    copy_picture(picture)
-    pixels, width, height = handed[0]
-    rgba = np.frombuffer(pixels, np.uint8).reshape(height, width, 4)
-    assert np.array_equal(rgba[..., :3], picture) and np.all(rgba[..., 3] == 255)
-
-
 def test_a_picture_that_does_not_fit_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(copykitten, "copy_image", lambda *words: pytest.fail("it was handed over"))
     noise = np.random.default_rng(0).integers(0, 256, (2400, 2400, 3), np.uint8)

@@ -10,7 +10,6 @@ import pytest
 from imgui_bundle import imgui
 from PIL import Image
 
-from console.progress_protocol import Report
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.waiting import until
@@ -19,7 +18,6 @@ from training.scenes.presets import BakeablePreset
 from viewer.app.application import App
 from viewer.core.files import POSED, REPORT
 from viewer.features.making import survey
-from viewer.features.making.make_job import MakeJob
 from viewer.features.making.make_plan import Plan
 
 
@@ -104,68 +102,6 @@ def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
     assert plan.typed() == f"snerg-make {folder} --out {plan.out} --preset normal"
 
 
-def test_what_lies_beside_photographs_or_a_film_and_is_not_used_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(survey, "poser_missing", lambda source: "poses")  # no preview
-    folder = photographs(tmp_path / "shed")
-    (folder / "a.gif").write_bytes(b"")
-    (tmp_path / "walk").mkdir()
-    (tmp_path / "gif").mkdir()
-    for file in ("walk/walk.MTS", "walk/cover.jpg", "walk/._walk.MTS", "gif/a.gif"):
-        (tmp_path / file).write_bytes(b"")
-    app = App(canvas=FakeCanvas())
-    for path, told in (
-        (folder, "1 GIF picture, a format that is not read"),
-        (tmp_path / "walk", "not cover.jpg beside it."),
-    ):
-        app.drop([path])
-        until(lambda: app.making.plan.survey.finished)
-        assert told in app.making.plan.survey.text
-    app.drop([tmp_path / "gif"])
-    until(lambda: app.making.plan.survey.finished)
-    assert "found 1 GIF picture" in app.making.plan.problem()
-
-
-def test_photographs_of_which_too_few_can_be_used_and_masks_beside_them_are_told(tmp_path):
-    pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
-    folder = photographs(tmp_path / "shed")
-    Image.new("RGB", (1200, 900), (175, 0, 90)).save(folder / "IMG_9.JPG", format="JPEG")
-    (folder / "IMG_0.JPG").unlink()
-    app = App(canvas=FakeCanvas())
-    app.drop([folder])
-    plan = app.making.plan
-    until(lambda: not plan.survey.busy)
-    assert plan.survey.preview.aside == {"IMG_9.JPG": "the same as IMG_7.JPG"}
-    assert plan.problem() == "Only 7 of 8 photographs can be used. Finding camera poses takes at least 8."
-    assert not plan.survey.masks
-    (folder / "masks").mkdir()
-    for file in folder.glob("*.JPG"):
-        Image.new("L", (1200, 900), 255).save(folder / "masks" / f"{file.name}.png")
-    app.drop([folder])
-    until(lambda: app.making.plan.survey.finished)
-    assert app.making.plan.cut_out and "--masks" in app.making.plan.command()
-    app.making.dismiss(app)
-    until(lambda: plan.survey.preview.finished)
-
-
-def test_a_run_whose_poses_were_found_is_gone_on_with(tmp_path):
-    folder = photographs(tmp_path / "shed")
-    out = tmp_path / "shed-snerg"
-    (out / "posing").mkdir(parents=True)
-    assert "It continues" in Plan.of("scene", folder).attempt_text()
-    unfinished(out, out / "scene")
-    plan = Plan.of("scene", folder)
-    assert plan.attempt is not None and plan.problem() is None
-
-
-@pytest.mark.parametrize(("stage", "title", "number"), [
-    ("poses", "features", 1), ("poses", "matches", 1), ("training", "training", 2), ("baking", "culling", 3),
-])  # fmt: skip
-def test_the_card_says_that_poses_come_before_training(stage, title, number, tmp_path):
-    job = MakeJob(Plan.of("scene", photographs(tmp_path / "shed")), None)
-    job.report = Report(title, 1, 2, stage=stage)
-    assert job.stage == number and job.plan.stages[number - 1].lower() == stage
-
-
 def test_a_film_is_asked_about_and_too_few_photographs_are_refused(tmp_path):
     film = tmp_path / "walk.MOV"
     film.write_bytes(bytes(3_000_000))
@@ -181,19 +117,6 @@ def test_a_film_is_asked_about_and_too_few_photographs_are_refused(tmp_path):
     app.drop([photographs(tmp_path / "shed", 2)])
     until(lambda: app.making.plan.survey.finished)
     assert "at least 8, found 2" in app.making.plan.problem()
-
-
-def test_without_pycolmap_bare_photographs_say_what_is_missing(tmp_path, monkeypatch):
-    plan = Plan.of("scene", photographs(tmp_path / "shed"))
-    film = tmp_path / "walk.mp4"
-    film.touch()
-    until(lambda: plan.survey.finished)
-    there = survey.importlib.util.find_spec
-    monkeypatch.setattr(
-        survey.importlib.util, "find_spec", lambda name: None if name in ("pycolmap", "av") else there(name)
-    )
-    assert "pip install 'snerg[poses]'" in plan.problem()
-    assert "pip install 'snerg[poses,video]'" in Plan.of("scene", film).problem()
 
 
 def unfinished(folder: Path, scene: Path) -> Path:
@@ -238,16 +161,6 @@ def test_found_poses_are_gone_on_with_where_the_folder_of_the_results_is_dropped
     app.making.dismiss(app)
 
 
-@pytest.mark.parametrize("text", ["{}", '{"scene": 3, "config": 4}', '{"scene": "", "config": {}}', "[1]", "{"])
-def test_an_attempt_whose_description_is_broken_is_told_or_baked(tmp_path, text):
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "config.json").write_text(text)
-    app = App(canvas=FakeCanvas())
-    app.drop([tmp_path])
-    told = bool(app.messages.dialogs) and "config.json" in app.messages.dialogs[0].text
-    assert told != (app.making.plan is not None and app.making.plan.source == tmp_path / "run")
-
-
 @pytest.mark.parametrize("place", ["file/pack", "/proc/nope/pack"])
 def test_a_folder_that_cannot_be_written_is_told_before_anything_begins(offscreen, app, tmp_path, place):
     (tmp_path / "file").touch()
@@ -261,17 +174,6 @@ def test_a_folder_that_cannot_be_written_is_told_before_anything_begins(offscree
     plan.choose(tmp_path / "elsewhere" / "pack")
     assert plan.place_problem is None and not (tmp_path / "elsewhere").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-def test_change_begins_at_the_folder_of_now(offscreen, app, tmp_path):
-    (tmp_path / "something").touch()
-    app.making.plan = Plan("run", tmp_path / "run", tmp_path / "not there yet" / "pack")
-    app.making.ask_where(app)
-    assert app.file_request.start == tmp_path
-    ui = offscreen(app)
-    ui.settle()
-    ui.key(imgui.Key.enter)  # the line that is there, as it is
-    assert app.file_request is None and app.making.plan.out == tmp_path / "pack"
 
 
 @pytest.fixture
@@ -298,15 +200,3 @@ def test_cut_out_is_on_where_there_is_a_mask_for_each_photograph(masked):
     assert plan.masked and plan.cut_out and "--masks" in plan.command()
     plan.masks = False
     assert "--masks" not in plan.command()
-
-
-def test_cut_out_is_not_offered_where_a_mask_is_missing(masked):
-    next((masked / "masks").rglob("*.png")).unlink()
-    plan = surveyed(masked)
-    assert plan.survey.masks and not plan.masked and not plan.cut_out and "--masks" not in plan.command()
-
-
-def test_a_folder_of_pictures_inside_a_scene_leads_to_the_scene(masked, scene):
-    assert surveyed(masked / "images").source == masked
-    assert surveyed(masked / "images" / "left").source == masked
-    assert surveyed(scene / "train").source == scene

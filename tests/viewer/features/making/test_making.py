@@ -8,20 +8,14 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
-from imgui_bundle import imgui
 from PIL import Image
 
 from console import child_process
-from console.progress_protocol import Report, read_report
 from tests.viewer.app.test_application import FakeCanvas
-from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.core.command_process import CommandProcess
 from viewer.features.making.make_plan import Plan
-from viewer.features.making.making import Making
 
 FAKE = Path(__file__).with_name("fake_make.py")
 ROOT = FAKE.parents[4]
@@ -120,18 +114,6 @@ def test_a_failure_is_a_dialog_with_its_line_and_its_log_and_can_be_tried_again(
     assert run(app, "make-again") and app.making.plan.source == tmp_path / "photographs"
 
 
-def test_a_child_that_the_system_kills_is_told_as_such(making):
-    app = making("die")
-    live(app, lambda: app.making.job is None)
-    assert "SIGKILL" in app.messages.dialogs[0].text and "memory" in app.messages.dialogs[0].text
-
-
-def test_a_bug_of_the_child_is_told_as_one(making):
-    app = making("bug")
-    live(app, lambda: app.making.job is None)
-    assert app.messages.dialogs[0].text.startswith("This is a bug in snerg (KeyError: 'depths')")
-
-
 def test_quitting_asks_first_and_leaves_no_child(making, tmp_path):
     app = making("wait")
     live(app, lambda: (tmp_path / "pid").exists())
@@ -144,13 +126,6 @@ def test_quitting_asks_first_and_leaves_no_child(making, tmp_path):
     live(app, lambda: app.quitting)
     assert (tmp_path / "saved").exists() and gone(pid)
     assert run(App(), "quit")
-
-
-def test_a_window_that_closes_at_once_leaves_no_child(making, tmp_path):
-    app = making("wait")
-    live(app, lambda: (tmp_path / "pid").exists())
-    app.making.end()
-    assert gone(int((tmp_path / "pid").read_text())) and (tmp_path / "saved").exists()
 
 
 def test_a_viewer_that_is_killed_leaves_no_child(tmp_path):
@@ -168,47 +143,6 @@ def test_a_viewer_that_is_killed_leaves_no_child(tmp_path):
     while not (tmp_path / "saved").exists() and time.monotonic() < end:
         time.sleep(0.05)
     assert (tmp_path / "saved").exists()
-
-
-def test_a_child_can_be_watched_from_its_file_alone(tmp_path):
-    assert read_report(tmp_path / "none") is None
-    (tmp_path / "broken").write_text('{"title": 3')
-    assert read_report(tmp_path / "broken") is None
-    assert Report("training", 25, 100, "", 10.0).share == 0.25
-
-
-def test_a_program_that_is_not_there_is_told(tmp_path):
-    from console import UserError
-
-    with pytest.raises(UserError, match="cannot be started"):
-        CommandProcess([str(tmp_path / "none")], tmp_path / "log")
-
-
-def test_the_question_and_the_card_are_drawn_and_answered(offscreen, making, scene, monkeypatch):
-    command = Plan.command
-    app = making("wait")
-    live(app, working(app))
-    app.making.job.picture = np.full((64, 128, 3), (200, 40, 40), np.uint8)
-    app.making.job.figures = [18.0, 20.0, 21.5]
-    ui = offscreen(app)
-    ui.settle()
-    card = ui.picture()[400:, 20:380].astype(int)
-    assert (np.abs(card - (200, 40, 40)).sum(axis=2) < 12).mean() > 0.2
-    assert ui.ctx.error == "GL_NO_ERROR"
-    ui.click(330, 560)  # nothing there
-    app.making.end()
-    monkeypatch.setattr(Plan, "command", command)
-    app.drop([scene])
-    until(lambda: app.making.plan.survey.finished)
-    ui.settle()
-    ui.key(imgui.Key.space)  # keys wait for the answer
-    assert app.making.plan is not None
-    ui.key(imgui.Key.escape)
-    assert app.making.plan is None and ui.ctx.error == "GL_NO_ERROR"
-
-
-def test_nothing_is_looked_at_while_nothing_is_made():
-    assert not Making().busy
 
 
 @pytest.mark.slow

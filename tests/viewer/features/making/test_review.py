@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from training.scenes import load_scene
 from training.scenes.colmap import sparse_points
 from training.scenes.sources import Source
 from viewer.app.application import App
-from viewer.core.command_process import CommandProcess
 from viewer.core.pose import project
 from viewer.features.making import make_plan
 from viewer.features.making import review as review_module
@@ -102,18 +100,6 @@ def test_what_a_scene_is_taken_for_decides_its_box_and_its_frame(tmp_path):
     assert app.settings.crop is None and not review.decided(app.settings.crop).spherify
 
 
-def test_the_crop_box_of_another_scene_is_not_trained(posed, pack, pack_folder, monkeypatch):
-    app, review = reviewed(posed)
-    review.show_box(app)
-    app.show(pack, pack_folder)
-    cut = ((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1))
-    app.set(crop=cut)
-    begun = []
-    monkeypatch.setattr(app.making, "_begin", lambda host, plan: begun.append(plan))
-    app.making.train(app)
-    assert begun[0].aabb is None and app.settings.crop == cut and app.making.review is None
-
-
 @pytest.fixture
 def bare(monkeypatch, tmp_path, posed) -> App:
     """An app that finds the poses of bare photographs: a stand-in has them at once, and trains for as long as it is let."""
@@ -168,14 +154,6 @@ def test_who_touches_something_decides_when_training_begins(bare, monkeypatch):
     assert bare.making.review is None and not bare.making.busy
 
 
-def test_another_scene_that_is_open_stays_until_the_points_are_asked_for(bare, pack, pack_folder):
-    bare.show(pack, pack_folder)
-    live(bare, lambda: bare.making.review is not None)
-    assert bare.scene.pack is pack and not bare.making.sparse_preview_shown(bare)
-    bare.making.show_points(bare)
-    assert bare.making.sparse_preview_shown(bare)
-
-
 def tilted_ground() -> np.ndarray:
     """Points [M, 3] on a plane that leans against the cameras' up, about what they look at; some stand above it."""
     rng = np.random.default_rng(3)
@@ -184,16 +162,6 @@ def tilted_ground() -> np.ndarray:
     lean = np.radians(25)
     turn = np.array([[1, 0, 0], [0, np.cos(lean), -np.sin(lean)], [0, np.sin(lean), np.cos(lean)]])
     return flat @ turn.T + [1.0, -2.0, 0.5]
-
-
-def test_the_plane_about_a_point_is_found_though_something_stands_on_it():
-    points, up = tilted_ground() - [1.0, -2.0, 0.5], np.array([0.0, -np.sin(np.radians(25)), np.cos(np.radians(25))])
-    for index in (1, 100, 250):
-        found = normal_at(points, index, 3 * up[None])
-        assert found is not None and found @ up > np.cos(np.radians(2))
-        assert normal_at(points, index, -3 * up[None]) @ up < 0, "the cameras are above the ground"
-    assert normal_at(np.random.default_rng(0).normal(size=(60, 3)), 0, up[None]) is None, "no plane"
-    assert normal_at(points[:5], 0, up[None]) is None, "too few"
 
 
 def test_a_click_on_the_ground_makes_it_level(offscreen, tmp_path):
@@ -269,21 +237,3 @@ def test_photographs_without_a_pose_are_shown_before_training(bare, tmp_path, of
     pixels = ui.picture().astype(int)
     red, blue = (np.abs(pixels - colour).max(-1) < 12 for colour in ((200, 30, 30), (30, 30, 200)))
     assert min(red.sum(), blue.sum()) > 300, "both are in the picture"
-
-
-def test_photographs_that_hold_a_scene_up_are_shown_with_the_reason(bare, tmp_path, monkeypatch):
-    leave_out(tmp_path / "shed", tmp_path / "out", tmp_path / "out" / "posing" / "left_out.json")
-    bare.making.end()
-    shutil.rmtree(tmp_path / "out" / "scene")
-    monkeypatch.setattr(Plan, "command", lambda plan: [sys.executable, "-c", "raise SystemExit(2)"])
-    bare.making.plan = Plan("scene", tmp_path / "shed", tmp_path / "out")
-    bare.making.start(bare)
-    live(bare, lambda: bool(bare.messages.dialogs))
-    assert_pictured(bare.messages.dialogs[0].rejected)
-
-
-def test_a_scene_without_points_is_trained_at_once(bare, tmp_path):
-    for file in (tmp_path / "out" / "scene" / "sparse" / "0").glob("points3D*"):
-        file.write_bytes(bytes(8))
-    live(bare, lambda: bare.making.job is not None and not bare.making.job.plan.poses_only)
-    assert bare.making.review is None and isinstance(bare.making.job.child, CommandProcess)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from types import SimpleNamespace
 
 import pytest
@@ -11,7 +10,7 @@ from tests.viewer.waiting import until
 from tools.procedural import write_procedural_scene
 from viewer.features.making import survey as survey_module
 from viewer.features.making.panel import what_it_needs
-from viewer.features.making.survey import Survey, TimeNeeded, memory
+from viewer.features.making.survey import Survey
 
 
 @pytest.mark.slow
@@ -30,22 +29,6 @@ def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_
     disk = needed.disk("quick", 32)
     assert disk is not None and 1e8 < disk < 1e9
     survey.close()
-
-
-def test_nothing_is_started_for_a_dialog_that_is_gone(monkeypatch):
-    started = []
-    monkeypatch.setattr("viewer.core.tasks.ChildProcess", lambda *words, **named: started.append(words))
-    waits = threading.Event()
-    needed = TimeNeeded([200], lambda: waits.wait(60))
-    needed.close()
-    waits.set()
-    needed.result()
-    assert not started
-
-
-def test_more_voxels_need_more_memory():
-    assert memory("quick", 200) < memory("full", 600) < memory("full", 800)
-    assert memory("full", 800) == pytest.approx(4.8e9, rel=0.02), "as measured on lego"
 
 
 @pytest.mark.parametrize(

@@ -5,16 +5,13 @@ from __future__ import annotations
 import shutil
 import sys
 
-import numpy as np
 import pytest
 
 from scenepack import save_pack
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.features.making.test_making import FAKE, ROOT, live
-from tests.viewer.waiting import until
 from viewer.app.application import App
-from viewer.features.making.make_job import TrainingPreviewFile
-from viewer.features.making.make_plan import PREVIEWS, Plan
+from viewer.features.making.make_plan import Plan
 
 
 @pytest.fixture
@@ -75,18 +72,6 @@ def test_the_camera_stays_while_states_are_exchanged_and_when_the_pack_is_done(t
     assert app.scene.rig.goal == chosen and app.fov == fov
 
 
-def test_hands_that_go_on_while_the_pack_is_read_are_followed(training, write, tmp_path, monkeypatch):
-    app = training
-    write(1200)
-    live(app, lambda: came(app, 1200))
-    (tmp_path / "go").touch()
-    live(app, lambda: app.loading is not None)
-    app.scene.rig.orbit(-60.0, 5.0)
-    chosen = app.scene.rig.goal
-    live(app, lambda: app.loading is None)
-    assert app.scene.path == tmp_path / "pack" and app.scene.rig.goal == chosen
-
-
 def test_a_scene_that_is_open_is_not_taken_away(training, write, pack, pack_folder):
     app = training
     app.show(pack, pack_folder)
@@ -99,37 +84,3 @@ def test_a_scene_that_is_open_is_not_taken_away(training, write, pack, pack_fold
     write(2400)
     live(app, lambda: came(app, 2400))
     assert app.scene.path == pack_folder, "whoever has gone elsewhere stays there"
-
-
-def test_a_film_that_is_exported_is_of_one_state(training, write):
-    app = training
-    write(1200)
-    live(app, lambda: came(app, 1200))
-    shown = app.scene.pack
-    app.filming.export = object()
-    write(2400)
-    app.making._training_preview_file.poll()
-    until(lambda: not app.making._training_preview_file.reading)
-    app.making.tick(app)
-    app.filming.export = None
-    assert came(app, 2400) and app.scene.pack is shown
-
-
-def test_a_file_that_cannot_be_read_is_passed_over_and_the_next_is_taken(tmp_path, write):
-    file = TrainingPreviewFile(tmp_path / "preview.zip")
-    assert file.poll() is None
-    (tmp_path / "preview.zip").write_bytes(b"PK no pack")
-    assert file.poll() is None
-    until(lambda: not file.reading)
-    assert file.poll() is None
-    (tmp_path / "preview.zip").unlink()
-    write(300)
-    assert file.poll() is None, "it is read in a thread"
-    until(lambda: not file.reading)
-    assert file.poll().steps == 300 and file.poll() is None
-
-
-def test_the_child_is_asked_for_it_and_a_person_who_types_the_command_is_not(tmp_path):
-    plan = Plan("scene", tmp_path / "photographs", tmp_path / "out")
-    assert PREVIEWS in plan.command() and PREVIEWS not in plan.typed()
-    assert np.all(["preview" not in word for word in Plan("run", tmp_path, tmp_path / "out").command()])

@@ -12,7 +12,7 @@ from imgui_bundle import imgui
 from scenepack import Pack
 from scenepack.blocks import atlas_from_dense
 from scenepack.pack import pack_of_cube
-from tests.viewer.conftest import BLENDER, toy_pack
+from tests.viewer.conftest import BLENDER
 from tests.viewer.features.measuring.test_surface import BLOCK, SIDE, VOXEL, block_pack
 from tests.viewer.features.measuring.test_surface import corner as known_corner
 from tests.viewer.window.widgets_seen import watch
@@ -30,7 +30,6 @@ TILES = [  # corners of tiles, voxels: on the floor and on the wall
     ((16, 28, WALL), (48, 44, WALL)),
     ((16, 44, WALL), (48, FLOOR, 40)),
 ]
-EDGES = [((0, 0, 1), (1, 0, 1)), ((1, 0, 1), (1, 1, 1)), ((0, 1, 1), (1, 1, 1)), ((0, 0, 1), (1, 1, 1))]
 
 
 def tiled_pack() -> Pack:
@@ -89,19 +88,6 @@ def test_lengths_between_known_corners_are_right_to_half_a_voxel(ui, app, azimut
     assert [len(m.points) for m in measurements] == [2] * len(TILES)
     for measurement, (a, b) in zip(measurements, TILES, strict=True):
         assert abs(dist(*measurement.points) / VOXEL - dist(a, b)) < 0.5, (a, b)
-
-
-def test_a_blocks_edges_are_right_to_a_voxel_though_its_corners_are_round(ui, app):
-    """Interpolation rounds what is convex; what one sees and aims at lies a little within."""
-    look_from(ui, 20, 15)
-    run(app, "measure")
-    for a, b in EDGES:
-        for point in (a, b):
-            ui.click(*place_of(app, corner(*point)))
-        ui.key(imgui.Key.enter)
-    for measurement, (a, b) in zip(app.annotations.current.measurements, EDGES, strict=True):
-        known = float(np.linalg.norm(known_corner(*a) - known_corner(*b)))
-        assert abs(dist(*measurement.points) - known) < VOXEL, (a, b)
 
 
 def test_a_double_click_ends_a_line_and_an_angle_ends_by_itself(ui, app):
@@ -191,42 +177,3 @@ def test_a_known_distance_gives_lengths_a_unit(ui, app):
     assert abs(app.annotations.current.scale.factor * 41 * VOXEL - 8.2 / 0.3048) < 27 * 0.5 / 41
     run(app, "undo")
     assert app.annotations.current.scale.unit == "m"
-
-
-def test_what_is_under_the_cursor_is_told_while_the_page_is_open(ui, app):
-    look_from(ui, 0, 0)
-    middle = 0.5 * (corner(0, 0, 1) + corner(1, 1, 1))
-    ui.io.add_mouse_pos_event(*place_of(app, middle))
-    ui.frame()
-    assert app.measure_tool.cursor is None  # another page is open
-    app.interface.page = "measure"
-    ui.settle()
-    assert np.linalg.norm(app.measure_tool.cursor.point - middle) < 0.5 * VOXEL
-    ui.io.add_mouse_pos_event(5.0, app.viewport.y + 5.0)
-    ui.settle()
-    assert app.measure_tool.cursor is None
-
-
-@pytest.mark.parametrize("background", [(1.0, 1.0, 1.0), (0.0, 0.0, 0.0)])
-def test_labels_are_read_on_white_and_on_black(ui, app, background):
-    """Light letters on a dark plate, whatever is behind: the contrast within the label is high."""
-    look_from(ui, 0, 0)
-    app.set(background=background, crop=((-1, -1, -1), (1, 1, 1)))
-    run(app, "measure")
-    points = (corner(0, 1, 1), corner(1, 1, 1))
-    for point in points:
-        ui.click(*place_of(app, point))
-    ui.key(imgui.Key.enter)
-    ui.io.add_mouse_pos_event(3.0, 3.0)
-    ui.settle()
-    x, y = place_of(app, 0.5 * (points[0] + points[1]))
-    label = ui.picture()[round(y) - 8 : round(y) + 8, round(x) - 14 : round(x) + 14].astype(float)
-    assert np.percentile(label, 98) - np.median(label) > 130 and np.median(label) < 75
-
-
-def test_another_scene_takes_its_marks_with_it(ui, app):
-    look_from(ui, 0, 0)
-    run(app, "measure")
-    ui.click(*place_of(app, corner(1, 1, 1)))
-    app.show(toy_pack(), Path("toy"))
-    assert not app.measure_tool.draft and not app.measure_tool.tool and app.annotations.current.empty

@@ -14,7 +14,7 @@ from scenepack.pack import pack_of_cube
 from tests.viewer.conftest import BLENDER, toy_pack
 from viewer.core.pose import project
 from viewer.features.camera.forward_facing import orbit_camera_for
-from viewer.features.measuring.surface import opacities, surface_at
+from viewer.features.measuring.surface import surface_at
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.settings import RenderSettings
 
@@ -65,15 +65,6 @@ def test_on_a_face_a_point_lies_on_it_from_any_side(block: Pack, azimuth: float,
     assert faces >= 1
 
 
-def test_parallel_rays_meet_the_face_ahead(block: Pack) -> None:
-    camera = ViewCamera.look_at((0.0, -0.3, 4.0), (0.0, -0.3, 0.0), size=SIZE).as_orthographic(3.0)
-    for x, y in ((400.0, 300.0), (330.0, 350.0), (460.0, 280.0)):
-        hit = surface_at(block, camera, RenderSettings(), x, y)
-        assert hit is not None and abs(hit.point[2] - corner(1, 1, 1)[2]) < 0.1 * VOXEL
-        assert np.allclose(project(camera, hit.point[None])[0][0], (x, y), atol=1e-6)
-        assert hit.distance == pytest.approx(4.0 - corner(1, 1, 1)[2], abs=0.1 * VOXEL)
-
-
 def test_beside_the_block_there_is_nothing(block: Pack) -> None:
     camera = ViewCamera.orbit(block, 20, 20, size=SIZE)
     assert surface_at(block, camera, RenderSettings(), 3.0, 3.0) is None
@@ -91,31 +82,6 @@ def test_crop_and_near_plane_hide_what_they_hide_in_the_picture(block: Pack) -> 
     hit = surface_at(block, camera, RenderSettings(near=4.2), 400.0, 300.0)
     assert hit is not None and hit.distance >= 4.2 - 1e-9
     assert surface_at(block, camera, RenderSettings(near=9.0), 400.0, 300.0) is None
-
-
-def test_a_thin_veil_in_front_does_not_move_the_surface(block: Pack) -> None:
-    rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
-    rgba[17:47, 9:31, 11:52] = (160, 90, 60, 255)
-    rgba[56:58, :, :] = (9, 9, 9, 20)
-    veiled = pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, BLENDER)
-    camera = ViewCamera.look_at((0.0, -0.3, 4.0), (0.0, -0.4, 0.0), size=SIZE)
-    hit = surface_at(veiled, camera, RenderSettings(), 400.0, 300.0)
-    assert hit is not None and abs(hit.point[2] - corner(1, 1, 1)[2]) < 0.2 * VOXEL
-
-
-def test_opacities_are_those_of_the_voxels_at_their_centres() -> None:
-    rng = np.random.default_rng(5)
-    rgba = np.zeros((30, 30, 30, 4), np.uint8)
-    rgba[..., 3] = rng.integers(0, 256, (30, 30, 30)) * (rng.random((30, 30, 30)) < 0.05)
-    pack = pack_of_cube(30, 14, atlas_from_dense(rgba, None, 14), None, BLENDER)
-    x, y, z = np.array(list(itertools.product(range(30), repeat=3))).T
-    places = np.stack([x, y, z], axis=1) + 0.5
-    assert np.allclose(opacities(pack, places), rgba[z, y, x, 3] / 255.0)
-    between = opacities(pack, places + np.array([0.5, 0.0, 0.0]))
-    inside = (x + 1) % 14 != 0  # within a macroblock, whichever of the two is asked
-    expected = 0.5 * (rgba[z, y, x, 3] + rgba[z, y, np.minimum(x + 1, 29), 3].astype(float)) / 255.0
-    assert np.allclose(between[inside & (x < 29)], expected[inside & (x < 29)])
-    assert not opacities(pack, places + 30.0).any()
 
 
 @pytest.mark.parametrize("ndc", [False, True])

@@ -54,30 +54,11 @@ def test_a_pack_comes_back_with_its_camera_cuts_and_path(three):
     assert rig.history.undo() and three.settings.crop is None  # what is undone is this pack's
 
 
-def test_a_mode_that_a_pack_does_not_have_is_left(three):
-    three.set(mode="features")
-    run(three, "last-pack")
-    assert three.scene.name == "b" and three.settings.mode == "normal"
-
-
 def test_closing_shows_the_pack_before_and_then_the_start_page(three):
     run(three, "close")
     assert names(three) == "ba"
     run(three, "close"), run(three, "close")
     assert three.scene is None and not three.open_packs.packs
-
-
-def test_opening_a_pack_again_does_not_keep_the_old_one(three):
-    three.show(toy_pack(), Path("/scenes/a"))
-    assert names(three) == "abc"
-    three.show(toy_pack(), Path("/scenes/a"))
-    assert names(three) == "abc"
-
-
-def test_an_export_is_not_ended_by_a_switch(three):
-    three.filming.export = object()
-    run(three, "next-pack")
-    assert three.scene.name == "c" and "export" in three.messages.toast
 
 
 def test_what_the_card_refuses_changes_nothing(three, monkeypatch):

@@ -19,7 +19,7 @@ from viewer.app.commands import run
 from viewer.core.annotations import Annotations, Scale
 from viewer.features.crop import crop
 from viewer.features.opening import session
-from viewer.features.opening.session import joined, load_session, session_of
+from viewer.features.opening.session import joined, load_session
 
 
 @pytest.fixture
@@ -73,19 +73,6 @@ def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
         assert np.allclose(app.scene.rig.matrix, before.scene.rig.matrix, atol=1e-9)
 
 
-def test_a_comparison_comes_back(packs: list[Path], tmp_path: Path):
-    app = App()
-    app.show(load_pack(packs[0]), packs[0])
-    app.compare_with(load_pack(packs[1]), packs[1])
-    app.comparison.how = "difference"
-    app.sessions.save(app, tmp_path / "two.snerg")
-    again = App()
-    again.drop([tmp_path / "two.snerg"])
-    settle(again)
-    assert (again.comparison.against, again.comparison.how) == ("pack", "difference")
-    assert again.comparison.other_path == packs[1] and again.scene.path == packs[0]
-
-
 def test_marks_are_added_and_none_is_lost():
     own = Annotations(Scale(3.0, "ft"), (LINE,), (replace(VIEW, name="Mine"),))
     both = joined(own, ANNOTATIONS)
@@ -121,14 +108,6 @@ def test_a_pack_that_is_gone_is_told_and_those_before_it_stay_open(packs: list[P
     settle(again)
     assert len(again.messages.dialogs) == 1 and "second" in again.messages.dialogs[0].title
     assert again.scene is not None and again.scene.name == "first"
-
-
-def test_what_cannot_be_opened_again_is_no_session(pack: Pack, tmp_path: Path):
-    app = App()
-    assert session_of(app) is None
-    app.show(pack, Path("in/memory/only"))
-    with pytest.raises(UserError, match="no pack"):
-        app.sessions.save(app, tmp_path / "a.snerg")
 
 
 def test_the_last_session_is_kept_and_offered(packs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -1,7 +1,5 @@
 """Photographs that travel with the pack, small; and packs whose photographs are elsewhere offer nothing that is not there."""
 
-import base64
-import io
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -11,15 +9,13 @@ import pytest
 from PIL import Image
 
 from baker.baking.pictures import with_pictures
-from console import UserError
 from scenepack import load_pack, save_pack
 from scenepack.pictures import PICTURE, has_picture, picture_of, picture_uri
-from tests.viewer.scenes import SIDE, photographed
-from tests.viewer.waiting import until
+from tests.viewer.scenes import photographed
 from training.scenes import load_scene
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.features.photographs.photographs import Photographs, Thumbnails, psnr
+from viewer.features.photographs.photographs import Photographs, psnr
 
 DEMO = Path(__file__).parents[4] / "viewer" / "demo" / "demo.zip"
 ELSEWHERE = {"scene": "/home/ann/captures/shelf"}
@@ -55,19 +51,6 @@ def test_copies_are_the_photographs_shrunk_and_survive_every_way_a_pack_goes(kno
     assert json.loads((tmp_path / "b" / "scene_params.json").read_text())["snerg"]["cameras"][0][PICTURE]
 
 
-def test_thumbnails_are_made_of_copies(carrying):
-    thumbnails = Thumbnails(Photographs(carrying))
-    until(lambda: thumbnails.finished)
-    assert len(thumbnails.boxes) == 6 and not thumbnails.problem
-    assert {box[2:] for box in thumbnails.boxes.values()} == {(48, 48)}
-
-
-def test_a_photograph_that_is_here_is_read_in_full(known):
-    scene = load_scene(known.metadata["provenance"]["scene"])
-    here = Photographs(with_pictures(known, scene, 16))
-    assert here.pixels(0).shape == (SIDE, SIDE, 3)
-
-
 def test_standing_in_a_copy_compares_with_it_and_says_so(offscreen, carrying, pack_folder):
     app = App()
     ui = offscreen(app, size=(1180, 900))
@@ -91,35 +74,6 @@ def test_a_pack_without_its_photographs_shows_their_places_and_no_error(offscree
     ui.settle()
     assert app.scene.rig.held is not before and app.gallery.chosen == 0
     assert app.comparison.against == "" and not app.messages.dialogs and ui.ctx.error == "GL_NO_ERROR"
-
-
-def _bomb() -> str:
-    file = io.BytesIO()
-    Image.new("L", (9000, 9000)).save(file, "PNG")
-    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        3,
-        "",
-        "http://example.org/a.png",
-        "data:image/png;base64,!!!",
-        "data:image/png;base64," + base64.b64encode(b"%!PS-Adobe-3.0 EPSF-3.0").decode(),
-        "data:image/png," + "0" * 50,
-        _bomb(),
-    ],
-)
-def test_a_copy_that_makes_no_sense_is_none(text, bare):
-    assert picture_of({PICTURE: text}) is None
-    cameras = [{**entry, PICTURE: text} for entry in bare.metadata["cameras"]]
-    photographs = Photographs(bare.with_metadata(cameras=cameras))
-    thumbnails = Thumbnails(photographs)
-    until(lambda: thumbnails.finished)
-    assert not thumbnails.boxes
-    with pytest.raises(UserError):
-        photographs.pixels(0)
 
 
 def test_copies_never_outgrow_what_was_asked():

@@ -6,7 +6,6 @@ from PIL import Image
 
 from tests.viewer.scenes import photographed
 from tests.viewer.waiting import until
-from training.scenes.pictures import PictureLoader
 from viewer.core.pose import project
 from viewer.features.photographs import photographs as thumbnails_module
 from viewer.features.photographs.photographs import Photographs, Thumbnails
@@ -67,17 +66,6 @@ def test_one_broken_photograph_leaves_the_others(many, pack, tmp_path):
     (tmp_path / "scene" / "train" / "r_1.png").write_bytes(b"no picture")
     thumbnails = ready(photographs)
     assert set(thumbnails.boxes) == {0, 2, 3, 4, 5} and "r_1.png" in thumbnails.problem
-
-
-def test_a_jpeg_and_its_mask_become_a_thumbnail(tmp_path):
-    rng = np.random.default_rng(0)
-    Image.fromarray(rng.integers(100, 255, (300, 400, 3), np.uint8)).save(tmp_path / "a.jpg")
-    mask = np.zeros((300, 400), np.uint8)
-    mask[:, 200:] = 255
-    Image.fromarray(mask).save(tmp_path / "mask.png")
-    small = np.asarray(PictureLoader(tmp_path / "a.jpg", (400, 300), (400, 300), tmp_path / "mask.png").thumbnail(64))
-    assert small.shape == (48, 64, 4)
-    assert small[:, :30, 3].max() == 0 and small[:, 34:, 3].min() == 255
 
 
 def rows_in_view(ui) -> tuple[int, ...]:
@@ -164,38 +152,3 @@ def test_a_photograph_in_the_scene_is_drawn_with_its_pixels(ui, app):
     x, y = (round(v) for v in place_on_screen(app, in_view(app)))
     assert np.abs(with_pictures - without)[y - 6 : y + 6, x - 6 : x + 6].mean() > 20
     assert ui.ctx.error == "GL_NO_ERROR"
-
-
-def test_a_click_on_a_photograph_in_the_scene_chooses_it_in_the_list(ui, app):
-    far_away(ui, app)
-    index = in_view(app)
-    ui.click(*place_on_screen(app, index))
-    ui.settle()
-    assert app.gallery.chosen == index and app.comparison.against == "photograph"
-    assert index in rows_in_view(ui)
-
-
-def test_frusta_that_are_near_do_not_block_the_view(ui, app):
-    app.gallery.frusta = True
-    shot = app.gallery.photographs.shots[5]
-    app.scene.rig.hold(shot.view, remember=False)
-    ui.settle()
-    shown = ui.picture().astype(int)
-    app.gallery.frusta = False
-    app.touch()
-    ui.settle()
-    box = app.viewport
-    middle = np.s_[round(box.y + 0.4 * box.height) : round(box.y + 0.6 * box.height), 350:450]
-    assert np.abs(shown - ui.picture())[middle].max() <= 2  # the shot's own picture lies just before the camera
-
-
-def test_another_folder_is_read_anew(ui, app, few):
-    ui.settle()
-    first = app.gallery.thumbnails
-    assert first is not None and len(first.boxes) == 2 * PER_SPLIT
-    app.gallery.photographs.look_in(few)
-    ui.settle()
-    assert app.gallery.thumbnails is not first and len(app.gallery.thumbnails.boxes) == 4
-    app.close()
-    ui.settle()
-    assert app.gallery.thumbnails is None and ui.ctx.error == "GL_NO_ERROR"

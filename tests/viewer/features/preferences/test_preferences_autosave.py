@@ -1,7 +1,6 @@
 """Settings are saved when they change, away from the loop; a failure is told once; other viewers' packs are kept."""
 
 import json
-import multiprocessing
 import threading
 import time
 from pathlib import Path
@@ -46,13 +45,6 @@ def test_a_change_is_saved_by_a_thread_once_it_has_stayed_for_a_look(autosave, f
     for _ in range(5):
         autosave.poll()
     assert len(threads) == count  # nothing changed since
-
-
-def test_what_goes_on_changing_is_saved_all_the_same(autosave, file, monkeypatch):
-    monkeypatch.setattr(preferences, "LONGEST_UNSAVED_S", 0.1)
-    numbers = iter(range(100, 100_000))
-    autosave._size = lambda: (next(numbers), 480)  # as while its edge is dragged
-    poll_until(autosave, file.exists)
 
 
 def test_a_failure_is_told_once_and_the_next_change_is_tried_again(autosave, file):
@@ -103,29 +95,3 @@ def test_only_what_was_changed_here_is_written_and_unknown_keys_stay(file):
 )
 def test_what_was_opened_since_is_told_by_the_two_lists(before, after, opened):
     assert opened_since(before, after) == opened
-
-
-def _open_many(file: Path, name: str, count: int) -> None:
-    preferences = Preferences()
-    for i in range(count):
-        before = Preferences(recent=list(preferences.recent))
-        preferences.opened(Path(f"/{name}{i}"))
-        assert save(preferences, file, before) is None
-
-
-def test_viewers_that_save_at_the_same_moment_lose_nothing(file):
-    spawn = multiprocessing.get_context("spawn")
-    processes = [spawn.Process(target=_open_many, args=(file, name, 4)) for name in "ab"]
-    for process in processes:
-        process.start()
-    for process in processes:
-        process.join(120)
-    assert {Path(name).name for name in load(file).recent} == {f"{name}{i}" for name in "ab" for i in range(4)}
-
-
-def test_a_link_to_the_file_stays_a_link(file, tmp_path):
-    file.parent.mkdir()
-    (tmp_path / "dotfiles.json").write_text("{}")
-    file.symlink_to(tmp_path / "dotfiles.json")
-    assert save(Preferences(page="film"), file) is None
-    assert file.is_symlink() and load(file).page == "film"
