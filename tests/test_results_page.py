@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import re
-import shutil
 from pathlib import Path
 from types import ModuleType
 
@@ -22,12 +21,6 @@ def results() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-@pytest.fixture
-def docs(tmp_path: Path) -> Path:
-    shutil.copytree(ROOT / "docs/results", tmp_path / "results")
-    return tmp_path
 
 
 def test_the_pages_are_what_their_figures_give(results: ModuleType) -> None:

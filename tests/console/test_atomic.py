@@ -6,7 +6,8 @@ import ast
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,12 @@ import pytest
 
 from baker.reports.cross_sections import Section, draw_sections
 from console import atomic, write_json
+from console.atomic import Replacement, replacing
+from scenepack import load_pack, save_pack
+from scenepack.commands import main as snerg_pack
+from tests.scenepack.helpers import same_pack, small_pack
+from tests.told import told
+from viewer.commands.render import main as snerg_render
 from viewer.features.film.camera_path import CameraPath, save_path
 from viewer.features.film.film_export import write_film
 from viewer.features.preferences.preferences import Preferences, save
@@ -103,3 +110,110 @@ def test_what_a_killed_writer_left_is_gone_after_the_next_one(tmp_path: Path) ->
     assert len(os.listdir(tmp_path)) == 1
     atomic.write_file(file, "whole")
     assert os.listdir(tmp_path) == ["figures.json"]
+
+
+# Two commands that write one output at once: one writes it, the other says so
+
+WRITER = """
+import sys
+from pathlib import Path
+from console.atomic import replacing
+print("ready", flush=True)
+sys.stdin.readline()
+try:
+    with replacing(Path(sys.argv[1]), folder=len(sys.argv) > 2, durable=False, alone=True) as new:
+        print("writes", flush=True)
+        sys.stdin.readline()
+        (new / "file" if new.is_dir() else new).write_text("theirs")
+except OSError as error:
+    print(error.strerror, flush=True)
+"""
+
+
+@contextmanager
+def writers(target: Path, count: int = 1, *more: str) -> Iterator[list[subprocess.Popen[str]]]:
+    """Processes that are about to write to `target`; a line makes each begin, another one end."""
+    with ExitStack() as stack:
+        words = [sys.executable, "-c", WRITER, str(target), *more]
+        children = []
+        for _ in range(count):
+            child = subprocess.Popen(words, cwd=ROOT, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            stack.callback(child.communicate)
+            stack.callback(child.kill)
+            children.append(child)
+        for child in children:
+            assert child.stdout is not None and child.stdout.readline() == "ready\n"
+        yield children
+
+
+def go_on(child: subprocess.Popen[str]) -> str:
+    assert child.stdin is not None and child.stdout is not None
+    child.stdin.write("\n")
+    child.stdin.flush()
+    return child.stdout.readline().strip()
+
+
+@pytest.fixture
+def pack(tmp_path: Path) -> Path:
+    save_pack(small_pack(), tmp_path / "source")
+    return tmp_path / "source"
+
+
+def test_of_several_that_begin_in_one_moment_one_writes(tmp_path: Path) -> None:
+    with writers(tmp_path / "film.mp4", 4) as children:
+        for child in children:
+            assert child.stdin is not None
+            child.stdin.write("\n")
+        for child in children:
+            child.stdin.flush()  # type: ignore[union-attr]
+        said = [child.stdout.readline().strip() for child in children]  # type: ignore[union-attr]
+        assert sorted(said) == ["another process is writing it"] * 3 + ["writes"]
+        go_on(children[said.index("writes")])
+    assert (tmp_path / "film.mp4").read_text() == "theirs"
+    assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
+
+
+@pytest.mark.slow
+def test_one_that_is_killed_stands_in_nobodys_way(tmp_path: Path) -> None:
+    with writers(tmp_path / "film.mp4") as (child,):
+        assert go_on(child) == "writes"
+        with pytest.raises(OSError, match="another process is writing it"):
+            Replacement(tmp_path / "film.mp4", alone=True)
+        with replacing(tmp_path / "film.mp4") as new:  # what is written in a moment asks nobody
+            new.write_text("ours")
+        child.kill()
+        child.wait()
+    with replacing(tmp_path / "film.mp4", alone=True) as new:
+        new.write_text("again")
+    assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
+
+
+@pytest.mark.parametrize("out", ["view.png", "film.mp4", "views"])
+def test_a_rendering_says_that_another_one_writes_there(
+    pack: Path, tmp_path: Path, out: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = [str(pack), "--out", str(tmp_path / "new" / out), "--size", "16x16"]
+    line += ["--orbit", "2"] if out != "view.png" else []
+    (tmp_path / "new").mkdir()
+    with writers(tmp_path / "new" / out, 1, *(["folder"] if out == "views" else [])) as (child,):
+        assert go_on(child) == "writes"
+        assert snerg_render(line) == 2
+        [error] = told(capsys.readouterr().err)
+        assert out in error and "another process is writing it" in error
+    assert snerg_render(line) == 0
+    assert [path.name for path in (tmp_path / "new").iterdir()] == [out]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("out", ["pack", "pack.zip"])
+def test_a_pack_that_another_process_writes_is_left_to_it(
+    pack: Path, tmp_path: Path, out: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["convert", str(pack), "--out", str(tmp_path / "new" / out), "--codec", "png"]
+    (tmp_path / "new").mkdir()
+    with writers(tmp_path / "new" / out, 1, *([] if out.endswith("zip") else ["folder"])) as (child,):
+        assert go_on(child) == "writes"
+        assert snerg_pack(line) == 2
+        assert "another process is writing it" in capsys.readouterr().err
+    assert snerg_pack(line) == 0
+    assert same_pack(load_pack(tmp_path / "new" / out), load_pack(pack))

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import pytest
 
 from console import Notice, UserError, run_command
+from console.arguments import parse_point, parse_size
 
 
 def train(
@@ -153,20 +154,6 @@ def test_notices_are_one_plain_line_and_other_warnings_stay(capsys: pytest.Captu
     assert run_command(lambda: None, prog="p", args=[]) == 0
 
 
-def test_a_reader_that_goes_away_is_no_error() -> None:
-    code = (
-        "from console import run_command\n"
-        "def c():\n    'Prints.'\n    for i in range(100000): print(i)\n"
-        "raise SystemExit(run_command(c, prog='p', args=[]))"
-    )
-    child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert child.stdout is not None and child.stderr is not None
-    child.stdout.readline()
-    child.stdout.close()
-    assert child.wait() == 0 and child.stderr.read() == b""
-    child.stderr.close()
-
-
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
 def test_a_reader_that_goes_away_does_not_stop_the_work(stream: str, tmp_path: Path) -> None:
     """As in `snerg-train ... 2>&1 | head -1`: its checkpoints are wanted, whoever reads what it says."""
@@ -206,3 +193,28 @@ def test_no_control_character_reaches_the_terminal_and_no_line_is_endless(
     err = capsys.readouterr().err
     assert err.endswith("is not a pack\n") and len(err) < 3000 and "a … a" in err
     assert not [character for character in err[:-1] if not character.isprintable()]
+
+
+# Words of the command line: sizes and numbers, and the one line that tells what is wrong with them
+
+
+def test_a_size_is_width_by_height() -> None:
+    assert parse_size("1280x800") == parse_size(" 1280×800 ") == (1280, 800)
+
+
+@pytest.mark.parametrize("text", ["", "800", "800x", "0x10", "-8x8", "8x8x8", "20000x10", "8.5x8"])
+def test_what_is_no_size_is_told_in_one_line(text: str) -> None:
+    with pytest.raises(UserError, match=r"--export-size: .*WxH such as 800x600"):
+        parse_size(text, "--export-size")
+
+
+def test_a_size_may_have_a_least_side() -> None:
+    assert parse_size("64x64", least=64) == (64, 64)
+    with pytest.raises(UserError, match="sides of 64 to 16384"):
+        parse_size("63x64", least=64)
+
+
+def test_a_point_is_three_finite_numbers() -> None:
+    assert parse_point("1,-2.5,3e2", "--eye") == (1.0, -2.5, 300.0)
+    with pytest.raises(UserError, match="3 such as 1,2,3"):
+        parse_point("1,2,inf", "--eye")

@@ -6,18 +6,14 @@
 from __future__ import annotations
 
 import json
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.fuzz import workers
 from tests.fuzz.child import FINDING, OPENED, REFUSED
-from tests.fuzz.mutations import apply, png_chunks, tensors
-from tests.fuzz.recipes import SUBJECTS, Source, findings, smaller, write_bases
+from tests.fuzz.recipes import SUBJECTS, Source, findings, write_bases
 from tests.fuzz.workers import Worker
-from training.checkpoints import read_checkpoint
 
 BUDGET = {"packs": 80, "scenes": 50, "settings": 100, "runs": 12}
 SEED = 2193
@@ -100,47 +96,3 @@ def test_the_fuzzer_sees_what_breaks(code: str, key: str, breaking: Worker) -> N
 def breaking(bases: Path) -> Iterator[Worker]:
     with Worker("breaking", write_bases(bases, ("breaking",))) as worker:
         yield worker
-
-
-@pytest.mark.slow
-def test_what_never_ends_is_found(breaking: Worker, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On the processor, or waiting for what does not come."""
-    monkeypatch.setattr(workers, "SECONDS", 1.0)
-    for code in ("while True: pass", "import os; os.mkfifo(path / 'pipe'); open(path / 'pipe')"):
-        recipe = {"subject": "breaking", "base": "code", "steps": [["insert", "code.py", 0, code.encode().hex(), 1]]}
-        assert breaking.outcome(recipe).key == "hang"
-
-
-@pytest.mark.slow
-def test_the_same_seed_draws_the_same_files_and_a_finding_keeps_only_the_steps_that_matter(bases: Path) -> None:
-    for subject in SUBJECTS:
-        first, second = ([Source(subject, bases, 5).recipe(n) for n in range(20)] for _ in range(2))
-        assert json.dumps(first) == json.dumps(second) and len({json.dumps(one) for one in first}) == 20
-    recipe = {"subject": "packs", "base": "png", "steps": [["cut", "a", 1], ["remove", "b"], ["cut", "c", 2]]}
-    assert smaller(recipe, lambda fewer: ["remove", "b"] in fewer["steps"])["steps"] == [["remove", "b"]]
-
-
-@pytest.mark.slow
-def test_most_steps_change_something(bases: Path) -> None:
-    """A mutator that does nothing would find nothing."""
-    for subject in SUBJECTS:
-        source = Source(subject, bases, 1)
-        recipes = [source.recipe(number) for number in range(100)]
-        changed = sum(apply(source.trees[one["base"]], one["steps"]) != source.trees[one["base"]] for one in recipes)
-        assert changed > 85, subject
-
-
-@pytest.mark.slow
-def test_spoilt_headers_keep_checksums_that_are_right(bases: Path) -> None:
-    """Otherwise a reader would stop there, and never believe the numbers."""
-    source = Source("packs", bases, 0)
-    tree = source.trees["png"]
-    spoilt = apply(tree, [["png put", "rgba_000.png", 0, 0, "00010000"]])["rgba_000.png"]
-    assert isinstance(spoilt, bytes) and png_chunks(spoilt)[0][1][:4] == b"\0\x01\0\0"
-    assert int.from_bytes(spoilt[29:33], "big") == zlib.crc32(spoilt[12:29])
-    run = Source("runs", bases, 0).trees["multires"]
-    name = next(file for file in run if file.endswith("300.safetensors"))
-    spoilt = apply(run, [["tensor", name, "dims", "fill", -1]])[name]
-    assert isinstance(spoilt, bytes) and tensors(spoilt)[0]["dims"]["shape"] == tensors(run[name])[0]["dims"]["shape"]  # type: ignore[arg-type]
-    (bases / "step_00000007.safetensors").write_bytes(spoilt)
-    assert (read_checkpoint(bases / "step_00000007.safetensors")[1]["dims"] == -1).all()

@@ -15,11 +15,17 @@ import pytest
 
 from console import UserError
 from scenepack import Pack, load_pack, save_pack
+from scenepack.coarse import coarse_pack, factor_for, order_of_groups
 from scenepack.codecs import CODECS
+from scenepack.codecs.quantisation import EXACT, steps_of
+from scenepack.codecs.streams import filled, pack_occupancy, premultiplied, unpack_occupancy, unpremultiply
 from scenepack.commands import main
+from scenepack.padding import restore_padding
 from scenepack.piece_files import follows_grid
 from tests.scenepack.helpers import edit_json, images, read_json, same_pack, small_pack, smooth_pack, written
+from tests.scenepack.random_packs import random_pack
 from tests.told import told
+from tests.viewer.conftest import toy_pack
 
 LOSSLESS = {"png", "webp"}
 # At the default quality, on smooth content: mean alpha error, and PSNR over voxels in use.
@@ -211,3 +217,116 @@ def test_convert_tells_in_one_line_what_it_cannot_do(
     [error] = told(capsys.readouterr().err)
     assert expected in error
     assert not (tmp_path / "b").exists()
+
+
+# What codecs are made of: padding, straight colours, the continuation of voxels into empty space, occupancy
+
+
+def test_padding_is_restored_whatever_lies_there() -> None:
+    for seed in range(3):
+        source = random_pack(np.random.default_rng(seed), block_size=4, grid_blocks=(4, 3, 3), style="noise")
+        spoilt_atlas = source.atlas_rgba.copy()
+        for block in np.argwhere(source.occupied):
+            x, y, z = (int(i) * 6 for i in source.atlas_indices[tuple(block)])
+            copy = spoilt_atlas[z : z + 6, y : y + 6, x : x + 6]
+            data = copy[1:-1, 1:-1, 1:-1].copy()
+            copy[...] = 77
+            copy[1:-1, 1:-1, 1:-1] = data
+        restore_padding(spoilt_atlas, source.atlas_indices, source.block_size)
+        assert np.array_equal(spoilt_atlas, source.atlas_rgba)
+
+
+def test_straight_colours_come_back_and_nothing_outshines_its_alpha() -> None:
+    rng = np.random.default_rng(0)
+    alpha = (rng.integers(0, 256, (9, 20, 33)) * (rng.random((9, 20, 33)) < 0.3)).astype(np.uint8)
+    values = np.rint(rng.random((9, 20, 33, 3)) * alpha[..., None]).astype(np.uint8)
+    shown = unpremultiply(values, alpha, 0.0)
+    assert shown.shape == (9, 32, 48, 3)
+    back = premultiplied(shown, alpha)
+    assert np.abs(back.astype(int) - values).max() <= 1
+    smooth = premultiplied(unpremultiply(values, alpha, 8.0), alpha)
+    assert np.all(smooth <= alpha[..., None]) and not smooth[alpha == 0].any()
+    assert abs(smooth.sum() / values.sum() - 1) < 0.02, "smoothing moves colour about and loses none"
+
+
+def test_empty_voxels_continue_what_is_near_them() -> None:
+    alpha = np.zeros((16, 16, 32), np.uint8)
+    alpha[3:6, 4:9, 2:5] = 90
+    values = np.where(alpha > 0, 45, 0).astype(np.uint8)[..., None]
+    shown = unpremultiply(values, alpha, 8.0)
+    assert np.all(shown[:, :, :16] == 128) and np.all(shown[:, :, 16:] == 128)  # 45 / 90, and grey where nothing is
+    assert np.all(filled(alpha[..., None], alpha)[:, :, :16] == 90)
+
+
+def test_occupancy_comes_back_exactly_and_is_refused_at_another_size() -> None:
+    occupied = np.random.default_rng(0).random((5, 6, 7)) < 0.3
+    data = pack_occupancy(occupied)
+    assert np.array_equal(unpack_occupancy(data, (5, 6, 7)), occupied)
+    for shape in ((5, 6, 9), (1, 2, 2)):
+        with pytest.raises(Exception, match="expected"):
+            unpack_occupancy(data, shape)
+
+
+# Values in coarse steps: a lossless codec counts them in steps, and loses nothing
+
+
+def in_steps(pack: Pack, colour: int, feature: int, opacity: int = 1) -> Pack:
+    """The pack with values rounded to steps, at most alpha."""
+    alpha = np.minimum(-(pack.atlas_rgba[..., 3:].astype(int) // -opacity) * opacity, 255).astype(np.uint8)
+    assert pack.atlas_features is not None
+
+    def rounded(values: np.ndarray, step: int) -> np.ndarray:
+        return np.minimum(np.rint(values / step) * step, alpha).astype(np.uint8)
+
+    rgba = np.concatenate([rounded(pack.atlas_rgba[..., :3], colour), alpha], axis=-1)
+    return replace(pack, atlas_rgba=rgba, atlas_features=rounded(pack.atlas_features, feature))
+
+
+@pytest.mark.parametrize("steps", [(4, 16), (4, 1), (1, 16), (3, 100), (4, 16, 4), (1, 1, 7)])
+def test_webp_counts_in_the_steps_that_values_are_in_and_loses_nothing(
+    pack: Pack, tmp_path: Path, steps: tuple[int, ...]
+) -> None:
+    coarse = in_steps(pack, *steps)
+    save_pack(coarse, tmp_path / "pack", codec="webp")
+    assert read_json(tmp_path / "pack")["snerg"]["codec_settings"]["steps"] == list(steps)
+    assert same_pack(load_pack(tmp_path / "pack"), coarse)
+
+
+def test_what_is_counted_in_steps_takes_fewer_bytes(
+    pack: Pack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sizes = []
+    for found in (steps_of, lambda *_: EXACT):
+        monkeypatch.setattr("scenepack.piece_files.steps_of", found)
+        save_pack(in_steps(pack, 4, 16), tmp_path / "pack", codec="webp")
+        sizes.append(sum(f.stat().st_size for f in images(tmp_path / "pack")))
+    assert sizes[0] < 0.97 * sizes[1]
+
+
+# What can be seen of a pack before it is read to the end
+
+
+@pytest.mark.parametrize(("depth", "side"), [(32, 32), (64, 32), (36, 16), (8, 7)])
+def test_every_group_is_decoded_once(depth, side):
+    order, steps = order_of_groups(depth, side)
+    assert sorted(order) == list(range(-(-depth // 4))) and all(0 < step <= len(order) for step in steps)
+
+
+def test_the_coarse_pack_lies_where_the_whole_does():
+    pack = toy_pack()
+    coarse = coarse_pack(pack, np.ones(len(pack.atlas_rgba), bool))
+    f = factor_for(pack.block_size)
+    assert coarse is not None and f is not None and coarse.voxel_size == f * pack.voxel_size
+    assert coarse.grid_blocks == pack.grid_blocks and coarse.atlas_blocks == pack.atlas_blocks
+    assert np.all(coarse.max_xyz >= pack.max_xyz - 1e-9)
+
+
+def test_previews_come_before_the_end_and_the_pack_is_the_same(tmp_path):
+    pack, seen, told = toy_pack(), [], []
+    save_pack(pack, tmp_path / "toy")
+    read = load_pack(tmp_path / "toy", on_progress=lambda done, _: told.append(done),
+                     on_preview=lambda preview: seen.append((len(told), preview)))  # fmt: skip
+    assert seen and seen[0][0] < told[-1]
+    assert all(preview.atlas_rgba[..., 3].any() for _, preview in seen)
+    np.testing.assert_array_equal(read.atlas_rgba, pack.atlas_rgba)
+    np.testing.assert_array_equal(read.atlas_features, pack.atlas_features)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -115,7 +114,3 @@ def test_frames_beyond_those_expected_are_not_decoded() -> None:
     data = H264Codec().film(frames, "alpha", 90)
     with pytest.raises(CodecError, match="more than the 4 frames"):
         H264Codec().frames(data, (4, 32, 32), colour=False)
-
-
-def box(kind: bytes, contents: bytes) -> bytes:
-    return struct.pack(">I4s", 8 + len(contents), kind) + contents

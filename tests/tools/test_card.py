@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import re
-import sys
-import types
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +15,8 @@ from tests.told import told
 from tools.card import __main__ as card_report
 from tools.card import opengl, subprocesses
 from tools.card.__main__ import packs_at_hand, scene_at_hand
-from tools.card.page import page
 from tools.card.parts import Budget, Part, Skipped, run_parts
 from tools.card.subprocesses import Training
-from tools.profile_step import PARTS, Profile, Times
-from viewer.benchmark import frames
-from viewer.rendering import software_rasteriser
 from viewer.rendering.camera import orbit_path
 from viewer.rendering.offscreen import OffscreenRenderer
 
@@ -88,62 +81,6 @@ def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_golden_pictures")
-def test_what_only_a_card_has_is_asked_of_one_that_pretends(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Timer queries and NVML: drawn by the software rasteriser under another name."""
-    nvml = types.ModuleType("pynvml")
-    nvml.NVML_CLOCK_GRAPHICS, nvml.NVML_CLOCK_MEM = 0, 2  # type: ignore[attr-defined]
-    nvml.nvmlInit = lambda: None  # type: ignore[attr-defined]
-    nvml.nvmlDeviceGetHandleByIndex = lambda index: "card"  # type: ignore[attr-defined]
-    nvml.nvmlDeviceGetName = lambda card: b"NVIDIA Pretence"  # type: ignore[attr-defined]
-    nvml.nvmlSystemGetDriverVersion = lambda: "570.1"  # type: ignore[attr-defined]
-    nvml.nvmlDeviceGetMemoryInfo = lambda card: types.SimpleNamespace(total=8 << 30)  # type: ignore[attr-defined]
-    nvml.nvmlDeviceGetEnforcedPowerLimit = lambda card: 300_000  # type: ignore[attr-defined]
-    nvml.nvmlDeviceGetMaxClockInfo = lambda card, kind: 1980 + kind  # type: ignore[attr-defined]
-    nvml.nvmlDeviceGetPowerUsage = lambda card: 50_000  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "pynvml", nvml)
-    monkeypatch.setattr(software_rasteriser, "SOFTWARE_RENDERERS", ())
-    monkeypatch.setattr(opengl, "LEAST_IDLE_S", 0.2)
-    ours = frames.PowerMeter.__init__
-    monkeypatch.setattr(frames.PowerMeter, "__init__", lambda meter, renderer: ours(meter, "NVIDIA " + renderer))
-    card_facts = opengl.card_facts
-    monkeypatch.setattr(opengl, "card_facts", lambda renderer: card_facts("NVIDIA " + renderer))
-    out = tmp_path / "card"
-    words = [
-        "--out",
-        str(out),
-        "--only",
-        "--pack",
-        str(folder),
-        *QUICK,
-        "--power-seconds",
-        "0.3",
-        "--train-minutes",
-        "0",
-    ]
-    assert card_report.main(words) == 0
-    parts = read(out)
-    assert parts["device"]["card"] == {
-        "name": "NVIDIA Pretence",
-        "driver": "570.1",
-        "bytes": 8 << 30,
-        "watts_allowed": 300.0,
-        "mhz": 1980,
-        "memory_mhz": 1982,
-    }
-    assert parts["device"]["idle_watts"] == pytest.approx(50.0) and not parts["device"]["software"]
-    facts = parts["pack shapes"]
-    assert facts["times"]["clock"] == "GPU timer queries" and facts["timer"]["gpu_ms_p50"] is not None
-    for marcher in ("exact", "paper"):
-        measured = facts["power"][marcher]
-        assert measured["fps_per_watt"] == pytest.approx(measured["fps"] / 50.0)
-    text = (out / "report.md").read_text()
-    assert text.startswith("# Figures of NVIDIA Pretence") and "570.1" in text and "software" not in text
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("no_golden_pictures")
 def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -173,51 +110,6 @@ def test_a_picture_that_is_not_exact_fails_its_pack(shapes: Pack, ctx, monkeypat
         monkeypatch.setattr(renderer, "render_float", shifted)
         found = opengl.exactness(renderer, cameras)
         assert not found["holds"] and found["worst"] == pytest.approx(2.55, abs=0.01) and found["beyond"] == 1.0
-
-
-@pytest.mark.slow
-def test_training_is_followed_by_what_the_runs_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The commands that are started, and what becomes of their files; see also the test below, which starts them."""
-    started = []
-
-    def pretended(words, log: Path, seconds: float) -> subprocesses.Ended:
-        started.append(list(words))
-        log.write_text("a line\n")
-        named = dict(itertools.pairwise(words))
-        if words[0] == "-c":
-            return subprocesses.Ended(0, json.dumps({"backend": "gpu", "devices": ["H"], "jax": "1"}), log)
-        if words[1] == "tools.profile_step":
-            facts = {"step": 1, "rows": 2, "rays": 3, "rounds": 15, "device": "1 x H"}
-            step = Profile("jax", dict.fromkeys(PARTS["jax"], Times(3.0, 3.0)), 100.0, 2, False, facts)
-            Path(named["--json"]).write_text(json.dumps(step.to_json()))
-        elif words[1] == "training.commands.train":
-            run = Path(named["--out"])
-            run.mkdir(parents=True)
-            lines = [
-                {"step": s, "training_seconds": 0.5 * s, "psnr": 20.0, "steps_per_second": 2.0 * s} for s in (1, 2, 3)
-            ]
-            lines.append({"step": 3, "training_seconds": 1.5, "validation_psnr": 27.5})
-            (run / "metrics.jsonl").write_text("\n".join(map(json.dumps, lines)) + '\n{"step": 4, "trai')
-            Image.new("RGB", (4, 4)).save(run / "curves.png")
-        return subprocesses.Ended(None if "paper" in words else 0, "", log)
-
-    monkeypatch.setattr(subprocesses, "run_child", pretended)
-    training = Training(tmp_path, None, 2, False, {"full": ["--seed", "3"], "paper": []})
-    parts = [
-        Part("jax", training.devices),
-        Part("curve of full", lambda left: training.curve_of("full", 6.0, left)),
-        Part("step of paper", lambda left: training.step_of("paper", left)),
-        Part("step of full, in parts", lambda left: training.parts_of_step("full", left)),
-    ]
-    report = run_parts(parts, tmp_path, 20.0)
-    assert [facts["status"] for facts in report["parts"].values()] == ["done"] * 4
-    fast, paper = report["parts"]["curve of full"], report["parts"]["step of paper"]
-    assert fast["curve"] == [{"step": 3, "minutes": pytest.approx(0.025), "psnr": 27.5}]
-    assert fast["steps_per_second"] == pytest.approx(5.0) and fast["step_ms"] == pytest.approx(200.0)
-    assert paper["stopped"] and "procedural" in started[1][1] and started[2][-2:] == ["--seed", "3"]
-    assert (tmp_path / fast["picture"]).is_file()
-    text = page(report)
-    assert "27.50" in text and "**200.0 ms**" in text and "gradient" in text and "full-curve.png" in text
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,6 +22,7 @@ from training.checkpoints import (
     read_newest_checkpoint,
     write_checkpoint,
 )
+from training.commands.train import main
 
 ARRAYS = {"weight": np.arange(12, dtype=np.float32).reshape(3, 4), "count": np.array(7, np.int32)}
 
@@ -86,3 +89,27 @@ def test_arrays_of_another_shape_or_a_missing_one_are_refused():
         from_arrays(template, {"a": np.ones(3, np.float32)})
     with pytest.raises(UserError, match=r'"a" does not fit.*found none'):
         from_arrays(template, {})
+
+
+# Going on with somebody else's run writes into that run, and nowhere else
+
+STORED = Path(__file__).parents[1] / "data" / "runs"
+
+
+@pytest.mark.parametrize(
+    "name", ["metrics.jsonl", "curves.png", "validation/latest.png", "report/report.md", "config.json"]
+)
+@pytest.mark.parametrize("kind", ["link", "pipe"])
+def test_a_link_or_a_pipe_in_the_place_of_a_file_is_refused(
+    name: str, kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, mine = Path(shutil.copytree(STORED / "multires", tmp_path / "run")), tmp_path / "mine.txt"
+    mine.write_bytes((run / name).read_bytes() if name == "config.json" else b"mine")
+    before = mine.read_bytes()
+    file = run / name
+    file.parent.mkdir(exist_ok=True)
+    file.unlink(missing_ok=True)
+    file.symlink_to(mine) if kind == "link" else os.mkfifo(file)
+    assert main([str(STORED / "scene"), "--out", str(run), "--resume"]) == 2
+    assert file.name in capsys.readouterr().err or name == "config.json"
+    assert mine.read_bytes() == before

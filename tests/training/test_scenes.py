@@ -12,9 +12,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from baker.reports.evaluation import reading_of
 from console import UserError
-from training.scenes import Scene, load_pixels, load_scene
+from tests.training.reconstructions import around, ball, write_colmap
+from tests.training.test_captures import circle, forward, write_llff
+from tests.training.test_training import MINUTE
+from training.commands.train import main
+from training.loop import train
+from training.run import load_run, read_description
+from training.scenes import Scene, SceneOptions, load_pixels, load_scene
+from training.scenes.colmap import sparse_points
 from training.scenes.pictures import over_background, read_picture, shrink
+from training.scenes.scene_options import axes_of, box_text
 
 
 @pytest.fixture
@@ -144,3 +153,91 @@ def test_the_real_lego_scene_reads(real_data: Path):
     assert len(scene.splits["train"]) == 100 and len(scene.splits["test"]) == 25
     picture = scene.splits["test"][0].load()
     assert picture.shape == (100, 100, 4) and 0.05 < picture[..., 3].mean() < 0.9
+
+
+# What is up, where the user says it: poses, points and box turn together, and a run and its pack are compared so, too
+
+
+def eyes(scene) -> np.ndarray:
+    return np.stack([p.camera.world_T_camera[:3, 3] for split in scene.splits.values() for p in split])
+
+
+@pytest.fixture(scope="module")
+def leaning(tmp_path_factory) -> Path:
+    """Cameras that all stand on one side and look down at a ball: their mean up leans back."""
+    return write_colmap(tmp_path_factory.mktemp("leaning") / "scene", around(), ball(300, 1.0))
+
+
+def test_what_is_up_becomes_z_and_all_else_turns_along(leaning: Path) -> None:
+    up = (0.3, -0.2, 1.5)
+    before, after = load_scene(leaning), load_scene(leaning, up=up)
+    turn = axes_of(up)
+    np.testing.assert_allclose(turn @ [0, 0, 1], np.array(up) / np.linalg.norm(up), atol=1e-12)
+    np.testing.assert_allclose(eyes(after), eyes(before) @ turn, atol=1e-9)
+    points = sparse_points(before).places, sparse_points(after).places
+    np.testing.assert_allclose(points[1], points[0] @ turn, atol=1e-9)
+    inside = ((points[1] > after.aabb[0]) & (points[1] < after.aabb[1])).all(-1)
+    assert inside.mean() > 0.95, "the box is that of the points as they lie now"
+    assert (after.near, after.far) == pytest.approx((before.near, before.far))
+    np.testing.assert_allclose(load_scene(leaning, up=(0.0, 0.0, 2.0)).aabb, before.aabb, atol=1e-9)
+
+
+def test_a_run_remembers_what_is_up(tmp_path: Path) -> None:
+    options = vars(SceneOptions(up=(0.0, -1.0, 0.5)))
+    document = {"format": 1, "scene": "s", "scene_options": options, "config": {}}
+    (tmp_path / "config.json").write_text(json.dumps(document))
+    assert read_description(tmp_path).options.up == (0.0, -1.0, 0.5)
+    assert reading_of(tmp_path)["up"] == (0.0, -1.0, 0.5)
+    document["scene_options"] = {**options, "up": [1, 2]}
+    (tmp_path / "config.json").write_text(json.dumps(document))
+    with pytest.raises(UserError):
+        read_description(tmp_path)
+
+
+# --aabb: the user's box in place of the reader's, stored with the run, refused where it means nothing
+
+BOX = (-0.5, -0.75, -0.25, 1.0, 0.5, 0.75)
+WORDS = "-0.5,-0.75,-0.25,1,0.5,0.75"
+
+
+@pytest.fixture(scope="module")
+def boxed(procedural_path: Path, tmp_path_factory) -> Path:
+    """A finished run within BOX."""
+    out = tmp_path_factory.mktemp("runs") / "boxed"
+    train(procedural_path, out, MINUTE, SceneOptions(aabb=BOX))
+    return out
+
+
+def test_the_box_takes_the_place_of_the_readers_and_far_reaches_its_end(procedural_path: Path):
+    plain, scene = load_scene(procedural_path), load_scene(procedural_path, aabb=BOX)
+    np.testing.assert_array_equal(scene.aabb, np.reshape(BOX, (2, 3)))
+    assert (scene.near, scene.far) == (plain.near, plain.far)
+    wide = load_scene(procedural_path, aabb=(-9, -9, -9, 9, 9, 9))
+    corner = np.max([np.linalg.norm(9 + np.abs(p.camera.world_T_camera[:3, 3])) for p in wide.splits["train"]])
+    assert wide.far == pytest.approx(corner)
+
+
+def test_a_run_keeps_its_box_through_resuming_and_loading(boxed: Path, procedural_path: Path, tmp_path: Path, capsys):
+    assert json.loads((boxed / "config.json").read_text())["scene_options"]["aabb"] == list(BOX)
+    longer = Path(shutil.copytree(boxed, tmp_path / "longer"))
+    assert main([str(procedural_path), "--out", str(longer), "--resume", "--steps", "13", "--aabb", WORDS]) == 0
+    assert WORDS in capsys.readouterr().err
+    run = load_run(longer)
+    assert run.step == 13 and run.options.aabb == BOX
+    np.testing.assert_allclose(run.dataset.aabb, np.reshape(BOX, (2, 3)))
+
+
+def test_the_box_and_its_units_are_told_when_training_begins(
+    boxed: Path, procedural_path: Path, tmp_path: Path, capsys
+):
+    train(procedural_path, tmp_path / "plain", MINUTE)
+    assert "box of the content: -1.5,-1.5,-1.5,1.5,1.5,1.5 where cameras stand 4" in capsys.readouterr().err
+
+
+def test_a_forward_facing_scene_has_no_box_to_choose(tmp_path: Path):
+    path = write_llff(tmp_path / "forward", forward())
+    with pytest.raises(UserError, match=r"--aabb: .* NDC.*; leave it out"):
+        load_scene(path, aabb=BOX)
+    around = write_llff(tmp_path / "around", circle())
+    box = load_scene(around, spherify=True).aabb * 0.5
+    assert box_text(load_scene(around, spherify=True, aabb=box.ravel()).aabb) == box_text(box)

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from scenepack.constants import VIEW_MLP_WIDTHS
+from training.config import PAPER, REAL_BATCH, SYNTHETIC_BATCH, TrainConfig
+from training.encoding import encode_points, encode_viewdirs, encoded_width
+from training.losses import cauchy_sparsity, squared_error
+from training.nerf.method import learning_rate, make_optimizer, sparsity_of
 from training.view_mlp import apply_view_mlp, init_view_mlp
 from training.volume import alpha_of, composite, shade, weights_of
 
@@ -42,3 +51,112 @@ def test_shading_puts_the_background_behind_before_it_asks_the_view_mlp():
     behind = diffuse + 0.25 * jnp.asarray([1.0, 0.5, 0.0])
     np.testing.assert_allclose(out.diffuse, behind, rtol=1e-6)
     np.testing.assert_allclose(out.rgb, behind + apply_view_mlp(view, behind, features, v), rtol=1e-5)
+
+
+# Loss terms, learning rate, clipping: against numbers worked out by hand
+
+
+def test_the_photometric_term_sums_channels_and_averages_rays():
+    rgb, target = (
+        jnp.asarray([[0.1, 0.2, 0.3], [1.0, 1.0, 1.0]]),
+        jnp.asarray([[0.0, 0.0, 0.0], [1.0, 0.5, 1.0]]),
+    )
+    assert float(squared_error(rgb, target)) == pytest.approx((0.01 + 0.04 + 0.09 + 0.25) / 2)
+
+
+def test_the_sparsity_term_is_log_1_plus_2_sigma_squared_summed_over_a_rays_samples():
+    sigma = jnp.asarray([[0.0, 1.0, 2.0], [0.0, 0.0, 10.0]])
+    first, second = math.log(3) + math.log(9), math.log(201)
+    assert float(cauchy_sparsity(sigma)) == pytest.approx((first + second) / 2)
+    assert float(cauchy_sparsity(sigma, c=2.0)) == pytest.approx((math.log(1.5) + math.log(3) + math.log(51)) / 2)
+
+
+def test_sparsity_counts_the_coarse_samples_alone_of_both_fields():
+    coarse = jnp.asarray([[1.0, 0.0]])
+    fine = jnp.asarray([[2.0, 0.0, 0.0, 0.0, 0.0]])  # fine samples are masked with 0
+    expected = math.log(3) + math.log(9)
+    assert float(sparsity_of(coarse, fine, PAPER)) == pytest.approx(expected)
+    release = dataclasses.replace(PAPER, sparsity_over_samples="release")
+    assert float(sparsity_of(coarse, fine, release)) == pytest.approx(3 * expected / 2), (
+        "over the coarse samples, beside the mean over channels"
+    )
+
+
+def test_with_the_papers_192_samples_the_release_weighs_sparsity_64_times_less():
+    coarse, fine = jnp.ones((2, 192)), jnp.pad(jnp.ones((2, 192)), ((0, 0), (0, 384)))
+    release = dataclasses.replace(PAPER, sparsity_over_samples="release")
+    assert float(sparsity_of(coarse, fine, PAPER) / sparsity_of(coarse, fine, release)) == pytest.approx(64)
+
+
+@pytest.mark.parametrize(
+    ("step", "rate"),
+    [
+        (0, 2e-4),
+        (1250, 2e-3 * 0.01**0.005 * (0.1 + 0.9 * math.sin(math.pi / 4))),
+        (2500, 2e-3 * 0.01**0.01),  # 1.91e-3: the warm-up is over
+        (125_000, 2e-4),
+        (250_000, 2e-5),
+        (300_000, 2e-5),
+    ],
+)
+def test_the_papers_learning_rate(step, rate):
+    assert float(learning_rate(PAPER.nerf, PAPER.steps, step)) == pytest.approx(rate, rel=1e-5)
+
+
+def test_gradients_are_clipped_by_value_then_by_norm():
+    config = PAPER.nerf
+    optimizer = make_optimizer(config, PAPER.steps)
+    params = jnp.zeros(4)
+    # by value: (0.01, 0.01, 0.001, 0); then scaled to norm 0.01. Adam's first moment holds a tenth of that
+    _, state = optimizer.update(jnp.asarray([5.0, 0.02, 0.001, 0.0]), optimizer.init(params), params)
+    clipped = np.array([0.01, 0.01, 0.001, 0.0])
+    expected = 0.1 * clipped * 0.01 / np.linalg.norm(clipped)
+    moments = [leaf for leaf in jax.tree.leaves(state) if leaf.shape == (4,)]
+    np.testing.assert_allclose(moments[0], expected, rtol=1e-5)
+
+
+def test_the_paper_preset_holds_the_papers_numbers():
+    assert (PAPER.steps, PAPER.sparsity_weight, PAPER.sparsity_scale) == (250_000, 1e-4, 0.5)
+    assert (SYNTHETIC_BATCH, REAL_BATCH, PAPER.batch_size) == (8192, 16_384, None)
+    nerf = PAPER.nerf
+    assert (nerf.depth, nerf.width, nerf.coarse_samples, nerf.fine_samples) == (8, 512, 192, 384)
+    assert (nerf.first_rate, nerf.last_rate, nerf.warmup_steps, nerf.warmup_factor) == (2e-3, 2e-5, 2500, 0.1)
+    assert (nerf.clip_value, nerf.clip_norm) == (0.01, 0.01)
+    assert TrainConfig().method == PAPER.method == "nerf" and PAPER.sparsity_over_samples == "paper"
+
+
+# Positional encoding and the view MLP: the orders and numbers that packs and shaders rely on
+
+
+def test_view_encoding_is_v_then_sines_frequency_major_then_the_same_shifted_by_a_quarter():
+    v = np.array([0.6, -0.48, 0.64])
+    expected = list(v)
+    for shift in (0.0, np.pi / 2):
+        for k in range(4):
+            expected += [np.sin(2**k * component + shift) for component in v]
+    np.testing.assert_allclose(encode_viewdirs(jnp.asarray(v)), expected, atol=1e-6)
+
+
+def test_encoded_widths_are_63_for_points_and_27_for_directions():
+    assert encode_points(jnp.zeros((5, 3))).shape == (5, 63) and encoded_width(3, 10) == 63
+    assert encode_viewdirs(jnp.zeros((2, 5, 3))).shape == (2, 5, 27) and encoded_width(3, 4) == 27
+
+
+def test_view_mlp_has_the_papers_883_parameters():
+    params = init_view_mlp(jax.random.key(0))
+    assert VIEW_MLP_WIDTHS == (34, 16, 16, 3)
+    assert [w.shape for w in params.weights] == [(34, 16), (16, 16), (16, 3)]
+    assert sum(leaf.size for leaf in jax.tree.leaves(params)) == 34 * 16 + 16 + 16 * 16 + 16 + 16 * 3 + 3 == 883
+
+
+def test_view_mlp_equals_the_same_arithmetic_written_out_in_numpy():
+    rng = np.random.default_rng(1)
+    params = jax.tree.map(lambda p: jnp.asarray(rng.normal(size=p.shape)), init_view_mlp(jax.random.key(0)))
+    diffuse, features, v = rng.random((6, 3)), rng.random((6, 4)), rng.normal(size=(6, 3))
+    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    x = np.concatenate([np.asarray(encode_viewdirs(jnp.asarray(v))), diffuse, features], axis=1)
+    for weight, bias in zip(params.weights[:2], params.biases[:2], strict=True):
+        x = np.maximum(x @ np.asarray(weight) + np.asarray(bias), 0)
+    expected = 1 / (1 + np.exp(-(x @ np.asarray(params.weights[2]) + np.asarray(params.biases[2]))))
+    residual = apply_view_mlp(params, *(jnp.asarray(a) for a in (diffuse, features, v)))
+    np.testing.assert_allclose(residual, expected, rtol=2e-5, atol=1e-5)

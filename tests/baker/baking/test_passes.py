@@ -82,27 +82,6 @@ def test_a_pack_is_compact_where_that_is_asked_for_and_costs_little(
     assert made.notes == {"fine_tuning": told}
 
 
-@pytest.mark.parametrize(("steps", "expected"), [(COMPACT, ["follow"]), (EXACT, [])])
-def test_hidden_voxels_follow_their_neighbours_in_compact_packs_alone(
-    monkeypatch: pytest.MonkeyPatch, steps: Steps, expected: list[str]
-) -> None:
-    calls = []
-
-    def follow(pack: Any, arriving: Any, steps: Any, score: Any, most_lost: float) -> Any:
-        calls.append("follow")
-        assert (
-            arriving == "arriving" and score(pack) == 29.0 and most_lost == passes.MOST_LOST_HIDDEN and steps == COMPACT
-        )
-        return pack, 64
-
-    monkeypatch.setattr(passes, "smooth_hidden", follow)
-    monkeypatch.setattr(passes, "arriving_transmittance", lambda *_: "arriving")
-    monkeypatch.setattr(passes, "with_views_between", lambda dataset: dataset)
-    monkeypatch.setattr(passes, "shown_psnr", lambda *args, **options: 29.0)
-    made = passes.smoothed(voxels_of(steps=steps), BAR)
-    assert calls == expected and made.notes == ({"hidden_below": 64} if expected else {})
-
-
 def voxels_in(pack: Pack) -> int:
     return int(np.count_nonzero(dense_from_pack(pack)[0][..., 3]))
 

@@ -6,14 +6,12 @@ tests/data/report.json holds what they were: SNERG_RECORD_REPORT=1 writes it ane
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import shutil
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,19 +21,13 @@ from PIL import Image
 from baker.baking import passes
 from baker.commands.evaluate import main as snerg_eval
 from baker.commands.report import main as snerg_report
-from baker.reports.cross_sections import draw_sections, placed, section, shares
 from baker.reports.pack_compare import stored_bytes
 from baker.reports.performance import Drawing
 from baker.reports.report import Sources, Wanted, open_study, write_tables
-from baker.reports.reproduce_commands import train_command
 from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_loop import JointConfig
 from scenepack import load_pack
-from scenepack.blocks import dense_from_pack
-from tests.scenepack.random_packs import random_pack
 from tests.told import told
-from training.config import PRESETS
-from training.scenes import SceneOptions
 
 DATA = Path(__file__).parents[2] / "data"
 SCENE, RECORD = DATA / "older/scene", DATA / "report.json"
@@ -213,25 +205,6 @@ def test_every_picture_that_the_report_shows_is_there(out: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_crops_are_of_the_scored_pictures(out: Path, tables: dict[str, Any]) -> None:
-    figure = tables["quality"]["figures"]["fine-tuning"]
-    left, top, side = figure["box"]
-    stem = Path(figure["view"]).stem
-    with Image.open(out / figure["picture"]) as opened:
-        sheet = np.asarray(opened).astype(int)
-    for i, panel in enumerate(figure["panels"]):
-        row = rows_of(tables["quality"])[panel["row"]]
-        assert panel["psnr"] == row["views"][figure["view"]]
-        with Image.open(out / row["pictures"] / f"{stem}.png") as opened:
-            picture = np.asarray(opened.convert("RGB"))
-        crop = picture[top : top + side, left : left + side]
-        x = 10 + i * 250
-        shown = sheet[240 + 20 : 240 + 20 + 240, x : x + 240]
-        np.testing.assert_array_equal(shown[2, 2], crop[0, 0])
-        np.testing.assert_array_equal(shown[-3, -3], crop[-1, -1])
-
-
-@pytest.mark.slow
 def test_the_same_study_again_bakes_and_scores_nothing(
     out: Path, runs: tuple[Path, Path], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -276,43 +249,6 @@ def test_reports_of_several_scenes_stand_side_by_side_with_their_mean(
     assert snerg_report([both[0], str(tmp_path), "--out", str(tmp_path / "none")]) == 2
     twice, none = told(capsys.readouterr().err)
     assert "one scene" in twice and "holds no report" in none
-
-
-@pytest.mark.slow
-def test_the_command_for_a_row_reads_the_photographs_as_the_run_did(tmp_path: Path) -> None:
-    options = SceneOptions(4, True, True, (-1.0, -1.0, -0.5, 1.0, 1.0, 1.5), (0.0, 0.0, 1.0))
-    scene, config = SimpleNamespace(path=Path("my scene")), dataclasses.replace(PRESETS["full"], steps=500)
-    run: Any = SimpleNamespace(scene=scene, options=options, config=config)
-    words = train_command(run, tmp_path, "diffuse", "--baselines")
-    assert words.startswith(
-        f"snerg-train 'my scene' --out {tmp_path}/runs/diffuse --preset diffuse --downscale 4 --spherify --masks"
-    )
-    assert "--aabb=-1,-1,-0.5,1,1,1.5 --up=0,0,1; then add --baselines" in words
-    assert "--preset quick --steps 500 --sparsity-weight 0" in train_command(run, tmp_path, "no-sparsity", "--against")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_a_section_is_the_packs_own_voxels_upright(axis: int, tmp_path: Path) -> None:
-    pack = random_pack(np.random.default_rng(4), block_size=6, grid_blocks=(2, 3, 4), style="blob", alpha_style="any")
-    others = tuple(i for i in range(3) if i != 2 - axis)
-    index = int(dense_from_pack(pack)[0][..., 3].astype(int).sum(others).argmax())  # the fullest plane
-    cut = section(pack, axis, float(pack.min_xyz[axis] + (index + 0.5) * pack.voxel_size))
-    plane = np.take(dense_from_pack(pack)[0], index, axis=2 - axis)  # [z, y], [z, x] or [y, x]
-    expected = {0: plane.transpose(1, 0, 2)[::-1], 1: plane, 2: plane[::-1]}[axis]
-    assert expected[..., 3].any()
-    np.testing.assert_array_equal(cut.rgba, expected)
-    assert not cut.rgba[~cut.stored].any(), "only stored macroblocks hold anything"
-    missed = section(pack, axis, float(pack.max_xyz[axis] + 1))
-    assert shares(missed) == {"opaque": 0, "with_alpha": 0, "stored": 0}
-    rgba, stored = placed(cut, cut.low, cut.high, cut.step)
-    np.testing.assert_array_equal(rgba, cut.rgba)
-    np.testing.assert_array_equal(stored, cut.stored)
-    wider, _ = placed(cut, cut.low - cut.step, cut.high + 2 * cut.step, cut.step)
-    np.testing.assert_array_equal(wider[2:-1, 1:-2] if cut.upward else wider[1:-2, 1:-2], cut.rgba)
-    draw_sections(tmp_path / "cut.png", {"hit": cut, "missed": missed})
-    with Image.open(tmp_path / "cut.png") as opened:
-        assert opened.width > 200
 
 
 @pytest.mark.parametrize(

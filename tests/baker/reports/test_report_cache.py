@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from baker.baking.config import BakeConfig
+from baker.reports import paper_figures
+from baker.reports.paper_figures import GPU_GB, MILLISECONDS, QUALITY, RELEASE, SCENES, SPEED, Kind
 from baker.reports.report import Sources, open_study
 from baker.reports.report_cache import Study
 from scenepack import save_pack
@@ -44,3 +46,37 @@ def test_each_pack_is_baked_once_and_none_stands_for_one_of_other_options(study:
     study.baked("paper")
     assert study.baked("snerg", seed=7).key != compact.key
     assert bakes == ["snerg compact 0", "snerg full 0", "paper compact 0", "snerg compact 7"]
+
+
+# The paper's figures stand here once; its means over scenes, which it prints as well, say whether they were typed right
+
+
+@pytest.mark.parametrize("kind", list(QUALITY))
+def test_the_printed_means_are_the_means_of_the_printed_scenes(kind: Kind) -> None:
+    for metric, rows in QUALITY[kind].items():
+        for row, (mean, *scenes) in rows.items():
+            assert len(scenes) == len(SCENES[kind]), row
+            if None not in scenes:
+                allowed = 0.011 if metric == "psnr" else 0.0011
+                if (kind, row) == ("forward", "DeRF"):
+                    allowed *= 2  # as printed
+                assert np.mean(np.array(scenes, float)) == pytest.approx(mean, abs=allowed), (metric, row)
+    for rows in (MILLISECONDS, GPU_GB):
+        for row, (mean, *scenes) in rows.items():
+            known = [value for value in scenes if value is not None]
+            assert np.mean(known) == pytest.approx(mean, abs=0.06), row
+    for row, (mean, *scenes) in RELEASE["synthetic"].items():
+        assert np.mean(np.array(scenes, float)) == pytest.approx(mean, abs=0.01), row
+    for row, (watts, fps, each) in SPEED[kind].items():
+        if fps >= 0.3:
+            assert each == pytest.approx(fps / watts, rel=0.02), row
+
+
+def test_a_scene_of_the_papers_gets_its_own_figures_and_others_the_mean_of_their_kind() -> None:
+    assert paper_figures.quality("synthetic", "Lego", "snerg") == {"psnr": 33.82, "ssim": 0.973, "lpips": 0.022}
+    assert paper_figures.quality("synthetic", "jewels", "snerg") == {"psnr": 30.38, "ssim": 0.950, "lpips": 0.050}
+    assert paper_figures.quality("real360", "mary_rose", "tinyview") is None
+    assert paper_figures.release("forward", "fern", "snerg") == 24.93
+    assert paper_figures.performance("real360", "pine_cone", "ours") == {"fps": 39.5}
+    assert paper_figures.performance("synthetic", "ficus", "no-sparsity") == {"ms": None, "gpu_gb": 7.57}
+    assert "lego" in paper_figures.whose("synthetic", "lego") and "mean" in paper_figures.whose("synthetic", "jewels")

@@ -47,36 +47,6 @@ def test_the_same_seed_gives_the_same_pack_so_that_a_bake_that_goes_on_ends_alik
 
 
 @pytest.mark.slow
-def test_a_pass_of_too_many_steps_is_cut_short_and_anneals_all_the_same(dataset: RayDataset, monkeypatch) -> None:
-    rates: list[float] = []
-    update = Tuner.update
-
-    def noting(self, ids, rates_now, count) -> None:
-        rates.append(float(rates_now[0]))
-        update(self, ids, rates_now, count)
-
-    monkeypatch.setattr(Tuner, "update", noting)
-    figures = joint_tune(pack_of(), dataset, replace(QUICK, passes=50, most_steps=3))[1]
-    assert len(rates) == 3 and 0 < figures["passes"] < 50
-    np.testing.assert_allclose(rates[-1] / rates[0], QUICK.final_rate_factor ** (2 / 3), rtol=1e-5)
-
-
-@pytest.mark.slow
-def test_what_is_scored_is_not_what_is_trained_on_first(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without views held out, too: rays that were just trained on score better than others."""
-    trained: list[np.ndarray] = []
-    scored: list[np.ndarray] = []
-    update, score = Tuner.update, Tuner.score
-    monkeypatch.setattr(joint_loop, "HELD_OUT_RAYS", 512)
-    monkeypatch.setattr(joint_loop, "FEWEST_SAMPLES", 4096)
-    monkeypatch.setattr(Tuner, "update", lambda self, ids, *more: (trained.append(ids), update(self, ids, *more))[1])
-    monkeypatch.setattr(Tuner, "score", lambda self, ids: (scored.append(ids), score(self, ids))[1])
-    joint_tune(pack_of(), dataset, replace(QUICK, held_out=0, most_steps=1))
-    assert len(trained) == 1 and len(scored) == 2 and len(scored[0]) == 512
-    assert np.isin(scored[0], trained[0]).mean() < 0.2, "by chance; 0.5 if both were drawn alike"
-
-
-@pytest.mark.slow
 def test_tuning_that_makes_held_out_views_worse_leaves_the_pack_as_it_was(dataset: RayDataset) -> None:
     pack = pack_of()
     wild = replace(QUICK, rate=0.0, density_rate=50.0, head_rate=3.0)

@@ -109,19 +109,6 @@ def test_a_move_too_small_to_change_a_byte_has_a_gradient_all_the_same(dataset: 
     assert np.mean(np.any(tuner.first != 0, axis=1)) > 0.2
 
 
-def test_cells_that_no_ray_met_stay_with_their_moments(dataset: RayDataset) -> None:
-    tuner, ids = tuner_of(pack_of(), dataset)
-    rng = np.random.default_rng(3)
-    before = [rng.uniform(0.1, 1, tuner.delta.shape).astype(np.float32) for _ in range(3)]
-    tuner.delta, tuner.first, tuner.second = (array.copy() for array in before)
-    tuner.update(np.full(tuner.rays, drawn(ids, tuner)[0]), np.full(9, 1e-3, np.float32), 5)  # one ray: few cells
-    same = [
-        np.all(now == was, axis=1) for now, was in zip((tuner.delta, tuner.first, tuner.second), before, strict=True)
-    ]
-    assert np.array_equal(same[0], same[1]) and np.array_equal(same[1], same[2])
-    assert same[0][0] and 0 < np.mean(~same[0]) < 0.7
-
-
 def test_pictures_are_compared_with_photographs_in_their_average_look(dataset: RayDataset) -> None:
     gains = np.ones((dataset.views, 3), np.float32)
     gains[:, 1] = np.linspace(0.6, 1.4, dataset.views)
@@ -171,15 +158,6 @@ def test_what_has_moved_is_stored_by_the_formulas_in_every_copy_and_never_appear
     assert {findings[rule] for rule in ("padding rgba", "padding features", "premultiplied")} == {"ok"}
 
 
-def uniform(rgba: tuple[int, ...], features: tuple[int, ...]) -> Pack:
-    """A pack whose voxels all hold the same."""
-    pack = pack_of(4, whole_blocks=True)
-    assert pack.atlas_features is not None
-    atlases = np.zeros_like(pack.atlas_rgba), np.zeros_like(pack.atlas_features)
-    atlases[0][...], atlases[1][...] = rgba, features
-    return replace(pack, atlas_rgba=atlases[0], atlas_features=atlases[1])
-
-
 # --- a run of steps ---
 
 
@@ -190,23 +168,6 @@ def test_a_run_of_steps_shows_the_photographs_better(dataset: RayDataset, by_opa
     for count in range(25):
         tuner.update(drawn(ids, tuner, count), 5 * RATES, count)
     assert tuner.score(drawn(ids, tuner, 99))[0] > before[0] + 0.5
-
-
-def test_rays_without_room_count_for_nothing(dataset: RayDataset) -> None:
-    tuner, ids = tuner_of(pack_of(), dataset)
-    some = drawn(ids, tuner)
-    tuner._gather(some)
-    counts = np.diff(tuner.work.first, axis=1)
-    sums = tuner.work.sums.copy()
-    assert tuner.work.whole.all()
-    tuner.work = work_for(tuner.rays, int(counts.sum(1).max()) // 2)
-    tuner._gather(some)
-    whole = tuner.work.whole
-    assert 0.2 < whole.mean() < 0.9
-    assert np.array_equal(tuner.work.sums[whole], sums[whole])
-    assert not tuner.work.sums[~whole, :7].any() and (tuner.work.sums[~whole, 7] == 1).all()
-    tuner.update(some, RATES, 0)
-    assert np.isfinite(tuner.delta).all() and tuner.delta.any()
 
 
 def test_what_is_shown_scores_as_the_tuner_scores_it(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,6 @@ from training.multires.field import Target, decoder_size, inputs_of, seen_inputs
 from training.multires.jax_engine import Constants, JaxEngine, Lists, adam, cells_of, loss_and_gradient
 from training.multires.levels import make_levels
 from training.multires.method import MultiresMethod
-from training.multires.settings import LARGEST_RAW
 from training.multires.state import State, Trainable
 from training.scenes import load_scene
 
@@ -198,22 +196,6 @@ def test_no_value_however_extreme_makes_a_gradient_that_is_not_finite(trained: T
     assert all(np.isfinite(part).all() for part in gradient)
 
 
-@pytest.mark.slow
-def test_beyond_the_largest_density_only_a_gradient_that_leads_back_counts(trained: Trained) -> None:
-    inputs = inputs_of(len(trained.method.plan.resolutions))
-    bias, values = decoder_size(inputs) - 8, trained.state.values
-    dense = Trainable(values.table, values.parameters.copy())
-    dense.parameters[bias] = LARGEST_RAW + 30
-    trained.state.values = dense
-    try:
-        _, _, gradient = trained.fused()
-        _, _, expected = trained.jax()
-    finally:
-        trained.state.values = values
-    assert gradient.parameters[bias] >= 0
-    assert gradient.parameters[bias] == pytest.approx(float(expected.parameters[bias]), rel=1e-2, abs=1e-7)
-
-
 def test_pictures_and_points_are_those_of_the_other_engine(trained: Trained) -> None:
     engine, state, dataset = trained.engine, trained.state, trained.method.dataset
     other = JaxEngine(dataset, trained.method.plan, trained.method.settings, 0)
@@ -225,35 +207,6 @@ def test_pictures_and_points_are_those_of_the_other_engine(trained: Trained) -> 
     for name in ("rgb", "features", "alpha"):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=2e-3)
     assert cells_of(state).occupied.sum() > 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("step", [1.0, 2.0])
-def test_no_occupied_cell_is_missed_by_a_run_of_steps(trained: Trained, step: float) -> None:
-    random, reach = np.random.default_rng(1), 1.5 * step  # from the middle of a run of four steps to its ends
-    codes = np.where(random.random((32, 32, 32)) < 0.002, 1, 0).astype(np.uint8)
-    cells = cells_of(dataclasses.replace(trained.state, codes=codes, step_cells=step))
-    middles = random.uniform(0, 32, (200_000, 3)).astype(np.float32)
-    directions = random.normal(size=middles.shape)
-    ends = middles + (reach * directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
-    meets = np.asarray(cells.has_support(jnp.asarray(ends))) & ((ends >= 0) & (ends < 32)).all(1)
-    assert meets.sum() > 100 and np.asarray(cells.near_content(jnp.asarray(middles[meets]))).all()
-
-
-@pytest.mark.slow
-def test_points_and_pictures_are_the_same_when_many_threads_ask_at_once(trained: Trained) -> None:
-    engine, state, dataset = trained.engine, trained.state, trained.method.dataset
-    sets = [np.random.default_rng(seed).random((20_000, 3), np.float32) for seed in range(8)]
-    rays = [dataset.geometry_at(jnp.arange(seed, dataset.count, 7)) for seed in range(4)]
-    alone = (
-        [engine.values_at(state, points) for points in sets],
-        [np.asarray(engine.render(state, r).rgb) for r in rays],
-    )
-    with ThreadPoolExecutor(4) as pool:
-        values = list(pool.map(lambda points: engine.values_at(state, points), sets))
-        pictures = list(pool.map(lambda some: np.asarray(engine.render(state, some).rgb), rays))
-    for together, expected in zip((*values, *pictures), (*alone[0], *alone[1]), strict=True):
-        np.testing.assert_array_equal(together, expected)
 
 
 @pytest.mark.slow

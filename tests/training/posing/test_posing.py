@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -14,14 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from baker.commands.make import main as snerg_make
 from console import UserError
-from tests.training.posing.conftest import COUNT, SIDEWAYS, Found, write_photographs, write_stranger
-from tests.training.posing.rooms import SIZE, photograph
+from tests.training.posing.conftest import COUNT, Found, write_photographs
 from tools.pose_error import pose_error
-from training.posing import child_process, find, rejection_report
+from training.posing import child_process, find
 from training.posing.find import find_poses, posed_scene
 from training.scenes import Photograph, Scene, load_scene
 
@@ -46,19 +43,6 @@ def test_the_cameras_of_bare_photographs_are_found(found: Found):
     assert result.positions.max() < 0.01 and result.degrees.max() < 1.0
     focals = {name: one.camera.fx / one.camera.width for name, one in photographs_of(scene).items()}
     assert np.allclose(list(focals.values()), 268.8 / 256, rtol=0.02)
-
-
-def test_pictures_of_every_kind_come_upright_with_eight_bits_a_channel(found: Found):
-    there = photographs_of(load(found.scene))
-    for name, camera in found.cameras.items():
-        picture = there[name].load()[..., :3]
-        expected = photograph(camera) / 255.0
-        if picture.shape[:2] == SIZE[::-1]:
-            grey = name == "p2"  # of which 16 bits were kept, and no colour
-            apart = (picture - expected).mean(axis=-1) if grey else picture - expected
-            assert np.abs(apart).mean() < 0.08, name
-    assert there[f"p{SIDEWAYS}"].camera.width == SIZE[0]
-    assert Image.open(found.scene / "images" / f"p{SIDEWAYS}.jpg", formats=["JPEG"]).getexif().get(0x0112) is None
 
 
 def test_the_users_folder_is_left_as_it_was_and_the_scene_holds_no_copies_of_what_can_be_used(found: Found):
@@ -154,20 +138,6 @@ def test_snerg_make_trains_on_the_scene_whose_poses_it_found(
 
 
 # --- why none are found -----------------------------------------------------------------------------------------------
-
-
-def test_photographs_that_show_different_things_are_named(tmp_path: Path):
-    pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
-    for seed in range(8):
-        write_stranger(tmp_path / f"s{seed}.jpg", seed)
-    with pytest.raises(UserError) as error:
-        posed_scene(tmp_path, tmp_path / "out")
-    assert "do not overlap enough" in str(error.value) and "8 of 8 match no other: s0.jpg, s1.jpg" in str(error.value)
-    table = (tmp_path / "out" / find.WORK / rejection_report.TABLE).read_text().splitlines()
-    assert len(table) == 9 and all(line.split()[1:3] == ["0", "no"] for line in table[1:])
-    said = json.loads((tmp_path / "out" / find.WORK / rejection_report.LEFT_OUT).read_text())
-    assert said["left_out"] == {f"s{seed}.jpg": "matches no other" for seed in range(8)}
-    assert Path(said["photographs"]) == tmp_path and all(Path(file).is_file() for file in said["files"].values())
 
 
 @pytest.mark.parametrize("name", [find.SCENE, find.WORK])

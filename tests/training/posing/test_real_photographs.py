@@ -48,19 +48,6 @@ def test_photographs_that_share_nothing_are_refused_with_a_table(real_data: Path
 
 
 @pytest.mark.slow
-def test_photographs_of_three_places_are_refused_with_the_names_of_the_rest(real_data: Path, tmp_path: Path) -> None:
-    photographs = tmp_path / "photographs"
-    taken(real_data, photographs, FOX, (0, 25, 40))
-    taken(real_data, photographs, FERN, (3,))
-    taken(real_data, photographs, MARY, (0, 20, 40, 60))
-    with pytest.raises(UserError) as error:
-        posed_scene(photographs, tmp_path / "out")
-    told = str(error.value)
-    assert "of 8 photographs have a camera pose (expected at least 8" in told
-    assert "fern03.jpg, fox00.jpg, fox25.jpg, fox40.jpg" in told and "mary_rose60.jpg" in told
-
-
-@pytest.mark.slow
 def test_of_two_places_the_larger_is_made_and_blurred_and_repeated_pictures_are_named(
     real_data: Path, tmp_path: Path
 ) -> None:

@@ -6,17 +6,16 @@ import warnings
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from baker.commands.make import main as snerg_make
 from console import Notice, UserError
 from tests.training.posing import turntables
-from tests.training.posing.rooms import cameras, photograph
-from training.posing import find
 from training.posing.find import posed_scene
-from training.posing.rejection_report import TABLE
 from training.scenes import Scene, load_scene
 from training.scenes.sources import find_source
 
@@ -92,19 +91,34 @@ def test_masks_that_do_not_fit_or_are_missing_are_told(tmp_path: Path):
     assert any("1 photograph has no mask, all of it is used (t3.png)" in notice for notice in notices)
 
 
-@pytest.mark.slow
-def test_photographs_of_two_places_are_told_apart_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    photographs = tmp_path / "photographs"
-    photographs.mkdir()
-    for i, camera in enumerate(cameras(7)):
-        Image.fromarray(photograph(camera)).save(photographs / f"hall{i}.jpg", quality=95)
-    for i, camera in enumerate(cameras(7)[::2]):
-        Image.fromarray(photograph(camera, walls=40)).save(photographs / f"yard{i}.jpg", quality=95)
-    told = refusal(photographs, tmp_path / "out")
-    assert "only 7 of 11 photographs have a camera pose (expected at least 8" in told
-    assert "none for yard0.jpg, yard1.jpg, yard2.jpg, yard3.jpg; 4 of these match one another alone" in told
-    table = (tmp_path / "out" / find.WORK / TABLE).read_text()
-    assert table.strip() == capsys.readouterr().out.strip()
-    assert [line.split("  ")[-1] for line in table.splitlines() if "part 2" in line] == [
-        f"yard{i}.jpg" for i in range(4)
-    ]
+# snerg-make of what is no photographs and no film: one line, status 2, and nothing written; and names of any bytes
+
+
+@pytest.mark.parametrize("more", [["--poses-only"], ["--no-view"]])
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("none", None, "no such file or folder"),
+        ("empty", {}, "the folder is empty"),
+        ("folder", {"notes.txt": b"hello"}, "no photographs and no film in this folder"),
+        ("jxl", {"a.jxl": b"", "b.jxl": b""}, "2 JXL pictures"),
+        ("walk.mp4", b"hello", "not a film that can be read"),
+        ("notes.txt", b"hello", "not a film that can be read"),
+        ("transforms.json", b'{"frames": []}', "name the folder that it is in"),
+        ("scene", {"transforms.json": b"{}"}, "transforms.json"),
+    ],
+)
+def test_snerg_make_of_nothing_is_refused_in_one_line_and_writes_nothing(
+    name: str, content: Any, told: str, more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    path, out = tmp_path / name, tmp_path / "out"
+    if isinstance(content, dict):
+        path.mkdir()
+        for file, data in content.items():
+            (path / file).write_bytes(data)
+    elif content is not None:
+        path.write_bytes(content)
+    assert snerg_make([str(path), "--out", str(out), *more]) == 2
+    said = capsys.readouterr()
+    assert not said.out and len(said.err.splitlines()) == 1 and told in said.err and str(path) in said.err
+    assert not out.exists()

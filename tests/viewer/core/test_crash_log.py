@@ -1,9 +1,19 @@
 """What is left of a viewer that crashes, and that nothing is left of one that ends as it should."""
 
+from __future__ import annotations
+
+import errno
+import os
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
+import pytest
+
+from console import UserError, refusal
 from viewer.app.commands import run
+from viewer.core.command_process import CommandProcess
 from viewer.core.log import CrashLog, left_behind
 
 
@@ -50,3 +60,17 @@ def test_what_a_driver_does_to_the_process_is_written_down_too(tmp_path):
     (found,) = left_behind(tmp_path)
     text = found.read_text()
     assert "command fly" in text and "Segmentation fault" in text and 'File "<string>"' in text
+
+
+# Where no temporary folder can be made, what needs one says so in one line
+
+
+def test_no_temporary_folder_is_told_with_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setattr(tempfile, "_candidate_tempdir_list", lambda: [str(tmp_path / "none")])
+    with pytest.raises(UserError, match=r"no temporary folder can be written.*TMPDIR"):
+        CommandProcess([sys.executable, "-c", ""], tmp_path / "log")
+    with pytest.raises(FileNotFoundError) as told:
+        tempfile.gettempdir()
+    assert "TMPDIR" in (refusal(told.value) or "")
+    assert refusal(FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), "scene.json")) is None

@@ -8,7 +8,6 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import apply_preferences, current_preferences
-from viewer.interface.layout import HEADER
 
 
 @pytest.fixture
@@ -90,29 +89,6 @@ def test_a_tab_is_closed_and_the_rail_opens_it_again(ui, app):
     app.interface.opens("view")
     ui.settle()
     assert app.interface.moved == ["view"]  # where it was left
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "x",
-        HEADER,
-        HEADER + "7",
-        HEADER + "2\n[Docking][Data]\nDockNode ID=0x2 Parent=0x9\n",
-        HEADER + "99999999999999999999\n[Window][page-view]\nDockId=0x00000002",
-        HEADER + "2\n[Window][page-view]\nPos=nonsense\n\x00",
-    ],
-)
-def test_a_layout_that_makes_no_sense_is_the_usual_one(offscreen, pack, pack_folder, text):
-    app = App()
-    app.interface.layout = text
-    ui = offscreen(app, size=(1180, 760))
-    app.resolution.rest_scale = 0.25
-    app.show(pack, pack_folder)
-    for page in ("view", "camera"):
-        app.interface.opens(page)
-        ui.settle()
-    assert 780 < app.viewport.width < 900 and ui.ctx.error == "GL_NO_ERROR"
 
 
 def test_every_page_has_a_window_of_its_own():

@@ -1,12 +1,19 @@
 """A few minutes of the hour that `make events` plays."""
 
+from __future__ import annotations
+
 import json
 import os
+import shutil
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
+
+from scenepack import load_pack, save_pack
+from tests.viewer.rendering.shapes import shapes_pack
 
 REPOSITORY = Path(__file__).parents[3]
 
@@ -19,3 +26,39 @@ def test_random_use_of_everything_at_once_finds_nothing() -> None:
     assert run.returncode == 0, run.stdout + run.stderr
     told = json.loads(run.stdout.splitlines()[-1])
     assert told["found"] == [] and sum(told["done"].values()) == 90 and len(told["done"]) >= 12
+
+
+# Opening many packs leaves nothing behind: neither in our memory nor on the card
+
+TOLERATED = 0.02
+WARM_UP, PACKS, ROUNDS = 15, 30, 3
+
+
+@pytest.mark.slow
+def test_thirty_packs_opened_from_disk_and_closed_leave_memory_where_it_was(tmp_path: Path) -> None:
+    if not Path("/proc/self/statm").exists():
+        pytest.skip("this system does not tell what a process holds as Linux does")
+    smallest = shapes_pack(70, diffuse=True)
+    save_pack(shapes_pack(84), tmp_path / "a")
+    save_pack(shapes_pack(70), tmp_path / "b")
+    save_pack(smallest, tmp_path / "c")
+    shutil.make_archive(str(tmp_path / "b"), "zip", tmp_path / "b")
+    packs = [str(tmp_path / name) for name in ("a", "b.zip", "c")]
+    line = [
+        sys.executable,
+        "-m",
+        "tests.viewer.interface.many_packs",
+        *map(str, (WARM_UP, PACKS, ROUNDS, TOLERATED)),
+        *packs,
+    ]
+    run = subprocess.run(line, cwd=REPOSITORY, env=os.environ, capture_output=True, text=True, timeout=600)
+    assert run.returncode == 0, run.stderr
+    held = json.loads(run.stdout.splitlines()[-1])
+    assert len(set(held["card"])) == len(set(held["descriptors"])) == 1
+    host = held["host"]
+    grown = [after / before - 1 for before, after in pairwise(host)]
+    assert min(grown) < TOLERATED, [f"{bytes_held / 2**20:.1f} MiB" for bytes_held in host]
+    forgotten = PACKS * load_pack(tmp_path / "c").atlas_rgba.nbytes
+    assert forgotten > 4 * TOLERATED * max(host), (
+        "the smallest pack, forgotten every time, would be far beyond the bound"
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import moderngl
@@ -11,13 +10,8 @@ import numpy as np
 import pytest
 
 from scenepack import constants
-from scenepack.pack import Pack
-from viewer.rendering.camera import ViewCamera
-from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import RenderSettings
 from viewer.rendering.shader_source import SHADER_FOLDER, assemble, compile_program, shared_constants
 
-Make = Callable[..., OffscreenRenderer]
 NAMES = [line.split()[1] for line in shared_constants().splitlines()]
 # Of the bytes in files alone; no shader reads files.
 PYTHON_ONLY = {"EMPTY_BLOCK", "MAX_BLOCK_INDEX", "PLANES_PER_IMAGE"}
@@ -75,32 +69,3 @@ def test_no_shared_number_is_written_out_again_in_a_shader() -> None:
             for name, value in shared.items():
                 same = abs(number - value) <= 2e-3 * value and value not in ones_own
                 assert not same, f"{path.name} writes {number:g}, which is {name}"
-
-
-# What each becomes, and whether a forward-facing pack shows it. The paper's march takes every sample whose nearest voxel
-# holds anything, however faint.
-OTHERS = {
-    "ALPHA_CONTRIBUTES": (0.5, False, ("exact", "brute")),
-    "TRANSMITTANCE_STOP": (0.6, False, ("exact", "brute", "paper")),
-    "TRANSMITTANCE_SHADED": (-1.0, False, ("exact", "brute", "paper")),
-    "UNPREMULTIPLY_GAIN": (0.7, True, ("exact", "brute", "paper")),
-    "NDC_NEAR": (1.3, True, ("exact", "brute", "paper")),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name, marcher", [(name, marcher) for name in OTHERS for marcher in OTHERS[name][2]])
-def test_pictures_follow_each_number_that_is_shared(
-    offscreen: Make, shapes: Pack, ndc_shapes: Pack, monkeypatch: pytest.MonkeyPatch, name: str, marcher: str
-) -> None:
-    """A shader that had a number of its own, however written, would draw the same picture with another of ours."""
-    other, forward_facing, _ = OTHERS[name]
-    pack, size = (ndc_shapes if forward_facing else shapes), (96, 72)
-    camera = ViewCamera.orbit(shapes, 35, 28, 2.9, fov_degrees=42, size=size)
-    if forward_facing:
-        camera = ViewCamera.look_at((0.3, 0.2, 0), (0, 0, 4), fov_degrees=50, size=size, mirrored=True)
-    settings = RenderSettings(marcher=marcher)  # type: ignore[arg-type]
-    first, again = (offscreen(pack, marcher).render(camera, settings).astype(int) for _ in range(2))
-    assert np.array_equal(first, again) and first.std() > 5
-    monkeypatch.setattr(constants, name, other)
-    assert np.mean(np.abs(offscreen(pack, marcher).render(camera, settings) - first).max(-1) > 3) > 0.01

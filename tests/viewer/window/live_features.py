@@ -210,19 +210,6 @@ def test_the_number_block_shows_the_views_that_blender_shows(window, xdotool, ke
     assert not rig.flying and not window.app.messages.dialogs
 
 
-def test_the_five_of_the_number_block_takes_the_perspective_away_and_brings_it_back(window, xdotool):
-    rig = window.app.scene.rig
-    with_perspective = window.screenshot()
-    for orthographic in (True, False):
-        xdotool("key", NUMBER_BLOCK["5"])
-        wait(window, lambda wanted=orthographic: rig.orthographic == wanted)
-        window.draw_frames(2)
-        picture = window.screenshot()
-        changed = np.abs(picture.astype(int) - with_perspective)[150:500, 50:500].mean()
-        assert (changed > 1.0) == orthographic
-    assert window.ctx.error == "GL_NO_ERROR"
-
-
 def test_a_click_on_an_axis_looks_along_it_and_a_drag_of_the_gizmo_orbits(window, xdotool):
     app, rig = window.app, window.app.scene.rig
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +11,11 @@ import pytest
 from baker.commands import pack as command
 from console import UserError
 from scenepack import Pack
+from scenepack.exports import export_preview
+from scenepack.exports.scene import Export
 from tests.viewer.waiting import until
 from viewer.app.application import App
-from viewer.features.export.exporting import KINDS, ExportPlan
+from viewer.features.export.exporting import KINDS, ExportPlan, ExportPreview
 
 BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
 
@@ -70,3 +73,45 @@ def test_the_end_of_the_program_ends_the_process(shown: App, tmp_path: Path) -> 
     child, folder = shown.exporting.writing.child, shown.exporting.writing.folder  # type: ignore[union-attr]
     shown.exporting.end()
     assert child.poll() is not None and not folder.exists() and shown.exporting.writing is None
+
+
+# The preview of an export follows the choices: the newest one is shown, older ones are given up
+
+
+def finish(preview: ExportPreview, pack: Pack, export: Export) -> None:
+    until(lambda: preview.follow(pack, export) or not preview.working)
+
+
+def test_the_newest_choice_is_shown_and_older_ones_are_given_up(pack: Pack, monkeypatch) -> None:
+    began, go, made = [], threading.Event(), []
+    real = export_preview.preview_geometry
+
+    def slow(pack: Pack, export: Export, tell):
+        began.append(export.level)
+        go.wait(60)
+        tell(0.1, "")
+        made.append(export.level)
+        return real(pack, export, tell)
+
+    monkeypatch.setattr(export_preview, "preview_geometry", slow)
+    preview = ExportPreview()
+    preview.follow(pack, Export("mesh", level=0.1))
+    until(lambda: began == [0.1])
+    for level in (0.2, 0.3, 0.4):
+        preview.follow(pack, Export("mesh", level=level))
+    assert preview.working and preview.geometry is None
+    go.set()
+    finish(preview, pack, Export("mesh", level=0.4))
+    assert began == [0.1, 0.4] and made == [0.4]
+    assert preview.geometry is not None and not preview.error and preview.news() and not preview.news()
+
+
+@pytest.mark.parametrize("error", [UserError("a mesh needs scikit-image", remedy="install it"), MemoryError()])
+def test_what_cannot_be_previewed_says_why(pack: Pack, monkeypatch, error: Exception) -> None:
+    def fails(*_: object):
+        raise error
+
+    monkeypatch.setattr(export_preview, "preview_geometry", fails)
+    preview = ExportPreview()
+    finish(preview, pack, Export("mesh"))
+    assert ("scikit-image" in preview.error) if isinstance(error, UserError) else ("memory" in preview.error)

@@ -1,6 +1,6 @@
 """Exported files beside their pack, from two cameras: read by trimesh, drawn by the rasteriser here.
 
-    python -m tests.scenepack.exports.beside PACK FILE --out F.png [--size 800]
+    python -m tools.exports_beside PACK FILE --out F.png [--size 800]
 
 FILE is a mesh, points or Gaussians in the frame `grid`. Prints, for each camera, the intersection over union of its
 silhouette with the pack's (opacity above a half).

@@ -1,0 +1,183 @@
+"""Textures that a thread allocates ahead, in a context that shares them with ours."""
+
+from __future__ import annotations
+
+import ctypes
+import platform
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import moderngl
+import numpy as np
+import pytest
+
+from scenepack import Pack
+from tests.viewer.conftest import toy_pack
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.opengl import GpuClock, free_framebuffer, is_software, unbind_framebuffers
+from viewer.rendering.renderer import Renderer
+from viewer.rendering.software_rasteriser import (
+    HUGE,
+    memory_taken_since,
+    move_to_huge_pages,
+    private_memory,
+    software_draws,
+    texture_preallocation,
+)
+from viewer.rendering.software_rasteriser.texture_preallocation import preallocate
+
+EGL_OPENGL_API, EGL_NONE = 0x30A2, 0x3038
+
+
+@pytest.fixture
+def shared_context(ctx: moderngl.Context) -> Iterator[object]:
+    """A context of EGL that shares with `ctx`, to be entered by a thread."""
+    if not software_draws(ctx):
+        pytest.skip("no software rasteriser: textures are allocated at once")
+    egl = ctypes.CDLL("libEGL.so.1")
+    for name in ("eglGetCurrentDisplay", "eglGetCurrentContext", "eglCreateContext"):
+        getattr(egl, name).restype = ctypes.c_void_p
+    display, ours = (ctypes.c_void_p(ask()) for ask in (egl.eglGetCurrentDisplay, egl.eglGetCurrentContext))
+    no_config, no_surface = ctypes.c_void_p(), ctypes.c_void_p()
+    attributes = (ctypes.c_int32 * 1)(EGL_NONE)
+    second = ctypes.c_void_p(egl.eglCreateContext(display, no_config, ours, attributes))
+    assert second
+
+    @contextmanager
+    def current() -> Iterator[None]:
+        egl.eglBindAPI(EGL_OPENGL_API)
+        assert egl.eglMakeCurrent(display, no_surface, no_surface, second)
+        yield
+        egl.eglMakeCurrent(display, no_surface, no_surface, ctypes.c_void_p())
+
+    yield current
+    egl.eglDestroyContext(display, second)
+
+
+@pytest.fixture
+def for_all_packs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(texture_preallocation, "WORTH_A_THREAD", 0)
+
+
+def picture(ctx: moderngl.Context, renderer: Renderer, pack: Pack) -> np.ndarray:
+    target = ctx.simple_framebuffer((64, 48))
+    renderer.render(target, ViewCamera.orbit(pack, 30.0, 20.0, 4.0, 40.0, (64, 48)))
+    return np.frombuffer(target.read(components=3), np.uint8)
+
+
+@pytest.mark.parametrize("view_mlp", [False, True])
+def test_a_pack_in_a_texture_made_ahead_is_drawn_as_any_other(
+    ctx, shared_context, for_all_packs, view_mlp: bool
+) -> None:
+    pack = toy_pack(view_mlp=view_mlp)
+    made = preallocate(ctx, pack, shared_context())
+    assert made is not None
+    renderer = Renderer(ctx, pack, preallocated=made)
+    assert made.taken and renderer.scene("exact").textures["atlas_rgba"] is made._texture
+    with_room = picture(ctx, renderer, pack)
+    plain = OffscreenRenderer(pack, ctx=ctx)
+    assert np.array_equal(with_room, picture(ctx, plain.renderer, pack)) and np.ptp(with_room) > 50
+    assert renderer.gpu_bytes() == plain.renderer.gpu_bytes()
+    made.release()  # which was taken
+    assert np.array_equal(with_room, picture(ctx, renderer, pack))
+    renderer.release()
+
+
+# What a software rasteriser allocates ends in huge pages, and its contents stay
+
+
+def test_new_memory_is_moved_and_keeps_its_contents() -> None:
+    if not Path("/proc/self/smaps_rollup").exists():
+        pytest.skip("not Linux")
+    if "[never]" in Path("/sys/kernel/mm/transparent_hugepage/enabled").read_text():
+        pytest.skip("this kernel gives no huge pages")
+    import mmap
+
+    before, huge = private_memory(), huge_bytes()
+    memory = mmap.mmap(-1, 16 * HUGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    memory.madvise(mmap.MADV_NOHUGEPAGE)  # as if the kernel had not had any at first
+    values = np.frombuffer(memory, np.uint32)
+    values[:] = np.arange(len(values))
+    steps = sum(1 for _ in move_to_huge_pages(memory_taken_since(before)))
+    assert steps >= 1 and np.array_equal(values, np.arange(len(values)))
+    if tuple(map(int, platform.release().split(".")[:2])) < (6, 1):
+        pytest.skip("this kernel moves memory when it pleases")
+    assert huge_bytes() > huge
+
+
+def huge_bytes() -> int:
+    found = re.search(r"AnonHugePages: +(\d+) kB", Path("/proc/self/smaps_rollup").read_text())
+    return 1024 * int(found[1]) if found else 0
+
+
+# Waiting for the card without Python's lock
+
+SLOW = """
+#version 330 core
+uniform int turns;
+out vec4 colour;
+void main() {
+    float x = gl_FragCoord.x;
+    for (int i = 0; i < turns; ++i) x = fract(sin(x) * 43758.5453);
+    colour = vec4(x, 0.25, 0.5, 1.0);
+}
+"""
+ACROSS = "#version 330 core\nvoid main() { gl_Position = vec4(vec2(gl_VertexID % 2, gl_VertexID / 2) * 4.0 - 1.0, 0.0, 1.0); }"
+
+
+@pytest.fixture
+def slow(ctx):
+    """Draws a picture that takes a tenth of a second or more in software, however many cores there are."""
+    program = ctx.program(vertex_shader=ACROSS, fragment_shader=SLOW)
+    triangle, target = ctx.vertex_array(program, []), ctx.simple_framebuffer((256, 256))
+    turns, begun = 1000, time.perf_counter()
+
+    def draw() -> None:
+        target.use()
+        triangle.render(vertices=3)
+
+    while time.perf_counter() - begun < 0.1 and turns < 1 << 24:
+        turns *= 2
+        program["turns"], begun = turns, time.perf_counter()
+        draw()
+        ctx.finish()
+    yield draw
+    unbind_framebuffers(ctx)
+    free_framebuffer(target)
+    for thing in (triangle, program):
+        thing.release()
+
+
+def wakings_meanwhile(wait: Callable[[], object]) -> int:
+    """How often another thread wakes up while `wait` runs: it needs Python's lock for that."""
+    wakings, ended = 0, threading.Event()
+
+    def wake() -> None:
+        nonlocal wakings
+        while not ended.is_set():
+            time.sleep(0.001)
+            wakings += 1
+
+    thread = threading.Thread(target=wake)
+    thread.start()
+    wakings = 0
+    wait()
+    during = wakings
+    ended.set()
+    thread.join()
+    return during
+
+
+@pytest.mark.slow
+def test_other_threads_run_while_a_picture_is_drawn(ctx, slow):
+    if not is_software(str(ctx.info["GL_RENDERER"])):
+        pytest.skip("a card draws it in no time")
+    begun = time.perf_counter()
+    assert wakings_meanwhile(lambda: (slow(), ctx.finish())) < 5  # if moderngl gives the lock away, the module can go
+    assert time.perf_counter() - begun > 0.05
+    assert wakings_meanwhile(lambda: GpuClock(ctx).time(slow)) > 15
