@@ -179,7 +179,7 @@ def _of_film(path: Path) -> str:
     import av
 
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), format="mp4") as container:
             seen = [(str(f.time), f.to_ndarray(format="gray")) for f in container.decode(video=0)]
         times, pictures = ",".join(time for time, _ in seen), np.stack([picture for _, picture in seen]).astype(float)
     except (av.FFmpegError, IndexError, ValueError) as error:
