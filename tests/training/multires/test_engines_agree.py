@@ -95,7 +95,10 @@ class Trained:
         return constants, metrics, gradient
 
 
-@pytest.fixture(scope="module", params=["object", "surroundings", "unbounded", "forward"])
+KINDS = ["object", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("surroundings", "unbounded", "forward"))]
+
+
+@pytest.fixture(scope="module", params=KINDS)
 def trained(request: pytest.FixtureRequest, procedural_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Trained:
     path = scene_path(request.param, procedural_path, tmp_path_factory.mktemp(request.param) / "scene")
     unbounded = request.param == "unbounded"
