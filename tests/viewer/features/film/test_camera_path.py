@@ -229,7 +229,7 @@ def test_a_film_is_the_same_on_any_number_of_cores(tmp_path: Path) -> None:
     assert (tmp_path / "all.mp4").read_bytes() == (tmp_path / "one.mp4").read_bytes()
 
 
-# Pictures that cannot be put on the clipboard say why. (tests/viewer/window/live_takeaway.py pastes one.)
+# Pictures that cannot be put on the clipboard say why. (tests/viewer/window/live_features.py pastes one.)
 
 
 def test_without_a_clipboard_the_reason_and_the_remedy_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
