@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, T
 from rich.progress import Progress as RichProgress
 from rich.text import Text
 
-from console.progress_protocol import Report, Reporter, in_words
+from console.progress_protocol import Listener, Report, Reporter, in_words
 
 LEAST_UPDATES, LEAST_S = 3, 5.0  # known of the work, before an estimate means something
 LATEST_S, LATEST_SHARE = 30.0, 0.5  # the latest part of the work, whose speed counts: the longer of the two
@@ -71,6 +71,7 @@ class Estimate:
 PLAIN_LINE_EVERY_S = 10.0
 PLAIN_QUIET_S = 2.0  # work done sooner needs no line
 BEAT_S = 1.0  # from one look at the clock to the next, while the work says nothing
+_listeners: list[Callable[[Report], None]] = []  # of programs that called us; the last is told
 _running: list[Progress] = []  # what is shown, each within the one before it
 
 
@@ -220,13 +221,26 @@ def progress(
     console.progress_protocol. stage: what the work is part of, for such a program; the title where nothing is said. Work may
     be part of other work: as long as it runs, it is what is shown.
     """
-    if quiet:
-        yield Progress(title, total, begun)
+    if quiet or _listeners:
+        work = Progress(title, total, begun)
+        if not quiet:
+            work.report_to(Listener(_listeners[-1]), stage or title)
+        yield work
         return
     with _shown(title, total, begun) as work, _in_time(work):
         work.report_to(Reporter(), stage or title)
         yield work
         work.report(at_once=True)
+
+
+@contextmanager
+def progress_told_to(on_progress: Callable[[Report], None]) -> Iterator[None]:
+    """Within the `with` block, work calls `on_progress`, in its own thread, and shows nothing. What that raises ends the work."""
+    _listeners.append(on_progress)
+    try:
+        yield
+    finally:
+        _listeners.remove(on_progress)
 
 
 @contextmanager

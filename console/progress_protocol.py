@@ -115,6 +115,19 @@ class Reporter:
             self.tell(replace(last, error=error, bug=bug), at_once=True)
 
 
+class Listener(Reporter):
+    """Calls a function with each report, in place of a file."""
+
+    def __init__(self, on_report: Callable[[Report], None]) -> None:
+        self._on_report, self._told = on_report, -WRITTEN_EVERY_S
+
+    def tell(self, report: Report, *, at_once: bool = False) -> None:
+        now = time.monotonic()
+        if at_once or now - self._told >= WRITTEN_EVERY_S:
+            self._told = now
+            self._on_report(report)
+
+
 @contextlib.contextmanager
 def ending_with_stdin() -> Iterator[None]:
     """Where SNERG_ENDS_WITH_STDIN is set, the end of standard input interrupts the `with` block like Ctrl-C."""

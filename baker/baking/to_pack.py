@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -47,8 +48,9 @@ def bake_to(
     pictures: int = 0,
     *,
     last: bool = False,
+    say: Callable[[str], object] = print,
 ) -> dict[str, float]:
-    """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and prints what came of it. last: see bake.
+    """Bakes a loaded run with a BakeConfig into the pack `out`, resumably, and says what came of it. last: see bake.
 
     For a lossy codec, quality compact is full: it rounds by itself, and spends bytes on coarse steps, which are dithered.
 
@@ -71,9 +73,9 @@ def bake_to(
     finally:
         work.close()
     work.remove()
-    print(describe_pack(pack, out))
+    say(describe_pack(pack, out))
     times = ", ".join(f"{name} {duration(seconds)}" for name, seconds in stages.seconds.items())
-    print(f"{times}; {duration(sum(stages.seconds.values()))} in all{peak_memory()}")
+    say(f"{times}; {duration(sum(stages.seconds.values()))} in all{peak_memory()}")
     return stages.seconds
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import training.multires.fused
+from training.multires import fused
 from training.multires.fused.compiled import keep_compiled_code
 
-keep_compiled_code(Path(__file__).parent, Path(training.multires.fused.__file__).parent)
+keep_compiled_code(Path(__file__).parent, Path(fused.__file__).parent)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -116,29 +116,58 @@ def divisors(number: int) -> list[int]:
     return [i for i in range(1, number + 1) if number % i == 0]
 
 
+@dataclass(frozen=True)
+class Geometry:
+    """Points on a surface, or a mesh. points, normals: float32 [n, 3]. colours: uint8 [n, 3], diffuse, sRGB. faces: int32 [f, 3],
+    counter-clockwise from outside; none of points. coarser: voxels a side that became one.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    colours: np.ndarray
+    faces: np.ndarray
+    coarser: int = 1
+
+    def file_parts(self, file: Path, comments: Sequence[str] = ()) -> list[bytes]:
+        """The bytes of a .glb or a .ply; of points, a .ply."""
+        if file.suffix.lower() == ".glb":
+            return glb_parts(self.points, self.normals, self.colours, self.faces, {"snerg": comments})
+        faces = self.faces if len(self.faces) else None
+        return ply_parts(POINT, [self.points, self.normals, self.colours], faces, comments)
+
+
 def export_scene(pack: Pack, file: Path, export: Export, on_progress: OnProgress = lambda share, note: None) -> Written:
     """Writes `file` in one step. on_progress: called with the share that is done and what is being done.
 
     UserError where nothing would be in it, or it cannot be written.
     """
-    check_export(export, pack)
-    export_frame = ExportFrame(pack, export.frame, export.scale)
-    field = Field(pack, 1, export.crop)
-    on_progress(0.0, "counting")
-    field = Field(pack, export.coarser or _coarseness(field, export), export.crop)
     if export.kind == "gaussians":
-        parts, written = _gaussians(field, export, export_frame, on_progress)
+        parts, written = _gaussians(pack, export, on_progress)
     else:
-        parts, written = _surface(field, export, export_frame, file, on_progress)
+        geometry = geometry_of(pack, export, on_progress)
+        said = [f"frame {export.frame}, lengths times {export.scale:g}", "colours are diffuse, sRGB"]
+        parts = geometry.file_parts(file, said)
+        written = Written(len(geometry.points), len(geometry.faces), geometry.coarser)
     on_progress(0.95, "writing")
+    write_parts(file, parts)
+    on_progress(1.0, "")
+    return written
+
+
+def write_parts(file: Path, parts: list[bytes]) -> None:
+    """Writes a file in one step. UserError where it cannot be written."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_file(file, parts)
     except OSError as error:
         words, remedy = not_written(error)
         raise UserError(f"cannot be written: {words}", where=file, remedy=remedy) from error
-    on_progress(1.0, "")
-    return written
+
+
+def _field(pack: Pack, export: Export, on_progress: OnProgress) -> Field:
+    check_export(export, pack)
+    on_progress(0.0, "counting")
+    return Field(pack, export.coarser or _coarseness(Field(pack, 1, export.crop), export), export.crop)
 
 
 def _coarseness(field: Field, export: Export) -> int:
@@ -153,9 +182,8 @@ def _coarseness(field: Field, export: Export) -> int:
     return next((f for f in divisors(field.pack.block_size) if amount <= most * f**power), field.pack.block_size)
 
 
-def _gaussians(
-    field: Field, export: Export, export_frame: ExportFrame, on_progress: OnProgress
-) -> tuple[list[bytes], Written]:
+def _gaussians(pack: Pack, export: Export, on_progress: OnProgress) -> tuple[list[bytes], Written]:
+    field, export_frame = _field(pack, export, on_progress), ExportFrame(pack, export.frame, export.scale)
     positions, rgba = voxels_of(field, LEAST_OPACITY)
     near = export_frame.near_enough(positions)
     positions, rgba = positions[near], rgba[near]
@@ -182,24 +210,18 @@ def surface_of(
     return smoothed(surface, export.smooth)
 
 
-def _surface(
-    field: Field, export: Export, export_frame: ExportFrame, file: Path, on_progress: OnProgress
-) -> tuple[list[bytes], Written]:
+def geometry_of(pack: Pack, export: Export, on_progress: OnProgress = lambda share, note: None) -> Geometry:
+    """The points or the mesh (export.kind) of a pack. UserError where there would be none."""
+    field, export_frame = _field(pack, export, on_progress), ExportFrame(pack, export.frame, export.scale)
     surface = surface_of(field, export, export_frame, on_progress)
-    said = [f"frame {export.frame}, lengths times {export.scale:g}", "colours are diffuse, sRGB"]
     if export.kind == "points":
-        points, normals, colours = scattered(surface, export, export_frame)
-        return ply_parts(POINT, [points, normals, colours], comments=said), Written(len(points), 0, field.coarser)
+        return Geometry(*scattered(surface, export, export_frame), np.zeros((0, 3), np.int32), field.coarser)
     if export.faces is not None:
         on_progress(0.8, "removing triangles")
         surface = decimated(surface, export.faces)
     on_progress(0.9, f"{len(surface.faces):,} triangles")
     surface = placed(surface, export_frame)
-    normals = vertex_normals(surface)
-    written = Written(len(surface.vertices), len(surface.faces), field.coarser)
-    if file.suffix.lower() == ".glb":
-        return glb_parts(surface.vertices, normals, surface.colours, surface.faces, {"snerg": said}), written
-    return ply_parts(POINT, [surface.vertices, normals, surface.colours], surface.faces, said), written
+    return Geometry(surface.vertices, vertex_normals(surface), surface.colours, surface.faces, field.coarser)
 
 
 def placed(surface: Surface, export_frame: ExportFrame) -> Surface:

@@ -7,7 +7,6 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
@@ -21,7 +20,7 @@ from scenepack.reader import load_pack
 from viewer.app.application import App
 from viewer.benchmark.flyover import fly_over
 from viewer.core import annotations
-from viewer.core.files import kind_of, scene_around
+from viewer.core.files import demo_pack, kind_of, scene_around
 from viewer.core.log import CrashLog, default_folder, left_behind
 from viewer.core.pose import pose_from_text
 from viewer.core.state import name_of
@@ -38,7 +37,6 @@ from viewer.web.server import PageServer
 from viewer.window.shutdown import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem
 
-DEMO = "demo.zip"
 OUT = Path("out")
 STILL_SUFFIX = ".png"
 SCRIPTED = ("--frames", "--screenshot")
@@ -47,12 +45,6 @@ SMALLEST_SIDE = 64  # of a window, screen units
 PageName = Literal[
     "view", "camera", "bookmarks", "crop", "measure", "photographs", "compare", "film", "performance", "settings", "log"
 ]
-
-
-def demo_pack() -> Path | None:
-    """The bundled demo pack, None where this installation has none."""
-    path = Path(str(resources.files("viewer") / "demo" / DEMO))
-    return path if path.is_file() else None
 
 
 @dataclass(frozen=True)

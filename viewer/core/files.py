@@ -15,6 +15,7 @@ from scenepack.files import PARAMS_NAME, ZIP_ERRORS
 from training.scenes.files import PICTURE_SUFFIXES
 from training.scenes.sources import find_source, is_film
 
+DEMO = Path(__file__).parents[1] / "demo" / "demo.zip"
 Kind = Literal["pack", "run", "scene", "pictures", "session", "unknown"]
 SESSION_SUFFIX = ".snerg"
 POSED, REPORT = (
@@ -45,6 +46,11 @@ class FileRequest:
     suffixes: tuple[str, ...] = ()
     suggestion: str = ""
     start: Path | None = None
+
+
+def demo_pack() -> Path | None:
+    """The bundled demo pack, None where this installation has none."""
+    return DEMO if DEMO.is_file() else None
 
 
 def kind_of(path: Path) -> Kind:

@@ -95,10 +95,15 @@ class OffscreenRenderer:
         """The RGBA framebuffer that pictures of this size are drawn into; "f1" is 8 bit, "f4" float32."""
         key = (width, height, dtype)
         if key not in self._framebuffers:
-            colour = self.ctx.texture((width, height), 4, dtype=dtype)
-            self._framebuffers[key] = self.ctx.framebuffer([colour], self.ctx.depth_renderbuffer((width, height)))
+            refused = UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
+            try:
+                colour = self.ctx.texture((width, height), 4, dtype=dtype)
+                made = self.ctx.framebuffer([colour], self.ctx.depth_renderbuffer((width, height)))
+            except moderngl.Error as error:
+                raise refused from error
             if self.ctx.error != "GL_NO_ERROR":
-                raise UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
+                raise refused
+            self._framebuffers[key] = made
         return self._framebuffers[key]
 
     def render(self, camera: ViewCamera, settings: RenderSettings | None = None) -> np.ndarray:

@@ -10,7 +10,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from viewer.commands.view import demo_pack, main
+from viewer.commands.view import main
+from viewer.core.files import demo_pack
 from viewer.desktop import desktop_entry
 
 

@@ -17,8 +17,8 @@ from scenepack import load_pack, save_pack
 from scenepack.pack import Pack
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.web.browser import Browser
-from viewer.commands.view import demo_pack
 from viewer.core.annotations import KEY
+from viewer.core.files import demo_pack
 from viewer.rendering.shader_source import assemble_es
 from viewer.web import page
 from viewer.web.page import FOLDER, MODULES, PageContent, bundle, scene_page

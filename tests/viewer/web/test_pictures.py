@@ -14,7 +14,7 @@ from tests.viewer.rendering.golden_variants import camera_for
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.web.browser import Browser
 from tests.viewer.web.conftest import page_picture
-from viewer.commands.view import demo_pack
+from viewer.core.files import demo_pack
 from viewer.features.display.display import backdrop
 from viewer.rendering.camera import ViewCamera, forward_facing_path
 from viewer.rendering.offscreen import OffscreenRenderer

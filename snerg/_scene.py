@@ -1,0 +1,296 @@
+"""Scene: a baked scene, its pictures and its surface."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Literal
+
+from snerg._camera import Camera, Frame, camera_of, camera_of_view, view_of
+from snerg._errors import SnergError, with_snerg_errors
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from scenepack.pack import Pack
+    from viewer.rendering.offscreen import OffscreenRenderer
+
+Mode = Literal["normal", "depth", "normals", "alpha", "features"]
+Codec = Literal["png", "webp", "jpeg", "h264", "avif"]
+WHITE, FIRST_AZIMUTH = (1.0, 1.0, 1.0), 30.0  # degrees; where snerg-render, too, looks from
+
+
+@with_snerg_errors
+def load(path: str | Path, *, context: Any = None) -> Scene:
+    """Opens a pack, a folder or one .zip, wholly in memory.
+
+    Any number of scenes may be open. Each renders in an invisible OpenGL context of its own, or in `context`, a
+    moderngl.Context of OpenGL 3.3 or later, which it leaves current as it was. Render a scene in one thread only.
+
+    Raises:
+        SnergError: Where there is no pack, or it cannot be read.
+    """
+    from scenepack.reader import load_pack
+
+    return Scene(load_pack(Path(path)), Path(path), context)
+
+
+@with_snerg_errors
+def demo() -> Path:
+    """Path of the small pack that comes with snerg.
+
+    Raises:
+        SnergError: Where this installation has none.
+    """
+    from viewer.core.files import demo_pack
+
+    found = demo_pack()
+    if found is None:
+        raise SnergError("this installation has no demo pack", remedy="install snerg again")
+    return found
+
+
+class Scene:
+    """A baked scene, from `load` or `bake`. Close it, or use it in a `with` statement, to free the graphics card at once."""
+
+    path: Path
+    """Where it was read."""
+
+    def __init__(self, pack: Any, path: Path, context: Any = None) -> None:
+        """Private: `load` and `bake` make scenes."""
+        self.path, self._context = path, context
+        self._pack: Pack = pack
+        self._renderer: OffscreenRenderer | None = None
+        self._thread = 0
+
+    @property
+    @with_snerg_errors
+    def cameras(self) -> tuple[Camera, ...]:
+        """The cameras of the photographs that it was made from, in the frame "world"; none where the pack names none."""
+        from viewer.features.photographs.photographs import shots_of
+
+        return tuple(camera_of(shot.camera, shot.name, shot.split) for shot in shots_of(self._pack))
+
+    @property
+    @with_snerg_errors
+    def metadata(self) -> dict[str, Any]:
+        """What the pack says of itself, as JSON.
+
+        `grid_size` (voxels x, y, z), `voxel_size` (length), `bounds` (corners of the content in the grid frame, [2, 3]),
+        `forward_facing`, `world_T_grid` ([4, 4]), and, where the pack has them, `codec`, `version` and `provenance`.
+        """
+        from viewer.rendering.camera import content_box
+
+        pack = self._pack
+        return {
+            "grid_size": list(pack.grid_size),
+            "voxel_size": float(pack.voxel_size),
+            "bounds": [corner.tolist() for corner in content_box(pack)],
+            "forward_facing": pack.ndc,
+            "world_T_grid": pack.worldspace_T_opengl.tolist(),
+            **{key: pack.metadata[key] for key in ("codec", "version", "provenance") if key in pack.metadata},
+        }
+
+    @with_snerg_errors
+    def orbit(self, frames: int, *, fov: float = 39.0, size: tuple[int, int] = (800, 800)) -> list[Camera]:
+        """One turn around the content, which fills the pictures; forward-facing scenes are flown along a small circle.
+
+        `fov` is the vertical field of view in degrees, `size` width and height in pixels.
+
+        Raises:
+            SnergError: Where a number makes no sense.
+        """
+        from viewer.rendering.framing import filling_orbit
+
+        if frames < 1 or not 0.1 <= fov < 179 or min(size) < 1:
+            found = f"frames {frames}, fov {fov}, size {size}"
+            raise SnergError("is no orbit", expected="frames from 1, fov 0.1 ... 179, size in pixels", found=found)
+        return [camera_of_view(view) for view in filling_orbit(self._pack, frames, fov, size, FIRST_AZIMUTH)]
+
+    @with_snerg_errors
+    def render(
+        self,
+        camera: Camera | None = None,
+        *,
+        size: tuple[int, int] | None = None,
+        mode: Mode = "normal",
+        background: tuple[float, float, float] | None = WHITE,
+        samples: int = 1,
+    ) -> NDArray[Any]:
+        """Renders one picture, without a window.
+
+        Args:
+            camera: By default the first of an `orbit`, which shows all of the content.
+            size: Width and height in pixels. The default is the camera's, or 800 × 800.
+            mode: What to render; see below.
+            background: Colour behind everything in mode `normal`, sRGB in 0 ... 1; None leaves it out.
+            samples: Rays along each side of a pixel, 1 ... 16: 4 averages 4 × 4 rays (anti-aliasing).
+
+        Returns:
+            An array whose first row is the upper one.
+
+            - `normal`: the picture, uint8 [h, w, 3], sRGB; without background uint8 [h, w, 4], with straight alpha.
+            - `depth`: float32 [h, w], distance along the optical axis in units of the scene; 0 where there is nothing.
+            - `normals`: float32 [h, w, 3], unit vectors in the grid frame, away from the surface; 0 where there is nothing.
+            - `alpha`: float32 [h, w], opacity in 0 ... 1.
+            - `features`: float32 [h, w, 3], the first three features, accumulated along the ray.
+
+        Raises:
+            SnergError: Where there is no OpenGL, the scene does not fit on the graphics card, or a value makes no sense.
+        """
+        import numpy as np
+
+        from viewer.rendering.layers import depth_along_axis, straight_rgba, unit_normals
+        from viewer.rendering.opengl import current_context
+        from viewer.rendering.settings import MOST_SAMPLES, RenderSettings
+
+        if mode not in ("normal", "depth", "normals", "alpha", "features"):
+            raise SnergError(
+                "is no mode", where="mode", expected="normal, depth, normals, alpha or features", found=mode
+            )
+        if not 1 <= samples <= MOST_SAMPLES:
+            raise SnergError("is out of range", where="samples", expected=f"1 to {MOST_SAMPLES}", found=samples)
+        if camera is None:
+            camera = self.orbit(1, size=size or (800, 800))[0]
+        view = view_of(camera if size is None else camera.resized(*size), self._pack)
+        raw = mode != "normal" or background is None
+        settings = RenderSettings(mode=mode, background=background or WHITE, samples=samples, raw=raw)
+        give_back = current_context()  # the caller may be drawing
+        try:
+            renderer = self._drawn_here()
+            pixels = renderer.render_raw(view, settings) if raw else renderer.render(view, settings)
+        finally:
+            give_back()
+        if mode == "depth":
+            return depth_along_axis(pixels, view, renderer.pack)
+        if mode == "normals":
+            return unit_normals(pixels)
+        if mode == "normal":
+            return straight_rgba(pixels) if raw else pixels
+        return np.ascontiguousarray(pixels[..., 3] if mode == "alpha" else pixels[..., :3])
+
+    def _drawn_here(self) -> OffscreenRenderer:
+        from viewer.rendering.offscreen import OffscreenRenderer
+
+        if self._renderer is None:
+            self._renderer, self._thread = OffscreenRenderer(self._pack, ctx=self._context), threading.get_ident()
+        elif self._thread != threading.get_ident():
+            raise SnergError("is rendered by another thread", where=self.path, remedy="load it in each thread")
+        return self._renderer
+
+    @with_snerg_errors
+    def to_mesh(
+        self, *, level: float = 0.15, faces: int | None = 500_000, smooth: int = 5, frame: Frame = "grid"
+    ) -> Geometry:
+        """The surface as triangles with diffuse colours. Needs the extra `export`.
+
+        `level` is the opacity at which the surface lies (0.004 ... 0.99), `faces` about the most triangles (None: all), `smooth`
+        the steps of smoothing (Taubin).
+
+        Raises:
+            SnergError: Where a value makes no sense, there is no surface, or the extra is missing.
+        """
+        from scenepack.exports.scene import Export
+
+        return self._geometry(Export("mesh", level=level, faces=faces, smooth=smooth, frame=frame))
+
+    @with_snerg_errors
+    def to_points(self, *, level: float = 0.15, spacing: float = 1.0, frame: Frame = "grid") -> Geometry:
+        """Points on the surface, evenly by area, `spacing` voxels apart. Needs the extra `export`; see `to_mesh`.
+
+        Raises:
+            SnergError: As `to_mesh`.
+        """
+        from scenepack.exports.scene import Export
+
+        return self._geometry(Export("points", level=level, spacing=spacing, frame=frame))
+
+    def _geometry(self, export: Any) -> Geometry:
+        from scenepack.exports.scene import geometry_of
+
+        made = geometry_of(self._pack, export)
+        return Geometry(made.points, made.normals, made.colours, made.faces)
+
+    @with_snerg_errors
+    def save(self, path: str | Path, *, codec: Codec = "png", title: str | None = None) -> None:
+        """Writes a pack (a folder, or FILE.zip), or one web page that shows the scene (FILE.html).
+
+        An older pack or page there is replaced. The codecs `png` and `webp` lose nothing; the others are smaller. `title` is the
+        heading of a page, by default the name of the pack.
+
+        Raises:
+            SnergError: Where something else lies there, or it cannot be written.
+        """
+        from scenepack.exports.scene import write_parts
+        from scenepack.writer import save_pack
+
+        if Path(path).suffix.lower() in (".html", ".htm"):
+            write_parts(Path(path), [self._page(title)])
+        else:
+            save_pack(self._pack, Path(path), codec=codec)
+
+    def _page(self, title: str | None = None) -> bytes:
+        from viewer.web.page import PageContent, scene_page
+
+        return scene_page(self._pack, PageContent(title or self.path.resolve().stem))
+
+    def close(self) -> None:
+        """Frees what it holds on the graphics card. It may be rendered again."""
+        renderer, self._renderer = self._renderer, None
+        if renderer is not None and self._thread == threading.get_ident():
+            from viewer.rendering.opengl import current_context
+
+            give_back = current_context()
+            renderer.release()
+            give_back()
+
+    def __enter__(self) -> Scene:
+        """The scene, which the end of the `with` statement closes."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """Closes it."""
+        self.close()
+
+    def __del__(self) -> None:
+        """Closes it, unless the interpreter ends."""
+        if getattr(self, "_renderer", None) is not None and not sys.is_finalizing():
+            self.close()
+
+    def __repr__(self) -> str:
+        """Where it was read, and its size."""
+        return f"Scene({str(self.path)!r}, {' × '.join(map(str, self._pack.grid_size))} voxels)"
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """A mesh, or points, which have no faces."""
+
+    vertices: NDArray[np.float32]
+    """Positions, [n, 3]."""
+    normals: NDArray[np.float32]
+    """Unit vectors, [n, 3]."""
+    colours: NDArray[np.uint8]
+    """Diffuse colours, sRGB, [n, 3]."""
+    faces: NDArray[np.int32]
+    """Vertices of each triangle, [f, 3], counter-clockwise from outside."""
+
+    @with_snerg_errors
+    def save(self, path: str | Path) -> None:
+        """Writes FILE.ply, or FILE.glb (glTF 2.0; meshes alone).
+
+        Raises:
+            SnergError: Where the suffix is another, or it cannot be written.
+        """
+        from scenepack.exports.scene import Geometry as Written
+        from scenepack.exports.scene import write_parts
+
+        suffixes = (".ply", ".glb") if len(self.faces) else (".ply",)
+        if Path(path).suffix.lower() not in suffixes:
+            raise SnergError("is not a supported file type", where=path, expected=" or ".join(suffixes))
+        parts = Written(self.vertices, self.normals, self.colours, self.faces).file_parts(Path(path))
+        write_parts(Path(path), parts)

@@ -1,0 +1,87 @@
+"""What is public: documented, quick to import, and the choices that it offers are those of the commands."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import snerg
+from baker.baking.config import BakePreset, Quality
+from scenepack.constants import CodecName
+from snerg import _making, _scene
+from training.scenes.presets import BakeablePreset
+
+ROOT = Path(__file__).parents[2]
+HEAVY = ("jax", "jaxlib", "numba", "numpy", "glfw", "imgui_bundle", "moderngl", "console", "viewer", "training")
+IMPORT_S = 0.3  # of processor time, so that a busy machine does not count
+ARTICLE = re.compile(r"```python\n(.*?)```", re.S)
+
+
+def public_members(kind: type) -> dict[str, object]:
+    return {name: value for name, value in vars(kind).items() if not name.startswith("_") or name == "__init__"}
+
+
+def test_every_public_name_is_documented() -> None:
+    assert list(snerg.__all__) == sorted(snerg.__all__)
+    source = {name: inspect.getsource(sys.modules[name]) for name in sys.modules if name.startswith("snerg._")}
+    for name in snerg.__all__:
+        thing = getattr(snerg, name)
+        assert (inspect.getdoc(thing) or "").strip(), name
+        if not isinstance(thing, type):
+            continue
+        for member, value in public_members(thing).items():
+            if inspect.isfunction(value) or isinstance(value, property | staticmethod):
+                inner = value.__func__ if isinstance(value, staticmethod) else value
+                assert (dataclasses.is_dataclass(thing) and member == "__init__") or inner.__doc__, f"{name}.{member}"
+        for field in dataclasses.fields(thing) if dataclasses.is_dataclass(thing) else ():
+            if not field.name.startswith("_"):
+                pattern = rf"^    {field.name}: [^\n]*\n    \"\"\"\S"
+                assert any(re.search(pattern, text, re.M) for text in source.values()), f"{name}.{field.name}"
+
+
+def test_the_star_import_gives_the_public_names_alone() -> None:
+    names: dict[str, object] = {}
+    exec("from snerg import *", names)
+    assert set(names) - {"__builtins__"} == set(snerg.__all__)
+    assert not [
+        name for name in vars(snerg) if not name.startswith("_") and name not in (*snerg.__all__, "annotations")
+    ]
+
+
+def test_importing_it_is_quick_and_loads_nothing_large() -> None:
+    code = (
+        "import sys, time; began = time.process_time(); import snerg; print(time.process_time() - began); "
+        f"print([name for name in {HEAVY} if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    seconds, loaded = done.stdout.splitlines()
+    assert float(seconds) < IMPORT_S and loaded == "[]", done.stdout + done.stderr
+
+
+def test_choices_are_those_of_the_commands() -> None:
+    assert get_args(_making.Preset) == get_args(BakeablePreset)
+    assert set(get_args(_scene.Codec)) == set(get_args(CodecName))
+    hints = inspect.signature(snerg.bake).parameters
+    assert all(repr(name) in str(hints["quality"].annotation) for name in get_args(Quality))
+    assert all(repr(name) in str(hints["method"].annotation) for name in get_args(BakePreset))
+
+
+def test_the_example_of_the_readme_gives_the_picture_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (example,) = ARTICLE.findall(readme)
+    assert len(example.splitlines()) <= 10
+    monkeypatch.chdir(tmp_path)
+    exec(compile(example, "README.md", "exec"), {})
+    made = np.asarray(Image.open(tmp_path / "island.png"), np.int16)
+    shown = np.asarray(Image.open(ROOT / "docs/pictures/island.png"), np.int16)
+    assert made.shape == shown.shape and np.abs(made - shown).mean() < 0.5  # other drivers round otherwise
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["island.png"]

@@ -1,0 +1,148 @@
+"""snerg.Scene: pictures are those of the renderer; geometry and files are those of the commands."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import moderngl
+import numpy as np
+import pytest
+import trimesh
+
+import snerg
+from scenepack import load_pack, save_pack
+from tests.snerg.conftest import EYE, TARGET
+from tests.viewer.conftest import toy_pack
+from viewer.features.photographs.photographs import shots_of
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.offscreen import OffscreenRenderer, create_context
+from viewer.rendering.opengl import current_context
+
+SIZE = (48, 36)
+
+
+@pytest.fixture(scope="module")
+def camera() -> snerg.Camera:
+    return snerg.Camera.look_at(EYE, TARGET, size=SIZE)
+
+
+def test_a_picture_is_that_of_the_renderer(toy: Path, camera: snerg.Camera) -> None:
+    with snerg.load(toy) as scene, OffscreenRenderer(load_pack(toy)) as renderer:
+        expected = renderer.render(ViewCamera.look_at(EYE, TARGET, size=SIZE))
+        np.testing.assert_array_equal(scene.render(camera), expected)
+        shot = shots_of(renderer.pack)[0]
+        np.testing.assert_array_equal(scene.render(scene.cameras[0]), renderer.render(shot.view))
+    assert expected.std() > 20
+
+
+def test_every_mode_gives_numbers_that_agree(toy: Path, camera: snerg.Camera) -> None:
+    with snerg.load(toy) as scene:
+        alpha, depth, normals, features = (
+            scene.render(camera, mode=m) for m in ("alpha", "depth", "normals", "features")
+        )
+        rgba, double = scene.render(camera, background=None), scene.render(camera, size=(96, 72), samples=2)
+    height, width = SIZE[1], SIZE[0]
+    assert alpha.shape == depth.shape == (height, width) and normals.shape == features.shape == (height, width, 3)
+    assert rgba.shape == (height, width, 4) and double.shape == (2 * height, 2 * width, 3) and rgba.dtype == np.uint8
+    seen, empty = alpha > 0.99, alpha == 0
+    assert seen.sum() > 100 and empty.sum() > 100
+    distance = np.linalg.norm(np.subtract(EYE, TARGET))
+    assert (depth[empty] == 0).all() and (np.abs(depth[seen] - distance) < 1.5).all()
+    np.testing.assert_allclose(np.linalg.norm(normals[seen], axis=-1), 1.0, atol=1e-5)
+    assert (rgba[seen][:, 3] >= 252).all() and (rgba[empty][:, 3] == 0).all() and features[seen].min() > 0
+
+
+def test_scenes_that_are_open_at_once_do_not_disturb_one_another(
+    toy: Path, camera: snerg.Camera, tmp_path: Path
+) -> None:
+    save_pack(toy_pack(view_mlp=False), tmp_path / "other.zip")
+    with snerg.load(toy) as one:
+        alone = one.render(camera)
+        with snerg.load(tmp_path / "other.zip") as other:
+            assert (other.render(camera) != alone).any()
+            np.testing.assert_array_equal(one.render(camera), alone)
+        np.testing.assert_array_equal(one.render(camera), alone)
+
+
+def test_a_given_context_draws_and_stays_as_it_was(toy: Path, camera: snerg.Camera) -> None:
+    mine = create_context()
+    framebuffer = mine.simple_framebuffer((2, 2))
+    with snerg.load(toy, context=mine) as given, snerg.load(toy) as own:
+        np.testing.assert_array_equal(given.render(camera), own.render(camera))
+        framebuffer.clear(1.0, 0.0, 0.0)  # would be drawn into another's, were that current
+        assert framebuffer.read()[:3] == b"\xff\x00\x00" and mine.error == "GL_NO_ERROR"
+    assert isinstance(mine, moderngl.Context) and mine.error == "GL_NO_ERROR"
+    current_context()()
+    mine.release()
+
+
+def test_another_thread_is_refused_and_not_let_into_the_context(toy: Path, camera: snerg.Camera) -> None:
+    refused: list[str] = []
+
+    def render() -> None:
+        try:
+            scene.render(camera)
+        except snerg.SnergError as error:
+            refused.append(error.what)
+
+    with snerg.load(toy) as scene:
+        scene.render(camera)
+        thread = threading.Thread(target=render)
+        thread.start()
+        thread.join()
+    assert refused == ["is rendered by another thread"]
+
+
+def test_a_forward_facing_scene_comes_out_the_right_way_round(tmp_path: Path) -> None:
+    pack = toy_pack(ndc=True)
+    save_pack(pack, tmp_path / "ndc.zip")
+    eye, target = (0.05, 0.1, 0.0), (0.0, 0.0, 4.0)
+    with snerg.load(tmp_path / "ndc.zip") as scene, OffscreenRenderer(pack) as renderer:
+        picture = scene.render(snerg.Camera.look_at(eye, target, size=SIZE, fov=60.0))
+        mirrored = ViewCamera.look_at(eye, target, fov_degrees=60.0, size=SIZE, mirrored=True)
+        np.testing.assert_array_equal(picture, renderer.render(mirrored))
+        assert scene.metadata["forward_facing"] and len(scene.orbit(3, size=SIZE)) == 3
+    assert picture.std() > 5
+
+
+def test_geometry_is_written_as_the_commands_write_it(toy: Path, tmp_path: Path) -> None:
+    scene = snerg.load(toy)
+    mesh, points = scene.to_mesh(faces=2000), scene.to_points(spacing=2.0)
+    assert 500 < len(mesh.faces) <= 2600 and len(mesh.vertices) == len(mesh.colours) == len(mesh.normals)
+    assert len(points.faces) == 0 and len(points.vertices) > 200
+    mesh.save(tmp_path / "mesh.glb")
+    points.save(tmp_path / "points.ply")
+    read = trimesh.load(tmp_path / "mesh.glb", force="mesh")
+    np.testing.assert_allclose(read.bounds, [mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)], atol=1e-6)
+    assert len(trimesh.load(tmp_path / "points.ply").vertices) == len(points.vertices)
+    with pytest.raises(snerg.SnergError, match=r"expected \.ply"):
+        points.save(tmp_path / "points.glb")
+
+
+def test_a_scene_is_saved_as_a_pack_and_as_a_page(toy: Path, tmp_path: Path) -> None:
+    scene = snerg.load(toy)
+    scene.save(tmp_path / "again", codec="webp")
+    again = snerg.load(tmp_path / "again")
+    assert again.metadata == scene.metadata | {"codec": "webp"} and len(again.cameras) == 1
+    scene.save(tmp_path / "page.html", title="A <toy>")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert page.startswith("<!") and "A &lt;toy&gt;" in page
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter.txt").write_text("do not lose this")
+    with pytest.raises(snerg.SnergError, match="choose a new or empty folder"):
+        scene.save(tmp_path / "mine")
+
+
+@pytest.mark.parametrize("changes", [{"mode": "nothing"}, {"samples": 0}, {"size": (20000, 20000)}])
+def test_senseless_requests_are_refused_in_one_line(toy: Path, camera: snerg.Camera, changes: dict) -> None:
+    with snerg.load(toy) as scene, pytest.raises(snerg.SnergError) as refused:
+        scene.render(replace(camera, name=""), **changes)
+    assert "\n" not in str(refused.value)
+
+
+def test_what_is_no_pack_is_refused_with_the_fields_of_the_commands(tmp_path: Path) -> None:
+    with pytest.raises(snerg.SnergError) as refused:
+        snerg.load(tmp_path / "none")
+    assert refused.value.what and refused.value.where is not None and str(refused.value.where) in str(refused.value)
