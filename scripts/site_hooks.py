@@ -1,4 +1,4 @@
-"""Hooks of mkdocs: the documents beside docs/ become pages, links to code become plain text, and the demo scene a page of its own.
+"""Hooks of mkdocs: documents beside docs/ become pages, links to code plain text, and the demo scene a page of its own.
 
 The texts are written for readers of the repository; nothing of them is copied by hand.
 """

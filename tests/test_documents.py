@@ -20,9 +20,9 @@ from viewer.features.film.pictures import PICTURE
 from viewer.rendering.settings import MODES
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md", "CODE_OF_CONDUCT.md")] + sorted(
-    ROOT.glob("docs/*.md")
-)
+DOCUMENTS = [
+    ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md", "CODE_OF_CONDUCT.md")
+] + sorted(ROOT.glob("docs/*.md"))
 PACKAGES = ("console", "scenepack", "training", "baker", "viewer", "snerg", "tools")
 FOLDERS = (*PACKAGES, "shaders", "scripts", "tests", "docs", ".ci", ".github")
 MADE_LATER = {".venv", "out", "build", "dist", "failures"}  # by running things; .gitignore has them

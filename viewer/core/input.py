@@ -10,6 +10,8 @@ and buttons of GLFW's standard layout (SDL's game controller mappings), 3D mice 
 
 from __future__ import annotations
 
+import re
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -18,14 +20,25 @@ if TYPE_CHECKING:
     from viewer.app.application import App
     from viewer.features.camera.orbit_camera import OrbitCamera
 
+TAKEN_ON_MACOS = "Tab"  # Cmd+Tab is the system's, so that Ctrl+Tab is ours there, too
 FLYING = ("W", "A", "S", "D", "Q", "E")  # places: forward, left, back, right, down, up
+
+
+def shown_keys(combination: str, platform: str = sys.platform) -> str:
+    """ "Ctrl+S" as it is printed on the keyboard: "Cmd+S" on macOS."""
+    return re.sub(rf"Ctrl\+(?!{TAKEN_ON_MACOS})", "Cmd+", combination) if platform == "darwin" else combination
+
+
+def holds_command(name: str, control: bool, super_: bool, platform: str = sys.platform) -> bool:
+    """Whether the modifier is held that makes a key (by its name) a command; see KeyPress.ctrl."""
+    return super_ if platform == "darwin" and name != TAKEN_ON_MACOS else control
 
 
 @dataclass(frozen=True)
 class KeyPress:
     """A key that went down, with the modifiers of that very moment; or a character that was typed, with name "".
 
-    ctrl: Cmd on macOS. repeat: the system repeats a key that is held.
+    ctrl: Cmd on macOS, but with Tab. repeat: the system repeats a key that is held.
     """
 
     name: str = ""

@@ -16,7 +16,7 @@ from imgui_bundle import ImVec2, imgui
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS, run
 from viewer.core import theme
-from viewer.core.input import KeyPress
+from viewer.core.input import KeyPress, shown_keys
 from viewer.core.theme import Fonts
 from viewer.core.widgets import coloured, font, in_front, px
 
@@ -113,7 +113,7 @@ def _groups(app: App) -> list[_Group]:
         groups.append(_Group("While flying", flying))
     commands = [command for command in COMMANDS.values() if command.keys]
     for name, members in groupby(commands, lambda command: command.group):
-        groups.append(_Group(name, tuple((" or ".join(member.keys), member.title) for member in members)))
+        groups.append(_Group(name, tuple((shown_keys(" or ".join(member.keys)), member.title) for member in members)))
     return groups
 
 

@@ -17,6 +17,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core.input import shown_keys
 from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, Entry, coloured, more_button, px
 from viewer.features.bookmarks import panel as bookmarks_panel
@@ -235,7 +236,7 @@ def show_rail(app: App, where: Regions) -> None:
     ]
     if interface.moved:
         reset = partial(run, app, "layout")
-        entries.append(Entry("layout", fa.ICON_FA_TABLE_COLUMNS, "Reset the layout", reset, "Ctrl+L"))
+        entries.append(Entry("layout", fa.ICON_FA_TABLE_COLUMNS, "Reset the layout", reset, shown_keys("Ctrl+L")))
     space = int((where.rail[3] - px(20) + px(8)) / px(ICON_STEP))
     shown = len(entries) if space >= len(entries) else max(space - 1, 0)
     for entry in entries[:shown]:

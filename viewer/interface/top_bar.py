@@ -11,6 +11,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core.input import shown_keys
 from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, Entry, coloured, elided, font, more_button, px
 from viewer.interface import layout
@@ -100,7 +101,7 @@ def _entries(app: App) -> list[Entry]:
         (fa.ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER, "full-screen", "Full screen", "F11", False),
     ]
     shown = [
-        Entry(f"top {command}", icon, title, partial(run, app, command), keys)
+        Entry(f"top {command}", icon, title, partial(run, app, command), shown_keys(keys))
         for icon, command, title, keys, needs_scene in entries
         if app.scene is not None or not needs_scene
     ]
@@ -125,7 +126,7 @@ def _packs(app: App) -> None:
             app.open_packs.switch_to(app, entry)
             break
     imgui.separator()
-    if imgui.menu_item(f"{fa.ICON_FA_XMARK}   Close this one", "Ctrl+W", False)[0]:
+    if imgui.menu_item(f"{fa.ICON_FA_XMARK}   Close this one", shown_keys("Ctrl+W"), False)[0]:
         run(app, "close")
     imgui.end_popup()
 

@@ -24,7 +24,7 @@ from console.streams import printable
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.app.frame import is_waiting, unfinished
-from viewer.core.input import ControllerState, KeyPress
+from viewer.core.input import ControllerState, KeyPress, holds_command
 from viewer.core.state import FRAMES_AFTER_EVENT
 from viewer.features.making.making import POLL_EVERY_S
 from viewer.interface.ui import Ui
@@ -144,9 +144,12 @@ class Window:
             return
         if action == glfw.PRESS:
             keyboard.down(place)
-        command = glfw.MOD_SUPER if sys.platform == "darwin" else glfw.MOD_CONTROL
-        held = (bool(modifiers & bit) for bit in (command, glfw.MOD_SHIFT, glfw.MOD_ALT))
-        self.ui.pressed(KeyPress(_name(key, scancode) or place, *held, repeat=action == glfw.REPEAT))
+        name = _name(key, scancode) or place
+        control, super_, shift, alt = (
+            bool(modifiers & bit) for bit in (glfw.MOD_CONTROL, glfw.MOD_SUPER, glfw.MOD_SHIFT, glfw.MOD_ALT)
+        )
+        command = holds_command(name, control, super_)
+        self.ui.pressed(KeyPress(name, command, shift, alt, repeat=action == glfw.REPEAT))
 
     def _character(self, _: object, code: int) -> None:
         self._touched = True
