@@ -20,13 +20,13 @@ from viewer.features.film.pictures import PICTURE
 from viewer.rendering.settings import MODES
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = [
-    ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md", "CODE_OF_CONDUCT.md")
-] + sorted(ROOT.glob("docs/*.md"))
+BESIDE = ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md", "CODE_OF_CONDUCT.md")
+DOCUMENTS = [*(ROOT / name for name in BESIDE), *sorted(ROOT.glob("docs/*.md"))]
 PACKAGES = ("console", "scenepack", "training", "baker", "viewer", "snerg", "tools")
 FOLDERS = (*PACKAGES, "shaders", "scripts", "tests", "docs", ".ci", ".github")
 MADE_LATER = {".venv", "out", "build", "dist", "failures"}  # by running things; .gitignore has them
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+OF_ALL = {"--debug", "--tyro-print-completion"}  # which no --help lists
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9]*(?:[.-][a-z0-9]+)*")
 PROGRAM = re.compile(r"python -m ([\w.]+)|(?<![\w-])(snerg-[a-z]+)")
 pytestmark = pytest.mark.documents
@@ -77,7 +77,7 @@ def anchors_of(document: Path) -> set[str]:
 def modules_run() -> dict[str, str]:
     """Module of each program that can be started: {"snerg-bake": "baker.commands.bake", …}."""
     named = {name for document in DOCUMENTS for name in re.findall(r"python -m ([\w.]+)", text_of(document))}
-    return MODULES | {f"python -m {name}": name for name in named if name.split(".")[0] in PACKAGES}
+    return MODULES | {f"python -m {name}": name for name in named if name.split(".")[0] in PACKAGES and name != "snerg"}
 
 
 @cache
@@ -93,6 +93,7 @@ def options() -> dict[str, dict[str, dict]]:
 
 def commands_in(line: str) -> Iterator[tuple[list[str], str]]:
     """Each of our programs in a line, with the words after it: ["snerg-pack info", "snerg-pack check"], " PACK"."""
+    line = re.sub(r"python -m snerg (\w+)", r"snerg-\1", line)
     starts = list(PROGRAM.finditer(line))
     for start, end in zip(starts, [*[found.start() for found in starts[1:]], len(line)], strict=True):
         name, words = start[0], line[start.end() : end]
@@ -112,7 +113,7 @@ def wrong_options(commands: list[str], words: str) -> list[str]:
     wrong = []
     for found in OPTION.finditer(words):
         known = [options()[command][found[0]] for command in commands if found[0] in options()[command]]
-        if not known and found[0] != "--debug":
+        if not known and found[0] not in OF_ALL:
             wrong.append(f"{' / '.join(commands)} has no {found[0]}")
         value = re.match(r"[ =]([a-z][\w-]*(?: ?\| ?[a-z][\w-]*)*)", words[found.end() :])
         choices = {choice for option in known for choice in option["choices"]} - {"None"}
@@ -204,7 +205,7 @@ def test_commands_in_blocks_have_these_options(document: Path) -> None:
 
 @each_document
 def test_commands_and_options_in_prose_exist(document: Path) -> None:
-    ours = {name for command in options().values() for name in command} | {"--debug"}
+    ours = {name for command in options().values() for name in command} | OF_ALL
     ours |= set(re.findall(r'"(--[\w-]+)"', text_of(ROOT / "tests/conftest.py")))
     wrong = []
     for span in spans_of(document):
