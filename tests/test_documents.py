@@ -24,7 +24,7 @@ BESIDE = ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md", "CODE_O
 DOCUMENTS = [*(ROOT / name for name in BESIDE), *sorted(ROOT.glob("docs/*.md"))]
 PACKAGES = ("console", "scenepack", "training", "baker", "viewer", "snerg", "tools")
 FOLDERS = (*PACKAGES, "shaders", "scripts", "tests", "docs", ".ci", ".github")
-MADE_LATER = {".venv", "out", "build", "dist", "failures"}  # by running things; .gitignore has them
+MADE_LATER = {".venv", "_src", "out", "build", "dist", "failures"}  # by running things; .gitignore has them
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 OF_ALL = {"--debug", "--tyro-print-completion"}  # which no --help lists
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9]*(?:[.-][a-z0-9]+)*")
@@ -93,7 +93,7 @@ def options() -> dict[str, dict[str, dict]]:
 
 def commands_in(line: str) -> Iterator[tuple[list[str], str]]:
     """Each of our programs in a line, with the words after it: ["snerg-pack info", "snerg-pack check"], " PACK"."""
-    line = re.sub(r"python -m snerg (\w+)", r"snerg-\1", line)
+    line = re.sub(r"python -m snerg(?: (\w+))?", lambda found: f"snerg-{found[1]}" if found[1] else "", line)
     starts = list(PROGRAM.finditer(line))
     for start, end in zip(starts, [*[found.start() for found in starts[1:]], len(line)], strict=True):
         name, words = start[0], line[start.end() : end]
