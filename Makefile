@@ -90,7 +90,7 @@ lint: $(VENV)/.developer
 	  else echo "actionlint is not to be had here; tests/test_joining.py looks at the workflows all the same"; fi
 
 docs: $(VENV)/.docs gl
-	$(BIN)/mkdocs build --strict --quiet --site-dir out/docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir out/docs
 	@echo "Built: out/docs/index.html; look at it with $(BIN)/python -m http.server --directory out/docs"
 
 wheel: $(VENV)/.made

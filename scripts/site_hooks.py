@@ -14,14 +14,17 @@ from typing import Any
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
-BESIDE = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "CODE_OF_CONDUCT.md")
+# Their pages; mkdocs would take README.md for the index of its folder.
+BESIDE = {"README.md": "start.md"} | {
+    f"{name}.md": f"{name}.md" for name in ("CONTRIBUTING", "CHANGELOG", "SECURITY", "CODE_OF_CONDUCT")
+}
 LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 
 
 def on_files(files: Files, config: Any, **_: Any) -> Files:
     """Adds the documents beside docs/, and the page of the demo scene."""
-    for name in BESIDE:
-        files.append(File.generated(config, name, content=(ROOT / name).read_text(encoding="utf-8")))
+    for name, page_name in BESIDE.items():
+        files.append(File.generated(config, page_name, content=(ROOT / name).read_text(encoding="utf-8")))
     sys.path.insert(0, str(ROOT))
     import snerg
 
@@ -34,7 +37,7 @@ def on_files(files: Files, config: Any, **_: Any) -> Files:
 
 def on_page_markdown(markdown: str, page: Any, files: Files, **_: Any) -> str:
     """Links between documents lead to their pages; what is no page is named."""
-    folder = "" if page.file.src_uri in BESIDE else "docs"
+    folder = "" if page.file.src_uri in BESIDE.values() else "docs"
 
     def lead(link: re.Match[str]) -> str:
         mark, text, target = link.groups()
@@ -42,6 +45,7 @@ def on_page_markdown(markdown: str, page: Any, files: Files, **_: Any) -> str:
             return link[0]
         path, _, anchor = target.partition("#")
         there = posixpath.normpath(posixpath.join(folder, path)).removeprefix("docs/")
+        there = BESIDE.get(there, there)
         if files.get_file_from_path(there) is None:
             return text
         return f"{mark}[{text}]({there}{'#' + anchor if anchor else ''})"
