@@ -233,6 +233,7 @@ class Scene:
         else:
             save_pack(self._pack, Path(path), codec=codec)
 
+    @with_snerg_errors
     def _page(self, title: str | None = None) -> bytes:
         from viewer.web.page import PageContent, scene_page
 
