@@ -6,11 +6,10 @@ One reader (`load_pack`, `open_pack`), one writer (`save_pack`), cutting volumes
 
 from scenepack.check import Finding, check_pack
 from scenepack.pack import Pack, PackWarning, ViewMlp
-from scenepack.reader import AtlasPlanes, PackReader, load_pack, open_pack
+from scenepack.reader import PackReader, load_pack, open_pack
 from scenepack.writer import check_target, save_pack
 
 __all__ = [
-    "AtlasPlanes",
     "Finding",
     "Pack",
     "PackReader",

@@ -57,15 +57,6 @@ def atlas_shape(atlas_blocks: Triple, block_size: int) -> Triple:
     return -(-z // PLANES_PER_IMAGE) * PLANES_PER_IMAGE, y, x
 
 
-def occupied_blocks(alpha: np.ndarray, block_size: int) -> np.ndarray:
-    """bool [blocks z, blocks y, blocks x]: macroblocks with any `alpha` [z, y, x] above zero."""
-    counts = grid_block_counts((alpha.shape[2], alpha.shape[1], alpha.shape[0]), block_size)[::-1]
-    full = np.zeros([n * block_size for n in counts], bool)
-    full[: alpha.shape[0], : alpha.shape[1], : alpha.shape[2]] = alpha > 0
-    nz, ny, nx = counts
-    return np.any(full.reshape(nz, block_size, ny, block_size, nx, block_size), axis=(1, 3, 5))
-
-
 def atlas_layout(occupied: np.ndarray, atlas_blocks: Triple) -> np.ndarray:
     """atlas_indices uint8 [blocks z, y, x, 3] that hand slots to the macroblocks of `occupied`, in the grid's order.
 
@@ -104,7 +95,7 @@ def data_voxels(slot_xyz: np.ndarray, block_size: int) -> tuple[slice, ...]:
 
 
 def atlas_from_volume(
-    read_box: ReadBox, grid_size: Triple, block_size: int, occupied: np.ndarray, *, atlas_blocks: Triple | None = None
+    read_box: ReadBox, grid_size: Triple, block_size: int, occupied: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Fills an atlas macroblock by macroblock from a volume that need not exist as one array.
 
@@ -112,12 +103,11 @@ def atlas_from_volume(
     features of the same shape, or None in their place; it is only asked for boxes within the grid, one per
     occupied macroblock, at most bs a side. grid_size: voxels (x, y, z). occupied: bool [blocks z, blocks y,
     blocks x]. Returns atlas_indices uint8 [blocks z, y, x, 3], atlas_rgba uint8 [D, H, W, 4], and
-    atlas_features likewise or None. ValueError where `atlas_blocks` (x, y, z) is too small or no layout is
-    large enough.
+    atlas_features likewise or None. ValueError where no layout is large enough.
     """
     if occupied.shape != grid_block_counts(grid_size, block_size)[::-1]:
         raise ValueError(f"occupied is {occupied.shape}, the grid {grid_size} needs another shape at {block_size}")
-    atlas_blocks = atlas_blocks or choose_atlas_blocks(int(occupied.sum()), block_size)
+    atlas_blocks = choose_atlas_blocks(int(occupied.sum()), block_size)
     indices = atlas_layout(occupied, atlas_blocks)
     rgba = np.zeros((*atlas_shape(atlas_blocks, block_size), 4), np.uint8)
     features: np.ndarray | None = None
@@ -135,36 +125,6 @@ def atlas_from_volume(
     for atlas in (rgba, features):
         if atlas is not None:
             restore_padding(atlas, indices, block_size)
-    return indices, rgba, features
-
-
-def atlas_from_dense(
-    dense_rgba: np.ndarray,
-    dense_features: np.ndarray | None,
-    block_size: int,
-    occupied: np.ndarray | None = None,
-    *,
-    atlas_blocks: Triple | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """(atlas_indices, atlas_rgba, atlas_features) of a small volume held in full.
-
-    dense_rgba: uint8 [z, y, x, 4], premultiplied; dense_features: the same shape or None. occupied: bool
-    [blocks z, y, x], by default every macroblock with some alpha; what lies in others is dropped. See
-    atlas_from_volume.
-    """
-    if occupied is None:
-        occupied = occupied_blocks(dense_rgba[..., 3], block_size)
-
-    def read_box(low: Triple, high: Triple) -> tuple[np.ndarray, np.ndarray | None]:
-        box = tuple(slice(lo, hi) for lo, hi in zip(low, high, strict=True))
-        return dense_rgba[box], None if dense_features is None else dense_features[box]
-
-    depth, height, width = dense_rgba.shape[:3]
-    indices, rgba, features = atlas_from_volume(
-        read_box, (width, height, depth), block_size, occupied, atlas_blocks=atlas_blocks
-    )
-    if features is None and dense_features is not None:  # not one macroblock is occupied
-        features = np.zeros_like(rgba)
     return indices, rgba, features
 
 

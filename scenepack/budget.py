@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 
 from console import UserError
+from console.memory import free_memory
 
 SHARED_FREELY, SHARED_AT_MOST = 4096, 16  # macroblocks; more of them to an atlas block make no scene
 # Voxels that an atlas may have whatever is in use, and how many for each in use: bakers fill theirs to the last rows.
 EMPTY_FREELY, EMPTY_AT_MOST = 1 << 26, 16
-_MEMORY = Path("/proc/meminfo")
-
-
-def free_memory() -> int | None:
-    """Bytes that programs could still take; None where the system does not say."""
-    try:
-        rows = dict(row.split(":", 1) for row in _MEMORY.read_text().splitlines() if ":" in row)
-        return int(rows["MemAvailable"].split()[0]) * 1024
-    except (OSError, KeyError, ValueError, IndexError):
-        return None
 
 
 def require_memory(needed: int, where: object) -> None:

@@ -8,8 +8,8 @@ is empty or outside of the grid.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -29,9 +29,6 @@ class Finding:
     severity: Severity
     message: str
     figures: Mapping[str, float] = field(default_factory=dict)
-
-    def as_json(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def check_pack(pack: Pack) -> list[Finding]:

@@ -6,9 +6,7 @@ Source: docs/rendering.md and docs/format.md; SNeRG paper sections 5.1-5.5 and a
 
 from typing import Literal
 
-CodecName = Literal[
-    "png", "webp", "jpeg", "h264", "avif"
-]  # as commands name them; the codecs are scenepack.codecs.CODECS
+CodecName = Literal["png", "webp", "jpeg", "h264", "avif"]  # as commands name them; see scenepack.codecs.CODECS
 
 ALPHA_CONTRIBUTES = 0.5 / 255.0  # a sample contributes where its interpolated alpha exceeds this
 TRANSMITTANCE_STOP = 1.0 / 255.0  # the march stops at T <= this

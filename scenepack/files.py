@@ -10,8 +10,8 @@ import struct
 import threading
 import zipfile
 import zlib
+from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import Protocol
 
 from console import UserError
 from scenepack.other_formats import refuse_other_file, refuse_other_names
@@ -26,7 +26,7 @@ ZIP_ERRORS = (
 )  # fmt: skip
 
 
-class PackFiles(Protocol):
+class PackFiles(ABC):
     """Files by name. Reading is safe from several threads; errors are UserError."""
 
     path: Path
@@ -35,13 +35,21 @@ class PackFiles(Protocol):
 
     def read(self, name: str, most: int) -> bytes:
         """A whole file; UserError where it is missing or holds more than `most` bytes."""
-        ...
+        data = self._bytes(name, most + 1, to_end=True)
+        if len(data) > most:
+            raise UserError("is too large", where=f"{self.path}: {name}", expected=f"at most {most} bytes")
+        return data
 
     def head(self, name: str, count: int) -> bytes:
         """The first `count` bytes of a file, or fewer where it ends."""
-        ...
+        return self._bytes(name, count, to_end=False)
 
-    def close(self) -> None: ...
+    @abstractmethod
+    def _bytes(self, name: str, count: int, *, to_end: bool) -> bytes:
+        """The first `count` bytes. to_end: the file is read as a whole if it has no more."""
+
+    def close(self) -> None:
+        return
 
 
 def open_files(path: Path) -> PackFiles:
@@ -85,7 +93,7 @@ def _not_a_pack(path: Path, names: list[str]) -> UserError:
     )
 
 
-class FolderFiles:
+class FolderFiles(PackFiles):
     """A pack as a folder."""
 
     def __init__(self, path: Path) -> None:
@@ -93,29 +101,19 @@ class FolderFiles:
         self.sizes = {entry.name: entry.stat().st_size for entry in path.iterdir() if entry.is_file()}
         self.stored_bytes = sum(self.sizes.values())
 
-    def read(self, name: str, most: int) -> bytes:
-        return self._bytes(name, most + 1, most)
-
-    def head(self, name: str, count: int) -> bytes:
-        return self._bytes(name, count, None)
-
-    def _bytes(self, name: str, count: int, most: int | None) -> bytes:
+    def _bytes(self, name: str, count: int, *, to_end: bool) -> bytes:
         if name not in self.sizes:  # also where it is a pipe, whose writer we would wait for
             raise UserError("is missing", where=self.path / name)
         try:
             if not (self.path / name).is_file():  # a pipe would be waited for
                 raise UserError("is missing", where=self.path / name)
             with open(self.path / name, "rb") as file:
-                data = file.read(count)
+                return file.read(count)
         except OSError as error:
             raise UserError(f"cannot be read: {error.strerror or error}", where=self.path / name) from error
-        return _limited(data, most, self.path / name)
-
-    def close(self) -> None:
-        pass
 
 
-class ZipFiles:
+class ZipFiles(PackFiles):
     """A pack as one .zip."""
 
     def __init__(self, path: Path) -> None:
@@ -151,13 +149,7 @@ class ZipFiles:
         self.sizes = {name: info.file_size for name, info in self._entries.items()}
         self.stored_bytes = path.stat().st_size
 
-    def read(self, name: str, most: int) -> bytes:
-        return self._bytes(name, most + 1, most)
-
-    def head(self, name: str, count: int) -> bytes:
-        return self._bytes(name, count, None)
-
-    def _bytes(self, name: str, count: int, most: int | None) -> bytes:
+    def _bytes(self, name: str, count: int, *, to_end: bool) -> bytes:
         where = f"{self.path}: {name}"
         if name not in self._entries:
             raise UserError("is missing", where=where)
@@ -165,8 +157,9 @@ class ZipFiles:
             with self._lock, self._zip.open(self._entries[name]) as file:
                 data = file.read(count)
                 # The checksum is compared only once the end is reached.
-                if most is not None:
+                if to_end:
                     file.read(1)
+                return data
         except (*ZIP_ERRORS, OSError) as error:
             raise UserError(
                 "cannot be read from the .zip",
@@ -174,13 +167,6 @@ class ZipFiles:
                 found=str(error) or type(error).__name__,
                 remedy="the .zip may be damaged; copy it again",
             ) from error
-        return _limited(data, most, where)
 
     def close(self) -> None:
         self._zip.close()
-
-
-def _limited(data: bytes, most: int | None, where: str | Path) -> bytes:
-    if most is not None and len(data) > most:
-        raise UserError("is too large", where=where, expected=f"at most {most} bytes")
-    return data

@@ -119,25 +119,6 @@ class Pack:
         return replace(self, params={**self.params, "snerg": {**self.metadata, **entries}})
 
 
-def pack_of_cube(
-    side: int,
-    block_size: int,
-    atlas: tuple[np.ndarray, np.ndarray, np.ndarray | None],
-    view_mlp: ViewMlp | None,
-    worldspace_T_opengl: np.ndarray,
-    **camera: Any,
-) -> Pack:
-    """A pack of side^3 voxels over [-1, 1]^3, for scenes made from formulas.
-
-    atlas: indices, rgba and features, as scenepack.blocks makes them. camera: what forward-facing packs have besides.
-    """
-    return Pack(
-        voxel_size=2.0 / side, min_xyz=np.full(3, -1.0), grid_size=(side, side, side), block_size=block_size,
-        atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2], view_mlp=view_mlp,
-        worldspace_T_opengl=np.array(worldspace_T_opengl, float), **camera,
-    )  # fmt: skip
-
-
 # --- Pack cache: weak per-pack memoisation. The thread that reads a pack computes first, so that no windo ---
 
 T = TypeVar("T")

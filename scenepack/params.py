@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,31 +27,16 @@ AXES = ("width", "height", "depth")
 LAYERS = (0, 1, 2)
 INPUT_KEYS = ("input_width", "input_height", "input_focal")
 
-Triple = tuple[int, int, int]
 _ABSENT = object()
 
 
-@dataclass(frozen=True)
-class Params:
-    """The checked values. view_mlp: None for a diffuse pack, all-zero weights included. raw: all of it."""
+def parse_params(data: bytes, where: str, note: Callable[[str], None]) -> tuple[Pack, str]:
+    """The pack that the JSON text `data` describes, and the codec of its atlas.
 
-    raw: Mapping[str, Any]
-    voxel_size: float
-    min_xyz: np.ndarray
-    grid_size: Triple
-    block_size: int
-    atlas_size: Triple
-    view_mlp: ViewMlp | None
-    worldspace_T_opengl: np.ndarray
-    ndc: bool
-    input_camera: tuple[float | None, float | None, float | None]  # width, height, focal length; pixels
-    format: str
+    The atlas has its true shape, holds zeros, takes no memory and cannot be written; there are no atlas_indices yet. A view MLP
+    that is all zero is left out.
 
-
-def parse_params(data: bytes, where: str, note: Callable[[str], None]) -> Params:
-    """Checks the JSON text `data`; UserError naming `where` and the key for whatever cannot be used.
-
-    note(line) is called for whatever was repaired.
+    note(line) is called for whatever was repaired. UserError naming `where` and the key for whatever cannot be used.
     """
     try:
         raw = parse_json(data)
@@ -61,7 +45,7 @@ def parse_params(data: bytes, where: str, note: Callable[[str], None]) -> Params
     if not isinstance(raw, dict):
         raise UserError("is not a JSON object", where=where, expected="{…}", found=_short(raw))
     refuse_other_params(raw, where)
-    return _Checker(raw, where, note).params()
+    return _Checker(raw, where, note).pack()
 
 
 class _Checker:
@@ -107,7 +91,7 @@ class _Checker:
             raise UserError(f"{key} holds {bad} values that are NaN or infinite", where=self.where)
         return array
 
-    def params(self) -> Params:
+    def pack(self) -> tuple[Pack, str]:
         voxel_size = self.number("voxel_size")
         if not SMALLEST_VOXEL <= voxel_size <= LARGEST_VOXEL:
             expected = f"world units, {SMALLEST_VOXEL:g} to {LARGEST_VOXEL:g}"
@@ -124,19 +108,15 @@ class _Checker:
                 expected=f"at most {MAX_ATLAS_BYTES >> 30} GiB",
             )
         ndc = self.ndc()
-        return Params(
-            raw=self.raw,
-            voxel_size=voxel_size,
-            min_xyz=np.array([self.corner(f"min_{axis}", voxel_size) for axis in "xyz"]),
-            grid_size=(x, y, z),
-            block_size=block_size,
-            atlas_size=(width, height, depth),
-            view_mlp=self.view_mlp(),
-            worldspace_T_opengl=self.frame(),
-            ndc=ndc,
-            input_camera=self.input_camera(ndc),
-            format=self.format(),
-        )
+        input_width, input_height, input_focal = self.input_camera(ndc)
+        nothing = np.broadcast_to(np.uint8(0), (depth, height, width, 4))
+        pack = Pack(
+            voxel_size=voxel_size, min_xyz=np.array([self.corner(f"min_{axis}", voxel_size) for axis in "xyz"]),
+            grid_size=(x, y, z), block_size=block_size, atlas_indices=np.zeros((0, 0, 0, 3), np.uint8), atlas_rgba=nothing,
+            atlas_features=nothing, view_mlp=self.view_mlp(), worldspace_T_opengl=self.frame(), ndc=ndc,
+            input_width=input_width, input_height=input_height, input_focal=input_focal, params=self.raw,
+        )  # fmt: skip
+        return pack, self.format()
 
     def corner(self, key: str, voxel_size: float) -> float:
         number = self.number(key)

@@ -18,7 +18,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -33,26 +33,9 @@ from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 
 
-class Piece(Protocol):
-    """Where in the atlas a piece's voxels lie."""
-
-    @property
-    def shape(self) -> Shape:
-        """Its planes, rows and columns."""
-        ...
-
-    def gather(self, atlas: np.ndarray) -> np.ndarray:
-        """The piece of an atlas [D, H, W, 4]."""
-        ...
-
-    def scatter(self, values: np.ndarray, atlas: np.ndarray) -> None:
-        """Writes the piece back. Pieces of one pack touch different voxels, so threads may do it."""
-        ...
-
-
 @dataclass(frozen=True)
 class AtlasPiece:
-    """Planes z0 … z0 + shape[0] of the atlas; those past its end are zeros."""
+    """Planes z0 … z0 + shape[0] of the atlas [D, H, W, 4]; those past its end are zeros."""
 
     z0: int
     shape: Shape
@@ -96,6 +79,11 @@ class GridPiece:
             )
             for block, slot in zip(self.where.tolist(), self.slots.tolist(), strict=True)
         ]
+
+
+Piece = (
+    AtlasPiece | GridPiece
+)  # gather() takes its voxels from an atlas; scatter() writes them back, each piece's to others
 
 
 def cut(pack: Pack, layout: Layout, planes: int) -> list[Piece]:
@@ -221,7 +209,7 @@ class PieceFiles:
                     piece.scatter(values, atlas)
 
         try:
-            yield from _in_threads(decode, self.total, threads)
+            yield from in_threads(decode, self.total, threads)
         finally:
             decoders.stop()
         if self._padding_is_stale():
@@ -281,7 +269,7 @@ class PieceFiles:
         )
 
 
-def _in_threads(job: Callable[[int], None], count: int, threads: int) -> Iterator[int]:
+def in_threads(job: Callable[[int], None], count: int, threads: int) -> Iterator[int]:
     """Calls job(0) … job(count - 1) in threads that do not keep the program from ending; yields how many are done.
 
     Raises what one of them raises; no other begins then, nor where the caller takes no more.

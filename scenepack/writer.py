@@ -7,9 +7,8 @@ import json
 import os
 import re
 import zipfile
-from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -23,7 +22,7 @@ from console.atomic import recover_interrupted_write, replacing, write_file
 from console.json_text import read_json_file
 from console.results import try_folder
 from scenepack.blocks import grid_block_counts
-from scenepack.codecs import Codec, PngCodec, chosen_quality, codec_named, encode_png
+from scenepack.codecs import Codec, PngCodec, chosen_quality, codec_named, encode_png, image_name
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
 from scenepack.files import INDICES_NAME, PARAMS_NAME, open_files
 from scenepack.pack import Pack
@@ -166,11 +165,11 @@ def _require_replaceable(path: Path, as_zip: bool) -> None:
 def _files(
     pack: Pack, codec: Codec, quality: int | None, level: int, on_progress: Callable[[int, int], None] | None
 ) -> Generator[tuple[str, bytes], None, None]:
-    """The pack's files in order, name and content; images are encoded a few ahead in threads."""
+    """The pack's files in order, name and content; images are encoded ahead in threads."""
     metadata = {key: value for key, value in pack.metadata.items() if key != SETTINGS}
     if isinstance(codec, PngCodec):
         settings: dict[str, Any] = {}
-        jobs = _image_jobs(pack, codec, level)
+        jobs = _image_jobs(pack, level)
     else:
         settings = {SETTINGS: settings_for(pack, codec, quality)}
         jobs = encoding_jobs(pack, codec, settings[SETTINGS])
@@ -183,21 +182,17 @@ def _files(
     text = json.dumps(params_json(pack, codec.name, metadata), default=_plain)
     yield PARAMS_NAME, text.encode()
     yield INDICES_NAME, encode_png(indices, level)
-    with ThreadPoolExecutor(ENCODING_THREADS, "snerg-encode") as pool:
-        ahead = 2 * ENCODING_THREADS
-        waiting: deque[Future[list[tuple[str, bytes]]]] = deque(pool.submit(job) for job in jobs[:ahead])
-        try:
-            for done in range(1, len(jobs) + 1):
-                yield from waiting.popleft().result()
-                waiting.extend(pool.submit(job) for job in jobs[done - 1 + ahead : done + ahead])
-                if on_progress is not None:
-                    on_progress(done, len(jobs))
-        finally:
-            for future in waiting:
-                future.cancel()
+    with (
+        ThreadPoolExecutor(ENCODING_THREADS, "snerg-encode") as pool,
+        closing(pool.map(lambda job: job(), jobs)) as encoded,  # type: ignore[type-var]  (a generator: cancels what is left)
+    ):
+        for done, files in enumerate(encoded, 1):
+            yield from files
+            if on_progress is not None:
+                on_progress(done, len(jobs))
 
 
-def _image_jobs(pack: Pack, codec: PngCodec, level: int) -> list[Callable[[], list[tuple[str, bytes]]]]:
+def _image_jobs(pack: Pack, level: int) -> list[Callable[[], list[tuple[str, bytes]]]]:
     """A call for each group of four planes that gives its files, name and content."""
     parts = {"rgba": pack.atlas_rgba}
     if pack.atlas_features is not None:
@@ -208,8 +203,7 @@ def _image_jobs(pack: Pack, codec: PngCodec, level: int) -> list[Callable[[], li
         planes = parts[part][group * PLANES_PER_IMAGE : (group + 1) * PLANES_PER_IMAGE]
         if len(planes) < PLANES_PER_IMAGE:  # an image always holds four
             planes = np.pad(planes, [(0, PLANES_PER_IMAGE - len(planes)), (0, 0), (0, 0), (0, 0)])
-        files = codec.encode(planes.reshape(-1, *planes.shape[2:]), level)
-        return list(zip(codec.names(part, group), files, strict=True))
+        return [(image_name(part, group), encode_png(planes.reshape(-1, *planes.shape[2:]), level))]
 
     return [partial(encode, part, group) for part in parts for group in range(groups)]
 

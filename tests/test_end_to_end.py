@@ -15,9 +15,9 @@ from baker.baking import culling
 from baker.commands.bake import main as snerg_bake
 from baker.commands.evaluate import main as snerg_eval
 from baker.commands.make import main as snerg_make
+from baker.commands.pack import main as snerg_pack
 from scenepack import check_pack, load_pack
 from scenepack.blocks import dense_from_pack
-from scenepack.commands import main as snerg_pack
 from tests.told import told
 from tools.procedural import write_procedural_scene
 from training.commands.train import main as snerg_train

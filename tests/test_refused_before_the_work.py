@@ -23,7 +23,7 @@ from tools.procedural import write_procedural_scene
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
 
-RENDER, RUN, OPEN = "viewer.commands.render.load_pack", "training.run.load_run", "scenepack.commands.open_pack"
+RENDER, RUN, OPEN = "viewer.commands.render.load_pack", "training.run.load_run", "baker.commands.pack.open_pack"
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,8 @@ from console.arguments import parse_numbers
 from console.plots import Line, Plot, draw_plots, require_plots
 from scenepack.blocks import atlas_from_volume, grid_block_counts
 from scenepack.constants import VIEW_MLP_WIDTHS
-from scenepack.pack import Pack, ViewMlp, pack_of_cube
+from scenepack.pack import Pack, ViewMlp
+from tests.scenepack.volumes import pack_of_cube
 from viewer.benchmark.frames import measure
 from viewer.rendering.camera import orbit_path
 from viewer.rendering.frame_times import Contender

@@ -1,30 +1,15 @@
-"""Memory: how much is free, aligned arrays, and what the C library does with freed buffers. No JAX here."""
+"""Aligned arrays, and what the C library does with freed buffers. No JAX here."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 ALIGNED = 64  # bytes: where arrays begin that JAX takes over on a processor without copying them
-ASSUMED_FREE = 4 << 30  # bytes, where the system does not tell
 _M_TRIM_THRESHOLD, _M_TOP_PAD, _M_MMAP_MAX, _M_ARENA_MAX = -1, -2, -4, -8
-
-
-def free_memory() -> int:
-    """Bytes that this process may take, as far as the system tells."""
-    try:
-        lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
-        free = 1024 * int(lines["MemAvailable"].split()[0])
-    except (OSError, KeyError, ValueError):
-        free = ASSUMED_FREE
-    with contextlib.suppress(OSError, ValueError):  # a container's limit
-        most, used = (int(Path("/sys/fs/cgroup", name).read_text()) for name in ("memory.max", "memory.current"))
-        free = min(free, most - used)
-    return max(free, 0)
 
 
 def aligned(shape: tuple[int, ...], dtype: Any = np.float32) -> np.ndarray:

@@ -1,24 +1,184 @@
-"""`snerg-pack info|check|convert|export|compare`: all about packs (docs/commands.md).
-
-The first three are scenepack's; `compare` draws, and scenepack may not import the renderer. Nothing here needs JAX, so
-all work in the viewer-only install.
-"""
+"""`snerg-pack info|check|convert|export|compare`: all about packs (docs/commands.md). Nothing here needs JAX."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
-from baker.commands.export import export
-from console import UserError, check_results, run_command, write_json
+from rich.console import Console
+
+from console import UserError, check_results, not_written, progress, run_command, write_json
+from console.arguments import parse_numbers, parse_size
+from console.atomic import write_file
 from console.streams import one_line
-from scenepack.commands import COMMANDS
+from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
+from scenepack.codecs import chosen_quality, codec_named
+from scenepack.exports.field import Corners, Frame
+from scenepack.exports.scene import Export, Kind, check_export, export_scene, kind_for
+from scenepack.report import pack_facts, print_facts, print_findings
+from viewer.web.page import PageContent, path_from_file, scene_page
 
 DESCRIPTION = (
     "Inspects, checks, converts, exports and compares packs "
     "(baked scenes: a folder with scene_params.json, or one .zip)."
 )
+PAGE_SUFFIXES = (".html", ".htm")
+
+
+def info(pack: Path, /, json: Path | None = None) -> None:
+    """Prints what a pack contains: sizes, occupancy, storage, frame, view MLP, provenance.
+
+    Args:
+        pack: The pack, a folder or a .zip.
+        json: Also write the figures to this file, sizes in voxels and bytes; "-" prints them instead of the text.
+    """
+    check_results(json)
+    with open_pack(pack) as reader:
+        facts = pack_facts(reader.files, _read_all(reader))
+    if not write_json(json, facts):
+        print_facts(facts, Console())
+
+
+def check(pack: Path, /, json: Path | None = None, strict: bool = False) -> None:
+    """Validates a pack: index bounds, padding, premultiplied colours, shared or unused atlas blocks.
+
+    The exit status is 0 if the pack can be rendered as meant, and 2 if not.
+
+    Args:
+        pack: The pack, a folder or a .zip.
+        json: Also write the findings to this file; "-" prints them instead of the text.
+        strict: Treat warnings as errors.
+    """
+    check_results(json)
+    findings = check_pack(_read(pack))
+    if not write_json(json, {"path": str(pack), "findings": [asdict(finding) for finding in findings]}):
+        print_findings(findings, Console())
+    broken = [f for f in findings if f.severity == "error" or (strict and f.severity == "warning")]
+    if broken:
+        sys.stdout.flush()
+        raise UserError(
+            f"breaks {len(broken)} rules ({', '.join(f.rule for f in broken)})", where=pack, remedy="bake it again"
+        )
+
+
+def convert(
+    pack: Path, /, out: Path, codec: str = "avif", quality: int | None = None, png_level: int = 6, force: bool = False
+) -> None:
+    """Converts a pack to another codec: png (published layout), webp (lossless), avif, h264 or jpeg.
+
+    Args:
+        pack: The pack, a folder or a .zip.
+        out: Folder of the new pack, or a file name that ends in .zip. A new pack replaces an old one when it is complete.
+        codec: png (the published web viewer opens it), webp (lossless, about 60 % of PNG), avif (lossy, about a third of
+            PNG), h264 (lossy, the paper's; needs PyAV) or jpeg (lossy).
+        quality: Quality of a lossy codec, 1 (smallest) ... 100 (best). The default is 83 for avif, 85 for h264, 95 for jpeg.
+        png_level: Compression level of PNG, 0 (fast, large) ... 9 (slow, small).
+        force: Let a lossy codec replace the pack that is converted. What is lost then cannot be brought back.
+    """
+    if not 0 <= png_level <= 9:
+        raise UserError("is out of range", where="--png-level", expected="0 to 9", found=png_level)
+    lossy = chosen_quality(codec_named(codec, "--codec"), quality) is not None  # now, not after the work is done
+    if lossy and not force and out.exists() and pack.exists() and out.samefile(pack):
+        raise UserError(
+            f"{codec} is lossy, and would replace the pack that is converted",
+            where=out,
+            remedy="choose another --out, a lossless --codec (png, webp), or add --force",
+        )
+    check_target(out)
+    with open_pack(pack) as reader:
+        before, stored = _read_all(reader), reader.files.stored_bytes
+    with progress("encoding", 1) as bar:
+
+        def on_progress(done: int, total: int) -> None:
+            bar.update(done / total)
+
+        save_pack(before, out, codec=codec, quality=quality, png_level=png_level, on_progress=on_progress)
+    with open_pack(out) as reader:
+        after = reader.files.stored_bytes
+    print(f"{out}: {codec}, {after / 1e6:.2f} MB, {100 * after / max(stored, 1):.0f} % of {stored / 1e6:.2f} MB before")
+
+
+def export(
+    pack: Path,
+    /,
+    to: Path,
+    kind: Kind | None = None,
+    level: float = Export.level,
+    coarser: int | None = Export.coarser,
+    keep: str = str(Export.keep),
+    smooth: int = Export.smooth,
+    faces: int = 500_000,
+    spacing: float = Export.spacing,
+    frame: Frame = Export.frame,
+    scale: float = Export.scale,
+    crop: str | None = None,
+    title: str | None = None,
+    path: Path | None = None,
+) -> None:
+    """Writes a pack as one web page that shows it as the viewer does; or as a mesh, as points, or as 3D Gaussians for other
+    programs, whose colours do not depend on the view.
+
+    Args:
+        pack: The pack, a folder or a .zip.
+        to: FILE.html (a web page), FILE.glb (a mesh), or FILE.ply, whose name (points.ply, mesh.ply, gaussians.ply) or --kind
+            says what it holds.
+        kind: points, mesh or gaussians.
+        level: Opacity of the surface of points and meshes. Lower includes thinner mist.
+        coarser: Merge this many voxels along each side. The default is 1, or what memory allows.
+        keep: Which connected parts of the surface: all, largest, or those with at least this share of its area.
+        smooth: Steps of smoothing (Taubin). 0 keeps the steps of voxels.
+        faces: About so many triangles at most; 0 for all.
+        spacing: Mean distance of points, in voxels.
+        frame: grid (y up), or world (the frame of the photographs' poses).
+        scale: Multiply all lengths by this.
+        crop: Only what is in the box x0,y0,z0,x1,y1,z1 of the grid frame.
+        title: Heading of a web page. The default is the pack's name.
+        path: Camera path that a web page plays, as the viewer or nerfstudio saves it (JSON).
+    """
+    corners = parse_numbers(crop, 6, "--crop") if crop else None
+    box = None if corners is None else ((corners[0], corners[1], corners[2]), (corners[3], corners[4], corners[5]))
+    if to.suffix.lower() in PAGE_SUFFIXES:
+        if kind is not None:
+            raise UserError(f"cannot hold {kind}", where=to, expected="a web page", remedy="leave out --kind")
+        _export_page(pack, to, title, path, box)
+        return
+    if title is not None or path is not None:
+        raise UserError("has no title and no camera path", where=to, expected="FILE.html for --title and --path")
+    wanted = Export(kind_for(to, kind), level, coarser, _kept(keep), smooth, faces or None, spacing, frame, scale, box)
+    check_export(wanted)
+    check_results(to)
+    loaded = _read(pack)
+    with progress("exporting", 1) as bar:
+        written = export_scene(loaded, to, wanted, lambda share, note: bar.update(share, note))
+    amount = f"{written.faces:,} triangles" if written.faces else f"{written.points:,} {wanted.kind}"
+    merged = "" if written.coarser == 1 else f", {written.coarser}³ voxels merged into one"
+    print(f"{to}: {amount}{merged}, {to.stat().st_size / 1e6:.2f} MB")
+
+
+def _export_page(pack: Path, to: Path, title: str | None, path: Path | None, crop: Corners | None) -> None:
+    check_results(to)
+    loaded = _read(pack)
+    flight = None if path is None else path_from_file(path, loaded)
+    content = PageContent(title or pack.resolve().stem, flight, crop)
+    with progress("exporting", 1) as bar:
+        page = scene_page(loaded, content, bar.update)
+    try:
+        write_file(to, page)
+    except OSError as error:
+        words, remedy = not_written(error)
+        raise UserError(words, where=to, remedy=remedy) from error
+    print(f"{to}: a web page, {len(page) / 1e6:.2f} MB")
+
+
+def _kept(text: str) -> str | float:
+    if text in ("all", "largest"):
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise UserError("is not understood", where="--keep", expected="all, largest or a share", found=text) from None
 
 
 def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Path | None = None) -> None:
@@ -32,7 +192,6 @@ def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Pa
         json: Also write the figures to this file; "-" prints them instead of the text.
     """
     from baker.reports.pack_compare import compare_packs  # OpenGL starts here, not for info
-    from console.arguments import parse_size
 
     if not 1 <= views <= 1000:
         raise UserError("is out of range", where="--views", expected="1 to 1000", found=views)
@@ -53,11 +212,22 @@ def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Pa
         print(one_line(f"{view['name']}: {same}"))
 
 
+def _read(pack: Path) -> Pack:
+    with open_pack(pack) as reader:
+        return _read_all(reader)
+
+
+def _read_all(reader: PackReader) -> Pack:
+    with progress("reading", reader.total) as bar:
+        return reader.read(lambda done, _total: bar.update(done))
+
+
+COMMANDS = {"info": info, "check": check, "convert": convert, "export": export, "compare": compare}
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(
-        {**COMMANDS, "export": export, "compare": compare}, prog="snerg-pack", description=DESCRIPTION, args=args
-    )
+    return run_command(COMMANDS, prog="snerg-pack", description=DESCRIPTION, args=args)
 
 
 if __name__ == "__main__":

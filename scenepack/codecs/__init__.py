@@ -13,23 +13,23 @@ from __future__ import annotations
 
 from console import UserError
 from scenepack.codecs.avif import AvifCodec
-from scenepack.codecs.base import CodecError, ImageInfo, PieceCodec
+from scenepack.codecs.base import CodecError, PieceCodec
 from scenepack.codecs.h264 import H264Codec
 from scenepack.codecs.jpeg import JpegCodec
-from scenepack.codecs.png import PngCodec, decode_png, encode_png, probe_png
+from scenepack.codecs.png import PngCodec, decode_png, encode_png, image_name, probe_png
 from scenepack.codecs.webp import WebpCodec
 
 __all__ = [
     "CODECS",
     "Codec",
     "CodecError",
-    "ImageInfo",
     "PieceCodec",
     "PngCodec",
     "chosen_quality",
     "codec_named",
     "decode_png",
     "encode_png",
+    "image_name",
     "probe_png",
 ]
 

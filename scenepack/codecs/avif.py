@@ -5,7 +5,7 @@ imagecodecs has encoder (libaom) and decoder (dav1d), so every install can open 
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import imagecodecs
 import numpy as np
@@ -24,15 +24,12 @@ OFFSETS = {"alpha": 10, "rgb": 0, "feature": -30}
 class AvifCodec(StreamCodec):
     """alpha_NNN.avif, rgb_NNN.avif, …; see scenepack.codecs.streams."""
 
-    name: ClassVar[str] = "avif"
-    layout: ClassVar[Layout] = "grid"
-    default_quality: ClassVar[int | None] = 83
-    header_bytes: ClassVar[int] = 4096
-    straight: ClassVar[bool] = True
-    suffix: ClassVar[str] = "avif"
-
-    def require(self) -> None:
-        pass
+    name = "avif"
+    layout = "grid"
+    default_quality = 83
+    header_bytes = 4096
+    straight = True
+    suffix = "avif"
 
     def planes(self, layout: Layout, block_size: int) -> int:
         return max(1, PLANES // block_size) * block_size

@@ -6,15 +6,16 @@ of the atlas in a layout of their own choice (scenepack.piece_files).
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import ClassVar, Literal, Protocol
+from typing import ClassVar, Literal
 
 import numpy as np
 
 Layout = Literal["atlas", "grid"]
 Shape = tuple[int, int, int]  # planes, rows, columns
+Decoded = tuple[np.ndarray, np.ndarray | None]
 
 
 class CodecError(Exception):
@@ -42,51 +43,37 @@ def decoding(file: str) -> Iterator[None]:
         raise refused from error
 
 
-@dataclass(frozen=True)
-class ImageInfo:
-    """What an image file's header says: size in pixels, and how its pixels are stored ("RGBA", "RGB", …)."""
-
-    width: int
-    height: int
-    channels: str
-
-
-class PieceCodec(Protocol):
-    """One way to store pieces, uint8 [D, H, W, 4] of rgba and of features. Its methods run in several threads.
-
-    layout: how it likes the atlas cut. default_quality: 1 (worst) to 100, None where nothing is ever lost.
-    """
+class PieceCodec(ABC):
+    """One way to store pieces, uint8 [D, H, W, 4] of rgba and of features. Its methods run in several threads."""
 
     name: ClassVar[str]  # the JSON's "format"
-    layout: ClassVar[Layout]
-    default_quality: ClassVar[int | None]
+    layout: ClassVar[Layout]  # how it likes the atlas cut
+    default_quality: ClassVar[int | None] = None  # 1 (worst) to 100, None where nothing is ever lost
     header_bytes: ClassVar[int]  # of a file, enough for `check`
 
     def require(self) -> None:
         """UserError, with what to install, where a library that it needs is missing."""
-        ...
+        return
 
+    @abstractmethod
     def planes(self, layout: Layout, block_size: int) -> int:
         """How many planes it likes in a piece; in the "grid" layout a multiple of block_size."""
-        ...
 
+    @abstractmethod
     def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
         """The files of piece `number`; those without features come first."""
-        ...
 
+    @abstractmethod
     def check(self, name: str, head: bytes, shape: Shape) -> None:
         """CodecError where a file's first header_bytes tell that it cannot hold this piece."""
-        ...
 
+    @abstractmethod
     def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
         """The contents of `names`, in their order, for uint8 [D, H, W, 4] of each."""
-        ...
 
-    def decode(
-        self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """rgba and features uint8 [D, H, W, 4] from `files`. CodecError where it cannot."""
-        ...
+    @abstractmethod
+    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
+        """rgba and features (None without) uint8 [D, H, W, 4] from `files`. CodecError where it cannot."""
 
 
 def cut_off(data: bytes) -> CodecError:

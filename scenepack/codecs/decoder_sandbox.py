@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from console.child_process import ChildProcess, module_command
-from scenepack.codecs.base import CodecError, Shape
+from scenepack.codecs.base import CodecError, Decoded, Shape
 
 PATIENCE_S, BYTES_PER_S = 20.0, 2e6  # time limit of a decoder: PATIENCE_S + decoded bytes / BYTES_PER_S
 SPARE_BYTES, TIMES_DECODED = 1 << 30, 12  # memory limit: SPARE_BYTES + TIMES_DECODED · decoded bytes
@@ -23,7 +23,6 @@ COMMAND = module_command("scenepack.decoding_process")
 # One thread and few arenas each, for what is reserved counts as taken.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
 
-Decoded = tuple[np.ndarray, np.ndarray | None]
 _idle: list[_Process] = []
 _ending: threading.Timer | None = None
 _lock = threading.Lock()

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -143,12 +143,12 @@ CENTRE = np.array([0, 128, 128], np.float32)
 class H264Codec(StreamCodec):
     """alpha_NNN.mp4, rgb_NNN.mp4, …; see scenepack.codecs.streams."""
 
-    name: ClassVar[str] = "h264"
-    layout: ClassVar[Layout] = "atlas"
-    default_quality: ClassVar[int | None] = 85
-    header_bytes: ClassVar[int] = 16
-    straight: ClassVar[bool] = False
-    suffix: ClassVar[str] = "mp4"
+    name = "h264"
+    layout = "atlas"
+    default_quality = 85
+    header_bytes = 16
+    straight = False
+    suffix = "mp4"
 
     def require(self) -> None:
         _av()

@@ -8,29 +8,25 @@ channels as if they were colours, and the fourth as a grey picture.
 from __future__ import annotations
 
 import io
-from typing import ClassVar
 
 import imagecodecs
 import numpy as np
 from PIL import Image
 
-from scenepack.codecs.base import CodecError, Layout, Shape, cut_off, decoding
+from scenepack.codecs.base import CodecError, Decoded, Layout, PieceCodec, Shape, cut_off, decoding
 from scenepack.codecs.png import encode_png
 from scenepack.constants import PLANES_PER_IMAGE
 
 ALPHA_LEVEL = 6  # zlib's
 
 
-class JpegCodec:
+class JpegCodec(PieceCodec):
     """rgb_NNN.jpg, alpha_NNN.png, feature_NNN.jpg (first three channels), feature_w_NNN.jpg (the fourth)."""
 
-    name: ClassVar[str] = "jpeg"
-    layout: ClassVar[Layout] = "atlas"
-    default_quality: ClassVar[int | None] = 95
-    header_bytes: ClassVar[int] = 2048
-
-    def require(self) -> None:
-        pass
+    name = "jpeg"
+    layout = "atlas"
+    default_quality = 95
+    header_bytes = 2048
 
     def planes(self, layout: Layout, block_size: int) -> int:
         return PLANES_PER_IMAGE
@@ -58,9 +54,7 @@ class JpegCodec:
             files += [_jpeg(stacked[..., :3], quality), _jpeg(stacked[..., 3], quality)]
         return tuple(files)
 
-    def decode(
-        self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
-    ) -> tuple[np.ndarray, np.ndarray | None]:
+    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
         images = []
         for name in names:
             with decoding(name):

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import io
 import struct
+from dataclasses import dataclass
 
 import imagecodecs
 import numpy as np
 from PIL import Image
 
 from console.file_signature import sniff_type
-from scenepack.codecs.base import CodecError, ImageInfo
+from scenepack.codecs.base import CodecError
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_BYTES = 33  # signature and the IHDR chunk
@@ -24,28 +25,24 @@ MOST_DEFLATED = 1032  # bytes that DEFLATE can make of one
 _PNG_CHANNELS = {0: "grey", 2: "RGB", 3: "palette", 4: "grey and alpha", 6: "RGBA"}
 
 
+@dataclass(frozen=True)
+class ImageInfo:
+    """What an image file's header says: size in pixels, and how its pixels are stored ("RGBA", "RGB", …)."""
+
+    width: int
+    height: int
+    channels: str
+
+
 class PngCodec:
-    """rgba_NNN.png and feature_NNN.png, 8 bit RGBA: the published format. Its methods run in several threads at once."""
+    """The published format: 8 bit RGBA, image by image. All others are PieceCodecs."""
 
     name = "png"
-    lossless = True
-    header_bytes = PNG_HEADER_BYTES  # enough for `probe`
 
-    def names(self, part: str, group: int) -> tuple[str, ...]:
-        """The files that hold group number `group` of "rgba" or "feature"."""
-        return (f"{part}_{group:03d}.png",)
 
-    def probe(self, head: bytes) -> ImageInfo:
-        """Reads the header of a group's file. CodecError where it is none."""
-        return probe_png(head)
-
-    def decode(self, files: tuple[bytes, ...], out: np.ndarray) -> None:
-        """Decodes into `out`, uint8 [4 · H, W, 4], contiguous. CodecError where it cannot."""
-        decode_png(files[0], out)
-
-    def encode(self, pixels: np.ndarray, level: int) -> tuple[bytes, ...]:
-        """Encodes uint8 [4 · H, W, 4]; `level` 0-9 trades time for size."""
-        return (encode_png(pixels, level),)
+def image_name(part: str, group: int) -> str:
+    """The file of group number `group` of "rgba" or "feature"."""
+    return f"{part}_{group:03d}.png"
 
 
 def probe_png(head: bytes) -> ImageInfo:

@@ -21,7 +21,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from scenepack.codecs.base import CodecError, Shape, cut_off, decoding
+from scenepack.codecs.base import CodecError, Decoded, PieceCodec, Shape, cut_off, decoding
 
 CELL = 16  # voxels
 GREY = 128
@@ -119,7 +119,7 @@ FIRST_SMOOTHING, SMOOTHED_FROM = 8.0, 75.0  # in units of alpha, at this quality
 _XZ = b"\xfd7zXZ\x00"
 
 
-class StreamCodec:
+class StreamCodec(PieceCodec):
     """What h264 and avif share; see the module. straight: colours are stored straight, else premultiplied."""
 
     straight: ClassVar[bool]
@@ -154,9 +154,7 @@ class StreamCodec:
             files.append(self.film(np.ascontiguousarray(values[..., 3]), "feature", quality))
         return tuple(files)
 
-    def decode(
-        self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
-    ) -> tuple[np.ndarray, np.ndarray | None]:
+    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
         _, height, width = shape
         frames = _frames(shape)
         with decoding(names[0]):

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import imagecodecs
 import numpy as np
 
-from scenepack.codecs.base import CodecError, Layout, Shape, cut_off, decoding
+from scenepack.codecs.base import CodecError, Decoded, Layout, PieceCodec, Shape, cut_off, decoding
 from scenepack.constants import PLANES_PER_IMAGE
 
 MAX_SIDE = 16383  # pixels of a WebP
@@ -15,16 +13,12 @@ METHOD = 4  # of 0 … 6; 6 takes four times as long for one per cent less
 EFFORT = 100  # 75 takes two thirds of the time and 0.3 % more bytes
 
 
-class WebpCodec:
+class WebpCodec(PieceCodec):
     """rgba_NNN_I.webp and feature_NNN_I.webp: picture I of piece N."""
 
-    name: ClassVar[str] = "webp"
-    layout: ClassVar[Layout] = "grid"
-    default_quality: ClassVar[int | None] = None
-    header_bytes: ClassVar[int] = 64
-
-    def require(self) -> None:
-        pass
+    name = "webp"
+    layout = "grid"
+    header_bytes = 64
 
     def planes(self, layout: Layout, block_size: int) -> int:
         return block_size if layout == "grid" else PLANES_PER_IMAGE
@@ -54,9 +48,7 @@ class WebpCodec:
             for first, end in _rows(part.shape)
         )
 
-    def decode(
-        self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
-    ) -> tuple[np.ndarray, np.ndarray | None]:
+    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
         rgba, feature = (np.empty((*shape, 4), np.uint8) for _ in range(2))
         for name in names:
             first, end = _rows(shape)[_number(name)]

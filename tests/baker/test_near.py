@@ -17,9 +17,10 @@ from baker.reports.evaluation import evaluate, shown_by
 from baker.tuning.marcher import PackMarcher
 from baker.tuning.pruning import arriving_transmittance, prune
 from scenepack import Pack, save_pack
-from scenepack.blocks import atlas_from_dense, dense_from_pack
+from scenepack.blocks import dense_from_pack
 from tests.baker.analytic import RADIUS
 from tests.scenepack.random_packs import BLENDER_FRAME
+from tests.scenepack.volumes import atlas_from_dense
 from training.config import QUICK
 from training.dataset import RayDataset, make_dataset
 from training.multires.config import MultiresConfig

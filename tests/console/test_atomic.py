@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from baker.commands.pack import main as snerg_pack
 from baker.reports.cross_sections import Section, draw_sections
 from console import atomic, write_json
 from console.atomic import Replacement, replacing
 from scenepack import load_pack, save_pack
-from scenepack.commands import main as snerg_pack
 from tests.scenepack.helpers import same_pack, small_pack
 from tests.told import told
 from viewer.commands.render import main as snerg_render

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from scenepack import Pack, save_pack
-from scenepack.blocks import atlas_from_dense
 from tests.scenepack.random_packs import random_pack
+from tests.scenepack.volumes import atlas_from_dense
 
 
 def small_pack(seed: int = 0, **options: Any) -> Pack:

@@ -13,9 +13,10 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter
 
-from scenepack.blocks import atlas_from_dense, choose_atlas_blocks, grid_block_counts, occupied_blocks
+from scenepack.blocks import choose_atlas_blocks, grid_block_counts
 from scenepack.constants import VIEW_MLP_WIDTHS
 from scenepack.pack import Pack, ViewMlp
+from tests.scenepack.volumes import atlas_from_dense, occupied_blocks
 
 CONTENT_STYLES = ("noise", "isolated", "shell", "borders", "blob", "mixed")
 ALPHA_STYLES = ("any", "faint", "solid")

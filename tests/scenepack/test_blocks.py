@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from scenepack.blocks import (
     MAX_SLICE_SIDE,
-    atlas_from_dense,
     atlas_from_volume,
     atlas_shape,
     block_copy,
@@ -18,6 +17,7 @@ from scenepack.blocks import (
 )
 from scenepack.pack import Pack
 from tests.scenepack.random_packs import packs
+from tests.scenepack.volumes import atlas_from_dense
 
 
 @settings(max_examples=25, deadline=None)

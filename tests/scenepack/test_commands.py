@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given, settings
 from rich.console import Console
 
-from scenepack import Finding, Pack, check_pack, commands, load_pack, open_pack, report
+from baker.commands import pack as commands
+from scenepack import Finding, Pack, check_pack, load_pack, open_pack, report
 from scenepack.blocks import block_copy
 from tests.scenepack.helpers import edit_json, read_image, real_pack, small_pack, write_image, written
 from tests.scenepack.random_packs import packs

@@ -17,8 +17,8 @@ import pytest
 from PIL import Image
 
 from scenepack import save_pack
-from scenepack.blocks import atlas_from_dense
 from tests.scenepack.random_packs import random_pack
+from tests.scenepack.volumes import atlas_from_dense
 
 EMPTY = 255
 WHOLE = (

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from scenepack import Pack, ViewMlp, save_pack
-from scenepack.blocks import atlas_from_dense
-from scenepack.pack import pack_of_cube
+from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.screen import NoScreen, virtual_screen
 from viewer.app.application import App

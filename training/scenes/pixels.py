@@ -14,13 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from console import UserError
-from training.memory import aligned, free_memory
+from console.memory import free_memory
+from training.memory import aligned
 from training.scenes.messages import notice, times
 from training.scenes.pictures import PictureLoader, as_bytes
 from training.scenes.scene import Camera, Photograph
 
 FILE_SHARE = 3  # pixels that take more than this part of the free memory, a third, go to a file
 DECODING = 24  # bytes for each pixel of a photograph while it is decoded
+ASSUMED_FREE = 4 << 30  # bytes, where the system does not tell
 TOGETHER = 1 << 24  # pixels that are tested at once
 
 
@@ -109,21 +111,24 @@ def _at_once(photographs: Sequence[Photograph]) -> int:
     sizes = [(p.camera.width, p.camera.height) for p in photographs]
     sizes += [p.load.source_size for p in photographs if isinstance(p.load, PictureLoader)]
     largest = max(width * height for width, height in sizes)
-    return max(1, min(16, (os.cpu_count() or 1) + 2, free_memory() // 4 // (DECODING * largest)))
+    return max(1, min(16, (os.cpu_count() or 1) + 2, _free() // 4 // (DECODING * largest)))
+
+
+def _free() -> int:
+    free = free_memory()
+    return ASSUMED_FREE if free is None else free
 
 
 def _zeros(size: int, folder: Path | None) -> np.ndarray:
     """uint8 [size] zeros, in memory or in a file without a name."""
-    if size <= free_memory() // FILE_SHARE:
+    if size <= _free() // FILE_SHARE:
         return aligned((size,), np.uint8)
     failure, places = OSError(), [*([folder] if folder else []), Path(tempfile.gettempdir())]
     for place in places:
         try:
             place.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=place) as file:
-                if hasattr(
-                    os, "posix_fallocate"
-                ):  # a disk that is full later kills the process that writes to mapped memory
+                if hasattr(os, "posix_fallocate"):  # a disk that is full later kills who writes to mapped memory
                     os.posix_fallocate(file.fileno(), 0, size)
                 return np.asarray(np.memmap(file, np.uint8, "r+", shape=(size,)))
         except OSError as error:

@@ -26,7 +26,7 @@ from viewer.rendering.software_rasteriser.texture_preallocation import SharedCon
 from viewer.rendering.targets import MARGIN, Box, Difference, Drawn, Layer, Sheet, SheetTexture, Target, with_margin
 
 if TYPE_CHECKING:
-    from scenepack.exports.export_preview import PreviewGeometry
+    from scenepack.exports.scene import PreviewGeometry
 
 ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
 REST_S = 0.12  # this long without a change, and the full picture is begun

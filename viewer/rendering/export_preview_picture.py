@@ -12,7 +12,7 @@ from viewer.rendering.opengl import Program
 from viewer.rendering.shader_source import assemble
 
 if TYPE_CHECKING:
-    from scenepack.exports.export_preview import PreviewGeometry
+    from scenepack.exports.scene import PreviewGeometry
 
 NEAREST = 1e-3  # of the farthest that is shown
 

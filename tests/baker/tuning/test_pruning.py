@@ -13,7 +13,7 @@ from baker.tuning.marcher import PackMarcher
 from baker.tuning.occluded_voxels import HIDDEN, follow_neighbours, smooth_hidden
 from baker.tuning.pruning import CLOSED, ArrivingTransmittance, Pruned, arriving_transmittance, closing_gain, prune
 from scenepack import Pack, check_pack, save_pack
-from scenepack.blocks import atlas_from_dense, dense_from_pack
+from scenepack.blocks import dense_from_pack
 from scenepack.codecs.quantisation import EXACT, Steps, steps_of
 from scenepack.piece_files import follows_grid
 from tests.baker.analytic import RADIUS, ball, culled
@@ -21,6 +21,7 @@ from tests.baker.baking.test_grid_and_culling import baked
 from tests.baker.tuning.helpers import pack_of
 from tests.scenepack.random_packs import BLENDER_FRAME
 from tests.scenepack.test_codecs import in_steps
+from tests.scenepack.volumes import atlas_from_dense
 from training.dataset import RayDataset
 from training.scenes import Scene
 

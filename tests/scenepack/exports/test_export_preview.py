@@ -10,9 +10,8 @@ import pytest
 
 from console import UserError
 from scenepack import Pack
-from scenepack.exports import export_preview
-from scenepack.exports.export_preview import coarseness, preview_geometry
-from scenepack.exports.scene import KINDS, Export, export_scene
+from scenepack.exports import scene
+from scenepack.exports.scene import KINDS, Export, coarseness, export_scene, preview_geometry
 from tests.scenepack.exports.test_exports import CENTRE, RADIUS, VOXEL, ball_inside, pack_of
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: the extra dev")
@@ -40,7 +39,7 @@ def test_a_preview_of_the_same_voxels_is_what_is_written(ball: Pack, tmp_path: P
 @pytest.mark.parametrize("kind", KINDS)
 def test_coarser_voxels_make_fewer_of_it_in_the_same_place(ball: Pack, kind, monkeypatch: pytest.MonkeyPatch) -> None:
     fine = preview_geometry(ball, Export(kind, faces=None))
-    monkeypatch.setattr(export_preview, "MOST_CELLS", 21)
+    monkeypatch.setattr(scene, "MOST_CELLS", 21)
     coarse = preview_geometry(ball, Export(kind, faces=None))
     assert coarse.coarser == coarseness(ball) == 2 and len(coarse.vertices) < 0.5 * len(fine.vertices)
     away = np.linalg.norm(coarse.vertices - CENTRE, axis=1)

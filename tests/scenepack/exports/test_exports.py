@@ -11,12 +11,11 @@ import pytest
 
 from baker.commands.pack import main
 from scenepack import Pack, save_pack
-from scenepack.blocks import atlas_from_dense
 from scenepack.exports.field import Field
 from scenepack.exports.file_formats import COLUMNS, opacity_table
 from scenepack.exports.scene import Export, export_scene
 from scenepack.exports.surface import components, decimated, extract, smoothed
-from scenepack.pack import pack_of_cube
+from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.viewer.rendering.shapes import BALL, BLENDER_FRAME, NDC_FRAME, SKY, surroundings_pack
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: the extra dev")

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 from scenepack import Pack, load_pack, save_pack
-from scenepack.blocks import atlas_from_dense, dense_from_pack
-from scenepack.pack import pack_of_cube
+from scenepack.blocks import dense_from_pack
+from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.told import told
 from tests.viewer.rendering.shapes import shapes_pack
 from tools import scaling

@@ -10,10 +10,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from scenepack.blocks import atlas_from_dense
 from scenepack.constants import VIEW_MLP_WIDTHS
 from scenepack.contraction import uncontract
-from scenepack.pack import Pack, ViewMlp, pack_of_cube
+from scenepack.pack import Pack, ViewMlp
+from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 
 BLENDER_FRAME = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)
 NDC_FRAME = np.diag([1.0, 1.0, -1.0, 1.0])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenepack.blocks import atlas_from_dense
-from scenepack.pack import Pack, pack_of_cube
+from scenepack.pack import Pack
+from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.viewer.conftest import BLENDER
 from training.scenes.scene import Camera
 from viewer.rendering.camera import ViewCamera, content_box, forward_facing_path, is_mirrored, orbit_path

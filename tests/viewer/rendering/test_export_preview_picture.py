@@ -6,8 +6,7 @@ import moderngl
 import numpy as np
 import pytest
 
-from scenepack.exports.export_preview import preview_geometry
-from scenepack.exports.scene import KINDS, Export
+from scenepack.exports.scene import KINDS, Export, preview_geometry
 from tests.viewer.conftest import toy_pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from scenepack import Pack
-from scenepack.blocks import atlas_from_dense
-from scenepack.pack import pack_of_cube
+from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.viewer.rendering.shapes import BLENDER_FRAME, NDC_FRAME, shapes_pack
 from viewer.rendering.camera import ViewCamera, orbit_path
 from viewer.rendering.layers import depth_along_axis, linear_rgb, straight_rgba, unit_normals

@@ -17,8 +17,7 @@ from viewer.core.files import FileRequest, kind_of
 from viewer.core.tasks import Task
 
 if TYPE_CHECKING:
-    from scenepack.exports.export_preview import PreviewGeometry
-    from scenepack.exports.scene import Export
+    from scenepack.exports.scene import Export, PreviewGeometry
     from viewer.app.application import App
 
 Kind = Literal["mesh", "points", "gaussians", "page"]
@@ -260,7 +259,7 @@ class ExportPreview:
         self._wanted = None
 
     def _make(self, pack: Pack, wanted: tuple[int, Export]) -> None:
-        from scenepack.exports.export_preview import preview_geometry
+        from scenepack.exports.scene import preview_geometry
 
         def on_progress(share: float, note: str) -> None:
             if self._wanted != wanted:

@@ -11,7 +11,7 @@ import pytest
 from baker.commands import pack as command
 from console import UserError
 from scenepack import Pack
-from scenepack.exports import export_preview
+from scenepack.exports import scene
 from scenepack.exports.scene import Export
 from tests.viewer.waiting import until
 from viewer.app.application import App
@@ -84,7 +84,7 @@ def finish(preview: ExportPreview, pack: Pack, export: Export) -> None:
 
 def test_the_newest_choice_is_shown_and_older_ones_are_given_up(pack: Pack, monkeypatch) -> None:
     began, go, made = [], threading.Event(), []
-    real = export_preview.preview_geometry
+    real = scene.preview_geometry
 
     def slow(pack: Pack, export: Export, tell):
         began.append(export.level)
@@ -93,7 +93,7 @@ def test_the_newest_choice_is_shown_and_older_ones_are_given_up(pack: Pack, monk
         made.append(export.level)
         return real(pack, export, tell)
 
-    monkeypatch.setattr(export_preview, "preview_geometry", slow)
+    monkeypatch.setattr(scene, "preview_geometry", slow)
     preview = ExportPreview()
     preview.follow(pack, Export("mesh", level=0.1))
     until(lambda: began == [0.1])
@@ -111,7 +111,7 @@ def test_what_cannot_be_previewed_says_why(pack: Pack, monkeypatch, error: Excep
     def fails(*_: object):
         raise error
 
-    monkeypatch.setattr(export_preview, "preview_geometry", fails)
+    monkeypatch.setattr(scene, "preview_geometry", fails)
     preview = ExportPreview()
     finish(preview, pack, Export("mesh"))
     assert ("scikit-image" in preview.error) if isinstance(error, UserError) else ("memory" in preview.error)

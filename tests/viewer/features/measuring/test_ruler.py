@@ -10,8 +10,7 @@ import pytest
 from imgui_bundle import imgui
 
 from scenepack import Pack
-from scenepack.blocks import atlas_from_dense
-from scenepack.pack import pack_of_cube
+from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.viewer.conftest import BLENDER
 from tests.viewer.features.measuring.test_surface import BLOCK, SIDE, VOXEL, block_pack
 from tests.viewer.features.measuring.test_surface import corner as known_corner

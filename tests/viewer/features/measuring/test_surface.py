@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from scenepack import Pack
-from scenepack.blocks import atlas_from_dense
-from scenepack.pack import pack_of_cube
+from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.viewer.conftest import BLENDER, toy_pack
 from viewer.core.pose import project
 from viewer.features.camera.forward_facing import orbit_camera_for
