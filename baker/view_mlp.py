@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -11,13 +12,9 @@ from training.method import ViewMlpParams
 
 def to_params(mlp: ViewMlp) -> ViewMlpParams:
     """The weights of a pack's view MLP, to be trained on."""
-    w0, w1, w2 = (jnp.asarray(weight) for weight in mlp.weights)
-    b0, b1, b2 = (jnp.asarray(bias) for bias in mlp.biases)
-    return ViewMlpParams((w0, w1, w2), (b0, b1, b2))
+    return ViewMlpParams(*jax.tree.map(jnp.asarray, (mlp.weights, mlp.biases)))
 
 
 def from_params(params: ViewMlpParams) -> ViewMlp:
     """Trained weights as a pack holds them, float32."""
-    w0, w1, w2 = (np.asarray(weight, np.float32) for weight in params.weights)
-    b0, b1, b2 = (np.asarray(bias, np.float32) for bias in params.biases)
-    return ViewMlp((w0, w1, w2), (b0, b1, b2))
+    return ViewMlp(*jax.tree.map(lambda array: np.asarray(array, np.float32), tuple(params)))

@@ -27,7 +27,7 @@ def only_one_trains(run: Path, doing: str = "training into this run") -> Iterato
         with suppress(OSError):  # whoever writes there will say why nothing can be written
             run.mkdir(parents=True, exist_ok=True)
             handle = os.open(run, os.O_RDONLY)
-        if handle >= 0 and not _take(handle):
+        if handle >= 0 and not take_lock(handle):
             remedy = "wait for it, or choose another --out"
             raise UserError(f"another process is {doing}", where=run, remedy=remedy)
         yield
@@ -43,11 +43,11 @@ def only_one_trains(run: Path, doing: str = "training into this run") -> Iterato
 def one_at_a_time(file: Path) -> Iterator[None]:
     """Waits until no other process is in such a block with the same file, which is made."""
     with file.open("w") as opened:
-        _take(opened.fileno(), wait=True)
+        take_lock(opened.fileno(), wait=True)
         yield
 
 
-def _take(handle: int, *, wait: bool = False) -> bool:
+def take_lock(handle: int, *, wait: bool = False) -> bool:
     """Takes the lock; False where another process has it. True as well where the file system has no locks."""
     try:
         if fcntl is not None:

@@ -13,7 +13,7 @@ import time
 import warnings
 import zlib
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,12 +25,10 @@ from baker.baking.field_query import FieldQuery, field_query, occupied_query, wi
 from baker.baking.float_grid import FloatGrid, assemble
 from baker.baking.grid import BakeGrid, box_in_grid_frame, make_grid
 from baker.baking.passes import Voxels, passes_of
-from baker.baking.stages import Stages
 from baker.baking.supersample import Sampler, supersample, supersample_floats
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
 from baker.view_mlp import from_params
-from console import Notice, UserError
-from console.progress import Progress
+from console import Notice, Progress, UserError, progress
 from scenepack.blocks import fill_atlas
 from scenepack.pack import Pack
 from training.memory import keep_freed_memory
@@ -41,7 +39,24 @@ from training.scenes.scene_options import AABB, box_text, with_box
 
 BYTES = 32**3 * 8  # of a macroblock, with padding: colour, opacity, features
 COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze is thicker than a surface
+STAGE = "baking"  # in what programs that started us read of our progress
 FORMAT = 4  # of a work folder: raised whenever the same key would give other pieces
+
+
+class Stages:
+    """Seconds spent in each stage of a bake, by name, in order."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, name: str, total: float = 1.0) -> Iterator[Progress]:
+        """A stage of so much work."""
+        started = time.monotonic()
+        with progress(name, total, stage=STAGE) as bar:
+            yield bar
+            bar.update(total)
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.monotonic() - started
 
 
 @dataclass(frozen=True)
@@ -107,7 +122,10 @@ def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:
     sampler = Sampler.of(job.query, grid, culling, grain, config.seed, as_paper=as_paper)
     count = int(culling.kept.sum())
     with job.stages("supersampling, in floats", count) as bar:
-        return assemble(supersample_floats(sampler, _Rate(bar, count)), culling.kept, grid)
+        indices, rows, values = assemble(supersample_floats(sampler, _Rate(bar, count)), culling.kept, BLOCK_SIZE)
+    support = np.zeros((*rows.shape, 4), np.uint8)
+    support[..., 3] = np.where(rows > 0, 255, 0)
+    return FloatGrid(assembled(run, grid, (indices, support, None), None), rows, values)
 
 
 def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:
@@ -193,7 +211,7 @@ def supersampled(job: Bake, grid: BakeGrid, culling: Culling) -> Pack:
 
 
 def assembled(
-    run: Run, grid: BakeGrid, atlas: tuple[np.ndarray, np.ndarray, np.ndarray], head: ViewMlpParams | None
+    run: Run, grid: BakeGrid, atlas: tuple[np.ndarray, np.ndarray, np.ndarray | None], head: ViewMlpParams | None
 ) -> Pack:
     """A pack of what fill_atlas gives of a run's grid, without metadata but for what rays must know."""
     camera = run.scene.splits["train"][0].camera

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baker.baking.grid import BakeGrid
 from scenepack.blocks import atlas_layout, atlas_shape, choose_atlas_blocks
+from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 
 CHANNELS = 8
@@ -20,15 +20,11 @@ CHANNELS = 8
 
 @dataclass(frozen=True)
 class FloatGrid:
-    """indices uint8 [blocks z, y, x, 3]: as Pack.atlas_indices. rows int32 [D, H, W]: of each place in the atlas, padding
-    included, its row of values; 0, which is empty, where it has no opacity. values float32 [V + 1, 8]: premultiplied rgb, alpha,
-    features, in 0 … 1.
-    """
+    """The grid and its content."""
 
-    grid: BakeGrid
-    indices: np.ndarray
-    rows: np.ndarray
-    values: np.ndarray
+    pack: Pack  # of the same grid; its atlas has alpha 255 where there is any opacity, and nothing else
+    rows: np.ndarray  # int32 [D, H, W]: of each place in the atlas, padding included, its row of values
+    values: np.ndarray  # float32 [V + 1, 8]: premultiplied rgb, alpha, features, in 0 … 1; the first is empty
 
     @property
     def bytes(self) -> int:
@@ -39,12 +35,10 @@ class FloatGrid:
 Part = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def assemble(parts: Iterable[Part], kept: np.ndarray, grid: BakeGrid) -> FloatGrid:
-    """The grid of parts: macroblocks [n, 3] (z, y, x), flat places int [N] among their voxels, content float32 [N, 8].
-
-    kept: bool [blocks z, y, x], all macroblocks.
+def assemble(parts: Iterable[Part], kept: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """atlas_indices (as Pack has them), rows and values of parts: macroblocks [n, 3] (z, y, x), flat places int [N] among their
+    voxels, content float32 [N, 8]. kept: bool [blocks z, y, x], all macroblocks. size: data voxels a side.
     """
-    size = grid.block_size
     atlas_blocks = choose_atlas_blocks(int(kept.sum()), size)
     indices = atlas_layout(kept, atlas_blocks)
     rows = np.zeros((*atlas_shape(atlas_blocks, size), 1), np.int32)
@@ -61,4 +55,4 @@ def assemble(parts: Iterable[Part], kept: np.ndarray, grid: BakeGrid) -> FloatGr
         count += len(flat)
         values.append(content[some])
     restore_padding(rows, indices, size)
-    return FloatGrid(grid, indices, rows[..., 0], np.concatenate(values))
+    return indices, rows[..., 0], np.concatenate(values)

@@ -7,10 +7,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from baker.baking.bake import NothingThere, bake, check_bake, help_bake, work_key
+from baker.baking.bake import NothingThere, Stages, bake, check_bake, help_bake, work_key
 from baker.baking.config import BakeConfig
 from baker.baking.pictures import with_pictures
-from baker.baking.stages import Stages
 from baker.baking.work_folder import AGAIN, Share, WorkFolder, work_beside
 from console import UserError
 from console.progress import duration

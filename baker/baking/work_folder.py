@@ -16,7 +16,6 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,11 +25,7 @@ import numpy as np
 from console import Notice, UserError
 from console.atomic import discard, remove_leftovers, write_file
 from scenepack.files import ZIP_ERRORS
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
+from training.lock import take_lock
 
 Arrays = dict[str, np.ndarray]
 AGAIN = "run the same command again; finished work is kept"
@@ -163,20 +158,12 @@ class WorkFolder:
                 )  # fmt: skip
             time.sleep(0.2)
 
-    def _hold(self) -> int | None:
-        if fcntl is None:
-            return None
+    def _hold(self) -> int:
         handle = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
+        if not take_lock(handle):
             os.close(handle)
             raise UserError("another process is baking into this pack", where=self.path,
-                            remedy="wait for it, or choose another --out") from error  # fmt: skip
-        except OSError:  # some network file systems have no locks
-            with suppress(OSError):
-                os.close(handle)
-            return None
+                            remedy="wait for it, or choose another --out")  # fmt: skip
         return handle
 
     def _refused(self, error: OSError) -> UserError:

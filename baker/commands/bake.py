@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from baker.baking.config import BakePreset, Quality
+from baker.baking.config import BakeConfig, BakePreset, Quality, default_resolution
 from console import UserError, run_command
 from console.arguments import join_negative_values
 from scenepack.constants import CodecName
@@ -21,11 +21,11 @@ def snerg_bake(
     /,
     out: Path,
     scene: Path | None = None,
-    preset: BakePreset = "snerg",
+    preset: BakePreset = BakeConfig.preset,
     resolution: int | None = None,
     codec: CodecName = "png",
-    quality: Quality = "compact",
-    seed: int = 0,
+    quality: Quality = BakeConfig.quality,
+    seed: int = BakeConfig.seed,
     most_macroblocks: int | None = None,
     aabb: str | None = None,
     processes: int | None = None,
@@ -56,7 +56,6 @@ def snerg_bake(
             computers. 0 puts in none.
     """
     begin_libraries()  # JAX starts here, not for --help
-    from baker.baking.config import BakeConfig, default_resolution
     from baker.baking.to_pack import bake_to, help_with, share_of
     from scenepack import check_target
     from scenepack.pictures import LARGEST_SIDE

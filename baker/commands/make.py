@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from baker.baking.config import Quality
+from baker.baking.config import BakeConfig, Quality, default_resolution
 from console import Notice, UserError, run_command
 from console.arguments import join_negative_values
 from console.child_process import module_command
@@ -44,7 +44,7 @@ def snerg_make(
     steps: int | None = None,
     resolution: int | None = None,
     codec: CodecName = "png",
-    quality: Quality = "compact",
+    quality: Quality = BakeConfig.quality,
     exposure: Literal["auto", "on", "off"] = "auto",
     seed: int = 0,
     frames: int = FRAMES,
@@ -83,7 +83,6 @@ def snerg_make(
         no_view: Do not open the viewer at the end.
     """
     begin_libraries()
-    from baker.baking.config import BakeConfig, default_resolution
     from baker.baking.preview import NAME, Previews
     from baker.baking.to_pack import bake_to
     from scenepack import check_target

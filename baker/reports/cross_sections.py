@@ -12,15 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
 
 from console.atomic import replacing
-from console.plots import FAINT, INK, PAPER
+from console.plots import INK, PAPER, require_plots
 from scenepack import Pack
 from scenepack.blocks import dense_from_pack
 
 STORED = (221, 234, 251)  # behind voxels of macroblocks that take room
-LONGEST, GAP, CAPTION = 560, 14, 24  # pixels
+SIDE, CAPTION, DPI = 5.6, 0.4, 100  # inches of a section's longer side, and above it
 OPAQUE = 128  # of 255: alpha from which a voxel counts as opaque
 # (rows, columns) of the picture, as axes of the grid, and whether rows run against their axis
 LAYOUT = {0: (1, 2, True), 1: (2, 0, False), 2: (1, 0, True)}
@@ -30,15 +29,13 @@ LAYOUT = {0: (1, 2, True), 1: (2, 0, False), 2: (1, 0, True)}
 class Section:
     """rgba: uint8 [rows, columns, 4], premultiplied. stored: bool [rows, columns], in an occupied macroblock.
 
-    low, high: world coordinates of the plane's edges, (down-axis, across-axis). step: a voxel's side. upward: rows run
-    from high to low.
+    low, high: world coordinates of the plane's edges, (down-axis, across-axis). upward: rows run from high to low.
     """
 
     rgba: np.ndarray
     stored: np.ndarray
     low: np.ndarray
     high: np.ndarray
-    step: float
     upward: bool
 
 
@@ -58,7 +55,7 @@ def section(pack: Pack, axis: int, at: float) -> Section:
     if upward:
         rgba, stored = rgba[::-1], stored[::-1]
     edges = [down, across]
-    return Section(rgba, stored, pack.min_xyz[edges], pack.max_xyz[edges], pack.voxel_size, upward)
+    return Section(rgba, stored, pack.min_xyz[edges], pack.max_xyz[edges], upward)
 
 
 def shares(cut: Section) -> dict[str, float]:
@@ -83,51 +80,22 @@ def colour_picture(rgba: np.ndarray) -> np.ndarray:
     return np.minimum(rgba[..., :3].astype(int) + 255 - rgba[..., 3:], 255).astype(np.uint8)
 
 
-def placed(cut: Section, low: np.ndarray, high: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """rgba and stored of the section in the window low … high (world), a pixel a `step`: its nearest voxels, else empty."""
-    picked, inside = [], []
-    for axis in range(2):
-        count = max(round(float(high[axis] - low[axis]) / step), 1)
-        world = low[axis] + (np.arange(count) + 0.5) * (high[axis] - low[axis]) / count
-        index = np.floor((world - cut.low[axis]) / cut.step).astype(int)
-        sides = cut.rgba.shape[axis]
-        if axis == 0 and cut.upward:
-            index = sides - 1 - index[::-1]
-        inside.append((index >= 0) & (index < sides))
-        picked.append(np.clip(index, 0, sides - 1))
-    at, seen = np.ix_(*picked), inside[0][:, None] & inside[1]  # not ix_: it would take bools for a choice
-    return np.where(seen[..., None], cut.rgba[at], 0).astype(np.uint8), cut.stored[at] & seen
-
-
 def draw_sections(path: Path, cuts: Mapping[str, Section]) -> None:
     """Writes a PNG: a column for each section under its label; above its opacity, below its colours. Same scale for all."""
+    require_plots()
+    from matplotlib.figure import Figure
+
     low = np.min([cut.low for cut in cuts.values()], axis=0)
     high = np.max([cut.high for cut in cuts.values()], axis=0)
-    step = min(cut.step for cut in cuts.values())
-    columns = []
-    for cut in cuts.values():
-        rgba, stored = placed(cut, low, high, step)
-        columns.append([_fitted(opacity_picture(rgba, stored)), _fitted(colour_picture(rgba))])
-    width, height = columns[0][0].size
-    sheet = Image.new("RGB", (GAP + len(columns) * (width + GAP), CAPTION + 2 * (height + GAP)), PAPER)
-    pen = ImageDraw.Draw(sheet)
-    for i, (label, rows) in enumerate(zip(cuts, columns, strict=True)):
-        left = GAP + i * (width + GAP)
-        pen.text((left, CAPTION / 2), label, fill=INK, font=ImageFont.load_default(13), anchor="lm")
-        for j, picture in enumerate(rows):
-            top = CAPTION + j * (height + GAP)
-            sheet.paste(picture, (left, top))
-            pen.rectangle((left - 1, top - 1, left + width, top + height), outline=FAINT)
+    down, across = SIDE * (high - low) / (high - low).max()
+    figure = Figure((across * len(cuts), 2 * down + CAPTION), layout="constrained")
+    rows = figure.subplots(2, len(cuts), sharex=True, sharey=True, squeeze=False)
+    for (label, cut), opacity, colours in zip(cuts.items(), *rows, strict=True):
+        opacity.set_title(label, loc="left", fontsize=9, parse_math=False)
+        edges = (cut.low[0], cut.high[0]) if cut.upward else (cut.high[0], cut.low[0])
+        for axes, picture in ((opacity, opacity_picture(cut.rgba, cut.stored)), (colours, colour_picture(cut.rgba))):
+            axes.imshow(picture, extent=(cut.low[1], cut.high[1], *edges))
+            axes.set(xlim=(low[1], high[1]), ylim=(low[0], high[0])[:: 1 if cut.upward else -1], xticks=[], yticks=[])
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as new:
-        sheet.save(new, format="PNG", optimize=True)
-
-
-def _fitted(picture: np.ndarray) -> Image.Image:
-    """About LONGEST pixels on the longer side: whole pixels a voxel where they are few, areas averaged where many."""
-    height, width = picture.shape[:2]
-    factor = LONGEST / max(height, width)
-    image = Image.fromarray(picture)
-    if factor >= 1:
-        return image.resize((width * int(factor), height * int(factor)), Image.Resampling.NEAREST)
-    return image.resize((max(round(width * factor), 1), max(round(height * factor), 1)), Image.Resampling.BOX)
+        figure.savefig(new, format="png", dpi=DPI, metadata={"Software": None})

@@ -28,6 +28,7 @@ from scenepack import load_pack
 from scenepack.pack import Pack
 from training.run import Run, is_run, load_run, read_description
 from training.scenes import Camera, Photograph, Scene, picture_stems
+from training.scenes.pictures import over_background
 from training.scenes.scene_options import checked_up
 
 # a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]
@@ -44,17 +45,6 @@ class Drawn:
     show: Shown
     grid_size: tuple[int, int, int] | None = None
     halved: bool = False
-
-
-@dataclass(frozen=True)
-class ViewScore:
-    """Scores of one view; lpips is None where its weights are not installed. psnr_matched: with its colours matched."""
-
-    name: str
-    psnr: float
-    psnr_matched: float
-    ssim: float
-    lpips: float | None
 
 
 def evaluate(
@@ -98,10 +88,10 @@ def evaluate(
             scores.append(score(photograph, picture, truth, seen))
             if images is not None:
                 save_comparison(images / f"{name}.png", picture, truth)
-            bar.advance(metrics={"psnr": float(np.mean([s.psnr for s in scores]))})
+            bar.advance(metrics={"psnr": float(np.mean([each["psnr"] for each in scores]))})
     return {
-        **{key: _mean([getattr(s, key) for s in scores]) for key in ("psnr", "psnr_matched", "ssim", "lpips")},
-        "views": [vars(s) for s in scores],
+        **{key: _mean([each[key] for each in scores]) for key in ("psnr", "psnr_matched", "ssim", "lpips")},
+        "views": scores,
         "width": photographs[0].camera.width,
         "height": photographs[0].camera.height,
         "grid_size": drawn.grid_size,
@@ -124,13 +114,16 @@ def reading_of(subject: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def score(photograph: Photograph, picture: np.ndarray, truth: np.ndarray, seen: np.ndarray) -> ViewScore:
-    """Scores of a picture [H, W, 3] against its photograph, both in [0, 1]. seen bool [H, W]: what is no background."""
+def score(photograph: Photograph, picture: np.ndarray, truth: np.ndarray, seen: np.ndarray) -> dict[str, Any]:
+    """Scores of a picture [H, W, 3] against its photograph, both in [0, 1]. seen bool [H, W]: what is no background.
+
+    psnr_matched: with colours matched. lpips is None where its weights are not installed.
+    """
     matched = metrics.colours_matched(picture, truth, seen)
-    return ViewScore(
-        photograph.name, metrics.psnr(picture, truth), metrics.psnr(matched, truth), metrics.ssim(picture, truth),
-        lpips(picture, truth),
-    )  # fmt: skip
+    return {
+        "name": photograph.name, "psnr": metrics.psnr(picture, truth), "psnr_matched": metrics.psnr(matched, truth),
+        "ssim": metrics.ssim(picture, truth), "lpips": lpips(picture, truth),
+    }  # fmt: skip
 
 
 @contextmanager
@@ -176,12 +169,6 @@ def _pack_pictures(pack: Pack, renderer: Any) -> Shown:
         return shown if mode == "normal" else shown[..., 0]
 
     return show
-
-
-def over_background(rgba: np.ndarray, background: tuple[float, float, float]) -> np.ndarray:
-    """float32 [H, W, 3] of a photograph [H, W, 4] with colours not premultiplied."""
-    alpha = rgba[..., 3:]
-    return rgba[..., :3] * alpha + np.asarray(background, np.float32) * (1 - alpha)
 
 
 def save_comparison(path: Path, picture: np.ndarray, truth: np.ndarray) -> None:

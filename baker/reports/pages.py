@@ -13,6 +13,7 @@ Table = Mapping[str, Any]
 Row = Mapping[str, Any]
 NONE = "–"
 FIGURES_NAME = "figures"  # of a table: the pictures beside it
+SCORES = ("PSNR (dB)", "SSIM", "LPIPS")
 THEIRS = ("*paper:* PSNR", "*SSIM*", "*LPIPS*")
 NO_SUCH_FIELD = "It shares the head and the sparsity term of the paper's deferred NeRF, but is not that field."
 
@@ -99,6 +100,7 @@ def _theirs(row: Row, *columns: tuple[str, int]) -> list[str]:
 
 
 PRINTED = (("psnr", 2), ("ssim", 3), ("lpips", 3))
+PRINTED_SPEED = (("ms", 1, 1.0), ("fps", 1, 1.0), ("gpu_gb", 0, 1e-3))  # the last in MB
 
 
 def _release(row: Row) -> str:
@@ -116,7 +118,7 @@ def _to_fill(rows: Iterable[Row]) -> list[str]:
 
 
 def _as_code(command: str) -> str:
-    """A command of baker.reports.reproduce_commands, and the option that it says to add then."""
+    """A command of baker.reports.fields.train_command, and the option that it says to add then."""
     first, then, option = command.partition("; then add ")
     return f"`{first}`, then add `{option}`" if then else f"`{command}`"
 
@@ -130,18 +132,10 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
     for row in rows:
         gap = NONE if field is None or "psnr" not in row else f"{row['psnr'] - field:+.2f}"
         took = NONE if row.get("seconds") is None else duration(row["seconds"])
-        cells.append(
-            [
-                row["label"],
-                *_scores(row),
-                gap,
-                _number(row.get("bytes"), 2, 1e6),
-                took,
-                *_theirs(row, *PRINTED),
-                _release(row),
-            ]
-        )
-    headings = ["", "PSNR (dB)", "SSIM", "LPIPS", "against the field (dB)", "MB", "time", *THEIRS, "*release:* PSNR"]
+        cells.append([
+            row["label"], *_scores(row), gap, _number(row.get("bytes"), 2, 1e6), took, *_theirs(row, *PRINTED), _release(row),
+        ])  # fmt: skip
+    headings = ["", *SCORES, "against the field (dB)", "MB", "time", *THEIRS, "*release:* PSNR"]
     own = NO_SUCH_FIELD if table["field"].startswith(("multi-resolution field", "voxel field")) else ""
     means = [_plain_label(row) for row in rows if row.get("paper") and paper_figures.only_means(row["row"])]
     lines = [
@@ -167,18 +161,7 @@ def _plain_label(row: Row) -> str:
 
 
 def _storage(table: Table, about: Mapping[str, Any]) -> list[str]:
-    headings = [
-        "",
-        "quality",
-        "MB",
-        "of PNG",
-        "PSNR (dB)",
-        "SSIM",
-        "LPIPS",
-        "PSNR against the pack (dB)",
-        "encode (s)",
-        "decode (s)",
-    ]
+    headings = ["", "quality", "MB", "of PNG", *SCORES, "PSNR against the pack (dB)", "encode (s)", "decode (s)"]
     headings += ["*paper:* MB", "*PSNR*", "*SSIM*", "*LPIPS*"]
     rows, png = table["rows"], next(row["bytes"] for row in table["rows"] if row["row"] == "png")
     cells = []
@@ -218,12 +201,7 @@ def _performance(table: Table, about: Mapping[str, Any]) -> list[str]:
     for row in table["rows"]:
         took = NONE if row.get("ms_mean") is None else f"{row['ms_mean']:.2f} ± {row['ms_std']:.2f}"
         paper = dict(row.get("paper") or {})
-        milliseconds, gigabytes = paper.get("ms"), paper.get("gpu_gb")
-        theirs = [
-            _italic(_number(milliseconds, 1)),
-            _italic(_number(paper.get("fps"), 1)),
-            _italic(_number(None if gigabytes is None else 1000 * gigabytes, 0)),
-        ]
+        theirs = [_italic(_number(paper.get(key), digits, unit)) for key, digits, unit in PRINTED_SPEED]
         cells.append([
             row["label"], took, _number(row.get("ms_p50"), 2), _number(row.get("fps"), 1), _number(row.get("fps_per_watt"), 3),
             *([_number(row.get("fps_per_nominal_watt"), 5)] if nominal else []), _number(row.get("gpu_bytes"), 1, 1e6), *theirs,
@@ -251,18 +229,7 @@ def _performance(table: Table, about: Mapping[str, Any]) -> list[str]:
 
 
 def _resolution(table: Table, about: Mapping[str, Any]) -> list[str]:
-    headings = [
-        "voxels",
-        "PSNR (dB)",
-        "SSIM",
-        "LPIPS",
-        "MB",
-        "macroblocks",
-        "GPU MB",
-        "p50 of exact (ms)",
-        "FPS",
-        "bake",
-    ]
+    headings = ["voxels", *SCORES, "MB", "macroblocks", "GPU MB", "p50 of exact (ms)", "FPS", "bake"]
     headings += [*THEIRS, "*FPS*", "*MB*"]
     cells = [
         [row["label"], *_scores(row), _number(row.get("bytes"), 2, 1e6), _number(row.get("macroblocks"), 0),
@@ -279,7 +246,7 @@ def _resolution(table: Table, about: Mapping[str, Any]) -> list[str]:
 
 
 def _real(table: Table, about: Mapping[str, Any]) -> list[str]:
-    headings = ["", "PSNR (dB)", "SSIM", "LPIPS", "masked: PSNR", "SSIM", "LPIPS", *THEIRS, "*release:* PSNR"]
+    headings = ["", *SCORES, "masked: PSNR", "SSIM", "LPIPS", *THEIRS, "*release:* PSNR"]
     cells = [
         [row["label"], *_scores(row), *_scores(row.get("masked") or {}), *_theirs(row, *PRINTED), _release(row)]
         for row in table["rows"]
@@ -294,7 +261,7 @@ def _real(table: Table, about: Mapping[str, Any]) -> list[str]:
 
 
 def _sparsity(table: Table, about: Mapping[str, Any]) -> list[str]:
-    headings = ["run", "lambda", "PSNR (dB)", "SSIM", "LPIPS", "MB", "macroblocks", "voxels with alpha"]
+    headings = ["run", "lambda", *SCORES, "MB", "macroblocks", "voxels with alpha"]
     cells = []
     for row in table["rows"]:
         if "psnr" not in row:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
-from baker.baking.config import BakePreset
 from baker.reports import paper_figures
+from baker.reports.fields import train_command
+from baker.reports.options import ReportOptions
 from baker.reports.pack_compare import stored_bytes
 from baker.reports.report_cache import Baked, Study
-from baker.reports.reproduce_commands import train_command
 from console import Notice
 from scenepack import Pack, load_pack
 from viewer.benchmark.protocols import Flight, flight, protocol_for
@@ -30,20 +30,7 @@ LABELS = {
 }
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """How frames are timed. size: pixels; None: the protocol's. distance: as viewer.benchmark.protocols.flight has it.
-    power_seconds: of drawing without a pause, for watts; only where a card tells them. nominal_watts: what the card is sold with.
-    """
-
-    frames: int = 150
-    size: tuple[int, int] | None = None
-    distance: str = "auto"
-    power_seconds: float = 4.0
-    nominal_watts: float | None = None
-
-
-def performance_table(study: Study, drawing: Drawing) -> dict[str, Any]:
+def performance_table(study: Study) -> dict[str, Any]:
     """Table 1: our marcher and its ablations, and the paper's marcher on our pack and on the paper's. Frames alternate."""
     ours, theirs = study.baked("snerg"), study.baked("paper")
     pack, papers = load_pack(ours.path), load_pack(theirs.path)
@@ -58,7 +45,7 @@ def performance_table(study: Study, drawing: Drawing) -> dict[str, Any]:
     if study.without_sparsity is not None:
         dense = study.baked("snerg", study.without_sparsity)
         contenders["no-sparsity"] = Contender("no-sparsity", RenderSettings(), load_pack(dense.path))
-    measured, about = timed(pack, list(contenders.values()), drawing)
+    measured, about = timed(pack, list(contenders.values()), study.options)
     rows: list[Row] = []
     for name, label in LABELS.items():
         row: Row = {"row": name, "label": label}
@@ -73,11 +60,11 @@ def performance_table(study: Study, drawing: Drawing) -> dict[str, Any]:
     return {"resolution": study.resolution, "rows": rows, **about}
 
 
-def resolution_table(study: Study, preset: BakePreset, resolutions: Sequence[int], drawing: Drawing) -> dict[str, Any]:
+def resolution_table(study: Study) -> dict[str, Any]:
     """Quality, size and frame time at each resolution, with and without the sparsity loss. Frames of all are drawn in turn."""
-    rows: list[Row] = []
+    preset, rows = study.options.bake, list[Row]()
     packs: dict[str, Pack] = {}
-    for n in sorted(resolutions, reverse=True):
+    for n in reversed(study.options.sides):
         for run in (study.run, study.without_sparsity):
             row: Row = {
                 "row": f"{n}" if run is study.run else f"{n}, no L_s",
@@ -96,7 +83,7 @@ def resolution_table(study: Study, preset: BakePreset, resolutions: Sequence[int
             rows.append(row | {"paper": named, "release": None})
     first = next(iter(packs.values()))
     contenders = [Contender(name, RenderSettings(), pack) for name, pack in packs.items()]
-    measured, about = timed(first, contenders, replace(drawing, power_seconds=0.0))
+    measured, about = timed(first, contenders, replace(study.options, power_seconds=0.0))
     for row in rows:
         row |= measured.get(row["row"], {})
     return {"preset": preset, "rows": rows, **about}
@@ -109,16 +96,18 @@ def _of_pack(study: Study, baked: Baked, pack: Pack) -> Row:
     }  # fmt: skip
 
 
-def timed(pack: Pack, contenders: Sequence[Contender], drawing: Drawing) -> tuple[Mapping[str, Row], dict[str, Any]]:
+def timed(
+    pack: Pack, contenders: Sequence[Contender], options: ReportOptions
+) -> tuple[Mapping[str, Row], dict[str, Any]]:
     """ms_mean, ms_std, ms_p50, fps, gpu_bytes, watts and fps_per_watt of contenders by name, and fps_per_nominal_watt where that
     power was given; and device, clock and path."""
-    flown = flight(pack, protocol_for(pack), drawing.frames, size=drawing.size, distance=drawing.distance)
+    flown = flight(pack, protocol_for(pack), options.frames, size=options.pixels, distance=options.distance)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Notice)
         with taking_turns(pack, contenders) as turns:
             turns.warm_up(flown.cameras[0])
             turns.time(flown.cameras)
-            power = {c.name: _power(turns, c, flown, drawing.power_seconds) for c in turns.contenders}
+            power = {c.name: _power(turns, c, flown, options.power_seconds) for c in turns.contenders}
             gpu_bytes = turns.gpu_bytes
     for warning in caught:
         warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
@@ -126,12 +115,12 @@ def timed(pack: Pack, contenders: Sequence[Contender], drawing: Drawing) -> tupl
     for contender in turns.contenders:
         times = contender.statistics()
         kept = {key: times[key] for key in ("ms_mean", "ms_std", "ms_p50", "fps")}
-        if drawing.nominal_watts is not None:
-            kept["fps_per_nominal_watt"] = times["fps"] / drawing.nominal_watts
+        if options.nominal_watts is not None:
+            kept["fps_per_nominal_watt"] = times["fps"] / options.nominal_watts
         rows[contender.name] = {**kept, "gpu_bytes": gpu_bytes[contender.name], **power[contender.name]}
     notices = [str(w.message) for w in caught if w.category is Notice]
     return rows, {
-        "renderer": turns.device, "clock": turns.clock, "frames": drawing.frames, **flown.facts, "notices": notices,
+        "renderer": turns.device, "clock": turns.clock, "frames": options.frames, **flown.facts, "notices": notices,
     }  # fmt: skip
 
 

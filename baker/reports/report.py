@@ -8,9 +8,8 @@ import platform
 import shlex
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from dataclasses import replace as changed
+from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,68 +18,33 @@ import jax
 import numpy as np
 
 from baker.baking.bake import check_bake
-from baker.baking.config import BLOCK_SIZE, BakeConfig, BakePreset, Quality, default_resolution
+from baker.baking.config import BakeConfig, default_resolution
 from baker.reports import tables
 from baker.reports.fields import OWN, row_of
-from baker.reports.figures import FIGURES, draw_figure
+from baker.reports.figures import FIGURES, draw_figure, draw_report_plots
+from baker.reports.options import ReportOptions
 from baker.reports.pages import FIGURES_NAME, report_text
 from baker.reports.paper_figures import NAMES, whose
-from baker.reports.performance import Drawing, performance_table, resolution_table
-from baker.reports.plots import draw_report_plots
-from baker.reports.real_scenes import real_table
+from baker.reports.performance import performance_table, resolution_table
 from baker.reports.report_cache import Study
 from console import UserError
 from console.atomic import write_file
-from scenepack.constants import MAX_BLOCK_INDEX
 from training.run import Run, load_run, read_description
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What tables show. qualities: of our own bake, in the quality table. resolutions: of the resolution table. preset: of the
-    bake in the tables of storage and resolution. quick: only each codec's default quality.
-    """
-
-    qualities: Sequence[Quality] = ("compact",)
-    resolutions: Sequence[int] = (1000, 750, 500)
-    preset: BakePreset = "paper"
-    drawing: Drawing = field(default_factory=Drawing)
-    quick: bool = False
-
-
-@dataclass(frozen=True)
-class Sources:
-    """What a report is about. scene: where the photographs are now; views: score at most this many of `split`, 0 for all.
-    resolution: None takes the paper's. overrides: fields of BakeConfig for all packs. against, baselines: folders of runs."""
-
-    run: Path
-    out: Path
-    scene: Path | None = None
-    split: str = "test"
-    views: int = 0
-    resolution: int | None = None
-    overrides: Mapping[str, Any] = field(default_factory=dict)
-    against: Path | None = None
-    baselines: Sequence[Path] = ()
-
-
-def write_tables(study: Study, chosen: Sequence[str], wanted: Wanted) -> None:
-    """Makes the tables `chosen`, of TABLES, and writes the report anew after each.
+def write_tables(study: Study, chosen: Sequence[str]) -> None:
+    """Makes the tables `chosen`, of baker.reports.options.TABLES, and writes the report anew after each.
 
     UserError, before anything is baked, where a resolution cannot be.
     """
-    _check_resolutions([study.resolution, *wanted.resolutions])
+    study.options.check_resolutions(study.resolution)
     document = _begun(study)
     makers = {
-        "quality": lambda: tables.quality_table(study, wanted.qualities),
-        "storage": lambda: tables.storage_table(study, wanted.preset, wanted.quick),
-        "performance": lambda: performance_table(study, wanted.drawing),
-        "resolution": lambda: resolution_table(study, wanted.preset, wanted.resolutions, wanted.drawing),
-        "sparsity": lambda: tables.sparsity_table(study),
-        "real": lambda: real_table(study),
-    }
+        "quality": tables.quality_table, "storage": tables.storage_table, "performance": performance_table,
+        "resolution": resolution_table, "sparsity": tables.sparsity_table, "real": tables.real_table,
+    }  # fmt: skip
     for name in chosen:
-        made = makers[name]()
+        made = makers[name](study)
         if name == "quality":
             drawn = {f: draw_figure(study, made["rows"], rows, study.out / f"{f}.png") for f, rows in FIGURES.items()}
             made[FIGURES_NAME] = {f: figure for f, figure in drawn.items() if figure is not None}
@@ -92,37 +56,27 @@ def write_tables(study: Study, chosen: Sequence[str], wanted: Wanted) -> None:
         print(f"{name}: in {study.out / 'report.md'}", flush=True)
 
 
-def _check_resolutions(sides: Sequence[int]) -> None:
-    """UserError, before anything is baked, where a grid can be too coarse or too fine."""
-    most = MAX_BLOCK_INDEX * BLOCK_SIZE
-    for side in sides:
-        if not BLOCK_SIZE <= side <= most:
-            raise UserError("cannot be baked", where="--resolution, --resolutions",
-                            expected=f"{BLOCK_SIZE} ... {most} voxels", found=side)  # fmt: skip
-
-
-def open_study(sources: Sources) -> Study:
+def open_study(path: Path, options: ReportOptions) -> Study:
     """The run, its photographs that count, and the runs beside it. UserError where they do not fit together."""
-    run = load_run(sources.run, scene_path=sources.scene)
-    check_bake(run, BakeConfig(**sources.overrides))
-    if sources.against is not None:
-        _require_same_scene(run, sources.against)
-        if read_description(sources.against).config.sparsity_weight != 0:
-            raise UserError("was trained with the sparsity loss", where=f"--against {sources.against}",
+    run = load_run(path, scene_path=options.scene)
+    check_bake(run, BakeConfig(**options.overrides))
+    if options.against is not None:
+        _require_same_scene(run, options.against)
+        if read_description(options.against).config.sparsity_weight != 0:
+            raise UserError("was trained with the sparsity loss", where=f"--against {options.against}",
                             expected="a run with --sparsity-weight 0")  # fmt: skip
-    split = sources.split
+    split = options.split
     photographs = run.scene.splits.get(split, ())
     if not photographs:
         raise UserError(
             "no photographs in this split", where="--split", expected=", ".join(run.scene.splits), found=split
         )
-    if 0 < sources.views < len(photographs):
-        places = np.linspace(0, len(photographs) - 1, sources.views).round().astype(int)
+    if 0 < options.views < len(photographs):
+        places = np.linspace(0, len(photographs) - 1, options.views).round().astype(int)
         photographs = tuple(photographs[i] for i in places)
-    scored = changed(run.scene, splits={**run.scene.splits, split: photographs})
-    resolution = default_resolution("paper", run) if sources.resolution is None else sources.resolution
-    baselines = _baselines(run, sources.baselines)
-    return Study(run, scored, split, sources.out, resolution, sources.overrides, sources.against, baselines)
+    scored = replace(run.scene, splits={**run.scene.splits, split: photographs})
+    resolution = default_resolution("paper", run) if options.resolution is None else options.resolution
+    return Study(run, scored, options, resolution, _baselines(run, options.baseline_folders))
 
 
 def _require_same_scene(run: Run, other: Path) -> None:
@@ -150,16 +104,16 @@ def _baselines(run: Run, folders: Sequence[Path]) -> dict[str, Path]:
 
 def _begun(study: Study) -> dict[str, Any]:
     """The report so far: what an earlier call left, if it was about the same run and photographs."""
-    photographs = study.scene.splits[study.split]
+    photographs = study.photographs
     camera = photographs[0].camera
     about = {
         "run": str(study.run.path.resolve()), "step": study.run.step, "scene": str(study.scene.path),
         "out": str(study.out.resolve()), "name": study.name, "kind": study.kind, "theirs": whose(study.kind, study.name),
-        "downscale": study.run.downscale, "split": study.split, "views": len(photographs), "width": camera.width,
+        "downscale": study.run.downscale, "split": study.options.split, "views": len(photographs), "width": camera.width,
         "height": camera.height,
     }  # fmt: skip
     if study.mask is not None:
-        about["aabb"] = list(study.overrides["aabb"])
+        about["aabb"] = list(study.options.overrides["aabb"])
     try:
         kept = json.loads((study.out / "report.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,11 @@ from baker.baking.config import BakeConfig, BakePreset
 from baker.baking.to_pack import bake_to
 from baker.reports.evaluation import Drawn, evaluate
 from baker.reports.float_pictures import float_pictures
+from baker.reports.options import ReportOptions
 from baker.reports.paper_figures import Kind, kind_of
 from console.atomic import write_file
 from training.run import Run, load_run
-from training.scenes import Scene, picture_stems
+from training.scenes import Photograph, Scene, picture_stems
 
 Score = dict[str, Any]
 
@@ -38,23 +39,26 @@ class Baked:
 
 @dataclass
 class Study:
-    """A run, what it is compared with, and what was made of it so far.
-
-    scene: the photographs that count, in `split`. out: the report's folder. resolution: of its packs where a table does not say
-    otherwise; overrides: fields of BakeConfig that differ from the presets', in all packs (aabb: see `mask`). against: the folder
-    of a run of the same scene without the sparsity loss. baselines: folders of further runs, by the row of the paper that they
-    are.
-    """
+    """A run, what it is compared with, and what was made of it so far."""
 
     run: Run
     scene: Scene
-    split: str
-    out: Path
+    """With the photographs that count."""
+    options: ReportOptions
     resolution: int
-    overrides: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    against: Path | None = None
+    """Of its packs where a table does not say otherwise."""
     baselines: Mapping[str, Path] = dataclasses.field(default_factory=dict)
+    """Folders of further runs, by the row of the paper that they are."""
     _against: Run | None = None
+
+    @property
+    def out(self) -> Path:
+        return self.options.out
+
+    @property
+    def photographs(self) -> Sequence[Photograph]:
+        """Those that are scored."""
+        return self.scene.splits[self.options.split]
 
     @property
     def kind(self) -> Kind:
@@ -69,18 +73,18 @@ class Study:
     @property
     def mask(self) -> Baked | None:
         """Where a box is baked, the paper's bake of it: all is compared only where that is opaque (appendix C.2)."""
-        return None if self.overrides.get("aabb") is None else self.baked("paper")
+        return self.baked("paper") if "aabb" in self.options.overrides else None
 
     @property
     def without_sparsity(self) -> Run | None:
         """The run to compare with, loaded when it is first asked for."""
-        if self._against is None and self.against is not None:
-            self._against = load_run(self.against, scene_path=self.scene.path)
+        if self._against is None and self.options.against is not None:
+            self._against = load_run(self.options.against, scene_path=self.scene.path)
         return self._against
 
     def config(self, preset: BakePreset, **changes: Any) -> BakeConfig:
         """How a pack of this report is baked."""
-        return BakeConfig(**{"resolution": self.resolution, "preset": preset, **self.overrides, **changes})
+        return BakeConfig(**{"resolution": self.resolution, "preset": preset, **self.options.overrides, **changes})
 
     def baked(self, preset: BakePreset, run: Run | None = None, **changes: Any) -> Baked:
         """The pack of a run (by default the report's own), from the report's folder where it lies there already.
@@ -148,14 +152,14 @@ class Study:
         mask_of = mask_of or self.mask
         name += "" if mask_of is None else "-masked"
         note = self.out / "scores" / f"{name}.json"
-        views = [photograph.name for photograph in self.scene.splits[self.split]]
+        views = [photograph.name for photograph in self.photographs]
         about = {"key": key, "views": views, "mask": None if mask_of is None else mask_of.key}
         kept = _read(note)
         if kept.get("of") == json.loads(json.dumps(about)) and isinstance(kept.get("score"), dict):
             return kept["score"]
         images = self.out / "pictures" / name
         mask = None if mask_of is None else mask_of.path
-        scores = evaluate(subject(), self.scene, self.split, images, mask_of=mask)
+        scores = evaluate(subject(), self.scene, self.options.split, images, mask_of=mask)
         psnr_of = {view["name"]: view["psnr"] for view in scores["views"]}
         score = {**{metric: scores[metric] for metric in ("psnr", "ssim", "lpips")}, "views": psnr_of, **more()}
         score["pictures"] = f"pictures/{name}"
@@ -165,7 +169,7 @@ class Study:
 
     def stem(self, view: int) -> str:
         """The file name, without suffix, of the pictures of a view."""
-        return picture_stems(self.scene.splits[self.split])[view]
+        return picture_stems(self.photographs)[view]
 
 
 def _key(run: Run, config: BakeConfig) -> dict[str, Any]:

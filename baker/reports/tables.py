@@ -1,4 +1,4 @@
-"""The paper's tables of quality, storage, resolution and sparsity, as figures (SNeRG section 7 and its appendix).
+"""The paper's tables of quality, storage, sparsity and real scenes, as figures (SNeRG section 7 and its appendix).
 
 Each table is {"rows": [...], ...}. A row has `row`, its key, and `label`; psnr, ssim, lpips where it was measured, and bytes (on
 disk, unless they say GPU); or `command`, which would make what it needs. `paper` and `release` are theirs, from
@@ -8,20 +8,19 @@ baker.reports.paper_figures. What is not known is None. Times are seconds or, of
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import jax
 
-from baker.baking.config import BakePreset, Quality
+from baker.baking.config import Quality
 from baker.reports import paper_figures
-from baker.reports.codec_report import LADDER, measured
+from baker.reports.codecs import LADDER, measured
 from baker.reports.cross_sections import draw_sections, section, shares
-from baker.reports.fields import OWN, label_of, row_of
+from baker.reports.fields import OWN, label_of, row_of, train_command
 from baker.reports.pack_compare import stored_bytes
-from baker.reports.report_cache import Baked, Study
-from baker.reports.reproduce_commands import train_command
+from baker.reports.report_cache import Baked, Score, Study
 from scenepack import Pack, open_pack
 from scenepack.report import pack_facts
 from training.recorder import read_metrics
@@ -44,8 +43,8 @@ OURS: Mapping[Quality, str] = {
 }
 
 
-def quality_table(study: Study, qualities: Sequence[Quality]) -> dict[str, Any]:
-    """Table 2: from trained fields to what is shown. qualities: of our own bake, below the paper's."""
+def quality_table(study: Study) -> dict[str, Any]:
+    """Table 2: from trained fields to what is shown."""
     rows = [field_row(study, name) for name in BEFORE]
     if row_of(study.run.config) == OWN:
         rows.append(_own_field_row(study))
@@ -53,22 +52,26 @@ def quality_table(study: Study, qualities: Sequence[Quality]) -> dict[str, Any]:
     rows.append(_baked_row(study, "8-bit", SNERG["8-bit"], study.baked("paper", quality="draft")))
     rows.append(_baked_row(study, "snerg", SNERG["snerg"], study.baked("paper")))
     rows.append(no_sparsity_row(study))
-    rows += [_baked_row(study, f"ours-{own}", OURS[own], study.baked("snerg", quality=own)) for own in qualities]
+    rows += [
+        _baked_row(study, f"ours-{own}", OURS[own], study.baked("snerg", quality=own))
+        for own in study.options.qualities
+    ]
     rows.append(field_row(study, "diffuse"))
     return {"resolution": study.resolution, "field": label_of(study.run.config, study.run.step), "rows": rows}
 
 
-def storage_table(study: Study, preset: BakePreset, quick: bool) -> dict[str, Any]:
+def storage_table(study: Study) -> dict[str, Any]:
     """Table 3: one pack written with every codec, the grid of floats above, and networks below."""
+    preset = study.options.bake
     floats, baked = study.score_floats(), study.baked(preset)
     rows = [
         _stored(study, {"row": "float", "label": SNERG["float"], **floats}),
         _stored(study, no_sparsity_row(study)),
     ]
-    ladder = [step for step in LADDER if not (quick and step[1] is not None)]
+    ladder = [step for step in LADDER if not (study.options.quick and step[1] is not None)]
     with tempfile.TemporaryDirectory(prefix="snerg-codecs-") as folder:
         mask_of = None if study.mask is None else study.mask.path
-        for row in measured(baked.path, study.scene, study.split, ladder, Path(folder), mask_of):
+        for row in measured(baked.path, study.scene, study.options.split, ladder, Path(folder), mask_of):
             lossless = row["quality"] is None
             name = f"{row['codec']}{'' if lossless else ' ' + str(row['quality'])}"
             key = row["codec"] if row["default"] else name
@@ -106,7 +109,7 @@ def sparsity_table(study: Study) -> dict[str, Any]:
             **study.score(baked), "bytes": facts["bytes"]["disk"], "macroblocks": facts["macroblocks"],
             "voxels": facts["voxels"], "alpha_histogram": facts["alpha_histogram"],
         })  # fmt: skip
-    if study.against is None:
+    if study.options.against is None:
         rows.append({"row": "without", "label": "no sparsity loss", "command": _against_command(study)})
     sections = [_sections(study.out, axis, packs) for axis in range(3)]
     return {"resolution": study.resolution, "rows": rows, "sections": sections}
@@ -126,7 +129,7 @@ def field_row(study: Study, name: str, mask_of: Baked | None = None) -> Row:
         row["command"] = train_command(study.run, study.out, name, "--baselines")
     else:
         row |= {"label": label_of(run.config, run.step), "seconds": trained_seconds(run)}
-        row |= study.score_field(_shelf_name(study, run, name), run, mask_of)
+        row |= study.score_field("field" if run is study.run else name, run, mask_of)
     return _beside(study, row)
 
 
@@ -134,10 +137,6 @@ def _own_field_row(study: Study) -> Row:
     run = study.run
     row = {"row": OWN, "label": label_of(run.config, run.step), "seconds": trained_seconds(run)}
     return _beside(study, row | study.score_field("field", run))
-
-
-def _shelf_name(study: Study, run: Run, name: str) -> str:
-    return "field" if run is study.run else name
 
 
 def _baked_row(study: Study, row: str, label: str, baked: Baked) -> Row:
@@ -193,3 +192,35 @@ def _sections(out: Path, axis: int, packs: dict[str, Pack]) -> dict[str, Any]:
         "picture": name,
         "shares": {label: shares(cut) for label, cut in cuts.items()},
     }
+
+
+# --- Real scenes: compared everywhere, and, as the paper does for 360° scenes, where the paper's bake is opaque ---
+
+
+def real_table(study: Study) -> dict[str, Any]:
+    """Rows of fields and packs: psnr, ssim, lpips of whole pictures; `masked`: the same where the paper's pack is opaque."""
+    paper, ours = study.baked("paper"), study.baked("snerg")
+    rows = [_masked_field(study, name, paper) for name in ("jaxnerf-plus", "deferred")]
+    if row_of(study.run.config) == OWN:
+        whole, masked = study.score_field("field", study.run), study.score_field("field", study.run, paper)
+        row = {"row": OWN, "label": label_of(study.run.config, study.run.step), **whole, "masked": _metrics(masked)}
+        rows.append(_beside(study, row))
+    rows += [
+        _beside(study, {"row": row, "label": label, **study.score(baked), "masked": _metrics(study.score(baked, paper)),
+                        "bytes": stored_bytes(baked.path)})
+        for row, label, baked in (("snerg", SNERG["snerg"], paper), ("ours-compact", OURS["compact"], ours))
+    ]  # fmt: skip
+    rows.append(_masked_field(study, "diffuse", paper))
+    return {
+        "resolution": study.resolution, "rows": rows, "field": label_of(study.run.config, study.run.step),
+        "paper_is_masked": study.kind == "real360",
+    }  # fmt: skip
+
+
+def _masked_field(study: Study, name: str, paper: Baked) -> Row:
+    row = field_row(study, name)
+    return row if "psnr" not in row else row | {"masked": _metrics(field_row(study, name, paper))}
+
+
+def _metrics(score: Score) -> Score:
+    return {metric: score[metric] for metric in ("psnr", "ssim", "lpips")}

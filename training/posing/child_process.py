@@ -32,9 +32,8 @@ def ask(service: str, request: Mapping[str, Any], log: Path, on_progress: OnProg
     log: gets what libraries print. UserError as the service raises it, and where the child dies.
     """
     with log.open("ab") as printed:
-        child = ChildProcess(
-            COMMAND, stderr=printed, environment={"OMP_NUM_THREADS": "1"}
-        )  # COLMAP has threads of its own
+        # COLMAP has threads of its own
+        child = ChildProcess(COMMAND, stderr=printed, environment={"OMP_NUM_THREADS": "1"})
     try:
         child.send({**request, "service": service})
         for answer in child.messages():

@@ -138,10 +138,8 @@ def area_average(values: np.ndarray, size: int, axis: int) -> np.ndarray:
         mean = values.reshape(size, cells // size, *values.shape[1:]).mean(axis=1)
     else:
         edges, cell = np.arange(size + 1)[:, None] * (cells / size), np.arange(cells)
-        share = np.clip(np.minimum(edges[1:], cell + 1) - np.maximum(edges[:-1], cell), 0, 1) * (
-            size / cells
-        )  # row by interval
-        mean = np.tensordot(share.astype(np.float32), values, axes=1)
+        share = np.clip(np.minimum(edges[1:], cell + 1) - np.maximum(edges[:-1], cell), 0, 1)  # row by interval
+        mean = np.tensordot((share * (size / cells)).astype(np.float32), values, axes=1)
     return np.moveaxis(mean, 0, axis)
 
 

@@ -34,9 +34,7 @@ class Preset:
     title: str = ""  # how the viewer offers it; not at all where untitled
     advice: str = ""
     longest_side: int | None = None  # photographs are shrunk to so many pixels; None takes all there are
-    resolution: int | None = (
-        None  # voxels along the longest side of snerg-make's bake; None: voxels_for the photographs
-    )
+    resolution: int | None = None  # voxels along the longest side of snerg-make's bake; None: by the photographs
 
 
 PRESETS: Mapping[PresetName, Preset] = {

@@ -39,7 +39,7 @@ def floats(run: Run) -> FloatGrid:
 
 
 def test_rounded_it_is_the_pack_in_every_copy(pack: Pack, floats: FloatGrid) -> None:
-    np.testing.assert_array_equal(floats.indices, pack.atlas_indices)
+    np.testing.assert_array_equal(floats.pack.atlas_indices, pack.atlas_indices)
     rounded = np.round(255 * floats.values).astype(np.uint8)[floats.rows]
     rounded[rounded[..., 3] == 0] = 0
     assert pack.atlas_features is not None and floats.bytes == 32 * pack.atlas_rgba[..., 0].size

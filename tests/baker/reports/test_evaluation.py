@@ -14,12 +14,13 @@ import pytest
 from baker.commands import evaluate as evaluate_command
 from baker.commands.pack import main
 from baker.reports import evaluation
-from baker.reports.codec_report import as_markdown, measured
+from baker.reports.codecs import measured
 from baker.reports.evaluation import evaluate, reading_of
 from scenepack import Pack, save_pack
 from tests.scenepack.helpers import small_pack
 from tests.scenepack.random_packs import random_pack
 from tests.viewer.rendering.shapes import shapes_pack
+from tools.codec_report import as_markdown
 from training.scenes import Scene
 from viewer.rendering.gpu_memory import Limits
 

@@ -21,9 +21,9 @@ from PIL import Image
 from baker.baking import passes
 from baker.commands.evaluate import main as snerg_eval
 from baker.commands.report import main as snerg_report
+from baker.reports.options import TABLES, ReportOptions
 from baker.reports.pack_compare import stored_bytes
-from baker.reports.performance import Drawing
-from baker.reports.report import Sources, Wanted, open_study, write_tables
+from baker.reports.report import open_study, write_tables
 from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_loop import JointConfig
 from scenepack import load_pack
@@ -31,7 +31,6 @@ from tests.told import told
 
 DATA = Path(__file__).parents[2] / "data"
 SCENE, RECORD = DATA / "older/scene", DATA / "report.json"
-TABLES = ("quality", "storage", "performance", "resolution", "real", "sparsity")
 # Of tuning, so that the tests are quick, and their figures hardly depend on the processor. Tests of its own look at it.
 EPOCHS, STEPS = 2, 3
 
@@ -52,12 +51,21 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 @pytest.fixture(scope="module")
 def out(runs: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("report") / "out"
-    sources = Sources(runs[0], out, SCENE, resolution=46, against=runs[1])
-    wanted = Wanted(("draft",), (40, 46), "paper", Drawing(2, (32, 32)), quick=True)
+    options = ReportOptions(
+        out,
+        SCENE,
+        resolution=46,
+        resolutions="40,46",
+        quality="draft",
+        against=runs[1],
+        frames=2,
+        size="32x32",
+        quick=True,
+    )
     with pytest.MonkeyPatch.context() as quick:
         quick.setattr(passes, "fine_tune", partial(fine_tune, epochs=EPOCHS))
         quick.setattr(passes, "JointConfig", partial(JointConfig, most_steps=STEPS))
-        write_tables(open_study(sources), TABLES, wanted)
+        write_tables(open_study(runs[0], options), TABLES)
     return out
 
 
@@ -214,8 +222,8 @@ def test_the_same_study_again_bakes_and_scores_nothing(
     for name in ("bake_to", "evaluate", "bake_floats"):
         monkeypatch.setattr(f"baker.reports.report_cache.{name}", again)
     figures = json.loads((out / "report.json").read_text())
-    sources = Sources(runs[0], out, SCENE, resolution=46, against=runs[1])
-    write_tables(open_study(sources), ["quality", "real"], Wanted(("draft",), (46,)))
+    options = ReportOptions(out, SCENE, resolution=46, resolutions="46", quality="draft", against=runs[1])
+    write_tables(open_study(runs[0], options), ["quality", "real"])
     assert json.loads((out / "report.json").read_text()) == figures, "tables that are not asked for stay"
 
 

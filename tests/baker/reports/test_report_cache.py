@@ -9,8 +9,9 @@ import pytest
 
 from baker.baking.config import BakeConfig
 from baker.reports import paper_figures
+from baker.reports.options import ReportOptions
 from baker.reports.paper_figures import GPU_GB, MILLISECONDS, QUALITY, RELEASE, SCENES, SPEED, Kind
-from baker.reports.report import Sources, open_study
+from baker.reports.report import open_study
 from baker.reports.report_cache import Study
 from scenepack import save_pack
 from tests.scenepack.random_packs import random_pack
@@ -35,7 +36,7 @@ def bakes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 @pytest.fixture
 def study(tmp_path: Path) -> Study:
-    return open_study(Sources(DATA / "multires", tmp_path / "out", DATA / "scene", resolution=46))
+    return open_study(DATA / "multires", ReportOptions(tmp_path / "out", DATA / "scene", resolution=46))
 
 
 def test_each_pack_is_baked_once_and_none_stands_for_one_of_other_options(study: Study, bakes: list[str]) -> None:

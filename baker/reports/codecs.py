@@ -1,4 +1,4 @@
-"""The storage table, codec by codec (SNeRG paper, section 7).
+"""Every codec on one pack (SNeRG paper, section 7).
 
 Each codec writes the pack anew, reads it back and is drawn by the OpenGL renderer: megabytes (10⁶ bytes) on disk,
 PSNR, SSIM and LPIPS against the photographs, PSNR against the pictures of the pack as it was, seconds to encode and to
@@ -77,20 +77,3 @@ def measured(
             "encode_s": decoding - encoding,
             "decode_s": done - decoding,
         }
-
-
-def as_markdown(rows: Sequence[dict[str, Any]]) -> str:
-    """The table; percentages are of the first row, PNG."""
-    lines = [
-        "| codec | quality | MB | of PNG | PSNR (dB) | SSIM | LPIPS | PSNR against the pack (dB) | encode (s) | decode (s) |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        quality = "lossless" if row["quality"] is None else f"{row['quality']}{' (default)' if row['default'] else ''}"
-        lpips = "–" if row["lpips"] is None else f"{row['lpips']:.4f}"
-        against = "identical" if row["psnr_against_pack"] >= 119 else f"{row['psnr_against_pack']:.2f}"
-        share = 100 * row["bytes"] / rows[0]["bytes"]
-        cells = [row["codec"], quality, f"{row['bytes'] / 1e6:.2f}", f"{share:.0f} %", f"{row['psnr']:.2f}"]
-        cells += [f"{row['ssim']:.4f}", lpips, against, f"{row['encode_s']:.1f}", f"{row['decode_s']:.1f}"]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""`python -m baker.commands.codec_report PACK --scene SCENE`: the storage table, codec by codec (SNeRG paper, section 7).
+"""`python -m tools.codec_report PACK --scene SCENE`: size, quality and time of every codec on one pack.
 
 Writes Markdown to stdout and to --out, and JSON beside it.
 """
@@ -9,8 +9,9 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from baker.reports.codec_report import LADDER, as_markdown, measured
+from baker.reports.codecs import LADDER, measured
 from console import check_results, run_command, write_json, write_text
 from training.scenes import load_scene
 
@@ -45,9 +46,26 @@ def codec_report(
     write_json(figures, rows)
 
 
+def as_markdown(rows: Sequence[dict[str, Any]]) -> str:
+    """The table; percentages are of the first row, PNG."""
+    lines = [
+        "| codec | quality | MB | of PNG | PSNR (dB) | SSIM | LPIPS | PSNR against the pack (dB) | encode (s) | decode (s) |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        quality = "lossless" if row["quality"] is None else f"{row['quality']}{' (default)' if row['default'] else ''}"
+        lpips = "–" if row["lpips"] is None else f"{row['lpips']:.4f}"
+        against = "identical" if row["psnr_against_pack"] >= 119 else f"{row['psnr_against_pack']:.2f}"
+        share = 100 * row["bytes"] / rows[0]["bytes"]
+        cells = [row["codec"], quality, f"{row['bytes'] / 1e6:.2f}", f"{share:.0f} %", f"{row['psnr']:.2f}"]
+        cells += [f"{row['ssim']:.4f}", lpips, against, f"{row['encode_s']:.1f}", f"{row['decode_s']:.1f}"]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(codec_report, prog="python -m baker.commands.codec_report", description=DESCRIPTION, args=args)
+    return run_command(codec_report, prog="python -m tools.codec_report", description=DESCRIPTION, args=args)
 
 
 if __name__ == "__main__":
