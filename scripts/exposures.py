@@ -22,8 +22,8 @@ from baker.metrics import colours_matched, psnr
 from training.config import QUICK
 from training.dataset import RayDataset, make_dataset
 from training.exposure import Choice
-from training.methods import make_method
 from training.multires.config import MultiresConfig
+from training.run import make_method
 from training.scenes import Scene, load_scene
 from training.scenes.pictures import over_background
 

@@ -257,7 +257,7 @@ def _trained(
 
     from training.config import PRESETS
     from training.dataset import make_dataset
-    from training.methods import make_method, settled
+    from training.run import make_method, settled
     from training.scenes import load_scene
     from training.scenes.presets import PRESETS as KINDS
     from training.scenes.read import suggested_downscale

@@ -26,7 +26,6 @@ from training.config import TrainConfig, from_json, require_valid
 from training.dataset import RayDataset, make_dataset
 from training.devices import agree, is_writer, together
 from training.method import Method
-from training.methods import make_method, settled
 from training.scenes import Scene, SceneOptions, load_scene
 from training.scenes.scene_options import checked_box, checked_up, require_rays
 
@@ -149,6 +148,31 @@ def _assemble(
                             expected=f"{missing.args[0]!r} in its checkpoint",
                             remedy="train it again into another folder") from missing  # fmt: skip
     return Run(path, description, scene, dataset, method, state, step)
+
+
+def make_method(config: TrainConfig, dataset: RayDataset) -> Method:
+    """The method that config names, for the rays of a dataset; its modules are imported only when asked for."""
+    if config.method == "nerf":
+        if config.exposure == "on":
+            remedy = "use --preset quick, normal or full"
+            raise UserError("is fitted by the method multires only", where="--exposure on", remedy=remedy)
+        from training.nerf.method import NerfMethod
+
+        return NerfMethod(config, dataset)
+    if config.method == "multires":
+        from training.multires.method import MultiresMethod
+
+        return MultiresMethod(config, dataset)
+    raise UserError("no such method", where="method", expected="nerf or multires", found=config.method)
+
+
+def settled(config: TrainConfig) -> TrainConfig:
+    """The config of a run that begins here, with what this machine decides: a run keeps its engine wherever it goes on."""
+    if config.method == "nerf":
+        return replace(config, engine="jax")
+    from training.multires.engines import chosen_engine
+
+    return replace(config, engine=chosen_engine(config.engine))
 
 
 def _newest_checkpoint(path: Path) -> tuple[int, dict[str, np.ndarray]]:

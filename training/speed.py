@@ -68,7 +68,7 @@ def seconds_per_sample() -> float:
 
     from training.config import PRESETS as CONFIGS
     from training.dataset import make_dataset
-    from training.methods import make_method, settled
+    from training.run import make_method, settled
 
     plain = CONFIGS["quick"]
     multires = dataclasses.replace(plain.multires, resolutions=(16, 32, 64, 128, 256), steps_from=(0.0, 1.0))

@@ -7,7 +7,7 @@ have support.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,34 +16,18 @@ import numpy as np
 COARSE = 4  # side of a coarse occupancy cell, in voxels
 
 
-class Boxed(Protocol):
-    """Where a grid is. origin [3], voxel [] or [3] in world units, dims int32 [3] = (x, y, z) voxels. contraction []: of a
-    contracted grid, half the side of its inner cube in world units (scenepack.contraction); None of others."""
-
-    @property
-    def origin(self) -> jax.Array: ...
-
-    @property
-    def voxel(self) -> jax.Array: ...
-
-    @property
-    def dims(self) -> jax.Array: ...
-
-    @property
-    def contraction(self) -> jax.Array | float | None: ...
-
-
 class GridBox(NamedTuple):
-    """Where a grid is, and no more; see Boxed."""
+    """Where a grid is, and no more."""
 
-    origin: jax.Array
-    voxel: jax.Array
-    dims: jax.Array
+    origin: jax.Array  # [3] in world units
+    voxel: jax.Array  # [] or [3] in world units
+    dims: jax.Array  # int32 [3] = (x, y, z) voxels
+    # []: of a contracted grid, half the side of its inner cube in world units (scenepack.contraction); None of others
     contraction: jax.Array | float | None = None
 
 
 class Cells(NamedTuple):
-    """The cells of an occupancy grid. Where it is: see Boxed. occupied: uint8, flat, x fastest, of side³ cells."""
+    """The cells of an occupancy grid. Where it is: see GridBox. occupied: uint8, flat, x fastest, of side³ cells."""
 
     origin: jax.Array
     voxel: jax.Array
@@ -62,6 +46,9 @@ class Cells(NamedTuple):
     def near_content(self, g: jax.Array) -> jax.Array:
         """bool [...]: False only where no cell within COARSE / 2 of g [..., 3] is on."""
         return self.coarse[coarse_cell(g, self.coarse_dims)] > 0
+
+
+Boxed = GridBox | Cells
 
 
 def segments_across(dims: tuple[int, ...] | np.ndarray, step: float = 1.0) -> int:

@@ -67,7 +67,7 @@ class Constants(NamedTuple):
 
 
 def cells_of(state: State, contraction: float | None = None) -> Cells:
-    """The occupancy grid of a state. contraction: see training.marching.layout.Boxed."""
+    """The occupancy grid of a state. contraction: see training.marching.layout.GridBox."""
     occupied = is_on(state.codes).astype(np.uint8)
     side = occupied.shape[0]
     # a run of COARSE steps is tested at its middle: steps of up to two cells reach two cells further
