@@ -124,7 +124,7 @@ def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:
     with job.stages("supersampling, in floats", count) as bar:
         indices, rows, values = assemble(supersample_floats(sampler, _Rate(bar, count)), culling.kept, BLOCK_SIZE)
     support = np.zeros((*rows.shape, 4), np.uint8)
-    support[..., 3] = np.where(rows > 0, 255, 0)
+    support[..., 3] = (rows > 0) * np.uint8(255)
     return FloatGrid(assembled(run, grid, (indices, support, None), None), rows, values)
 
 
