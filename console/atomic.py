@@ -291,63 +291,71 @@ def _require_alone(target: Path, own: Path | None = None) -> None:
         time.sleep(0.02)
 
 
+def try_lock(handle: int, *, shared: bool = False) -> bool | None:
+    """Takes the lock on an open file or folder, without waiting: False where another has it; None where there are no locks."""
+    if fcntl is None:
+        return None
+    try:
+        fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # some network file systems have none
+        return None
+    return True
+
+
 def _hold(handle: int) -> None:
     """Takes the lock on what one writes oneself, which another may hold for a moment to see whether it can be had."""
     deadline = time.monotonic() + _LOOK_S
-    while True:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # type: ignore[union-attr]
-            return
-        except BlockingIOError:
-            if time.monotonic() > deadline:
-                return
-            time.sleep(0.01)
-        except OSError:  # some network file systems have no locks
-            return
+    while try_lock(handle) is False and time.monotonic() < deadline:
+        time.sleep(0.01)
 
 
 def _is_held(path: Path) -> bool:
     """Whether another process has a lock on the hidden name `path`; False on file systems without locks."""
-    if fcntl is None or int(path.name.rsplit("-", 2)[1]) == os.getpid():
+    pid = _writer_of(path)
+    if fcntl is None or pid == os.getpid():
         return False
-    with suppress(FileNotFoundError):
-        try:
-            handle = os.open(path, _lock_flags(path))
-        except PermissionError:  # another user's, and possibly at work
-            return _process_exists(int(path.name.rsplit("-", 2)[1]))
-        try:
-            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        except OSError:
-            return False
-        finally:
-            os.close(handle)
-    return False
+    try:
+        with _opened(path) as handle:
+            return try_lock(handle, shared=True) is False
+    except FileNotFoundError:
+        return False
+    except PermissionError:  # another user's, and possibly at work
+        return _process_exists(pid)
 
 
 def _is_alive(path: Path) -> bool:
     """Whether the process that made the hidden name `path` may still be at work on it."""
-    pid = int(path.name.rsplit("-", 2)[1])
+    pid = _writer_of(path)
     if pid == os.getpid():
         return True
     try:
         young = time.time() - path.stat().st_mtime < _LEFTOVER_AGE_S
         if fcntl:
-            handle = os.open(path, _lock_flags(path))
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return True
-            except OSError:  # no locks here: its process may run on another host, where its id tells nothing
-                return young
-            finally:
-                os.close(handle)
+            with _opened(path) as handle:
+                locked = try_lock(handle)
+            if not locked:  # held; or no locks here: its process may run on another host, where its id tells nothing
+                return locked is False or young
     except FileNotFoundError:
         return False
     except OSError:
         young = True
     return young and _process_exists(pid)
+
+
+def _writer_of(path: Path) -> int:
+    """The id of the process that made the hidden name `path`."""
+    return int(path.name.rsplit("-", 2)[1])
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    handle = os.open(path, _lock_flags(path))
+    try:
+        yield handle
+    finally:
+        os.close(handle)
 
 
 def _lock_flags(path: Path) -> int:

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TextIO
+from typing import Any
 
 from console.streams import one_line
 
@@ -138,18 +138,11 @@ def plain_notices(prog: str) -> Iterator[None]:
         warnings.simplefilter("always", Notice)
         usual = warnings.showwarning
 
-        def show(
-            message: Warning | str,
-            category: type[Warning],
-            filename: str,
-            lineno: int,
-            file: TextIO | None = None,
-            line: str | None = None,
-        ) -> None:
+        def show(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
             if issubclass(category, Notice):
-                print(f"{prog}: warning: {message}", file=file or sys.stderr)
+                print(f"{prog}: warning: {message}", file=sys.stderr)
             else:
-                usual(message, category, filename, lineno, file, line)
+                usual(message, category, *rest, **named)
 
         warnings.showwarning = show
         yield

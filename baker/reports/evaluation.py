@@ -29,7 +29,7 @@ from scenepack.pack import Pack
 from training.run import Run, is_run, load_run, read_description
 from training.scenes import Camera, Photograph, Scene, picture_stems
 from training.scenes.pictures import over_background
-from training.scenes.scene_options import checked_up
+from training.scenes.scene_options import recorded_options
 
 # a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]
 Shown = Callable[[Camera, Literal["normal", "alpha"]], np.ndarray]
@@ -103,15 +103,8 @@ def evaluate(
 def reading_of(subject: Path) -> dict[str, Any]:
     """How the subject's photographs were read: `spherify`, `masks` and `up` of training.scenes.SceneOptions, where it tells."""
     if is_run(subject):
-        stored: Any = vars(read_description(subject).options)
-    else:
-        stored = load_pack(subject).metadata.get("provenance")
-    stored = stored if isinstance(stored, dict) else {}
-    spherify, up = stored.get("spherify"), stored.get("up")
-    return {
-        "spherify": spherify if isinstance(spherify, bool) else None, "masks": stored.get("masks") is True,
-        "up": None if up is None else checked_up(up),
-    }  # fmt: skip
+        return recorded_options(vars(read_description(subject).options))
+    return recorded_options(load_pack(subject).metadata.get("provenance"))
 
 
 def score(photograph: Photograph, picture: np.ndarray, truth: np.ndarray, seen: np.ndarray) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -117,6 +118,20 @@ def checked_up(values: Sequence[float]) -> Direction:
         raise UserError("is no direction", where=UP, expected="x,y,z, not all 0", found=str(values)[:60])
     x, y, z = map(float, numbers)
     return x, y, z
+
+
+def recorded_options(stored: object) -> dict[str, Any]:
+    """`spherify`, `masks` and `up` of load_scene as the maker of a pack or run read its scene. stored: what that says of itself,
+    which may be anything. UserError where its `up` makes no sense.
+    """
+    stored = stored if isinstance(stored, dict) else {}
+    spherify, up = stored.get("spherify"), stored.get("up")
+    up = None if up is None else checked_up(up)
+    return {
+        "spherify": spherify if isinstance(spherify, bool) else None,
+        "masks": stored.get("masks") is True,
+        "up": up,
+    }
 
 
 def axes_of(up: Direction) -> np.ndarray:

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, TextIO
 import platformdirs
 
 from console import Notice, UserError, refusal
+from console.atomic import try_lock
 
 if TYPE_CHECKING:
     from viewer.features.making.make_job import RejectedPhotographs
@@ -140,11 +141,6 @@ def in_plain_words(error: BaseException) -> str:
 
 # --- Crash log ---
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
-
 RUNNING, CRASHED = "running-", "crash-"
 KEPT = 5  # crash logs; older ones are removed
 MOST_BYTES = 1 << 20  # of a log; a longer one starts again
@@ -166,8 +162,7 @@ class CrashLog:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._file = open(self.path, "w", encoding="utf-8", errors="replace")  # noqa: SIM115  (for as long as it runs)
-            if fcntl is not None:
-                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            try_lock(self._file.fileno())
             faulthandler.enable(self._file)
         except (OSError, ValueError):
             self.path = None
@@ -250,11 +245,9 @@ def _changed(file: Path) -> float:
 
 def _in_use(file: Path) -> bool:
     """Whether the viewer that writes the file still runs."""
-    if fcntl is None:
-        return False
     try:
         with open(file, "rb") as opened:
-            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            locked = try_lock(opened.fileno())
     except OSError:
         return True
-    return False
+    return locked is False or (locked is None and os.name == "posix")  # elsewhere it cannot be renamed meanwhile

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
+from math import inf
 from typing import Any, Generic, TypeVar
 
 from console.child_process import ChildProcess, module_command
@@ -20,6 +21,7 @@ class Task(Generic[T]):
     """
 
     def __init__(self, function: Callable[[], T], *, kept: bool = False) -> None:
+        self.cancelled = False
         self._future: Future[T] = Future()
         self._seen: object = None
         threading.Thread(target=self._run, args=(function,), daemon=not kept).start()
@@ -27,6 +29,10 @@ class Task(Generic[T]):
     @property
     def finished(self) -> bool:
         return self._future.done()
+
+    def cancel(self) -> None:
+        """Asks the function to give up, where it looks at `cancelled`."""
+        self.cancelled = True
 
     def result(self) -> T:
         """What the function returned; waits for it, and raises what it raised."""
@@ -58,7 +64,6 @@ class JsonTask(Task[None]):
     def __init__(self, module: str, words: Sequence[str], on_message: Callable[[Mapping[str, Any]], None]) -> None:
         self._command, self._on_message = module_command(module, *words), on_message
         self._child: ChildProcess | None = None
-        self._closed = False
         super().__init__(self._listen)
 
     def before(self) -> None:
@@ -69,18 +74,18 @@ class JsonTask(Task[None]):
 
     def close(self) -> None:
         """Kills the child."""
-        self._closed = True
+        self.cancel()
         if self._child is not None:
             self._child.close()
 
     def _listen(self) -> None:
         try:
             self.before()
-            if self._closed:
+            if self.cancelled:
                 return
             self._child = ChildProcess(self._command, polite=True)
             try:
-                if not self._closed:  # while the child was being started
+                if not self.cancelled:  # while the child was being started
                     for message in self._child.messages():
                         self._on_message(message)
             finally:
@@ -90,11 +95,15 @@ class JsonTask(Task[None]):
 
 
 class Autosave(Generic[T]):
-    """Writes a value in a thread once it has not changed for a while. write: raises nothing; the program's end waits for it."""
+    """Writes a value in a thread once it has not changed for `settle_s`, or has been changing for `longest_s`.
 
-    def __init__(self, write: Callable[[T], None], saved: T, settle_s: float) -> None:
+    write: raises nothing; the program's end waits for it. saved: what need not be written.
+    """
+
+    def __init__(self, write: Callable[[T], None], saved: T, settle_s: float, longest_s: float = inf) -> None:
         self.saved = self._seen = saved
-        self._write, self._settle_s, self._since = write, settle_s, 0.0
+        self._write, self._settle_s, self._longest_s = write, settle_s, longest_s
+        self._since = self._unsaved_since = time.monotonic()
         self._task: Task[None] | None = None
 
     @property
@@ -104,9 +113,12 @@ class Autosave(Generic[T]):
     def follow(self, value: T) -> None:
         """The value now. Call it often."""
         now = time.monotonic()
-        if value != self._seen:
-            self._seen, self._since = value, now
-        elif value != self.saved and not self.writing and now - self._since >= self._settle_s:
+        changed, self._seen = value != self._seen, value
+        self._since = now if changed else self._since
+        if value == self.saved:
+            self._unsaved_since = now
+        settled = not changed and now - self._since >= self._settle_s
+        if value != self.saved and not self.writing and (settled or now - self._unsaved_since > self._longest_s):
             self._begin(value)
 
     def finish(self, value: T) -> None:

@@ -71,13 +71,13 @@ class BarePreview(JsonTask):
     def state(self) -> object:
         return self.count, len(self.names), self.aside is None, self.seconds is None
 
-    def _take(self, said: Mapping[str, Any]) -> None:
-        if "name" in said:
-            self._place(len(self.names), self._folder / said["file"] if said["file"] else None)
-            self.names.append(said["name"])
+    def _take(self, message: Mapping[str, Any]) -> None:
+        if "name" in message:
+            self._place(len(self.names), self._folder / message["file"] if message["file"] else None)
+            self.names.append(message["name"])
         for fact in ("count", "aside", "seconds", "error"):
-            if fact in said:
-                setattr(self, fact, said[fact])
+            if fact in message:
+                setattr(self, fact, message[fact])
 
     def _place(self, index: int, file: Path | None) -> None:
         if file is None or index >= ROWS * COLUMNS:
@@ -125,7 +125,7 @@ class TimeNeeded(JsonTask):
         self._runs: Mapping[str, Any] = {}
         self._per_sample: float | None = None
         self._after = after
-        super().__init__(SPEED_MODULE, words, self._hear)
+        super().__init__(SPEED_MODULE, words, self._take)
 
     def before(self) -> None:
         with contextlib.suppress(Exception):  # it reports what went wrong itself
@@ -146,9 +146,9 @@ class TimeNeeded(JsonTask):
         run = self._runs.get(preset, {}).get(str(side))
         return None if run is None else run["disk"] + DISK_OF_1000 * _share(preset, side)
 
-    def _hear(self, said: Mapping[str, Any]) -> None:
-        self._runs = said.get("runs", self._runs)
-        self._per_sample = said.get("seconds_per_sample", self._per_sample)
+    def _take(self, message: Mapping[str, Any]) -> None:
+        self._runs = message.get("runs", self._runs)
+        self._per_sample = message.get("seconds_per_sample", self._per_sample)
 
 
 def memory(preset: str, side: int) -> float:
@@ -201,7 +201,6 @@ class Survey(Task[None]):
         self.forward = False
         self.masks = False
         self.masked: set[int] = set()
-        self._closed = False
         with contextlib.suppress(UserError):  # several films: reported by the thread
             self.bare = None if has_poses(path) else find_source(path)
         if self.bare is None:
@@ -219,7 +218,7 @@ class Survey(Task[None]):
 
     def close(self) -> None:
         """Nobody asks any more."""
-        self._closed = True
+        self.cancel()
         for each in (self.preview, self.time):
             if each is not None:
                 each.close()
@@ -300,15 +299,15 @@ class Survey(Task[None]):
         self._begin_time()
 
     def _begin_time(self) -> None:
-        if MEASURES and not self._closed and not trainer_missing():
+        if MEASURES and not self.cancelled and not trainer_missing():
             after = self.preview.result if self.preview is not None else lambda: None
             self.time = TimeNeeded([max(size) for size in self.sizes.values()], after)
 
     def _begin_preview(self, source: Source) -> None:
-        if poser_missing(source) is None and not self._closed:
+        if poser_missing(source) is None and not self.cancelled:
             with contextlib.suppress(UserError):  # no temporary folder: there is no preview then
                 self.preview = BarePreview(source)
-            if self._closed and self.preview is not None:  # in the meantime
+            if self.cancelled and self.preview is not None:  # in the meantime
                 self.preview.close()
 
 

@@ -39,27 +39,25 @@ class Cancelled(Exception):
 class Loading(Task[None]):
     """A pack that is being read. Once it is finished, take `pack` or `error`.
 
-    share: 0 … 1 of its images are decoded. images: how many are, and of how many; 0 of 0 at first. preview: what can be
-    shown of it already, another object whenever there is more to see; None at first. begun: the pack before its images are
-    decoded, to preallocate; None at first. error: a UserError or a bug's exception, None where all went well or it was
-    cancelled. notes: what was repaired while it was read.
+    images: how many are decoded, and of how many; 0 of 0 at first. preview: what can be shown of it already, another object
+    whenever there is more to see; None at first. begun: the pack before its images are decoded, to preallocate; None at first.
+    error: a UserError or a bug's exception, None where all went well or it was cancelled. notes: what was repaired meanwhile.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self.share = 0.0
         self.images = (0, 0)
         self.pack: Pack | None = None
         self.preview: Pack | None = None
         self.begun: Pack | None = None
         self.error: Exception | None = None
         self.notes: list[str] = []
-        self.cancelled = False
         super().__init__(self._read)
 
-    def cancel(self) -> None:
-        """Gives up at the next image."""
-        self.cancelled = True
+    @property
+    def share(self) -> float:
+        """0 … 1 of its images are decoded."""
+        return self.images[0] / max(self.images[1], 1)
 
     def _read(self) -> None:
         try:
@@ -86,7 +84,7 @@ class Loading(Task[None]):
         self.preview = pack
 
     def _progress(self, done: int, total: int) -> None:
-        self.share, self.images = done / max(total, 1), (done, total)
+        self.images = (done, total)
         if self.cancelled:
             raise Cancelled
 

@@ -27,6 +27,7 @@ from scenepack.pictures import has_picture, picture_of
 from training.scenes import load_scene
 from training.scenes.pictures import PictureLoader
 from training.scenes.scene import Camera, Photograph
+from training.scenes.scene_options import recorded_options
 from viewer.core.pose import frustum_points
 from viewer.core.tasks import Task
 from viewer.rendering.camera import ViewCamera
@@ -68,10 +69,7 @@ class Photographs:
         self.reachable = self.folder is not None and self.folder.is_dir()
         self._copies = any(shot.has_copy for shot in self.shots)
         self.background: tuple[float, ...] = (1.0, 1.0, 1.0)
-        spherify, masks = (
-            isinstance(provenance, dict) and provenance.get(key) is True for key in ("spherify", "masks")
-        )
-        self._options = {"spherify": spherify or None, "masks": masks}  # as the pack's maker read them
+        self._provenance = provenance
         self._found: dict[tuple[str, str], Photograph] | None = None
         self._reading = threading.Lock()  # thumbnails are read in a thread of their own
         self._cache: dict[int, np.ndarray] = {}
@@ -162,7 +160,7 @@ class Photographs:
         return np.round(255 * np.clip(rgb, 0, 1)).astype(np.uint8)
 
     def _read(self, folder: Path) -> None:
-        scene = load_scene(folder, **self._options)
+        scene = load_scene(folder, **recorded_options(self._provenance))
         found: dict[tuple[str, str], Photograph] = {}
         for split, photographs in scene.splits.items():
             for photograph in photographs:
@@ -237,19 +235,14 @@ class Thumbnails(Task[None]):
         self.sheet = np.zeros((rows * self.cell, min(self.columns, max(count, 1)) * self.cell, 3), np.uint8)
         self.boxes: dict[int, Box] = {}
         self.problem = ""
-        self._cancelled = False
         super().__init__(self._read)
 
     def state(self) -> object:
         return len(self.boxes)
 
-    def cancel(self) -> None:
-        """Gives up at the next photograph."""
-        self._cancelled = True
-
     def _read(self) -> None:
         for index in range(self.shown):
-            if self._cancelled:
+            if self.cancelled:
                 return
             try:
                 picture = self._small(index)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,19 +19,13 @@ from typing import TYPE_CHECKING, Any
 import platformdirs
 
 from console import not_written
-from console.atomic import write_file
+from console.atomic import try_lock, write_file
 from console.json_text import read_json_file
-from viewer.core.tasks import Task
+from viewer.core.tasks import Autosave
 from viewer.features.display.display import PLAIN
 
 if TYPE_CHECKING:
     from viewer.app.application import App
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
-
 
 MOST_RECENT = 8
 LOCK_PATIENCE_S = 2.0
@@ -72,9 +65,7 @@ class Preferences:
 
     def recent_packs(self) -> list[Path]:
         """The recent packs that still exist."""
-        return [
-            Path(name) for name in self.recent if os.path.exists(name)
-        ]  # Path.exists raises where a name is too long
+        return [Path(name) for name in self.recent if os.path.exists(name)]  # Path.exists raises for too long a name
 
 
 def load(file: Path) -> Preferences:
@@ -142,33 +133,14 @@ def _read(file: Path) -> dict[str, Any]:
 @contextmanager
 def _locked(file: Path) -> Iterator[None]:
     """Holds a lock against other viewers; goes on without it after LOCK_PATIENCE_S, or where there are no locks."""
-    if fcntl is not None:
-        handle = os.open(file.parent, os.O_RDONLY)  # the folder: the file itself is another one after each save
-    else:
-        handle = os.open(file.with_name(f"{file.name}.lock"), os.O_RDWR | os.O_CREAT, 0o600)
+    handle = os.open(file.parent, os.O_RDONLY)  # the folder: the file itself is another one after each save
     try:
         end = time.monotonic() + LOCK_PATIENCE_S
-        while not _lock(handle) and time.monotonic() < end:
+        while try_lock(handle) is False and time.monotonic() < end:
             time.sleep(0.02)
         yield
     finally:
         os.close(handle)  # which ends the lock
-
-
-def _lock(handle: int) -> bool:
-    """Takes the lock; False if another process has it. True also on file systems without locks."""
-    try:
-        if fcntl is not None:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        elif sys.platform == "win32":
-            import msvcrt
-
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-    except (BlockingIOError, PermissionError):
-        return False
-    except OSError:
-        return True
-    return True
 
 
 def _like(value: Any, default: Any) -> Any:
@@ -181,12 +153,8 @@ def _like(value: Any, default: Any) -> Any:
         good = isinstance(value, list) and all(isinstance(item, str) for item in value)
         return value[:MOST_RECENT] if good else None
     kind = type(default[0])
-    good = (
-        isinstance(value, list)
-        and len(value) == len(default)
-        and all(_is_number(v) and 0 <= v <= LARGEST for v in value)
-    )
-    return tuple(kind(v) for v in value) if good else None
+    good = isinstance(value, list) and len(value) == len(default)
+    return tuple(map(kind, value)) if good and all(_is_number(v) and 0 <= v <= LARGEST for v in value) else None
 
 
 def _is_number(value: Any) -> bool:
@@ -238,73 +206,59 @@ class PreferencesAutosave:
 
     def __init__(self, app: App, file: Path, size: Callable[[], tuple[int, int]], layout: Callable[[], str]) -> None:
         self.app, self.file, self._size, self._layout = app, file, size, layout
-        self._saved = self._copy()
-        self._seen = self._saved
-        self._changed_at = self._checked_at = time.monotonic()
-        self._refused: Preferences | None = None  # what could not be saved
+        self._written = self._now()  # what is in the file, as far as this program knows
+        self._autosave = Autosave(self._save, self._written, CHECK_EVERY_S, LONGEST_UNSAVED_S)
+        self._checked_at = time.monotonic()
+        self._result: tuple[Preferences, Preferences, str | None] | None = None  # sent, written, and what went wrong
         self._problem: str | None = None
         self._was_reported = False
-        self._writing: Task[str | None] | None = None
-        self._sent = self._written = self._saved
 
-    def _copy(self) -> Preferences:
+    def _now(self) -> Preferences:
         """The preferences now; window size and layout as of the last poll."""
         return replace(current_preferences(self.app), recent=list(self.app.preferences.recent))
 
     def poll(self) -> None:
         """Saves what changed and then stayed the same until the next check. Call it from the loop."""
         now = time.monotonic()
-        if now - self._checked_at < CHECK_EVERY_S:
-            return
-        self._checked_at = now
-        if self._writing is not None:
-            if not self._writing.finished:
-                return
+        if now - self._checked_at >= CHECK_EVERY_S:
+            self._checked_at = now
             self._take_result()
-        self._read_window()
-        seen, self._seen = self._seen, self._copy()
-        if self._seen in (self._saved, self._refused):
-            self._changed_at = now
-        elif seen == self._seen or now - self._changed_at > LONGEST_UNSAVED_S:
-            self._write()
+            self._read_window()
+            self._autosave.follow(self._now())
 
     def finish(self, *, window: bool = True) -> str | None:
         """Saves the last changes now. Returns a problem that was not reported before, or None.
 
         window: False if the window is gone.
         """
-        if self._writing is not None:
-            self._take_result()
         if window:
             self._read_window()
-        self._seen = self._copy()
-        if self._seen != self._saved:
-            self._write()
-            was_reported = self._was_reported
-            self._take_result()
-            return None if was_reported else self._problem
-        return None
+        if self._problem is not None:  # what was refused is tried again
+            self._autosave.saved = self._written
+        was_reported, self._problem = self._was_reported, None
+        self._autosave.finish(self._now())
+        self._take_result()
+        return None if was_reported else self._problem
 
     def _read_window(self) -> None:
         """Takes over the window's size and layout."""
         self.app.preferences.window, self.app.interface.layout = self._size(), self._layout()
 
-    def _write(self) -> None:
-        self._sent, self._written = self._seen, replace(self._seen, recent=list(self._seen.recent))
-        before = self._saved
-        self._writing = Task(lambda: save(self._written, self.file, before), kept=True)
+    def _save(self, wanted: Preferences) -> None:
+        written = replace(wanted, recent=list(wanted.recent))
+        problem = save(written, self.file, self._written)
+        self._result = wanted, written, problem
 
     def _take_result(self) -> None:
         """Takes over what the thread did, with packs that other viewers opened. Reports a failure once."""
-        assert self._writing is not None
-        self._problem, self._writing = self._writing.result(), None
-        if self._problem is not None:
-            self._refused = self._sent
-            if not self._was_reported:
-                self._was_reported = True
-                self.app.messages.say(self._problem[:1].upper() + self._problem[1:], "warning")
-                self.app.touch()
+        if self._result is None or self._autosave.writing:
             return
-        recent = self.app.preferences.recent
-        self.app.preferences.recent = merged_recent(opened_since(self._sent.recent, recent), self._written.recent)
-        self._saved, self._refused = self._written, None
+        (sent, written, self._problem), self._result = self._result, None
+        if self._problem is None:
+            opened = opened_since(sent.recent, self.app.preferences.recent)
+            self.app.preferences.recent = merged_recent(opened, written.recent)
+            self._written = self._autosave.saved = written
+        elif not self._was_reported:
+            self._was_reported = True
+            self.app.messages.say(self._problem[:1].upper() + self._problem[1:], "warning")
+            self.app.touch()

@@ -40,7 +40,7 @@ def test_a_change_is_saved_by_a_thread_once_it_has_stayed_for_a_look(autosave, f
     poll_until(autosave, file.exists)
     assert load(file).page == "film" and load(file).window == (640, 480) and load(file).layout == "a layout"
     assert threads and threading.main_thread() not in threads
-    poll_until(autosave, lambda: autosave._writing is None)
+    poll_until(autosave, lambda: not autosave._autosave.writing)
     count = len(threads)
     for _ in range(5):
         autosave.poll()
