@@ -143,8 +143,12 @@ def small_disk(tmp_path, monkeypatch):
         (self.aside.path / "part" if self.aside.path.is_dir() else self.aside.path).write_bytes(b"half")
         raise OSError(errno.ENOSPC, "No space left on device", str(self.aside.path))
 
-    for sink in (export_module._Still, export_module._Sequence, FilmWriter):
+    def full_still(path, *_) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    for sink in (export_module._Sequence, FilmWriter):
         monkeypatch.setattr(sink, "add", full)
+    monkeypatch.setattr(export_module, "write_pngs", full_still)
     yield folder
 
 

@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -20,7 +19,7 @@ from PIL import Image
 from console import UserError, not_written
 from console.atomic import Replacement
 from scenepack.pack import Pack
-from viewer.features.film.pictures import EXR, Pass, require_exr, write_exr, write_pngs
+from viewer.features.film.pictures import EXR, Pass, write_exr, write_pngs
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import tiles
 from viewer.rendering.settings import RenderSettings, of_picture
@@ -110,13 +109,9 @@ def write_film(path: Path, pictures: Iterable[np.ndarray], fps: int) -> None:
 
 # --- Pictures and films written to disk while the window stays alive ---
 
-__all__ = ["Export", "films_possible"]
-
 Snapshot = Callable[[ViewCamera, RenderSettings], np.ndarray]
 FILM_SUFFIX, STILL_SUFFIX = ".mp4", ".png"
-CENTRES = (
-    256  # to a pixel, that principal points are rounded to: cards then hold them exactly, whatever a tile's corner
-)
+CENTRES = 256  # to a pixel, that principal points are rounded to: GPUs then hold them exactly, whatever a tile's corner
 
 
 @dataclass(frozen=True)
@@ -133,7 +128,7 @@ class Export:
     """cameras: one a frame. target: a .png or .exr (one frame), an .mp4, or a folder for numbered PNGs.
 
     tile_side: pixels a side of what is rendered at once; it changes no pixel. layers: what is drawn of a view that is no film,
-    by default the picture of `settings`. sink: what takes the picture instead of a file; see ToClipboard.
+    by default the picture of `settings`. put: takes the one picture, uint8 [h, w, 3], instead of a file.
     """
 
     cameras: list[ViewCamera]
@@ -143,7 +138,7 @@ class Export:
     fps: float = 30.0
     tile_side: int = 256
     layers: Layers | None = None
-    sink: Any = None
+    put: Callable[[np.ndarray], None] | None = None
 
     def __post_init__(self) -> None:
         if not self.cameras:
@@ -159,7 +154,7 @@ class Export:
         self._boxes = tiles(width, height, self.tile_side)
         self._passes = self.layers.passes if self.layers else [Pass("rgb", self.settings, False)]
         self._frames = [each.blank(height, width) for each in self._passes]
-        self._sink: Any = self.sink
+        self._sink: FilmWriter | _Sequence | _Stills | None = None
 
     @property
     def share(self) -> float:
@@ -176,13 +171,7 @@ class Export:
         """Works for about `seconds`. Raises UserError, after cleaning up, where the disk is full and the like."""
         end = time.monotonic() + seconds
         try:
-            if self._sink is None:
-                camera = self.cameras[0]
-                self._sink = (
-                    _Views(self.target, self.layers, camera)
-                    if self.layers
-                    else _sink(self.target, camera.width, camera.height, self.fps)
-                )
+            self._sink = self._sink or self._new_sink()
             while not self.finished:
                 self._next_tile()
                 if time.monotonic() >= end:
@@ -204,8 +193,9 @@ class Export:
             draw = self.layers.raw if each.floats and self.layers else self.snapshot
             pixels[y : y + h, x : x + w] = draw(part, of_picture(each.settings, camera.height, camera.fy))
         self.done_tiles += 1
+        assert self._sink is not None
         if tile == len(self._boxes) - 1:
-            self._sink.add(self._frames if self.layers else self._frames[0])
+            self._sink.add(self._frames[0])
         if self.done_tiles == len(self._boxes) * len(self.cameras):
             self._sink.finish()
             self.finished = True
@@ -216,66 +206,38 @@ class Export:
             self._sink.discard()
         self.finished = True
 
+    def _new_sink(self) -> FilmWriter | _Sequence | _Stills:
+        suffix, camera = self.target.suffix.lower(), self.cameras[0]
+        if self.put is not None or self.layers is not None or suffix == STILL_SUFFIX:
+            return _Stills(self._write_view)
+        self.target.parent.mkdir(parents=True, exist_ok=True)
+        if suffix == FILM_SUFFIX:
+            return FilmWriter(self.target, (camera.width, camera.height), round(self.fps))
+        return _Sequence(self.target)
 
-def _sink(target: Path, width: int, height: int, fps: float):
-    target.parent.mkdir(parents=True, exist_ok=True)
-    suffix = target.suffix.lower()
-    if suffix == STILL_SUFFIX:
-        return _Still(target)
-    return FilmWriter(target, (width, height), round(fps)) if suffix == FILM_SUFFIX else _Sequence(target)
-
-
-class _Views:
-    """A file for each picture of a view, or one .exr: written when all is drawn, so that nothing is ever half there."""
-
-    def __init__(self, target: Path, layers: Layers, camera: ViewCamera) -> None:
-        if target.suffix.lower() == EXR:
-            require_exr()
-        self.target, self.layers, self.camera = target, layers, camera
-        self.pictures: list[np.ndarray] = []
-
-    def add(self, pictures: list[np.ndarray]) -> None:
-        self.pictures = pictures
-
-    def finish(self) -> None:
-        if self.target.suffix.lower() == EXR:
-            write_exr(self.target, self.layers.passes, self.pictures, self.camera, self.layers.pack)
+    def _write_view(self) -> None:
+        """The pictures of one view: to whoever takes them, a file for each, or one .exr."""
+        if self.put is not None:
+            self.put(self._frames[0].copy())
+            return
+        self.target.parent.mkdir(parents=True, exist_ok=True)
+        if self.layers is not None and self.target.suffix.lower() == EXR:
+            write_exr(self.target, self._passes, self._frames, self.cameras[0], self.layers.pack)
         else:
-            write_pngs(self.target, self.layers.passes, self.pictures)
-
-    def discard(self) -> None:
-        self.pictures = []
+            write_pngs(self.target, self._passes, self._frames)
 
 
-class ToClipboard:
-    """Takes one picture to the clipboard; put: called with it, uint8 [h, w, 3]."""
+class _Stills:
+    """Writes once all is drawn, so that nothing is ever half there."""
 
-    def __init__(self, put: Callable[[np.ndarray], None]) -> None:
-        self.put = put
+    def __init__(self, write: Callable[[], None]) -> None:
+        self.finish = write
 
     def add(self, picture: np.ndarray) -> None:
-        self.put(picture.copy())
-
-    def finish(self) -> None:
         pass
 
     def discard(self) -> None:
         pass
-
-
-class _Still:
-    def __init__(self, target: Path) -> None:
-        self.aside = Replacement(target, alone=True)
-
-    def add(self, picture: np.ndarray) -> None:
-        Image.fromarray(picture).save(self.aside.path, format="PNG")
-
-    def finish(self) -> None:
-        self.aside.finish()
-        self.aside.discard()
-
-    def discard(self) -> None:
-        self.aside.discard()
 
 
 class _Sequence:

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
+from PIL import Image
 
 from console import UserError
 from viewer.core.files import FileRequest
 from viewer.core.pose import fitted, view_camera
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
-from viewer.features.film.film_export import Export, Layers, ToClipboard
+from viewer.features.film.film_export import Export, Layers
 from viewer.features.film.pictures import EXR, passes_for
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.settings import Mode
 
 if TYPE_CHECKING:
     from viewer.app.application import App
-import io
-
-import numpy as np
-from PIL import Image
 
 Size = tuple[int, int]  # width, height in pixels
 SIZES: dict[str, Size] = {"Full HD": (1920, 1080), "4K": (3840, 2160), "Square": (1080, 1080), "Small": (640, 360)}
@@ -66,9 +66,7 @@ class Filming:
     def add(self, app: App) -> None:
         """Makes the present view a keyframe, after the selected one."""
         if app.scene is not None:
-            rig = app.scene.rig
-            fov = app.fov
-            self.selected = self.path.insert(Keyframe(rig.matrix.copy(), fov), self.selected)
+            self.selected = self.path.insert(Keyframe(app.scene.rig.matrix.copy(), app.fov), self.selected)
             app.messages.say(f"Keyframe {self.selected + 1} of {len(self.path.keyframes)}")
 
     def update(self, app: App, index: int) -> None:
@@ -163,7 +161,9 @@ class Filming:
         """Starts to write a camera's view, by default the present one at `size`."""
         seen = app.camera() if camera is None else None
         if seen is not None:
-            camera = _reshaped(seen, self.size)
+            camera = fitted(
+                seen, self.size, seen.near
+            )  # what is seen stays: its height, or its width in a narrower one
         if camera is not None:
             self._start(app, [camera], target, still=True)
 
@@ -197,15 +197,14 @@ class Filming:
             raise UserError("the scene is still being read", remedy="wait until it is complete")
         side = max(app.resolution.tile_side() // self.samples, SMALLEST_TILE)
         settings = replace(app.settings, samples=self.samples)
-        layers, sink = None, None
+        layers = None
         exr = target.suffix.lower() == EXR
         if still and (exr or self.besides or self.transparent):
             modes = tuple(dict.fromkeys((settings.mode, *self.besides)))
             passes = passes_for(modes, settings, transparent=self.transparent, exr=exr)
             layers = Layers(passes, app.canvas.raw, app.scene.pack)
-        elif target is COPY:
-            sink = ToClipboard(copy_picture)
-        self.export = Export(cameras, settings, target, app.canvas.snapshot, self.fps, side, layers, sink)
+        put = copy_picture if target is COPY else None
+        self.export = Export(cameras, settings, target, app.canvas.snapshot, self.fps, side, layers, put)
         self.playing = False
         app.touch()
 
@@ -216,13 +215,12 @@ class Filming:
             export.step(STEP_S)
         except Exception as error:  # a full disk: a dialog, and the program goes on
             self.export = None
-            copied = export.target is COPY
-            app.messages.fail("The picture is not on the clipboard" if copied else "The export stopped", error)
+            title = "The picture is not on the clipboard" if export.target is COPY else "The export stopped"
+            app.messages.fail(title, error)
             return
         if export.finished:
             self.export = None
-            copied = export.target is COPY
-            app.messages.say("The picture is on the clipboard" if copied else f"Saved {export.target}")
+            app.messages.say("The picture is on the clipboard" if export.target is COPY else f"Saved {export.target}")
 
     def cancel(self, app: App) -> None:
         """Stops the export; nothing of it is left on disk."""
@@ -230,22 +228,6 @@ class Filming:
             self.export.cancel()
             self.export = None
             app.messages.say("The export was cancelled")
-
-
-def _reshaped(camera: ViewCamera, size: tuple[int, int]) -> ViewCamera:
-    """The same view in a picture of another shape: its height stays, or its width where the new shape is narrower."""
-    scale = max(size[1] / camera.height, 1e-9) if size[0] / size[1] >= camera.width / camera.height else None
-    if scale is None:
-        return fitted(camera, size, camera.near)
-    return replace(
-        camera,
-        fx=camera.fx * scale,
-        fy=camera.fy * scale,
-        cx=0.5 * size[0] + scale * (camera.cx - 0.5 * camera.width),
-        cy=scale * camera.cy,
-        width=size[0],
-        height=size[1],
-    )
 
 
 REMEDY = "save it with Ctrl+S instead"
