@@ -13,7 +13,6 @@ import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import platformdirs
@@ -21,24 +20,17 @@ import platformdirs
 SHOWN_S = 2.0  # a program that lived so long has shown its box, whatever its exit status says
 ERROR_ICON = 0x10  # of MessageBoxW
 XMESSAGE_COLUMNS = 76
-Command = Callable[[str, str], list[str]]
 
-# By program, its command line for (title, text), the best first; KDE's own comes first there.
-BOXES: dict[str, Command] = {
-    "zenity": lambda title, text: [
-        "zenity",
-        "--error",
-        "--no-markup",
-        "--width=520",
-        f"--title={title}",
-        f"--text={text}",
-    ],
-    "kdialog": lambda title, text: ["kdialog", "--title", title, "--error", text],
-    "qarma": lambda title, text: ["qarma", "--error", f"--title={title}", f"--text={text}"],
-    "matedialog": lambda title, text: ["matedialog", "--error", f"--title={title}", f"--text={text}"],
-    "xmessage": lambda title, text: ["xmessage", "-center", "-title", title, textwrap.fill(text, XMESSAGE_COLUMNS)],
-    "notify-send": lambda title, text: ["notify-send", "--urgency=critical", title, text],
+# What has boxes, the best first, and its options; KDE's own comes first there.
+BOXES: dict[str, tuple[str, ...]] = {
+    "zenity": ("--error", "--no-markup", "--width=520", "--title={title}", "--text={text}"),
+    "kdialog": ("--title", "{title}", "--error", "{text}"),
+    "qarma": ("--error", "--title={title}", "--text={text}"),
+    "matedialog": ("--error", "--title={title}", "--text={text}"),
+    "xmessage": ("-center", "-title", "{title}", "{wrapped}"),
+    "notify-send": ("--urgency=critical", "{title}", "{text}"),
 }
+MAC = "on run words\ndisplay alert (item 1 of words) message (item 2 of words) as critical\nend run"
 
 
 def nobody_reads_stderr() -> bool:
@@ -73,22 +65,23 @@ def show_box(title: str, text: str) -> None:
             import ctypes
 
             ctypes.windll.user32.MessageBoxW(None, text, title, ERROR_ICON)
-        elif not any(_ran(command(title, text)) for command in _boxes()):
+        elif not any(map(_ran, _boxes(title, text))):
             _leave_file(title, text)
     except (OSError, ValueError):  # nothing is left to tell it with
         pass
 
 
-def _boxes() -> list[Command]:
+def _boxes(title: str, text: str) -> list[list[str]]:
+    """Command lines that show it."""
     if sys.platform == "darwin":
-        script = "on run words\ndisplay alert (item 1 of words) message (item 2 of words) as critical\nend run"
-        return [lambda title, text: ["osascript", "-e", script, title, text]]
-    names = sorted(BOXES, key=lambda name: name != "kdialog") if "KDE" in _desktop() else list(BOXES)
-    return [BOXES[name] for name in names if shutil.which(name)]
-
-
-def _desktop() -> str:
-    return os.environ.get("XDG_CURRENT_DESKTOP", "").upper()
+        return [["osascript", "-e", MAC, title, text]]
+    on_kde = "KDE" in os.environ.get("XDG_CURRENT_DESKTOP", "").upper()
+    words = {"title": title, "text": text, "wrapped": textwrap.fill(text, XMESSAGE_COLUMNS)}
+    return [
+        [name, *(option.format(**words) for option in BOXES[name])]
+        for name in sorted(BOXES, key=lambda name: on_kde and name != "kdialog")
+        if shutil.which(name)
+    ]
 
 
 def _ran(command: list[str]) -> bool:

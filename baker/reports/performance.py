@@ -14,8 +14,8 @@ from baker.reports.pack_compare import stored_bytes
 from baker.reports.report_cache import Baked, Study
 from console import Notice
 from scenepack import Pack, load_pack
+from viewer.benchmark.frames import sustained
 from viewer.benchmark.protocols import Flight, flight, protocol_for
-from viewer.benchmark.sustained import sustained
 from viewer.rendering.frame_times import Contender, Turns, same_view, taking_turns
 from viewer.rendering.settings import RenderSettings
 

@@ -20,9 +20,8 @@ from PIL import Image
 from console.atomic import replacing
 from scenepack import Pack, load_pack
 from tools.card.parts import Facts
-from viewer.benchmark.frames import PowerMeter, measure
+from viewer.benchmark.frames import PowerMeter, measure, sustained
 from viewer.benchmark.protocols import flight, protocol_for
-from viewer.benchmark.sustained import sustained
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.frame_times import Contender
 from viewer.rendering.offscreen import OffscreenRenderer, create_context

@@ -1,12 +1,14 @@
-"""Frame times of contenders along a camera path, the GPU's power, how far pictures differ, how well they show photographs."""
+"""Frame times of contenders along a camera path, or drawn without a pause; the GPU's power; how far pictures differ."""
 
 from __future__ import annotations
 
+import itertools
 import threading
+import time
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -14,9 +16,9 @@ import numpy as np
 from console import UserError, progress
 from scenepack.pack import Pack
 from training.scenes import Scene, load_scene
-from training.scenes.scene_options import checked_up
+from training.scenes.scene_options import recorded_options
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.frame_times import Contender, Turns, taking_turns
+from viewer.rendering.frame_times import WARM_UP_FRAMES, Contender, Turns, taking_turns
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
@@ -24,7 +26,7 @@ EVERY_S = 0.05
 
 
 class PowerMeter:
-    """Averages the card's power while the `with` block runs. watts: None where it is unknown."""
+    """Averages the GPU's power while the `with` block runs. watts: None where it is unknown."""
 
     def __init__(self, renderer: str) -> None:
         """renderer: GL_RENDERER; on a software rasteriser no card is asked."""
@@ -41,7 +43,7 @@ class PowerMeter:
             self._handle = pynvml.nvmlDeviceGetHandleByIndex(0)
             self._nvml = pynvml
             self._read()
-        except Exception:  # no package, no driver, or a card that does not tell: each has errors of its own
+        except Exception:  # no package, no driver, or a GPU that does not tell: each has errors of its own
             return
         self._thread = threading.Thread(target=self._watch, daemon=True)
 
@@ -59,9 +61,7 @@ class PowerMeter:
             self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._thread is not None:
             self._stop.set()
             self._thread.join()
@@ -69,7 +69,7 @@ class PowerMeter:
                 self.watts = sum(self._readings) / len(self._readings)
 
 
-# --- What snerg-bench measures: frame times of contenders (viewer.rendering.frame_times), the card's powe ---
+# --- What snerg-bench measures ---
 
 PSNR_FRAMES = 8  # compared between two marchers, spread over the path
 
@@ -84,11 +84,7 @@ class Photographs:
     @classmethod
     def of(cls, pack: Pack, scene: Path, split: str = "test", downscale: int = 1) -> Photographs:
         """Reads `scene` as the maker of `pack` read it. UserError where the split has no photographs."""
-        stored: Any = pack.metadata.get("provenance")
-        stored = stored if isinstance(stored, dict) else {}
-        spherify, masks = stored.get("spherify") is True or None, stored.get("masks") is True
-        up = None if stored.get("up") is None else checked_up(stored["up"])
-        read = load_scene(scene, downscale=downscale, spherify=spherify, masks=masks, up=up)
+        read = load_scene(scene, downscale=downscale, **recorded_options(pack.metadata.get("provenance")))
         if not read.splits.get(split):
             names = ", ".join(name for name, some in read.splits.items() if some)
             raise UserError("has no such photographs", where=scene, expected=f"--split {names}", found=split)
@@ -168,3 +164,28 @@ def _psnr(
         errors.append(np.mean(np.square(difference, dtype=np.float64)))
     error = float(np.mean(errors))
     return float("inf") if error == 0 else -10.0 * float(np.log10(error))
+
+
+def sustained(
+    renderer: OffscreenRenderer, cameras: Sequence[ViewCamera], settings: RenderSettings, seconds: float
+) -> dict[str, Any]:
+    """frames, fps, watts and fps_per_watt while `cameras` are drawn over and over for so many seconds. watts: None where
+    unknown."""
+    framebuffer = renderer.framebuffer(cameras[0].width, cameras[0].height)
+
+    def draw(camera: ViewCamera) -> None:
+        renderer.renderer.render(framebuffer, camera, settings)
+        renderer.ctx.finish()
+
+    for _ in range(WARM_UP_FRAMES):
+        draw(cameras[0])
+    frames, began = 0, time.perf_counter()
+    with PowerMeter(str(renderer.ctx.info["GL_RENDERER"])) as meter:
+        for camera in itertools.cycle(cameras):
+            draw(camera)
+            frames += 1
+            if time.perf_counter() - began >= seconds:
+                break
+    fps = frames / (time.perf_counter() - began)
+    per_watt = fps / meter.watts if meter.watts else None
+    return {"frames": frames, "fps": fps, "watts": meter.watts, "fps_per_watt": per_watt}

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from PIL import Image
 
 from console import UserError, check_results, not_written, progress, run_command
 from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
-from console.atomic import writing_alone
+from console.atomic import replacing, writing_alone
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
-from training.scenes import load_scene, picture_stems
+from training.scenes import picture_stems
+from viewer.benchmark.frames import Photographs
 from viewer.core.pose import FARTHEST
-from viewer.features.film.film_export import MOST_FPS, require_video, write_film
+from viewer.features.film.film_export import MOST_FPS, films_possible, require_video, write_film
 from viewer.features.film.pictures import EXR, PNG, Pass, parse_modes, passes_for, require_exr, write_exr, write_pngs
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 from viewer.rendering.framing import filling_orbit
@@ -29,6 +31,8 @@ DESCRIPTION = "Renders pictures of a pack without a display: one view, an orbit,
 DEFAULT_SIZE, DEFAULT_FOV = "800x800", 39.0
 FIRST_AZIMUTH = 30.0  # degrees, of the one picture that is made where no pose is given
 TRANSPARENT = "transparent"
+EXCLUDING = (("--eye", "--orbit", "--scene"), ("--ortho-height", "--scene"), ("--ortho-height", "--fov"))
+NEEDING = {"--target": "--eye", "--up": "--eye", "--index": "--scene"}
 MAY_BE_NEGATIVE = ("--eye", "--target", "--up", "--crop")
 
 
@@ -92,8 +96,11 @@ def render(
         samples: Rays along each side of a pixel: 4 averages 4 x 4 rays per pixel (anti-aliasing).
         fps: Frames per second of a film.
     """
-    _check_choice(eye, target, up, orbit, scene, index, fov)
-    _check_orthographic(ortho_height, scene, fov)
+    asked = {
+        "--eye": eye, "--target": target, "--up": up, "--orbit": orbit, "--scene": scene, "--index": index, "--fov": fov,
+        "--ortho-height": ortho_height,
+    }  # fmt: skip
+    _check_choice({option: value for option, value in asked.items() if value is not None})
     if not 1 <= fps <= MOST_FPS:
         raise UserError("is out of range", where="--fps", expected=f"1 to {MOST_FPS}", found=fps)
     if not 1 <= samples <= MOST_SAMPLES:
@@ -143,8 +150,12 @@ def render(
         if kind == "":
             out.mkdir(exist_ok=True)
         for view, pictures in _drawn(renderer, views, passes):
-            file = out if kind else out / f"{view.name}.{format}"
-            _write(file, passes, pictures, view.camera, renderer.pack, exr)
+            files = [out if kind else out / f"{view.name}.{format}"]
+            if exr:
+                write_exr(files[0], passes, pictures, view.camera, renderer.pack)
+            else:
+                files = write_pngs(files[0], passes, pictures)
+            print(*files, sep="\n")
 
 
 @contextmanager
@@ -160,39 +171,24 @@ def _written_by_us_alone(out: Path) -> Iterator[None]:
         yield
 
 
-def _check_choice(
-    eye: str | None,
-    target: str | None,
-    up: str | None,
-    orbit: int | None,
-    scene: Path | None,
-    index: int | None,
-    fov: float | None,
-) -> None:
-    """UserError where the ways of saying what to look at contradict one another, or a number makes no sense."""
-    chosen = [name for name, given in (("--eye", eye), ("--orbit", orbit), ("--scene", scene)) if given is not None]
-    if len(chosen) > 1:
-        raise UserError("exclude each other", where=" and ".join(chosen), remedy="keep one of them")
-    if eye is None and (target is not None or up is not None):
-        raise UserError("needs --eye", where="--target" if target is not None else "--up")
-    if scene is None and index is not None:
-        raise UserError("needs --scene", where="--index")
-    if orbit is not None and orbit < 1:
-        raise UserError("needs at least one view", where="--orbit", found=orbit)
-    if fov is not None and scene is not None:
+def _check_choice(given: Mapping[str, Any]) -> None:
+    """UserError where options contradict one another, or a number makes no sense. given: what is asked for, by option."""
+    if "--scene" in given and "--fov" in given:
         raise UserError("photographs have their own field of view", where="--fov", remedy="leave it out")
-    if fov is not None and not 0.1 <= fov < 179:
+    for options in EXCLUDING:
+        chosen = [option for option in options if option in given]
+        if len(chosen) > 1:
+            raise UserError("exclude each other", where=" and ".join(chosen), remedy="keep one of them")
+    for option, needed in NEEDING.items():
+        if option in given and needed not in given:
+            raise UserError(f"needs {needed}", where=option)
+    if given.get("--orbit", 1) < 1:
+        raise UserError("needs at least one view", where="--orbit", found=given["--orbit"])
+    fov, height = given.get("--fov", DEFAULT_FOV), given.get("--ortho-height", 1.0)
+    if not 0.1 <= fov < 179:
         raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
-
-
-def _check_orthographic(height: float | None, scene: Path | None, fov: float | None) -> None:
-    if height is None:
-        return
     if not 0 < height < FARTHEST:
         raise UserError("is not a height", where="--ortho-height", expected="grid units above 0", found=height)
-    for name, given in (("--scene", scene), ("--fov", fov)):
-        if given is not None:
-            raise UserError("exclude each other", where=f"--ortho-height and {name}", remedy="keep one of them")
 
 
 def _kind_of(out: Path) -> str:
@@ -238,11 +234,7 @@ def _posed(
 def _photograph_views(
     pack: Pack, scene: Path, split: str, index: int | None, downscale: int, size: tuple[int, int] | None
 ) -> list[View]:
-    splits = load_scene(scene, downscale=downscale).splits
-    photographs = splits.get(split, ())
-    if not photographs:
-        names = ", ".join(name for name, some in splits.items() if some)
-        raise UserError("has no such photographs", where=scene, expected=f"--split {names}", found=split)
+    photographs = Photographs.of(pack, scene, split, downscale).scene.splits[split]
     if index is not None and not 0 <= index < len(photographs):
         raise UserError("no such photograph", where="--index", expected=f"0 ... {len(photographs) - 1}", found=index)
     views = []
@@ -270,25 +262,43 @@ def _drawn(
 ) -> Iterator[tuple[View, list[np.ndarray]]]:
     with progress("rendering", len(views)) as bar:
         for view in views:
-            yield view, [_draw(renderer, view.camera, each) for each in passes]
+            draws = [renderer.render_raw if each.floats else renderer.render for each in passes]
+            yield view, [draw(view.camera, each.settings) for draw, each in zip(draws, passes, strict=True)]
             bar.advance()
 
 
-def _draw(renderer: OffscreenRenderer, camera: ViewCamera, each: Pass) -> np.ndarray:
-    draw = renderer.render_raw if each.floats else renderer.render
-    return draw(camera, each.settings)
+# --- The same around a whole pack, for snerg-view where there is no display ---
+
+SHEET_COLUMNS, SHEET_ROWS, SHEET_SIDE = 4, 3, 400  # pictures and pixels
+FILM_FRAMES, FILM_SIDE, FILM_FPS = 48, 320, 24
+GAP = 8  # pixels between the sheet's pictures
 
 
-def _write(
-    file: Path, passes: list[Pass], pictures: list[np.ndarray], camera: ViewCamera, pack: Pack, exr: bool
-) -> None:
-    """Writes the files of a view, each aside first and then renamed, and prints what was written."""
-    if exr:
-        write_exr(file, passes, pictures, camera, pack)
-        print(file)
-        return
-    for path in write_pngs(file, passes, pictures):
-        print(path)
+def fly_over(pack: Pack, name: str, folder: Path, fov: float, settings: RenderSettings) -> list[Path]:
+    """Renders one turn around `pack`; the files that were written: a contact sheet, and a film where PyAV is installed.
+
+    fov: vertical, degrees. UserError where there is no OpenGL at all.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures, frames = SHEET_COLUMNS * SHEET_ROWS, FILM_FRAMES if films_possible() else 0
+    written = [folder / f"{name}-orbit.png"]
+    with OffscreenRenderer(pack) as renderer, progress("rendering an orbit", pictures + frames) as bar:
+
+        def flight(count: int, side: int) -> Iterator[np.ndarray]:
+            for camera in filling_orbit(pack, count, fov, (side, side)):
+                yield renderer.render(camera, settings)
+                bar.advance()
+
+        step = SHEET_SIDE + GAP
+        sheet = Image.new("RGB", (SHEET_COLUMNS * step + GAP, SHEET_ROWS * step + GAP), (13, 17, 23))
+        for i, picture in enumerate(flight(pictures, SHEET_SIDE)):
+            sheet.paste(Image.fromarray(picture), (GAP + i % SHEET_COLUMNS * step, GAP + i // SHEET_COLUMNS * step))
+        with replacing(written[0]) as new:
+            sheet.save(new, format="PNG")
+        if frames:
+            written.append(folder / f"{name}-orbit.mp4")
+            write_film(written[1], flight(frames, FILM_SIDE), FILM_FPS)
+    return written
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -18,7 +18,7 @@ from console.arguments import join_negative_values, parse_size
 from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
 from viewer.app.application import App
-from viewer.benchmark.flyover import fly_over
+from viewer.commands.render import fly_over
 from viewer.core import annotations
 from viewer.core.files import demo_pack, kind_of, scene_around
 from viewer.core.log import CrashLog, default_folder, left_behind
@@ -280,7 +280,7 @@ def _live(app: App, view: View, size: tuple[int, int] | None) -> int:
         app.annotations.folder = annotations.default_folder()
         app.sessions.begin(session.default_file())
         with Window(app, size or app.preferences.window) as window:
-            crash_log.add(f"OpenGL {window.ctx.info.get('GL_VERSION')} on {window.canvas.card}")
+            crash_log.add(f"OpenGL {window.ctx.info.get('GL_VERSION')} on {window.canvas.gpu_name}")
             if crashed:
                 app.messages.say(f"The viewer ended unexpectedly the last time. Its log: {crashed[-1]}", "warning")
             view.begin(app)

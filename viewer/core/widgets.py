@@ -91,10 +91,16 @@ def figure(name: str, value: str, fonts: Fonts, dot: str = "") -> None:
 
 def hint(text: str, colour: str = theme.FAINT) -> None:
     """Small muted text, wrapped."""
-    with font(None, theme.SMALL), coloured(text=colour):
-        imgui.push_text_wrap_pos(0.0)
+    with font(None, theme.SMALL):
+        paragraph(text, colour)
+
+
+def paragraph(text: str, colour: str = theme.TEXT) -> None:
+    """Text, wrapped."""
+    imgui.push_text_wrap_pos(0.0)
+    with coloured(text=colour):
         imgui.text_unformatted(text)
-        imgui.pop_text_wrap_pos()
+    imgui.pop_text_wrap_pos()
 
 
 def tip(text: str) -> None:
@@ -202,6 +208,13 @@ def elided(text: str, width: float) -> str:
     return f"{text[:low].rstrip()}…" if low else ""
 
 
+def elided_start(text: str, width: float) -> str:
+    """`text`, or an ellipsis and as much of its end as fits into `width`."""
+    while imgui.calc_text_size(text).x > width and len(text) > 4:
+        text = "…" + text[2:]
+    return text
+
+
 def chip(text: str, x: float, y: float) -> float:
     """A dark label on the picture, its upper left corner at x, y (window units); where its right edge is."""
     width, height = chip_size(text)
@@ -224,6 +237,31 @@ def main_button(text: str, width: float = 0.0) -> bool:
     """The button that is meant to be pressed."""
     with coloured(button=theme.ACCENT, button_hovered=theme.TEXT, text=theme.ON_ACCENT):
         return imgui.button(text, ImVec2(width, px(34)))
+
+
+def half_width() -> float:
+    """Of each of two buttons side by side."""
+    return (imgui.get_content_region_avail().x - px(8)) / 2
+
+
+def two_buttons(left: str, right: str) -> int | None:
+    """Two buttons side by side; 0 or 1 for the one that was pressed just now."""
+    width = half_width()
+    first = imgui.button(left, ImVec2(width, 0))
+    imgui.same_line()
+    second = imgui.button(right, ImVec2(width, 0))
+    return 0 if first else 1 if second else None
+
+
+def cancel_or(text: str, width: float, padding: float, *, enabled: bool = True) -> tuple[bool, bool]:
+    """The last row of a dialog: whether it was cancelled, also by Escape; and whether `text` was pressed."""
+    imgui.set_cursor_pos_x(imgui.get_window_width() - px(padding) - 2 * px(width) - px(8))
+    cancelled = imgui.button("Cancel", ImVec2(px(width), px(34))) or pressed_here(imgui.Key.escape)
+    imgui.same_line()
+    imgui.begin_disabled(not enabled)
+    pressed = main_button(text, px(width))
+    imgui.end_disabled()
+    return cancelled, pressed
 
 
 def begin_modal(

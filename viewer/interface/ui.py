@@ -168,11 +168,6 @@ class Ui:
         imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
 
     @property
-    def clipboard(self) -> Clipboard:
-        """The system's."""
-        return SystemClipboard()
-
-    @property
     def background(self) -> tuple[float, float, float]:
         """The colour behind all, red, green, blue in 0 … 1."""
         base = theme.rgb(theme.BASE)

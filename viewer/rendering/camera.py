@@ -7,7 +7,7 @@ in the scene before the warp, and the grid frame is that scene's frame with worl
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from math import cos, radians, sin, tan
 
 import numpy as np
@@ -21,7 +21,7 @@ FORWARD_FACING_RADIUS = 0.15  # of the circle flown in the camera plane; photogr
 FORWARD_FACING_FOCUS = 4.0  # distance of the point looked at; the nearest content of such scenes is at 4 / 3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ViewCamera:
     """A pinhole camera, one with a lens, or an orthographic one, posed in the grid frame.
 
@@ -123,6 +123,11 @@ class ViewCamera:
         return replace(
             self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy
         )
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """The same for cameras that show the same."""
+        return self.grid_T_camera.tobytes(), *(getattr(self, field.name) for field in fields(self)[1:])
 
     @property
     def position(self) -> np.ndarray:

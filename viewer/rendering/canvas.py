@@ -19,7 +19,7 @@ from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
 from viewer.rendering.export_preview_picture import ExportPreviewPicture
 from viewer.rendering.layers import depth_along_axis
-from viewer.rendering.opengl import GpuClock, free_framebuffer, unbind_framebuffers
+from viewer.rendering.opengl import GpuClock, free_framebuffer, new_framebuffer, read_pixels
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings, of_picture
 from viewer.rendering.software_rasteriser.texture_preallocation import SharedContext, TexturePreallocator
@@ -28,7 +28,7 @@ from viewer.rendering.targets import MARGIN, Box, Difference, Drawn, Layer, Shee
 if TYPE_CHECKING:
     from scenepack.exports.scene import PreviewGeometry
 
-ARRIVING_S = 0.03  # of each frame, for a pack's way to the card
+ARRIVING_S = 0.03  # of each frame, for a pack's way to the GPU
 REST_S = 0.12  # this long without a change, and the full picture is begun
 BLEND_S = 0.08  # in which a tile of it appears over the quick picture, so that nothing jumps
 
@@ -48,7 +48,7 @@ class Canvas:
         self._coming: Renderer | None = None  # a finer one, shown once all of it has arrived
         self._retired = [] if retired is None else retired
         self._quick, self._full, self._still = (Target(ctx, self._retired) for _ in range(3))
-        self._wanted: tuple[object, ...] = ()
+        self._wanted: tuple[object, ...] = ()  # what makes two pictures the same one
         self._changed_at = 0.0
         self._tiles: list[Box] | None = None  # still to draw, margin included; None: not begun
         self._done: list[tuple[Box, float]] = []  # and when each was drawn
@@ -66,9 +66,9 @@ class Canvas:
         self.clock = GpuClock(ctx)
         self.rest_s, self.blend_s = REST_S, BLEND_S
         self.scene_ms = 0.0  # of what was drawn last, by the wall clock around finish()
-        self.gpu_ms: float | None = None  # of the same, by the card's own clock
+        self.gpu_ms: float | None = None  # of the same, by the GPU's own clock
         self.picture_ms = 0.0  # of the whole picture that is shown, all its tiles together
-        self.picture_gpu_ms: float | None = None  # likewise, by the card's own clock
+        self.picture_gpu_ms: float | None = None  # likewise, by the GPU's own clock
         self.drawn_size = (0, 0)  # pixels of the picture that is shown
         self.drawn: Drawn | None = None  # by this frame; see viewer.app.frame
 
@@ -101,7 +101,7 @@ class Canvas:
         self._coming = None
 
     def _receive(self, camera: ViewCamera) -> None:
-        """Goes on with what is on its way to the card, what lies close to the camera first."""
+        """Goes on with what is on its way to the GPU, what lies close to the camera first."""
         assert self.renderer is not None
         (self._coming or self.renderer).see_first(camera)
         if self._coming is not None:
@@ -114,9 +114,9 @@ class Canvas:
             self._wanted = ()  # more is to be seen now
 
     def _receive_all(self) -> Renderer:
-        """What draws the whole pack, at its finest: what is still on its way to the card is waited for."""
-        assert self.renderer is not None
+        """What draws the whole pack, at its finest: what is still on its way to the GPU is waited for."""
         finest = self._coming or self.renderer
+        assert finest is not None
         finest.arrive()
         return finest
 
@@ -161,15 +161,11 @@ class Canvas:
             return None
         pack = self.renderer.pack
         pixel = replace(camera, cx=camera.cx - x + 0.5, cy=camera.cy - y + 0.5, width=1, height=1)
-        raw = self._floats(pixel, replace(settings, marcher="exact", mode="depth", raw=True), components=4)
+        raw = self.raw(pixel, replace(settings, marcher="exact", mode="depth", raw=True))
         if raw[0, 0, 3] < 0.1:
             return None
         _, ray = ray_through(camera, x, y)
         return float(depth_along_axis(raw, pixel, pack)[0, 0] / (ray @ -camera.grid_T_camera[:3, 2]))
-
-    def ray_counts(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """Samples per ray, float32 [height, width, 3], for `settings` with counts."""
-        return self._floats(camera, settings)
 
     def draw_export_preview(
         self, geometry: PreviewGeometry, camera: ViewCamera, ground: tuple[float, float, float]
@@ -180,8 +176,7 @@ class Canvas:
         width, height = camera.width, camera.height
         framebuffer = self._still.fit(width, height)
         self._preview_picture.draw(framebuffer, geometry, camera, ground)
-        pixels = np.frombuffer(framebuffer.read((0, 0, width, height), components=3, alignment=1), np.uint8)
-        return pixels.reshape(height, width, 3)[::-1].copy()
+        return read_pixels(framebuffer, width, height)
 
     def drop_export_preview(self) -> None:
         """Frees the GPU memory of `draw_export_preview`."""
@@ -190,22 +185,13 @@ class Canvas:
         self._preview_picture = None
 
     def raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """Raw values or counts of the whole pack, float32 [height, width, 4]; see viewer.rendering.layers."""
-        self._receive_all()
-        return self._floats(camera, settings, components=4)
-
-    def _floats(self, camera: ViewCamera, settings: RenderSettings, components: int = 3) -> np.ndarray:
-        """The picture unrounded, float32 [height, width, components]."""
-        assert self.renderer is not None
-        self.renderer.arrive()
-        texture = self.ctx.texture((camera.width, camera.height), 4, dtype="f4")
-        framebuffer = self.ctx.framebuffer([texture], self.ctx.depth_renderbuffer((camera.width, camera.height)))
+        """The picture unrounded, raw values or counts of the whole pack, float32 [height, width, 4]; see layers."""
+        renderer = self._receive_all()
+        framebuffer = new_framebuffer(self.ctx, camera.width, camera.height, "f4")
         try:
-            self.renderer.render(framebuffer, camera, settings)
-            pixels = np.frombuffer(framebuffer.read(components=components, dtype="f4"), "f4")
-            return pixels.reshape(camera.height, camera.width, components)[::-1]
+            renderer.render(framebuffer, camera, settings)
+            return read_pixels(framebuffer, camera.width, camera.height, 4, "f4")
         finally:
-            unbind_framebuffers(self.ctx)
             free_framebuffer(framebuffer)
 
     def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
@@ -214,18 +200,12 @@ class Canvas:
         width, height = camera.width, camera.height
         framebuffer = self._still.fit(width, height)
         renderer.render(framebuffer, camera, settings, (0, 0, width, height))
-        pixels = np.frombuffer(framebuffer.read((0, 0, width, height), components=3, alignment=1), np.uint8)
-        return pixels.reshape(height, width, 3)[::-1].copy()
+        return read_pixels(framebuffer, width, height)
 
     @property
-    def card(self) -> str:
-        """The graphics card's name."""
+    def gpu_name(self) -> str:
+        """What draws, by the driver's name for it."""
         return str(self.ctx.info.get("GL_RENDERER", "unknown"))
-
-    @property
-    def clock_problem(self) -> str:
-        """Why the GPU's timer is unreliable; "" where it is not."""
-        return self.clock.reason
 
     @property
     def gpu_bytes_by_use(self) -> dict[str, int]:
@@ -254,7 +234,7 @@ class Canvas:
             self.layers = []
             return False
         self._receive(camera)
-        wanted = _key(camera, settings, resolution.rest_scale)
+        wanted = (camera.key, settings, resolution.rest_scale)
         if wanted == self._wanted and not anew:
             return False
         self._wanted, self._changed_at, self._tiles = wanted, time.monotonic(), None
@@ -264,8 +244,7 @@ class Canvas:
     def sharpen(self, camera: ViewCamera | None, settings: RenderSettings, resolution: DynamicResolution) -> bool:
         """Draws the next tile of the full picture once nothing has changed for a moment. True if it drew.
 
-        Call it after follow(), with the same arguments.
-        The moment is `rest_s`.
+        Call it after follow(), with the same arguments. The moment is `rest_s`.
         """
         if self.renderer is None or camera is None or not self._wanted:
             return False
@@ -361,12 +340,12 @@ class Canvas:
             self.layers = [*self.layers, whole] if self._blending else [whole]
 
     def _timed(self, target: moderngl.Framebuffer, camera: ViewCamera, settings: RenderSettings, viewport) -> None:
-        assert self.renderer is not None
         renderer = self.renderer
+        assert renderer is not None
         self.gpu_ms, self.scene_ms = self.clock.time(lambda: renderer.render(target, camera, settings, viewport))
 
     def release(self) -> None:
-        """Frees everything on the card."""
+        """Frees everything on the GPU."""
         self._preallocator.release()
         self.show_other(None)
         self._drop_coming()
@@ -391,10 +370,3 @@ class Canvas:
 
 def _scaled(camera: ViewCamera, scale: float) -> tuple[int, int]:
     return max(1, round(camera.width * scale)), max(1, round(camera.height * scale))
-
-
-def _key(camera: ViewCamera, settings: RenderSettings, rest_scale: float) -> tuple[object, ...]:
-    """What makes two pictures the same one."""
-    numbers = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.near)
-    numbers += (camera.ray_near, camera.orthographic, *camera.distortion)
-    return camera.grid_T_camera.tobytes(), numbers, settings, rest_scale

@@ -17,7 +17,7 @@ at most 1.5 times as long as one without a picture; this is also where pixels ×
 A swap that is long may be waiting for the screen (v-sync) and cost nothing: then a larger picture fits into the same
 frame. So only as much of it counts as makes frames late: this share grows while they are, and shrinks while they are not.
 
-At rest the full picture is drawn tile by tile, some each frame, so that the window answers on slow cards too.
+At rest the full picture is drawn tile by tile, some each frame, so that the window answers on slow GPUs too.
 """
 
 from __future__ import annotations

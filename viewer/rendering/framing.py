@@ -7,14 +7,14 @@ pieces apart from the rest, as training leaves in empty space, would push the ca
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, radians, sin, tan
+from math import radians, tan
 
 import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
 from scenepack.pack import Pack, cached_per_pack
-from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, inner_box, is_mirrored, orbit_path
+from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, inner_box, orbit_path
 
 MARGIN = 1.05  # of half the picture over what is seen
 STRAY = 0.01  # of the macroblocks: a piece with fewer is not counted
@@ -51,9 +51,7 @@ def outline(pack: Pack) -> np.ndarray:
     corners = _corners(blocks[:, ::-1] * float(size), (blocks[:, ::-1] + 1.0) * size)
     hull = ConvexHull(corners)
     middles = (blocks[:, ::-1] + 0.5) * size
-    inside = -(middles @ hull.equations[:, :3].T + hull.equations[:, 3]).max(
-        axis=1
-    )  # distance to the hull's nearest face
+    inside = -(middles @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)  # to the hull's nearest face
     boxes = [box for block in blocks[inside < OUTER * size] if (box := _seen_box(pack, block)) is not None]
     if boxes:
         corners = _corners(*np.stack(boxes, axis=1))
@@ -109,9 +107,7 @@ def orbit_distance(
     middle = middle_of(points)
     distances = []
     for azimuth in azimuths:
-        a, e = radians(azimuth), radians(elevation)
-        back = np.array([cos(e) * sin(a), sin(e), cos(e) * cos(a)])
-        axes = ViewCamera.look_at(middle + back, middle, mirrored=is_mirrored(pack)).grid_T_camera[:3, :3]
+        axes = ViewCamera.orbit(pack, azimuth, elevation, 1.0, middle=middle).grid_T_camera[:3, :3]
         distances.append(filling_distance((points - middle) @ axes, fov_degrees, size[0] / size[1]))
     return middle, max(distances)
 

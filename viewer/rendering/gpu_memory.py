@@ -32,7 +32,7 @@ class NoRoomError(UserError):
 
 @dataclass(frozen=True)
 class Limits:
-    """What a card takes. max_side: voxels a side of a 3D texture. max_texture_bytes: of one texture."""
+    """What a GPU takes. max_side: voxels a side of a 3D texture. max_texture_bytes: of one texture."""
 
     max_side: int
     max_texture_bytes: float = inf

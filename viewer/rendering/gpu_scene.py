@@ -90,10 +90,6 @@ class GpuScene:
                 break
         return self.arriving is None
 
-    def see_first(self, position: np.ndarray) -> None:
-        """What lies close to `position` (voxels) shall arrive first."""
-        self.writer.near = position
-
     def bind(self, program: moderngl.Program) -> None:
         """Binds every texture that `program` samples, and its sampler, to a unit of its own."""
         unit = 0
@@ -258,7 +254,7 @@ def atlas_size(slots: Triple, block: int, parts: int) -> Triple:
 
 
 def features_stored(pack: Pack) -> bool:
-    """Whether the card holds the features of `pack`."""
+    """Whether the GPU holds the features of `pack`."""
     return pack.atlas_features is not None and pack.view_mlp is not None
 
 
@@ -271,7 +267,7 @@ def upload(
     at_once: bool = True,
     preallocated: PreallocatedTexture | None = None,
 ) -> GpuScene:
-    """Puts `pack` on the card for the marchers of `layout`, "exact" or "paper". NoRoomError where it does not fit.
+    """Puts `pack` on the GPU for the marchers of `layout`, "exact" or "paper". NoRoomError where it does not fit.
 
     at_once: fill the textures, too; otherwise GpuScene.arrive does it, and what is there can be drawn meanwhile. preallocated:
     the texture made ahead for it.

@@ -14,7 +14,14 @@ from console import UserError
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_memory import Limits
-from viewer.rendering.opengl import current_context, free_framebuffer, opengl_refusal, unbind_framebuffers, version_at
+from viewer.rendering.opengl import (
+    current_context,
+    free_framebuffer,
+    new_framebuffer,
+    opengl_refusal,
+    read_pixels,
+    version_at,
+)
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings
 
@@ -56,7 +63,7 @@ def lost(ctx: moderngl.Context) -> bool:
 class OffscreenRenderer:
     """Renders a pack into arrays. Use as a context manager, or call release().
 
-    ctx: a context to use instead of one of our own. limits: of the card; allow_half: at half resolution if need be; see
+    ctx: a context to use instead of one of our own. limits: of the GPU; allow_half: at half resolution if need be; see
     viewer.rendering.renderer.Renderer. Raises UserError where there is no OpenGL or the pack does not fit.
 
     Until it is released its context is the thread's current one; then that which was before is current again.
@@ -95,46 +102,35 @@ class OffscreenRenderer:
         """The RGBA framebuffer that pictures of this size are drawn into; "f1" is 8 bit, "f4" float32."""
         key = (width, height, dtype)
         if key not in self._framebuffers:
-            refused = UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
-            try:
-                colour = self.ctx.texture((width, height), 4, dtype=dtype)
-                made = self.ctx.framebuffer([colour], self.ctx.depth_renderbuffer((width, height)))
-            except moderngl.Error as error:
-                raise refused from error
-            if self.ctx.error != "GL_NO_ERROR":
-                raise refused
-            self._framebuffers[key] = made
+            self._framebuffers[key] = new_framebuffer(self.ctx, width, height, dtype)
         return self._framebuffers[key]
 
     def render(self, camera: ViewCamera, settings: RenderSettings | None = None) -> np.ndarray:
         """The picture, uint8 [height, width, 3]."""
-        return self._draw_and_read(camera, settings, "f1", np.uint8)
+        return self._draw_and_read(camera, settings, "f1")
 
     def render_float(self, camera: ViewCamera, settings: RenderSettings | None = None) -> np.ndarray:
         """The picture before it is rounded to 8 bits, float32 [height, width, 3]; for tests and metrics."""
-        return self._draw_and_read(camera, settings, "f4", np.float32)
+        return self._draw_and_read(camera, settings, "f4")
 
     def render_raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """What `settings` with raw or counts give, float32 [height, width, 4]; see viewer.rendering.layers."""
-        return self._draw_and_read(camera, settings, "f4", np.float32, components=4)
+        return self._draw_and_read(camera, settings, "f4", components=4)
 
     def _draw_and_read(
-        self, camera: ViewCamera, settings: RenderSettings | None, dtype: str, kind: type, components: int = 3
+        self, camera: ViewCamera, settings: RenderSettings | None, dtype: str, components: int = 3
     ) -> np.ndarray:
         self.make_current()
         framebuffer = self.framebuffer(camera.width, camera.height, dtype)
         self.renderer.render(framebuffer, camera, settings)
-        data = framebuffer.read(components=components, dtype=dtype, alignment=1)
+        pixels = read_pixels(framebuffer, camera.width, camera.height, components, dtype)
         if lost(self.ctx):
             raise UserError("the OpenGL context was lost", remedy="the graphics driver restarted; run it again")
-        pixels = np.frombuffer(data, kind)
-        return pixels.reshape(camera.height, camera.width, components)[::-1].copy()  # GL reads from the bottom up
+        return pixels
 
     def release(self) -> None:
-        """Frees everything on the card, and the context if it is ours."""
+        """Frees everything on the GPU, and the context if it is ours."""
         self.make_current()
-        if self._framebuffers:
-            unbind_framebuffers(self.ctx)
         for framebuffer in self._framebuffers.values():
             free_framebuffer(framebuffer)
         self._framebuffers = {}

@@ -145,7 +145,30 @@ def _egl() -> ctypes.CDLL | None:
     return egl
 
 
-# --- Letting framebuffers go ---
+# --- Framebuffers ---
+
+
+def new_framebuffer(ctx: moderngl.Context, width: int, height: int, dtype: str = "f1") -> moderngl.Framebuffer:
+    """An RGBA framebuffer with depth; "f1" is 8 bit, "f4" float32. UserError where the driver refuses one of this size."""
+    refused = UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
+    try:
+        colour = ctx.texture((width, height), 4, dtype=dtype)
+        framebuffer = ctx.framebuffer([colour], ctx.depth_renderbuffer((width, height)))
+    except moderngl.Error as error:
+        raise refused from error
+    if ctx.error != "GL_NO_ERROR":
+        free_framebuffer(framebuffer)
+        raise refused
+    return framebuffer
+
+
+def read_pixels(
+    framebuffer: moderngl.Framebuffer, width: int, height: int, components: int = 3, dtype: str = "f1"
+) -> np.ndarray:
+    """The picture in its lower left corner, uint8 or float32 [height, width, components], from the top down."""
+    data = framebuffer.read((0, 0, width, height), components=components, dtype=dtype, alignment=1)
+    pixels = np.frombuffer(data, np.uint8 if dtype == "f1" else np.float32)
+    return pixels.reshape(height, width, components)[::-1].copy()  # OpenGL reads from the bottom up
 
 
 def unbind_framebuffers(ctx: moderngl.Context) -> None:
@@ -160,6 +183,7 @@ def unbind_framebuffers(ctx: moderngl.Context) -> None:
 
 def free_framebuffer(framebuffer: moderngl.Framebuffer) -> None:
     """Frees a framebuffer with all that is attached to it: its own release() keeps that, 8 bytes for each pixel at least."""
+    unbind_framebuffers(framebuffer.ctx)
     for attached in (*framebuffer.color_attachments, framebuffer.depth_attachment):
         if attached is not None:
             attached.release()

@@ -1,4 +1,4 @@
-"""The frames a ray passes through, as uniforms of shaders/ray.glsl; in float64 until they reach the card.
+"""The frames a ray passes through, as uniforms of shaders/ray.glsl; in float64 until they reach the GPU.
 
 Notation: "voxel" coordinates are (grid - min_xyz) / voxel_size; "training" is the frame the field was trained in, in
 NDC packs before the warp; "ndc" after it. Source: docs/rendering.md and docs/format.md; NeRF, appendix C.

@@ -40,7 +40,7 @@ def _layout(marcher: str) -> str:
     return "paper" if marcher == "paper" else "exact"
 
 
-def _told_halved(whole: Pack, half: Pack, error: NoRoomError) -> str:
+def _halved_message(whole: Pack, half: Pack, error: NoRoomError) -> str:
     def size(pack: Pack) -> str:
         voxels = int(pack.occupied.sum()) * pack.padded_block_size**3
         channels = 8 if pack.atlas_features is not None and pack.view_mlp is not None else 4
@@ -51,9 +51,9 @@ def _told_halved(whole: Pack, half: Pack, error: NoRoomError) -> str:
 
 
 class Renderer:
-    """A pack on the card and the programs that draw it. Textures of a marcher are uploaded when it is first asked for.
+    """A pack on the GPU and the programs that draw it. Textures of a marcher are uploaded when it is first asked for.
 
-    ctx: an OpenGL 3.3 context, current. marcher: uploaded first. limits: of the card, by default what the driver says.
+    ctx: an OpenGL 3.3 context, current. marcher: uploaded first. limits: of the GPU, by default what the driver says.
     at_once: fill its textures now; otherwise arrive() does, bit by bit, and what has arrived is drawn. preallocated: made
     ahead. A pack that does not fit is shown at half resolution, or half of that, with a Notice; `pack` is what is
     shown. NoRoomError where not even a pack of less than LEAST_HALVED voxels a side would fit, and at once without
@@ -88,7 +88,7 @@ class Renderer:
                     raise refused from error
                 self.pack = half_resolution(self.pack)
         if refused is not None:
-            warnings.warn(Notice(_told_halved(pack, self.pack, refused)), stacklevel=2)
+            warnings.warn(Notice(_halved_message(pack, self.pack, refused)), stacklevel=2)
         self._ray_frame = RayFrame(self.pack)
 
     def scene(self, marcher: str) -> GpuScene:
@@ -104,9 +104,8 @@ class Renderer:
             radius, place = self.pack.contraction, camera.position
             if radius is not None:
                 place = radius * contract(place / radius)
-            position = (place - self.pack.min_xyz) / self.pack.voxel_size
             for scene in self._scenes.values():
-                scene.see_first(position)
+                scene.writer.near = (place - self.pack.min_xyz) / self.pack.voxel_size
 
     def arrive(self, seconds: float = inf) -> bool:
         """Goes on filling the textures for about `seconds`; True where the whole pack is there."""
@@ -114,7 +113,7 @@ class Renderer:
 
     @property
     def arriving(self) -> bool:
-        """Whether a part of the pack is not on the card yet."""
+        """Whether a part of the pack is not on the GPU yet."""
         return any(scene.arriving is not None for scene in self._scenes.values())
 
     def gpu_bytes(self, marcher: str | None = None) -> int:

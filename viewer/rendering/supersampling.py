@@ -13,11 +13,10 @@ from dataclasses import replace
 
 import moderngl
 
-from console import UserError
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.opengl import free_framebuffer
+from viewer.rendering.opengl import Drawing, free_framebuffer, new_framebuffer
 from viewer.rendering.settings import RenderSettings, of_picture
-from viewer.rendering.shader_source import assemble, compile_program
+from viewer.rendering.shader_source import assemble
 
 Box = tuple[int, int, int, int]  # x, y, width, height in pixels, from the lower left corner
 Draw = Callable[[moderngl.Framebuffer, ViewCamera, RenderSettings, Box], None]
@@ -30,7 +29,7 @@ class Supersampling:
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
         self._rays: moderngl.Framebuffer | None = None
-        self._filters: dict[int, tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        self._filters: dict[int, Drawing] = {}
 
     def draw(
         self, draw: Draw, framebuffer: moderngl.Framebuffer, camera: ViewCamera, settings: RenderSettings, viewport: Box
@@ -54,11 +53,8 @@ class Supersampling:
 
     def _average(self, rays: moderngl.Framebuffer, n: int, framebuffer: moderngl.Framebuffer, box: Box) -> None:
         if n not in self._filters:
-            program = compile_program(
-                self.ctx, assemble("fullscreen.vert"), assemble("box_filter.frag", {"SAMPLES": n})
-            )
-            self._filters[n] = program, self.ctx.vertex_array(program, [])
-        program, triangle = self._filters[n]
+            fragment = assemble("box_filter.frag", {"SAMPLES": n})
+            self._filters[n] = Drawing(self.ctx, assemble("fullscreen.vert"), fragment)
         framebuffer.use()
         framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
         framebuffer.viewport = box
@@ -67,21 +63,15 @@ class Supersampling:
         self.ctx.enable_only(moderngl.NOTHING)
         self.ctx.clear_samplers(0, 1)
         rays.color_attachments[0].use(0)  # type: ignore[union-attr]
-        program["rays"] = 0
-        program["corner"] = tuple(float(v) for v in box[:2])
-        triangle.render(moderngl.TRIANGLES, vertices=3)
+        self._filters[n].write({"corner": box[:2]})
+        self._filters[n].draw(3)
 
     def _target(self, width: int, height: int) -> moderngl.Framebuffer:
         """A float framebuffer of at least this size."""
         there = self._rays
         if there is None or there.width < width or there.height < height:
             self._free()
-            texture = self.ctx.texture((width, height), 4, dtype="f4")
-            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-            self._rays = there = self.ctx.framebuffer([texture], self.ctx.depth_renderbuffer((width, height)))
-            if self.ctx.error != "GL_NO_ERROR":
-                self._free()
-                raise UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
+            self._rays = there = new_framebuffer(self.ctx, width, height, "f4")
         return there
 
     def _free(self) -> None:
@@ -90,9 +80,8 @@ class Supersampling:
         self._rays = None
 
     def release(self) -> None:
-        """Frees everything on the card."""
+        """Frees everything on the GPU."""
         self._free()
-        for program, triangle in self._filters.values():
-            triangle.release()
-            program.release()
+        for drawing in self._filters.values():
+            drawing.release()
         self._filters = {}

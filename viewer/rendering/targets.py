@@ -13,10 +13,9 @@ from typing import Protocol
 import moderngl
 import numpy as np
 
-from console import UserError
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.opengl import unbind_framebuffers
-from viewer.rendering.shader_source import assemble, compile_program
+from viewer.rendering.opengl import Drawing, new_framebuffer, unbind_framebuffers
+from viewer.rendering.shader_source import assemble
 
 
 @dataclass(frozen=True)
@@ -66,14 +65,8 @@ class Target:
         """A framebuffer of at least this size. UserError where the driver refuses one."""
         if self.framebuffer is None or self.size[0] < width or self.size[1] < height:
             self.release()
-            texture = self.ctx.texture((width, height), 4)
-            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-            texture.repeat_x = texture.repeat_y = False
-            depth = self.ctx.depth_renderbuffer((width, height))
-            self.framebuffer, self.size = self.ctx.framebuffer([texture], depth), (width, height)
-            if self.ctx.error != "GL_NO_ERROR":
-                self.release()
-                raise UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
+            self.framebuffer, self.size = new_framebuffer(self.ctx, width, height), (width, height)
+            self.texture.repeat_x = self.texture.repeat_y = False
         return self.framebuffer
 
     @property
@@ -106,8 +99,7 @@ class Difference:
 
     def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture]) -> None:
         self.ctx, self._target = ctx, Target(ctx, retired)
-        self.program = compile_program(ctx, assemble("fullscreen.vert"), assemble("difference.frag"))
-        self.triangle = ctx.vertex_array(self.program, [])
+        self._drawing = Drawing(ctx, assemble("fullscreen.vert"), assemble("difference.frag"))
 
     def draw(self, a: Layer, b: Layer, size: tuple[int, int], gain: float) -> Layer:
         """The layer that shows |a - b| · gain on the whole viewport of `size` pixels."""
@@ -116,23 +108,19 @@ class Difference:
         framebuffer.viewport = (0, 0, *size)
         self.ctx.enable_only(moderngl.NOTHING)
         for unit, (name, layer) in enumerate((("a", a), ("b", b))):
-            texture = self.ctx.external_texture(layer.texture, (1, 1), 4, 0, "f1")
-            texture.use(unit)
-            self.program[f"picture_{name}"] = unit
-            self.program[f"box_{name}"] = layer.box
-            self.program[f"part_{name}"] = (*layer.uv0, *layer.uv1)
-        self.program["target_size"] = size
-        self.program["gain"] = gain
-        self.triangle.render(moderngl.TRIANGLES, vertices=3)
+            self.ctx.external_texture(layer.texture, (1, 1), 4, 0, "f1").use(unit)
+            self._drawing.linked[f"picture_{name}"] = unit
+            self._drawing.write({f"box_{name}": layer.box, f"part_{name}": (*layer.uv0, *layer.uv1)})
+        self._drawing.write({"target_size": size, "gain": gain})
+        self._drawing.draw(3)
         return self._target.layer(size)
 
     def release(self) -> None:
         self._target.release()
-        self.triangle.release()
-        self.program.release()
+        self._drawing.release()
 
 
-# --- The sheet of thumbnails on the card ---
+# --- The sheet of thumbnails on the GPU ---
 
 HALVINGS = 2  # mipmaps; cells are powers of two, so that neighbours do not mix at these sizes
 

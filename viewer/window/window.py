@@ -27,9 +27,9 @@ from viewer.app.frame import is_waiting, unfinished
 from viewer.core.input import ControllerState, KeyPress, holds_command
 from viewer.core.state import FRAMES_AFTER_EVENT
 from viewer.features.making.making import POLL_EVERY_S
-from viewer.interface.ui import Ui
+from viewer.interface.ui import SystemClipboard, Ui
 from viewer.rendering.canvas import Canvas
-from viewer.rendering.opengl import free_framebuffer, opengl_refusal, version_at
+from viewer.rendering.opengl import free_framebuffer, opengl_refusal, read_pixels, version_at
 from viewer.rendering.software_rasteriser import finish
 from viewer.window.glfw_parts import SecondContext, controllers_now, text_of
 from viewer.window.shutdown import notices_logged
@@ -104,7 +104,7 @@ class Window:
         self.read_controllers: Callable[[], list[ControllerState]] = lambda: controllers_now(glfw)
         self.ui = Ui(ctypes.cast(self.handle, ctypes.c_void_p).value or 0)
         self.ui.keyboard.local_name = _local_name
-        app.clipboard = self.ui.clipboard
+        app.clipboard = SystemClipboard()
         self._v_sync, self._title = True, PROGRAM
         self._last = time.monotonic()
         self._frame_began = time.perf_counter()  # what was waited for before a frame is none of its time
@@ -284,11 +284,9 @@ class Window:
             target.use()
             target.clear(*self.ui.background, 1.0)
             self.ui.draw()
-            pixels = np.frombuffer(target.read(components=3, alignment=1), np.uint8)
+            return read_pixels(target, width, height)
         finally:
-            self.ctx.screen.use()
             free_framebuffer(target)
-        return pixels.reshape(height, width, 3)[::-1].copy()
 
     def save_screenshot(self, path: Path) -> None:
         """Writes `screenshot()` as a PNG."""

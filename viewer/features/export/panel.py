@@ -12,13 +12,13 @@ from viewer.core.theme import Fonts
 from viewer.core.widgets import (
     Box,
     begin_modal,
+    cancel_or,
     coloured,
     corner_card,
     font,
     hint,
     in_front,
     label,
-    main_button,
     pressed_here,
     px,
     segments,
@@ -110,11 +110,8 @@ def _choices(app: App, plan: ExportPlan) -> None:
 
 
 def _answer(app: App) -> None:
-    width = px(112)
-    imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - 2 * width - px(8))
-    cancelled = imgui.button("Cancel", ImVec2(width, px(34))) or pressed_here(imgui.Key.escape)
-    imgui.same_line()
-    wanted = main_button("Export…", width) or pressed_here(imgui.Key.enter)
+    cancelled, wanted = cancel_or("Export…", 112, PADDING)
+    wanted = wanted or pressed_here(imgui.Key.enter)
     if cancelled or wanted:
         imgui.close_current_popup()
     if cancelled:
@@ -179,8 +176,7 @@ class PreviewPane:
         if preview.geometry is not None:
             density = FINER * imgui.get_io().display_framebuffer_scale.x
             camera = scene.rig.camera((round(density * width), round(density * height)))
-            of = (preview.geometry, camera.grid_T_camera.tobytes(), camera.fx, camera.width, camera.height, theme.BASE)
-            if of != self._of:
+            if (of := (preview.geometry, camera.key)) != self._of:
                 ground = theme.rgb(theme.BASE)
                 self._pixels = canvas.draw_export_preview(preview.geometry, camera, (ground.x, ground.y, ground.z))
                 self._of = of

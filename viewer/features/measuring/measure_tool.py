@@ -146,17 +146,7 @@ class MeasureTool:
         if app.scene is None or camera is None:
             return None
         scale, settings = app.viewport.pixels_per_unit, app.settings
-        view = (
-            camera.grid_T_camera.tobytes(),
-            camera.fx,
-            camera.width,
-            camera.orthographic,
-            camera.height,
-            settings.crop,
-            settings.near,
-            settings.surroundings,
-        )
-        key = (id(app.scene.pack), x, y, scale, *view)
+        key = (id(app.scene.pack), x, y, scale, camera.key, settings.crop, settings.near, settings.surroundings)
         if key != self._looked:
             self._looked = key
             self.cursor = surface_at(app.scene.pack, camera, settings, x * scale, y * scale)

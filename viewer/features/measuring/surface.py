@@ -1,4 +1,4 @@
-"""Where a ray meets the scene: read from the pack itself, without the card, for one pixel at a time.
+"""Where a ray meets the scene: read from the pack itself, without the GPU, for one pixel at a time.
 
 Notation: u, distance along a ray in voxels (of the warped space in forward-facing packs, along its path in contracted ones);
 alpha(u), the opacity per voxel that the renderer interpolates there; T, what is left of the light. The renderer's depth is the

@@ -81,7 +81,7 @@ class RayCosts:
 
     @classmethod
     def of(cls, counts: np.ndarray) -> RayCosts:
-        """From float32 [h, w, 3]: samples, jumps, opacity."""
+        """From float32 [h, w, …]: samples, jumps, opacity."""
         hit = counts[..., 2] > HIT
         samples, jumps = counts[..., 0][hit], counts[..., 1][hit]
         if not len(samples):
@@ -114,12 +114,11 @@ class CostMeter:
         if not self.enabled or camera is None or app.canvas is None or app.scene is None:
             return
         settings = replace(app.settings, mode="normal", counts=True)
-        lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.distortion)
-        key = (id(app.scene.pack), settings, camera.grid_T_camera.tobytes(), lens)
+        key = (id(app.scene.pack), settings, camera.key)
         if key == self._measured:
             return
         self._measured = key
         scale = min(1.0, LONGEST_SIDE / max(camera.width, camera.height))
         size = max(1, round(camera.width * scale)), max(1, round(camera.height * scale))
-        self.costs = RayCosts.of(app.canvas.ray_counts(camera.resized(*size), settings))
+        self.costs = RayCosts.of(app.canvas.raw(camera.resized(*size), settings))
         app.touch()

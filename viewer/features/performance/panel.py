@@ -11,7 +11,7 @@ from imgui_bundle import ImVec2, imgui, implot
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core.theme import Fonts
-from viewer.core.widgets import card, coloured, figure, font, hint, label, px, segments, switch, tip
+from viewer.core.widgets import card, coloured, figure, font, hint, label, paragraph, px, segments, switch, tip
 from viewer.features.performance.frame_stats import AVERAGED, KEPT, FrameStats
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import MARCHERS
@@ -34,8 +34,8 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", fonts, dot=WALL)
         gpu = canvas.picture_gpu_ms
         figure("Whole picture, GPU clock", "not measured" if gpu is None else f"{gpu:.1f} ms", fonts, dot=GPU)
-        if canvas.clock_problem:
-            hint(f"{canvas.clock_problem}: its timer is not reliable.")
+        if canvas.clock.reason:
+            hint(f"{canvas.clock.reason}: its timer is not reliable.")
         width, height = canvas.drawn_size
         figure("Pixels drawn", f"{width} × {height}", fonts)
         label("V-sync")
@@ -54,9 +54,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("rays", fonts, "Rays"):
         _rays(app, fonts)
     with card("card", fonts, "Graphics card"):
-        imgui.push_text_wrap_pos(0.0)
-        imgui.text_unformatted(canvas.card)
-        imgui.pop_text_wrap_pos()
+        paragraph(canvas.gpu_name)
         for name, size in canvas.gpu_bytes_by_use.items():
             figure(name, f"{size / 2**20:.0f} MiB", fonts)
         figure("All textures", f"{canvas.gpu_bytes / 2**20:.0f} MiB", fonts)
@@ -94,7 +92,7 @@ BINS = 28
 
 
 def rolling(times: FrameStats, target_ms: float, height: float) -> None:
-    """The last frames, newest at the right: frame to frame, and of that the picture, by the wall's and the card's clock."""
+    """The last frames, newest at the right: frame to frame, and of that the picture, by the wall's and the GPU's clock."""
     frames = np.asarray(times.frame_ms, np.float64)
     with _plot("##rolling", height, (-KEPT, 0.0), _top(times, target_ms), "") as shown:
         if not shown or not len(frames):

@@ -49,8 +49,8 @@ def test_the_numbers_of_the_depths_are_distances(ui, app):
     told = display_panel.legend_of(app)
     near, far = float(told.low), float(told.high)
     camera = app.camera()
-    shades = ui.canvas._floats(camera, replace(app.settings, mode="depth"))[..., 0]
-    opacity = ui.canvas._floats(camera, replace(app.settings, mode="alpha"))[..., 0]
+    shades = ui.canvas.raw(camera, replace(app.settings, mode="depth"))[..., 0]
+    opacity = ui.canvas.raw(camera, replace(app.settings, mode="alpha"))[..., 0]
     y, x = np.argwhere(opacity > 0.999)[::400].T
     distances = np.array(
         [ui.canvas.distance_at(camera, app.settings, a + 0.5, b + 0.5) for a, b in zip(x, y, strict=True)]
@@ -65,8 +65,8 @@ def test_the_costs_have_a_scale_that_follows_the_slider(ui, app, mode):
     app.set(mode=mode, cost_scale=32.0)
     told = display_panel.legend_of(app)
     assert (told.low, told.middle, told.high) == ("0", "16", "≥ 32") and "ray" in told.unit
-    counted = ui.canvas.ray_counts(app.camera(), replace(app.settings, mode="normal", counts=True))
-    shown = ui.canvas._floats(app.camera(), app.settings)
+    counted = ui.canvas.raw(app.camera(), replace(app.settings, mode="normal", counts=True))
+    shown = ui.canvas.raw(app.camera(), app.settings)[..., :3]
     count = counted[..., 0 if mode == "samples" else 1]
     stops = np.array(told.stops)
     x = np.clip(count / 32.0, 0, 1) * (len(stops) - 1)

@@ -38,7 +38,7 @@ def test_exact_marching_fetches_far_fewer_samples_than_brute_for_the_same_opacit
 class CountingCanvas(FakeCanvas):
     asked = 0
 
-    def ray_counts(self, camera, settings):
+    def raw(self, camera, settings):
         self.asked += 1
         assert settings.counts and max(camera.width, camera.height) == LONGEST_SIDE
         return np.ones((camera.height, camera.width, 3), np.float32)
