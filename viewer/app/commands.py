@@ -86,121 +86,106 @@ def _other_theme(app: App) -> None:
     app.set_theme("dark" if app.interface.theme == "light" else "light")
 
 
-def _views() -> tuple[Command, ...]:
-    """The views along the axes, by the number block as in Blender, and by the digits above the letters."""
-
-    def view(id: str, title: str, azimuth: float, elevation: float, *keys: str) -> Command:
-        return Command(id, title, "Views", _rig(lambda rig: rig.look_along(azimuth, elevation)), keys)
-
-    return (
-        view("front", "Look from the front", 0, 0, "Num1", "1"),
-        view("back", "Look from behind", 180, 0, "Ctrl+Num1", "Ctrl+1"),
-        view("right", "Look from the right", 90, 0, "Num3", "2"),
-        view("left", "Look from the left", 270, 0, "Ctrl+Num3", "Ctrl+2"),
-        view("top", "Look from above", 0, 90, "Num7", "3"),
-        view("bottom", "Look from below", 0, -90, "Ctrl+Num7", "Ctrl+3"),
-    )
+def _view(azimuth: float, elevation: float) -> Callable[[App], object]:
+    return _rig(lambda rig: rig.look_along(azimuth, elevation))
 
 
-COMMANDS: dict[str, Command] = {
-    command.id: command
-    for command in (
-        Command("home", "Back to the first view", "Camera", _rig(lambda rig: rig.home()), ("Home", "R")),
-        Command("frame", "Show the whole scene", "Camera", _rig(lambda rig: rig.frame()), ("F",)),
-        Command("fly", "Fly or orbit", "Camera", _fly, ("V",)),
-        Command("copy-pose", "Copy the pose as text", "Camera", lambda app: app.copy_pose(), ("Ctrl+C",)),
-        Command(
-            "paste", "Go to a copied pose, open a copied path", "Camera", lambda app: app.paste(), ("Ctrl+V",), False
-        ),
-        Command("undo", "Undo", "Camera", _rig(lambda rig: rig.history.undo()), ("Ctrl+Z",)),
-        Command("redo", "Redo it", "Camera", _rig(lambda rig: rig.history.redo()), ("Ctrl+Shift+Z", "Ctrl+Y")),
-        *_views(),
-        Command("orthographic", "Orthographic or perspective", "Views", _orthographic, ("Num5", "5")),
-        Command("opposite", "Look from the other side", "Views", _rig(lambda rig: rig.turn(180, 0)), ("Num9",)),
-        Command("turn-left", "Turn by 15° to the left", "Views", _turn(-1, 0), ("Num4",)),
-        Command("turn-right", "Turn by 15° to the right", "Views", _turn(1, 0), ("Num6",)),
-        Command("turn-up", "Turn by 15° upwards", "Views", _turn(0, 1), ("Num8",)),
-        Command("turn-down", "Turn by 15° downwards", "Views", _turn(0, -1), ("Num2",)),
-        Command("next-mode", "Next display mode", "Picture", lambda app: next_mode(app, 1), ("Space",)),
-        Command("last-mode", "Previous display mode", "Picture", lambda app: next_mode(app, -1), ("Shift+Space",)),
-        Command("next-photo", "Next photograph", "Picture", lambda app: app.gallery.step(app, 1), ("N",)),
-        Command("last-photo", "Previous photograph", "Picture", lambda app: app.gallery.step(app, -1), ("B",)),
-        Command("save", "Save the picture", "Picture", lambda app: app.filming.ask_for_still(app), ("Ctrl+S",)),
-        Command("copy-picture", "Copy the picture", "Picture", lambda app: app.filming.copy(app), ("Ctrl+I",)),
-        Command("export-scene", "Export the scene", "Picture", lambda app: app.exporting.ask(app), ("Ctrl+E",)),
-        Command("measure", "Measure", "Ruler", lambda app: app.measure_tool.toggle(app), ("M",)),
-        Command("finish-line", "End the line", "Ruler", lambda app: app.measure_tool.finish(app), ("Enter",)),
-        Command(
-            "remove-point",
-            "Remove the last point",
-            "Ruler",
-            lambda app: app.measure_tool.back(app),
-            ("Backspace", "Delete"),
-        ),
-        Command(
-            "copy-measurements",
-            "Copy the measurements",
-            "Ruler",
-            lambda app: app.measure_tool.copy(app),
-            ("Ctrl+Shift+C",),
-        ),
-        Command("bookmark", "Bookmark this view", "Bookmarks", lambda app: app.bookmarks.add(app), ("Ctrl+D",)),
-        Command("next-bookmark", "Next bookmark", "Bookmarks", lambda app: app.bookmarks.step(app, 1), ("PageDown",)),
-        Command(
-            "last-bookmark", "Previous bookmark", "Bookmarks", lambda app: app.bookmarks.step(app, -1), ("PageUp",)
-        ),
-        Command("keyframe", "Add a keyframe", "Film", lambda app: app.filming.add(app), ("K",)),
-        Command("play", "Play the path", "Film", lambda app: app.filming.play(app), ("P",)),
-        Command("turntable", "Make a turntable", "Film", lambda app: app.filming.turntable(app), ("T",)),
-        Command("open", "Open", "Window", ask_to_open, ("Ctrl+O",), False),
-        Command("open-folder", "Open a folder", "Window", lambda app: browse(app, "folder"), ("Ctrl+Shift+O",), False),
-        Command("next-pack", "Next open pack", "Window", lambda app: app.open_packs.switch(app, 1), ("Ctrl+Tab",)),
-        Command(
-            "last-pack", "Previous open pack", "Window", lambda app: app.open_packs.switch(app, -1), ("Ctrl+Shift+Tab",)
-        ),
-        Command(
-            "make",
-            "Make a scene from photographs",
-            "Window",
-            lambda app: app.making.ask_for_photographs(app),
-            ("Ctrl+M",),
-            False,
-        ),
-        Command("close", "Close the scene", "Window", lambda app: app.close(), ("Ctrl+W",)),
-        Command("panels", "Show or hide the panels", "Window", _toggle("panels_shown"), ("Tab",), False),
-        Command("layout", "Reset the layout", "Window", lambda app: app.interface.reset_layout(), ("Ctrl+L",), False),
-        Command("larger", "Larger interface", "Window", lambda app: app.interface.rescale(1), ("Ctrl+Plus",), False),
-        Command(
-            "smaller", "Smaller interface", "Window", lambda app: app.interface.rescale(-1), ("Ctrl+Minus",), False
-        ),
-        Command("usual-size", "Interface at its usual size", "Window", _usual_size, ("Ctrl+0",), False),
-        Command("theme", "Light or dark theme", "Window", _other_theme, ("Ctrl+Shift+L",), False),
-        Command("full-screen", "Full screen", "Window", _toggle("full_screen"), ("F11",), False),
-        Command("help", "Keys and mouse", "Window", _toggle("help_shown"), ("?", "F1"), False),
-        Command("escape", "Close the top dialog", "Window", _escape, ("Escape",), False),
-        Command("quit", "Quit", "Window", lambda app: app.making.ask_to_quit(app), ("Ctrl+Q",), False),
-        Command(
-            "save-session",
-            "Save the session",
-            "Window",
-            lambda app: app.sessions.ask_where_to_save(app),
-            ("Ctrl+Shift+S",),
-        ),
-        Command(
-            "last-session",
-            "Continue the last session",
-            "Window",
-            lambda app: app.sessions.open_last(app),
-            needs_scene=False,
-        ),
-        Command("save-measurements", "Save the measurements", "Ruler", lambda app: app.measure_tool.ask_for_table(app)),
-        Command("film-bookmarks", "Film through the bookmarks", "Bookmarks", lambda app: app.bookmarks.film(app)),
-        Command("set-scale", "Set the scale", "Ruler", lambda app: app.measure_tool.set_scale(app)),
-        # answers to dialogs; no keys
-        Command("make-again", "Make it again", "Window", lambda app: app.making.again(app), (), False),
-        Command("stop-and-quit", "Stop and quit", "Window", lambda app: app.making.stop_and_quit(app), (), False),
-    )
-}
+def _group(group: str, *rows: tuple) -> list[Command]:
+    """Commands of a group: id, title, action, keys with " or " between them, and False for those that need no scene."""
+    return [
+        Command(id, title, group, action, tuple(keys.split(" or ")) if keys else (), *needs_scene)
+        for id, title, action, keys, *needs_scene in rows
+    ]
+
+
+_ALL = (
+    *_group(
+        "Camera",
+        ("home", "Back to the first view", _rig(lambda rig: rig.home()), "Home or R"),
+        ("frame", "Show the whole scene", _rig(lambda rig: rig.frame()), "F"),
+        ("fly", "Fly or orbit", _fly, "V"),
+        ("copy-pose", "Copy the pose as text", App.copy_pose, "Ctrl+C"),
+        ("paste", "Go to a copied pose, open a copied path", App.paste, "Ctrl+V", False),
+        ("undo", "Undo", _rig(lambda rig: rig.history.undo()), "Ctrl+Z"),
+        ("redo", "Redo it", _rig(lambda rig: rig.history.redo()), "Ctrl+Shift+Z or Ctrl+Y"),
+    ),
+    *_group(  # along the axes by the number block as in Blender, and by the digits above the letters
+        "Views",
+        ("front", "Look from the front", _view(0, 0), "Num1 or 1"),
+        ("back", "Look from behind", _view(180, 0), "Ctrl+Num1 or Ctrl+1"),
+        ("right", "Look from the right", _view(90, 0), "Num3 or 2"),
+        ("left", "Look from the left", _view(270, 0), "Ctrl+Num3 or Ctrl+2"),
+        ("top", "Look from above", _view(0, 90), "Num7 or 3"),
+        ("bottom", "Look from below", _view(0, -90), "Ctrl+Num7 or Ctrl+3"),
+        ("orthographic", "Orthographic or perspective", _orthographic, "Num5 or 5"),
+        ("opposite", "Look from the other side", _rig(lambda rig: rig.turn(180, 0)), "Num9"),
+        ("turn-left", "Turn by 15° to the left", _turn(-1, 0), "Num4"),
+        ("turn-right", "Turn by 15° to the right", _turn(1, 0), "Num6"),
+        ("turn-up", "Turn by 15° upwards", _turn(0, 1), "Num8"),
+        ("turn-down", "Turn by 15° downwards", _turn(0, -1), "Num2"),
+    ),
+    *_group(
+        "Picture",
+        ("next-mode", "Next display mode", lambda app: next_mode(app, 1), "Space"),
+        ("last-mode", "Previous display mode", lambda app: next_mode(app, -1), "Shift+Space"),
+        ("next-photo", "Next photograph", lambda app: app.gallery.step(app, 1), "N"),
+        ("last-photo", "Previous photograph", lambda app: app.gallery.step(app, -1), "B"),
+        ("save", "Save the picture", lambda app: app.filming.ask_for_still(app), "Ctrl+S"),
+        ("copy-picture", "Copy the picture", lambda app: app.filming.copy(app), "Ctrl+I"),
+        ("export-scene", "Export the scene", lambda app: app.exporting.ask(app), "Ctrl+E"),
+    ),
+    *_group(
+        "Ruler",
+        ("measure", "Measure", lambda app: app.measure_tool.toggle(app), "M"),
+        ("finish-line", "End the line", lambda app: app.measure_tool.finish(app), "Enter"),
+        ("remove-point", "Remove the last point", lambda app: app.measure_tool.back(app), "Backspace or Delete"),
+        ("copy-measurements", "Copy the measurements", lambda app: app.measure_tool.copy(app), "Ctrl+Shift+C"),
+    ),
+    *_group(
+        "Bookmarks",
+        ("bookmark", "Bookmark this view", lambda app: app.bookmarks.add(app), "Ctrl+D"),
+        ("next-bookmark", "Next bookmark", lambda app: app.bookmarks.step(app, 1), "PageDown"),
+        ("last-bookmark", "Previous bookmark", lambda app: app.bookmarks.step(app, -1), "PageUp"),
+    ),
+    *_group(
+        "Film",
+        ("keyframe", "Add a keyframe", lambda app: app.filming.add(app), "K"),
+        ("play", "Play the path", lambda app: app.filming.play(app), "P"),
+        ("turntable", "Make a turntable", lambda app: app.filming.turntable(app), "T"),
+    ),
+    *_group(
+        "Window",
+        ("open", "Open", ask_to_open, "Ctrl+O", False),
+        ("open-folder", "Open a folder", lambda app: browse(app, "folder"), "Ctrl+Shift+O", False),
+        ("next-pack", "Next open pack", lambda app: app.open_packs.switch(app, 1), "Ctrl+Tab"),
+        ("last-pack", "Previous open pack", lambda app: app.open_packs.switch(app, -1), "Ctrl+Shift+Tab"),
+        ("make", "Make a scene from photographs", lambda app: app.making.ask_for_photographs(app), "Ctrl+M", False),
+        ("close", "Close the scene", App.close, "Ctrl+W"),
+        ("panels", "Show or hide the panels", _toggle("panels_shown"), "Tab", False),
+        ("layout", "Reset the layout", lambda app: app.interface.reset_layout(), "Ctrl+L", False),
+        ("larger", "Larger interface", lambda app: app.interface.rescale(1), "Ctrl+Plus", False),
+        ("smaller", "Smaller interface", lambda app: app.interface.rescale(-1), "Ctrl+Minus", False),
+        ("usual-size", "Interface at its usual size", _usual_size, "Ctrl+0", False),
+        ("theme", "Light or dark theme", _other_theme, "Ctrl+Shift+L", False),
+        ("full-screen", "Full screen", _toggle("full_screen"), "F11", False),
+        ("help", "Keys and mouse", _toggle("help_shown"), "? or F1", False),
+        ("escape", "Close the top dialog", _escape, "Escape", False),
+        ("quit", "Quit", lambda app: app.making.ask_to_quit(app), "Ctrl+Q", False),
+        ("save-session", "Save the session", lambda app: app.sessions.ask_where_to_save(app), "Ctrl+Shift+S"),
+        ("last-session", "Continue the last session", lambda app: app.sessions.open_last(app), "", False),
+        # answers to dialogs
+        ("make-again", "Make it again", lambda app: app.making.again(app), "", False),
+        ("stop-and-quit", "Stop and quit", lambda app: app.making.stop_and_quit(app), "", False),
+    ),
+    # of buttons alone
+    *_group(
+        "Ruler",
+        ("save-measurements", "Save the measurements", lambda app: app.measure_tool.ask_for_table(app), ""),
+        ("set-scale", "Set the scale", lambda app: app.measure_tool.set_scale(app), ""),
+    ),
+    *_group("Bookmarks", ("film-bookmarks", "Film through the bookmarks", lambda app: app.bookmarks.film(app), "")),
+)
+COMMANDS: dict[str, Command] = {command.id: command for command in _ALL}
 
 
 def run(app: App, name: str) -> bool:

@@ -31,12 +31,10 @@ def draw_frame(app: App, canvas: Canvas) -> None:
 
 
 def _draw(app: App, canvas: Canvas) -> Drawn | None:
-    settings = app.settings
-    if (
-        app.comparison.against == "photograph" and settings.backdrop is not None
-    ):  # a photograph has the plain background
+    comparison, settings = app.comparison, app.settings
+    if comparison.against == "photograph":  # which has the plain background
         settings = replace(settings, backdrop=None)
-    comparison, scene = app.comparison, (app.viewport.camera, settings, app.resolution)
+    scene = app.viewport.camera, settings, app.resolution
     before = unfinished(app, canvas)
     shown: list[Canvas] = [canvas]
     if comparison.against == "pack" and canvas.other is not None:

@@ -89,13 +89,11 @@ class Annotations:
 
     def with_measurement(self, index: int, measurement: Measurement | None) -> Annotations:
         """With another one in the place of `index` (one behind the last adds it); without it where there is none."""
-        new = () if measurement is None else (measurement,)
-        return replace(self, measurements=(*self.measurements[:index], *new, *self.measurements[index + 1 :]))
+        return replace(self, measurements=_with(self.measurements, index, measurement))
 
     def with_bookmark(self, index: int, bookmark: Bookmark | None) -> Annotations:
         """Likewise with a bookmark."""
-        new = () if bookmark is None else (bookmark,)
-        return replace(self, bookmarks=(*self.bookmarks[:index], *new, *self.bookmarks[index + 1 :]))
+        return replace(self, bookmarks=_with(self.bookmarks, index, bookmark))
 
     def with_bookmark_moved(self, index: int, to: int) -> Annotations:
         """With a bookmark at another place in the order."""
@@ -107,6 +105,10 @@ class Annotations:
     def empty(self) -> bool:
         """Whether there is nothing to keep."""
         return self == Annotations()
+
+
+def _with(items: tuple, index: int, new: object) -> tuple:
+    return (*items[:index], *(() if new is None else (new,)), *items[index + 1 :])
 
 
 def annotations_to_json(annotations: Annotations) -> dict[str, Any]:

@@ -18,10 +18,8 @@ from training.scenes.sources import find_source, is_film
 DEMO = Path(__file__).parents[1] / "demo" / "demo.zip"
 Kind = Literal["pack", "run", "scene", "pictures", "session", "unknown"]
 SESSION_SUFFIX = ".snerg"
-POSED, REPORT = (
-    "scene",
-    "poses.json",
-)  # a scene whose poses were found, in the folder for the results; what it says of itself
+POSED = "scene"  # in the folder for the results: the scene with the poses that were found
+REPORT = "poses.json"  # what that says of itself
 SCENE_FILES = (
     "transforms_train.json",
     "transforms.json",

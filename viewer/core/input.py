@@ -153,19 +153,19 @@ class Controllers:
     def update(self, app: App, states: Sequence[ControllerState], seconds: float, run: Run) -> None:
         """Applies what the devices say for `seconds`. run: runs a command by its id."""
         self.states = states
-        pressed = [command for state in states if state.usable for command in self._pressed(state)]
+        usable = [state for state in states if state.usable]
+        pressed = [command for state in usable for command in self._pressed(state)]
         self._down = {state.name: state.buttons for state in states}
         for command in pressed:
             run(command)
         rig = app.scene.rig if app.scene is not None else None
-        moves = [self._axes(state) for state in states if state.usable] if rig is not None else []
-        moving = any(any(axes) for axes in moves)
-        if moving and not self._moving and rig is not None:  # the whole way is one step to be undone
-            rig.remember()
-        self._moving = moving
-        if not moving or rig is None:
+        moves = [(state, self._axes(state)) for state in usable]
+        was_moving, self._moving = self._moving, rig is not None and any(any(axes) for _, axes in moves)
+        if rig is None or not self._moving:
             return
-        for state, axes in zip((state for state in states if state.usable), moves, strict=True):
+        if not was_moving:  # the whole way is one step to be undone
+            rig.remember()
+        for state, axes in moves:
             (_move_gamepad if state.gamepad else _move_mouse)(rig, axes, seconds)
         app.touch()
 

@@ -9,7 +9,7 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core.theme import Fonts
-from viewer.core.widgets import begin_modal, coloured, confirmed, font, main_button, pressed_here, px
+from viewer.core.widgets import begin_modal, coloured, confirmed, font, main_button, paragraph, pressed_here, px
 from viewer.features.making import strips_panel
 from viewer.rendering.canvas import Canvas
 
@@ -27,14 +27,9 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
         with coloured(text=theme.WARN if dialog.failed else theme.ACCENT):
             imgui.text_unformatted(fa.ICON_FA_TRIANGLE_EXCLAMATION if dialog.failed else fa.ICON_FA_CIRCLE_INFO)
         imgui.same_line(0, px(10))
-        imgui.push_text_wrap_pos(0.0)
-        imgui.text_unformatted(dialog.title)
-        imgui.pop_text_wrap_pos()
+        paragraph(dialog.title)
     imgui.dummy(ImVec2(0, px(2)))
-    with coloured(text=theme.MUTED):
-        imgui.push_text_wrap_pos(0.0)
-        imgui.text_unformatted(dialog.text)
-        imgui.pop_text_wrap_pos()
+    paragraph(dialog.text, theme.MUTED)
     if dialog.rejected is not None:
         imgui.dummy(ImVec2(0, px(2)))
         strips_panel.show_rejected(canvas, dialog.rejected)

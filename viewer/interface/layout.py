@@ -101,9 +101,7 @@ class Docking:
         builder = imgui.internal
         self._notice_moves(app)
         root = builder.dock_builder_get_node(space)
-        sized = (
-            root is not None and root.size.x > 1 and root.size.y > 1
-        )  # while the start page is shown it gets no size
+        sized = root is not None and root.size.x > 1 and root.size.y > 1  # it has none while the start page is shown
         if app.interface.layout_reset or root is None or (not sized and not self.home):
             root = self._begin_anew(space, box)
             app.interface.layout_reset = False

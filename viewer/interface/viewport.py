@@ -83,7 +83,7 @@ NOTHING = _Under()
 
 
 @dataclass
-class _Hands:
+class _MouseState:
     """What the mouse holds since its `button` went down: "" the camera, "wipe" the edge, a crop face, a measured point.
 
     travelled: window units since then, to tell a click from a drag. walking: keys move the camera.
@@ -96,7 +96,7 @@ class _Hands:
     walking: bool = False
 
 
-_hands = _Hands()  # one mouse
+_mouse_state = _MouseState()  # one mouse
 
 
 def _mouse(app: App, box: Box, under: _Under) -> None:
@@ -104,24 +104,24 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
     io, rig = imgui.get_io(), app.scene.rig
     hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
     if imgui.is_item_activated():
-        _hands.under, _hands.travelled = under, 0.0
-        _hands.button = next((b for b in (LEFT, RIGHT, MIDDLE) if imgui.is_mouse_clicked(b)), LEFT)
-        _hands.holds = _held(app, box)
-        if _hands.holds != "wipe":
+        _mouse_state.under, _mouse_state.travelled = under, 0.0
+        _mouse_state.button = next((b for b in (LEFT, RIGHT, MIDDLE) if imgui.is_mouse_clicked(b)), LEFT)
+        _mouse_state.holds = _held(app, box)
+        if _mouse_state.holds != "wipe":
             rig.remember()
     dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
     if imgui.is_item_activated():
         dx = dy = 0.0  # in a slow frame, that is how the mouse came to where it was pressed
     if (active or imgui.is_item_deactivated()) and (dx or dy):  # the last way and the release may come in one frame
-        _hands.travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
+        _mouse_state.travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
         _drag(app, box, dx, dy)
         app.touch()
     if hovered and imgui.is_mouse_double_clicked(LEFT):
         if app.measure_tool.finish(app):
-            _hands.travelled = math.inf  # it is no click any more
+            _mouse_state.travelled = math.inf  # it is no click any more
         elif not app.measure_tool.tool:
             app.pivot_at(io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
-    if imgui.is_item_deactivated() and _hands.travelled < px(4):
+    if imgui.is_item_deactivated() and _mouse_state.travelled < px(4):
         _click(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     if hovered and io.mouse_wheel:
         if rig.flying:
@@ -138,9 +138,9 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
 
 def _held(app: App, box: Box) -> str:
     """What the mouse takes hold of."""
-    if _hands.under.face is not None:
+    if _mouse_state.under.face is not None:
         return "face"
-    if _hands.under.mark is not None and _hands.button == LEFT:
+    if _mouse_state.under.mark is not None and _mouse_state.button == LEFT:
         return "mark"
     return "wipe" if comparison_panel.wipe_edge_hovered(app, box) else ""
 
@@ -148,14 +148,14 @@ def _held(app: App, box: Box) -> str:
 def _click(app: App, x: float, y: float) -> None:
     """A button went down and up at one place (window units from the picture's corner)."""
     review = app.making.review
-    if review is not None and review.picking and _hands.button == LEFT:
+    if review is not None and review.picking and _mouse_state.button == LEFT:
         app.making.pick_ground(app, x, y)
-    elif _hands.holds == "mark" and _hands.under.mark is not None:
-        app.measure_tool.click_point(app, *_hands.under.mark)
-    elif app.measure_tool.tool and _hands.button == LEFT:
+    elif _mouse_state.holds == "mark" and _mouse_state.under.mark is not None:
+        app.measure_tool.click_point(app, *_mouse_state.under.mark)
+    elif app.measure_tool.tool and _mouse_state.button == LEFT:
         app.measure_tool.click(app, x, y)
-    elif _hands.under.shot is not None:
-        photographs_panel.stand_in(app, _hands.under.shot)
+    elif _mouse_state.under.shot is not None:
+        photographs_panel.stand_in(app, _mouse_state.under.shot)
 
 
 def _drag(app: App, box: Box, dx: float, dy: float) -> None:
@@ -163,19 +163,19 @@ def _drag(app: App, box: Box, dx: float, dy: float) -> None:
     assert app.scene is not None
     rig, io = app.scene.rig, imgui.get_io()
     camera = app.camera()
-    if _hands.holds == "wipe":
+    if _mouse_state.holds == "wipe":
         app.comparison.split = min(max((io.mouse_pos.x - box[0]) / box[2], 0.02), 0.98)
-    elif _hands.holds == "face":
-        face = _hands.under.face
+    elif _mouse_state.holds == "face":
+        face = _mouse_state.under.face
         if app.settings.crop is not None and camera is not None and face is not None:
             moved = (dx * camera.height, dy * camera.height)
             app.set(crop=crop.dragged(app.scene.pack, app.settings.crop, face, camera, moved))
-    elif _hands.holds == "mark":
-        if _hands.under.mark is not None and _hands.travelled >= px(4):
-            app.measure_tool.move_point(app, *_hands.under.mark, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+    elif _mouse_state.holds == "mark":
+        if _mouse_state.under.mark is not None and _mouse_state.travelled >= px(4):
+            app.measure_tool.move_point(app, *_mouse_state.under.mark, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     else:
         sides = (LEFT, MIDDLE) if rig.bounded else (RIGHT, MIDDLE)
-        if _hands.button in sides or (_hands.button == LEFT and io.key_shift):
+        if _mouse_state.button in sides or (_mouse_state.button == LEFT and io.key_shift):
             rig.pan(dx, dy)
         else:
             rig.orbit(dx, dy)
@@ -192,11 +192,11 @@ def _walk(app: App) -> None:
         across, along = across + keyboard.axis("D", "A"), along + keyboard.axis("W", "S")
         up = keyboard.axis("E", "Q")
     if not (across or along or up):
-        _hands.walking = False
+        _mouse_state.walking = False
         return
-    if not _hands.walking:  # the whole way is one step to be undone
+    if not _mouse_state.walking:  # the whole way is one step to be undone
         rig.remember()
-    _hands.walking = True
+    _mouse_state.walking = True
     if rig.flying:
         pace = 3.0 if io.key_shift else 1.0
         rig.fly(pace * min(max(across, -1.0), 1.0), pace * up, pace * min(max(along, -1.0), 1.0), seconds)

@@ -141,7 +141,7 @@ def _free_name(bookmarks: tuple[Bookmark, ...]) -> str:
 # --- View pictures ---
 
 SIZE = (144, 90)  # width, height, pixels
-MOST_KEPT = 200  # 38 KiB each, and as much on the card
+MOST_KEPT = 200  # 38 KiB each, and as much on the GPU
 Key = tuple[bytes, float]
 
 

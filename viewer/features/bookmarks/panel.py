@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -70,16 +71,12 @@ def _chosen(app: App) -> None:
     if index is None or index >= len(views):
         hint("Click on one to go there.")
         return
-    for icon, name, tooltip, action in (
-        (fa.ICON_FA_ARROW_UP, "up", "Earlier", lambda: bookmarks.move(app, index, -1)),
-        (fa.ICON_FA_ARROW_DOWN, "down", "Later", lambda: bookmarks.move(app, index, 1)),
-        (fa.ICON_FA_CAMERA, "update", "Move it to the current camera", lambda: bookmarks.update(app, index)),
-        (fa.ICON_FA_TRASH, "remove", "Remove", lambda: bookmarks.remove(app, index)),
+    if changed_by_buttons(
+        lambda by: bookmarks.move(app, index, by),
+        lambda: bookmarks.update(app, index),
+        lambda: bookmarks.remove(app, index),
     ):
-        if icon_button(icon, name, tooltip):
-            action()
-            return
-        imgui.same_line(0, px(2))
+        return
     imgui.new_line()
     label("Name")
     imgui.push_id(index)
@@ -94,6 +91,22 @@ def _chosen(app: App) -> None:
 
 
 # --- Lists of views ---
+
+
+def changed_by_buttons(move: Callable[[int], None], update: Callable[[], None], remove: Callable[[], None]) -> bool:
+    """What can be done with a chosen view of a list, as a row of buttons; True where one was pressed and has done it."""
+    for icon, name, tooltip, action in (
+        (fa.ICON_FA_ARROW_UP, "up", "Earlier", lambda: move(-1)),
+        (fa.ICON_FA_ARROW_DOWN, "down", "Later", lambda: move(1)),
+        (fa.ICON_FA_CAMERA, "update", "Move it to the current camera", update),
+        (fa.ICON_FA_TRASH, "remove", "Remove", remove),
+    ):
+        if icon_button(icon, name, tooltip):
+            action()
+            return True
+        imgui.same_line(0, px(2))
+    return False
+
 
 HEIGHT, GAP = 44.0, 10.0
 WIDTH = HEIGHT * SIZE[0] / SIZE[1]

@@ -37,13 +37,6 @@ class _State:
     table: Turntable
     orthographic: bool
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, _State):
-            return NotImplemented
-        same = (self.goal, self.fov, self.table) == (other.goal, other.fov, other.table)
-        same = same and self.orthographic == other.orthographic
-        return same and self.held is other.held  # cameras hold arrays, which are not compared
-
 
 class OrbitCamera:
     """An orbiting and flying camera for a pack that can be walked around."""

@@ -12,7 +12,7 @@ from viewer.core import theme
 from viewer.core.pose import UP_AXES
 from viewer.core.screen import AXIS_COLOURS
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, card, figure, font, hint, label, px, segments, switch, tip
+from viewer.core.widgets import Box, card, figure, font, hint, label, px, segments, switch, tip, two_buttons
 from viewer.features.crop.panel import near_plane
 from viewer.rendering.canvas import Canvas
 
@@ -23,12 +23,9 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         return
     rig = app.scene.rig
     with card("go", fonts, "Go to"):
-        width = (imgui.get_content_region_avail().x - px(8)) / 2
-        if imgui.button(f"{fa.ICON_FA_HOUSE}  First view", ImVec2(width, 0)):
-            run(app, "home")
-        imgui.same_line()
-        if imgui.button(f"{fa.ICON_FA_EXPAND}  Whole scene", ImVec2(width, 0)):
-            run(app, "frame")
+        pressed = two_buttons(f"{fa.ICON_FA_HOUSE}  First view", f"{fa.ICON_FA_EXPAND}  Whole scene")
+        if pressed is not None:
+            run(app, ("home", "frame")[pressed])
         if not rig.bounded:
             for views in (("front", "right", "top"), ("back", "left", "bottom")):
                 picked = segments(f"axis {views[0]}", list(views), "", {view: view.capitalize() for view in views})
@@ -73,12 +70,9 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         if not rig.bounded:
             figure("Pivot", "  ".join(f"{v:.3f}" for v in rig.goal.pivot), fonts)
         hint("In the grid's frame, y up.")
-        width = (imgui.get_content_region_avail().x - px(8)) / 2
-        if imgui.button(f"{fa.ICON_FA_COPY}  Copy pose", ImVec2(width, 0)):
-            run(app, "copy-pose")
-        imgui.same_line()
-        if imgui.button(f"{fa.ICON_FA_PASTE}  Paste pose", ImVec2(width, 0)):
-            run(app, "paste")
+        pressed = two_buttons(f"{fa.ICON_FA_COPY}  Copy pose", f"{fa.ICON_FA_PASTE}  Paste pose")
+        if pressed is not None:
+            run(app, ("copy-pose", "paste")[pressed])
 
 
 # --- The axes of the grid frame in a corner of the picture: a click looks along one, a drag orbits ---

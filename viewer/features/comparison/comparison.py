@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Against = Literal["", "photograph", "pack"]
 How = Literal["wipe", "flip", "difference"]
 FLIP_S = 0.7
-PSNR_BUDGET_MS = 400.0  # what the figure may cost; the photograph is shrunk on slow cards
+PSNR_BUDGET_MS = 400.0  # what the figure may cost; the photograph is shrunk on slow GPUs
 
 
 @dataclass
@@ -52,7 +52,7 @@ class Comparison:
         self.against, self.pixels, self.psnr_db, self._measured = "photograph", pixels, None, ()
 
     def with_pack(self, app: App, pack: Pack, path: Path) -> None:
-        """Compares with another pack under the same camera. UserError where the card has no room for both."""
+        """Compares with another pack under the same camera. UserError where the GPU has no room for both."""
         if app.canvas is not None:
             with app.messages.noting_warnings():
                 app.canvas.show_other(pack)

@@ -13,8 +13,22 @@ from viewer.core.files import FileRequest
 from viewer.core.pose import FRUSTUM_EDGES, frustum_points, view_camera
 from viewer.core.screen import Screen
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, card, coloured, hint, icon_button, label, main_button, px, segments, switch, tip
-from viewer.features.bookmarks.panel import row
+from viewer.core.widgets import (
+    Box,
+    card,
+    coloured,
+    half_width,
+    hint,
+    icon_button,
+    label,
+    main_button,
+    px,
+    segments,
+    switch,
+    tip,
+    two_buttons,
+)
+from viewer.features.bookmarks.panel import changed_by_buttons, row
 from viewer.features.film.film_export import films_possible
 from viewer.features.film.filming import LARGEST_SIDE, SAMPLES, SIZES, STILL_MODES, Filming
 from viewer.rendering.canvas import Canvas
@@ -44,12 +58,9 @@ def _scene(app: App) -> None:
 
 
 def _path(app: App, canvas: Canvas, filming: Filming) -> None:
-    width = (imgui.get_content_region_avail().x - px(8)) / 2
-    if imgui.button(f"{fa.ICON_FA_PLUS}  Keyframe", ImVec2(width, 0)):
-        run(app, "keyframe")
-    imgui.same_line()
-    if imgui.button(f"{fa.ICON_FA_ROTATE}  Turntable", ImVec2(width, 0)):
-        run(app, "turntable")
+    pressed = two_buttons(f"{fa.ICON_FA_PLUS}  Keyframe", f"{fa.ICON_FA_ROTATE}  Turntable")
+    if pressed is not None:
+        run(app, ("keyframe", "turntable")[pressed])
     path = filming.path
     if not path.keyframes:
         hint("Move the camera and add keyframes (K). The film flies through them.")
@@ -66,6 +77,7 @@ def _path(app: App, canvas: Canvas, filming: Filming) -> None:
         if changed:
             filming.playing = False
             filming.show(app, value)
+    width = half_width()
     if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Load…", ImVec2(width, 0)):
         app.file_request = FileRequest("Load a camera path", "open", lambda p: filming.load(app, p), (".json",))
     imgui.same_line()
@@ -87,16 +99,10 @@ def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
     index = filming.selected
     if index is None or index >= len(filming.path.keyframes):
         return
-    for icon, name, tooltip, action in (
-        (fa.ICON_FA_ARROW_UP, "up", "Earlier", lambda: filming.move(index, -1)),
-        (fa.ICON_FA_ARROW_DOWN, "down", "Later", lambda: filming.move(index, 1)),
-        (fa.ICON_FA_CAMERA, "update", "Move it to the current camera", lambda: filming.update(app, index)),
-        (fa.ICON_FA_TRASH, "remove", "Remove", lambda: filming.remove(index)),
+    if changed_by_buttons(
+        lambda by: filming.move(index, by), lambda: filming.update(app, index), lambda: filming.remove(index)
     ):
-        if icon_button(icon, name, tooltip):
-            action()
-            return
-        imgui.same_line(0, px(2))
+        return
     imgui.set_next_item_width(-1)
     changed, value = imgui.slider_float("##leg", filming.path.keyframes[index].seconds, 0.2, 10.0, "%.1f s to next")
     if changed:
@@ -155,7 +161,7 @@ def _export(app: App, filming: Filming) -> None:
             filming.cancel(app)
         return
     imgui.begin_disabled(not filming.path.keyframes)
-    width = (imgui.get_content_region_avail().x - px(8)) / 2
+    width = half_width()
     imgui.begin_disabled(not films_possible())
     if imgui.button(f"{fa.ICON_FA_FILM}  Film…", ImVec2(width, 0)):
         app.file_request = FileRequest("Save the film", "save", lambda p: filming.film(app, p), (".mp4",), "flight.mp4")

@@ -10,14 +10,15 @@ from viewer.core import theme
 from viewer.core.theme import Fonts
 from viewer.core.widgets import (
     begin_modal,
+    cancel_or,
     coloured,
     confirmed,
+    elided_start,
     font,
     hint,
     in_front,
     label,
-    main_button,
-    pressed_here,
+    paragraph,
     px,
     segments,
     switch,
@@ -48,10 +49,7 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
     if problem is None and not surveying:
         _choices(app, plan)
     if problem is not None:
-        with coloured(text=theme.WARN):
-            imgui.push_text_wrap_pos(0.0)
-            imgui.text_unformatted(problem)
-            imgui.pop_text_wrap_pos()
+        paragraph(problem, theme.WARN)
     if problem is None or plan.attempt is not None:
         _where(app, plan, remarks=problem is None)
     imgui.dummy(ImVec2(0, px(8)))
@@ -74,10 +72,7 @@ def _heading(plan: Plan, fonts: Fonts) -> None:
     else:
         text = survey.text
     if text:
-        with coloured(text=theme.MUTED):
-            imgui.push_text_wrap_pos(0.0)
-            imgui.text_unformatted(text)
-            imgui.pop_text_wrap_pos()
+        paragraph(text, theme.MUTED)
 
 
 def _choices(app: App, plan: Plan) -> None:
@@ -149,10 +144,7 @@ def _where(app: App, plan: Plan, remarks: bool) -> None:
     imgui.dummy(ImVec2(0, px(2)))
     _label("Where")
     width = imgui.get_content_region_avail().x - px(92)
-    text = str(plan.out)
-    while imgui.calc_text_size(text).x > width - px(8) and len(text) > 8:
-        text = "…" + text[2:]
-    imgui.text_unformatted(text)
+    imgui.text_unformatted(elided_start(str(plan.out), width - px(8)))
     tip(str(plan.out))
     imgui.same_line()
     imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - px(84))
@@ -166,18 +158,13 @@ def _where(app: App, plan: Plan, remarks: bool) -> None:
 
 
 def _answer(app: App, plan: Plan, possible: bool) -> None:
-    width = px(112)
     if imgui.button(f"{fa.ICON_FA_COPY}  Copy the command", ImVec2(px(176), px(34))):
         app.making.copy_command(app)
     tip("The same as a command line, for example for another computer")
     imgui.same_line()
-    imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - 2 * width - px(8))
-    cancelled = imgui.button("Cancel", ImVec2(width, px(34))) or pressed_here(imgui.Key.escape)
-    imgui.same_line()
-    imgui.begin_disabled(not possible)
     word = "Bake" if plan.subject == "run" else "Go on" if plan.attempt is not None else "Make it"
-    wanted = main_button(word, width) or (possible and confirmed())
-    imgui.end_disabled()
+    cancelled, wanted = cancel_or(word, 112, PADDING, enabled=possible)
+    wanted = wanted or (possible and confirmed())
     if cancelled or wanted:
         imgui.close_current_popup()
     if cancelled:

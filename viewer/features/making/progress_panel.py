@@ -11,7 +11,20 @@ from console.progress import duration
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, coloured, corner_card, font, hint, label, main_button, px, segments, switch, tip
+from viewer.core.widgets import (
+    Box,
+    coloured,
+    corner_card,
+    font,
+    half_width,
+    hint,
+    label,
+    main_button,
+    px,
+    segments,
+    switch,
+    tip,
+)
 from viewer.features.making import strips_panel
 from viewer.features.making.make_job import MakeJob
 from viewer.features.making.review import Review
@@ -232,7 +245,7 @@ def _upright(app: App, review: Review) -> None:
 
 def _answer(app: App, review: Review) -> None:
     imgui.dummy(ImVec2(0, px(2)))
-    half = (imgui.get_content_region_avail().x - px(8)) / 2
+    half = half_width()
     if imgui.button("Not now", ImVec2(half, px(34))):
         app.making.leave(app)
     tip("The camera poses are kept. Make the scene again to continue.")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from console.progress import duration
 from viewer.core import theme
 from viewer.core.widgets import hint, px
-from viewer.features.making.make_job import RejectedPhotographs
+from viewer.features.making.make_job import Box, RejectedPhotographs
 from viewer.features.making.survey import BarePreview
 from viewer.rendering.canvas import Canvas
 
@@ -19,43 +20,44 @@ FADED = 0.28  # of the opacity, of a picture that is set aside
 def show_preview(canvas: Canvas, preview: BarePreview) -> None:
     """Draws the strip, and under it what is known."""
     imgui.dummy(ImVec2(0, px(2)))
-    flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_background
-    imgui.begin_child("##strip", ImVec2(0, px(HEIGHT + BAR)), 0, flags)
-    _pictures(canvas, preview)
-    imgui.end_child()
+    pictures = []
+    for index in sorted(preview.boxes):
+        name = preview.names[index] if index < len(preview.names) else ""
+        why = (preview.aside or {}).get(name)
+        pictures.append((preview.boxes[index], f"{name}\nset aside: {why}" if why else name, bool(why)))
+    _strip("##strip", canvas.sheet(preview), preview.sheet, HEIGHT, pictures)
     for text, colour in _status_lines(preview):
         hint(text, colour)
 
 
-def _pictures(canvas: Canvas, preview: BarePreview) -> None:
-    draw, texture = imgui.get_window_draw_list(), imgui.ImTextureRef(canvas.sheet(preview))
-    rows, columns = preview.sheet.shape[:2]
+def _strip(name: str, texture: int, sheet: np.ndarray, height: float, pictures: list[tuple[Box, str, bool]]) -> None:
+    """A row of pictures that scrolls sideways. Each: its box on the sheet, its tooltip, and whether it is crossed out."""
+    flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_background
+    imgui.begin_child(name, ImVec2(0, px(height + BAR)), 0, flags)
     wheel = imgui.get_io().mouse_wheel
     if wheel and imgui.is_window_hovered():
         imgui.set_scroll_x(imgui.get_scroll_x() - px(60) * wheel)
-    high = px(HEIGHT)
-    for index in sorted(preview.boxes):
-        x, y, width, height = preview.boxes[index]
-        name = preview.names[index] if index < len(preview.names) else ""
-        why = (preview.aside or {}).get(name)
-        wide, at = high * width / height, imgui.get_cursor_screen_pos()
+    draw, image, (rows, columns) = imgui.get_window_draw_list(), imgui.ImTextureRef(texture), sheet.shape[:2]
+    for (x, y, width, tall), tooltip, crossed in pictures:
+        at, wide, high = imgui.get_cursor_screen_pos(), px(height) * width / tall, px(height)
         low = ImVec2(at.x + wide, at.y + high)
-        uv = ImVec2(x / columns, y / rows), ImVec2((x + width) / columns, (y + height) / rows)
-        draw.add_image_rounded(texture, at, low, *uv, theme.packed("#ffffff", FADED if why else 1.0), px(ROUNDING))
-        if why:
-            inset = px(7)
-            for a, b in (((at.x, at.y), (low.x, low.y)), ((at.x, low.y), (low.x, at.y))):
-                middle = ImVec2(0.5 * (at.x + low.x), 0.5 * (at.y + low.y))
-                start = ImVec2(
-                    middle.x + (inset if a[0] < b[0] else -inset), middle.y + (inset if a[1] < b[1] else -inset)
-                )
-                end = ImVec2(2 * middle.x - start.x, 2 * middle.y - start.y)
-                draw.add_line(start, end, theme.packed(theme.WARN), px(2.5))
-            draw.add_rect(at, low, theme.packed(theme.WARN, 0.8), px(ROUNDING), px(1.2))
+        uv = ImVec2(x / columns, y / rows), ImVec2((x + width) / columns, (y + tall) / rows)
+        shade = theme.packed("#ffffff", FADED if crossed else 1.0)
+        draw.add_image_rounded(image, at, low, *uv, shade, px(ROUNDING))
+        if crossed:
+            _cross(draw, at, low)
         imgui.dummy(ImVec2(wide, high))
         if imgui.is_item_hovered():
-            imgui.set_tooltip(f"{name}\nset aside: {why}" if why else name)
+            imgui.set_tooltip(tooltip)
         imgui.same_line(0, px(GAP))
+    imgui.end_child()
+
+
+def _cross(draw: imgui.ImDrawList, at: ImVec2, low: ImVec2) -> None:
+    x, y, arm = 0.5 * (at.x + low.x), 0.5 * (at.y + low.y), px(7)
+    for rise in (arm, -arm):
+        draw.add_line(ImVec2(x + arm, y + rise), ImVec2(x - arm, y - rise), theme.packed(theme.WARN), px(2.5))
+    draw.add_rect(at, low, theme.packed(theme.WARN, 0.8), px(ROUNDING), px(1.2))
 
 
 def roughly(seconds: float) -> str:
@@ -102,20 +104,5 @@ def show_rejected(canvas: Canvas, rejected: RejectedPhotographs) -> None:
     hint(f"{count}: {named}{more}.", theme.WARN)
     if rejected.sheet is None:
         return
-    texture = imgui.ImTextureRef(canvas.image(IMAGE, rejected.sheet))
-    flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_background
-    imgui.begin_child("##left out", ImVec2(0, px(REJECTED_HEIGHT + BAR)), 0, flags)
-    wheel = imgui.get_io().mouse_wheel
-    if wheel and imgui.is_window_hovered():
-        imgui.set_scroll_x(imgui.get_scroll_x() - px(60) * wheel)
-    rows, columns = rejected.sheet.shape[:2]
-    for name, (x, y, width, height) in rejected.boxes.items():
-        at, wide, high = imgui.get_cursor_screen_pos(), px(REJECTED_HEIGHT) * width / height, px(REJECTED_HEIGHT)
-        uv = ImVec2(x / columns, y / rows), ImVec2((x + width) / columns, (y + height) / rows)
-        low = ImVec2(at.x + wide, at.y + high)
-        imgui.get_window_draw_list().add_image_rounded(texture, at, low, *uv, theme.packed("#ffffff"), px(ROUNDING))
-        imgui.dummy(ImVec2(wide, high))
-        if imgui.is_item_hovered():
-            imgui.set_tooltip(f"{name}\n{rejected.why[name]}")
-        imgui.same_line(0, px(GAP))
-    imgui.end_child()
+    pictures = [(box, f"{name}\n{rejected.why[name]}", False) for name, box in rejected.boxes.items()]
+    _strip("##left out", canvas.image(IMAGE, rejected.sheet), rejected.sheet, REJECTED_HEIGHT, pictures)

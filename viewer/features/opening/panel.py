@@ -22,8 +22,10 @@ from viewer.core.widgets import (
     CARD_MARGIN,
     CARD_WIDTH,
     begin_modal,
+    cancel_or,
     coloured,
     elided,
+    elided_start,
     font,
     hint,
     in_front,
@@ -110,11 +112,8 @@ class FileDialogs:
                 "##typed", "Path", self._text, imgui.InputTextFlags_.enter_returns_true
             )
         hint("Or drop it on the window." if self._request.kind != "save" else "An existing file is replaced.")
-        width = px(104)
-        imgui.set_cursor_pos_x(imgui.get_window_width() - px(24) - 2 * width - px(8))
-        cancelled = imgui.button("Cancel", ImVec2(width, px(34))) or imgui.is_key_pressed(imgui.Key.escape, False)
-        imgui.same_line()
-        chosen = main_button("Save" if self._request.kind == "save" else "Open", width) or entered
+        cancelled, chosen = cancel_or("Save" if self._request.kind == "save" else "Open", 104, 24)
+        chosen = chosen or entered
         if cancelled or chosen:
             imgui.close_current_popup()
         imgui.end_popup()
@@ -245,11 +244,8 @@ class OpenDialog:
             if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Folder…", ImVec2(width, px(34))):
                 browsed = "folder"
             imgui.same_line()
-        imgui.set_cursor_pos_x(imgui.get_window_width() - px(24) - 2 * width - px(8))
-        cancelled = imgui.button("Cancel", ImVec2(width, px(34)))
-        cancelled = cancelled or (imgui.is_key_pressed(imgui.Key.escape, False) and not imgui.is_window_appearing())
-        imgui.same_line()
-        return cancelled, browsed, main_button("Open", width)
+        cancelled, pressed = cancel_or("Open", BUTTON, 24)
+        return cancelled, browsed, pressed
 
 
 def _line(open_prompt: OpenPrompt, path: Path, picked: bool, number: int) -> bool:
@@ -329,10 +325,7 @@ def _recent(app: App, path: Path, width: float) -> None:
     draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.ACCENT), icon_of(path))
     draw.add_text(ImVec2(at.x + px(32), middle), theme.packed(theme.TEXT), path.name)
     name = imgui.calc_text_size(path.name).x
-    parent = str(path.parent)
-    room = width - px(54) - name
-    while parent and imgui.calc_text_size(parent).x > room and len(parent) > 4:
-        parent = "…" + parent[2:]
+    parent = elided_start(str(path.parent), width - px(54) - name)
     draw.add_text(ImVec2(at.x + px(44) + name, middle), theme.packed(theme.FAINT), parent)
 
 

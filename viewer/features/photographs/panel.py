@@ -17,7 +17,7 @@ from viewer.core import theme
 from viewer.core.files import FileRequest, existing_folder
 from viewer.core.pose import FRUSTUM_EDGES, project
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, card, coloured, font, hint, label, px, segments, switch, tip
+from viewer.core.widgets import Box, card, coloured, font, half_width, hint, label, px, segments, switch, tip
 from viewer.features.comparison.panel import compare_controls
 from viewer.features.photographs.photographs import Photographs, Thumbnails
 from viewer.rendering.canvas import Canvas
@@ -98,7 +98,7 @@ def _list_title(app: App) -> str:
 
 def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> None:
     """bottom: the page's lower edge, in window units."""
-    width = (imgui.get_content_region_avail().x - px(8)) / 2
+    width = half_width()
     if imgui.button(f"{fa.ICON_FA_ARROW_LEFT}  Previous", ImVec2(width, 0)):
         run(app, "last-photo")
     tip("B")

@@ -10,7 +10,7 @@ from viewer.core import theme
 from viewer.core.input import GAMEPAD_BUTTONS, MOUSE_BUTTONS
 from viewer.core.state import SCALES
 from viewer.core.theme import THEMES, Fonts
-from viewer.core.widgets import card, choice, coloured, figure, font, hint, label, px, segments, switch
+from viewer.core.widgets import card, choice, coloured, figure, font, hint, label, paragraph, px, segments, switch
 from viewer.rendering.canvas import Canvas
 
 STICKS = (
@@ -76,7 +76,5 @@ def show_log(app: App, canvas: Canvas, fonts: Fonts) -> None:
         imgui.dummy(ImVec2(0, px(1)))
         with font(fonts.mono, theme.SMALL), coloured(text=theme.FAINT):
             imgui.text_unformatted(line.clock)
-        imgui.push_text_wrap_pos(0.0)
-        with font(None, theme.SMALL + 1), coloured(text=COLOURS[line.level]):
-            imgui.text_unformatted(line.text)
-        imgui.pop_text_wrap_pos()
+        with font(None, theme.SMALL + 1):
+            paragraph(line.text, COLOURS[line.level])
