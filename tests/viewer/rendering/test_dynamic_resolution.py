@@ -73,7 +73,7 @@ def test_the_whole_frame_holds_the_target_and_no_pixels_are_given_away(ms_at_ful
     machine = Machine(ms_at_full, panels * target, swap * target, fixed * target)
     machine.run(resolution)
     work = machine.work(resolution)
-    assert work <= (LATE + 0.02) * target or resolution.scale == SMALLEST_SCALE
+    assert work <= (LATE + 0.03) * target or resolution.scale == SMALLEST_SCALE
     assert work >= 0.8 * HEADROOM * target or resolution.scale in (1.0, SMALLEST_SCALE)
 
 
