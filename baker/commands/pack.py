@@ -15,10 +15,11 @@ from console.atomic import write_file
 from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
-from scenepack.exports.field import Corners, Frame
+from scenepack.exports.field import Frame
 from scenepack.exports.scene import Export, Kind, check_export, export_scene, kind_for
 from scenepack.report import pack_facts, print_facts, print_findings
-from viewer.web.page import PageContent, path_from_file, scene_page
+from viewer.web.description import PageContent, annotations_of, corners_of, path_from_file
+from viewer.web.page import INDEX, scene_files, scene_page
 
 DESCRIPTION = (
     "Inspects, checks, converts, exports and compares packs "
@@ -104,26 +105,28 @@ def export(
     pack: Path,
     /,
     to: Path,
-    kind: Kind | None = None,
-    level: float = Export.level,
-    coarser: int | None = Export.coarser,
-    keep: str = str(Export.keep),
-    smooth: int = Export.smooth,
+    kind: Literal["points", "mesh", "gaussians"] | None = None,
+    level: float = 0.15,
+    coarser: int | None = None,
+    keep: str = "0.001",
+    smooth: int = 5,
     faces: int = 500_000,
-    spacing: float = Export.spacing,
-    frame: Frame = Export.frame,
-    scale: float = Export.scale,
+    spacing: float = 1.0,
+    frame: Literal["grid", "world"] = "grid",
+    scale: float = 1.0,
     crop: str | None = None,
     title: str | None = None,
+    credits: str = "",
     path: Path | None = None,
+    pose: str | None = None,
 ) -> None:
     """Writes a pack as one web page that shows it as the viewer does; or as a mesh, as points, or as 3D Gaussians for other
     programs, whose colours do not depend on the view.
 
     Args:
         pack: The pack, a folder or a .zip.
-        to: FILE.html (a web page), FILE.glb (a mesh), or FILE.ply, whose name (points.ply, mesh.ply, gaussians.ply) or --kind
-            says what it holds.
+        to: FILE.html (a web page in one file), FOLDER/ (a web page for a web server), FILE.glb (a mesh), or FILE.ply, whose name
+            (points.ply, mesh.ply, gaussians.ply) or --kind says what it holds.
         kind: points, mesh or gaussians.
         level: Opacity of the surface of points and meshes. Lower includes thinner mist.
         coarser: Merge this many voxels along each side. The default is 1, or what memory allows.
@@ -135,17 +138,22 @@ def export(
         scale: Multiply all lengths by this.
         crop: Only what is in the box x0,y0,z0,x1,y1,z1 of the grid frame.
         title: Heading of a web page. The default is the pack's name.
+        credits: Line below the heading of a web page.
         path: Camera path that a web page plays, as the viewer or nerfstudio saves it (JSON).
+        pose: First camera of a web page, as snerg-view takes it.
     """
-    corners = parse_numbers(crop, 6, "--crop") if crop else None
-    box = None if corners is None else ((corners[0], corners[1], corners[2]), (corners[3], corners[4], corners[5]))
-    if to.suffix.lower() in PAGE_SUFFIXES:
+    box = corners_of(parse_numbers(crop, 6, "--crop")) if crop else None
+    if to.suffix.lower() in PAGE_SUFFIXES or not to.suffix or to.is_dir():
         if kind is not None:
             raise UserError(f"cannot hold {kind}", where=to, expected="a web page", remedy="leave out --kind")
-        _export_page(pack, to, title, path, box)
+        loaded = _read(pack)
+        flight = None if path is None else path_from_file(path, loaded)
+        notes = annotations_of(loaded, pack)
+        _export_page(loaded, to, PageContent(title or pack.resolve().stem, credits, flight, box, pose, notes))
         return
-    if title is not None or path is not None:
-        raise UserError("has no title and no camera path", where=to, expected="FILE.html for --title and --path")
+    for option, value in (("--title", title), ("--credits", credits), ("--path", path), ("--pose", pose)):
+        if value:
+            raise UserError("is of web pages alone", where=option, expected="--to FILE.html or FOLDER/", found=to)
     wanted = Export(kind_for(to, kind), level, coarser, _kept(keep), smooth, faces or None, spacing, frame, scale, box)
     check_export(wanted)
     check_results(to)
@@ -157,19 +165,22 @@ def export(
     print(f"{to}: {amount}{merged}, {to.stat().st_size / 1e6:.2f} MB")
 
 
-def _export_page(pack: Path, to: Path, title: str | None, path: Path | None, crop: Corners | None) -> None:
-    check_results(to)
-    loaded = _read(pack)
-    flight = None if path is None else path_from_file(path, loaded)
-    content = PageContent(title or pack.resolve().stem, flight, crop)
+def _export_page(pack: Pack, to: Path, content: PageContent) -> None:
+    """As one file, or in a folder as several, index.html last: before, an older page stays whole."""
+    one = to.suffix.lower() in PAGE_SUFFIXES and not to.is_dir()
+    check_results(*([to] if one else []), folder=None if one else to)
     with progress("exporting", 1) as bar:
-        page = scene_page(loaded, content, bar.update)
+        files = {to.name: scene_page(pack, content, bar.update)} if one else scene_files(pack, content, bar.update)
     try:
-        write_file(to, page)
+        for name, data in files.items():
+            file = to if one else to / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_file(file, data)
     except OSError as error:
         words, remedy = not_written(error)
         raise UserError(words, where=to, remedy=remedy) from error
-    print(f"{to}: a web page, {len(page) / 1e6:.2f} MB")
+    size = sum(map(len, files.values())) / 1e6
+    print(f"{to}: a web page, {size:.2f} MB" if one else f"{to / INDEX}: a web page for a web server, {size:.2f} MB")
 
 
 def _kept(text: str) -> str | float:

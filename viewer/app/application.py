@@ -38,6 +38,7 @@ from viewer.features.opening.session import Sessions
 from viewer.features.performance.frame_stats import CostMeter, FrameStats
 from viewer.features.photographs.photographs import Gallery
 from viewer.features.preferences.preferences import Preferences
+from viewer.features.sharing.sharing import Sharing
 from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.dynamic_resolution import DynamicResolution
@@ -77,6 +78,7 @@ class App:
     opening: Opening = field(default_factory=Opening)
     making: Making = field(default_factory=Making)
     exporting: Exporting = field(default_factory=Exporting)
+    sharing: Sharing = field(default_factory=Sharing)
     quitting: bool = False
     frames_owed: int = FRAMES_AFTER_EVENT
 
@@ -188,9 +190,10 @@ class App:
         self.touch()
 
     def end_processes(self) -> None:
-        """Ends the processes that make a scene, export one, and hold a picture for the clipboard."""
+        """Ends the processes that make a scene, export or share one, and hold a picture for the clipboard."""
         self.making.end()
         self.exporting.end()
+        self.sharing.end()
 
     def quit(self) -> None:
         """Ends the program in the next turn of its loop, without a question."""
@@ -246,6 +249,7 @@ class App:
         self.opening.tick(self)
         self.making.tick(self)
         self.exporting.tick(self)
+        self.sharing.tick(self)
         if self.scene is not None and self.scene.rig.update(seconds):
             self.touch(2)
         self.filming.tick(self, seconds)

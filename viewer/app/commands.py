@@ -133,6 +133,7 @@ _ALL = (
         ("save", "Save the picture", lambda app: app.filming.ask_for_still(app), "Ctrl+S"),
         ("copy-picture", "Copy the picture", lambda app: app.filming.copy(app), "Ctrl+I"),
         ("export-scene", "Export the scene", lambda app: app.exporting.ask(app), "Ctrl+E"),
+        ("share", "Share the scene", lambda app: app.sharing.start(app), ""),
     ),
     *_group(
         "Ruler",

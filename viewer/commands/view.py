@@ -6,7 +6,7 @@ import contextlib
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,8 +14,9 @@ from typing import Annotated, Literal
 import tyro
 
 from console import UserError, run_command
-from console.arguments import join_negative_values, parse_size
+from console.arguments import join_negative_values, parse_numbers, parse_size
 from console.desktop import tell_if_unseen
+from scenepack.pack import Pack
 from scenepack.reader import load_pack
 from viewer.app.application import App
 from viewer.commands.render import fly_over
@@ -32,8 +33,8 @@ from viewer.features.opening import session
 from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import PreferencesAutosave, apply_preferences
 from viewer.rendering.settings import Marcher, Mode, RenderSettings
-from viewer.web.page import PageContent, scene_page
-from viewer.web.server import PageServer
+from viewer.web.description import PageContent, annotations_of, corners_of, path_from_file
+from viewer.web.serving import serve
 from viewer.window.shutdown import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem
 
@@ -70,8 +71,12 @@ class View:
         size: Window size in screen units, for example 1280x800. The default is the last size.
         frames: For scripts: draw this many frames, wait until the picture is sharp, and quit.
         screenshot: For scripts: before quitting, save the window with its panels as this PNG. Implies --frames 1.
-        serve: Show the pack as a web page on this port instead of opening a window. Without a number: 8090.
+        serve: Show the pack as a web page on this port instead of opening a window. Without a number: 8090. Of a run that trains,
+            its previews.
         host: Address to serve it on. The default is reached from this computer alone.
+        title: Heading of the page that is served. The default is the pack's name.
+        credits: Line below the heading.
+        crop: Of the page, only what is in the box x0,y0,z0,x1,y1,z1 of the grid frame.
         register: Add the viewer to the menus of your Linux desktop, and to the programs that open packs and folders.
         unregister: Take it out again.
     """
@@ -94,6 +99,9 @@ class View:
     screenshot: Path | None = None
     serve: int | None = None
     host: str = "127.0.0.1"
+    title: str | None = None
+    credits: str = ""
+    crop: str | None = None
     register: bool = False
     unregister: bool = False
 
@@ -102,7 +110,7 @@ class View:
         if self.register or self.unregister:
             return _register(self.register and not self.unregister)
         if self.serve is not None:
-            return _serve(self.pack or demo_pack(), self.host, self.serve)
+            return self._serve(self.serve)
         frames = 1 if self.frames is None and self.screenshot is not None else self.frames
         window_size = parse_size(self.size, least=SMALLEST_SIDE) if self.size else None
         if frames is not None and frames < 1:
@@ -121,6 +129,23 @@ class View:
             settings = RenderSettings(mode=self.mode, marcher=self.marcher, surroundings=self.surroundings)
             _render_instead(self.pack, settings, reason)
             return 0
+
+    def _serve(self, port: int) -> int:
+        """Serves the pack, or the run, as a page until it is interrupted."""
+        path = self.pack or demo_pack()
+        if path is None:
+            raise UserError("there is no pack to serve", remedy="name one: snerg-view PACK --serve")
+        if self.pose is not None:
+            _check_pose(self.pose)
+        box = None if self.crop is None else corners_of(parse_numbers(self.crop, 6, "--crop"))
+        shown = PageContent(self.title or name_of(path), self.credits, crop=box, pose=self.pose)
+
+        def content(pack: Pack, file: Path) -> PageContent:
+            flight = None if self.path is None else path_from_file(self.path, pack)
+            return replace(shown, path=flight, annotations=annotations_of(pack, file))
+
+        serve(path, self.host, port, content, lambda pack, name: replace(shown, title=self.title or name, live=True))
+        return 0
 
     # What was asked for is carried out step by step once there is something to carry it out on. Whatever fails is a dialog, like
     # everything else that fails in the window.
@@ -200,16 +225,6 @@ def _try(app: App, title: str, action: Callable[[], object]) -> None:
         action()
     except Exception as error:  # a dialog, and the program goes on
         app.messages.fail(title, error)
-
-
-def _serve(path: Path | None, host: str, port: int) -> int:
-    """Serves the page of a pack until it is interrupted."""
-    if path is None or kind_of(path) != "pack":
-        raise UserError("is not a pack", where=path or "--serve", remedy="name one: snerg-view PACK --serve")
-    with PageServer(scene_page(load_pack(path), PageContent(name_of(path))), host, port) as server:
-        print(f"{server.address}\nCtrl-C ends it.", flush=True)
-        server.serve_forever()
-    return 0
 
 
 def _register(wanted: bool) -> int:
@@ -358,7 +373,7 @@ def _with_port(words: Sequence[str]) -> list[str]:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point of snerg-view; returns the exit status."""
-    words = _with_port(join_negative_values(sys.argv[1:] if args is None else args, ("--pose",)))
+    words = _with_port(join_negative_values(sys.argv[1:] if args is None else args, ("--pose", "--crop")))
     scripted = any(word.startswith(SCRIPTED) for word in words)  # nobody is there to close a box
     return run_command(View, prog="snerg-view", args=words, on_failure=None if scripted else tell_if_unseen)
 

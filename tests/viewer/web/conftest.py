@@ -15,7 +15,8 @@ from PIL import Image
 from scenepack.pack import Pack
 from tests.viewer.web.browser import Browser, executable
 from viewer.rendering.camera import ViewCamera
-from viewer.web.page import PageContent, scene_page
+from viewer.web.description import PageContent
+from viewer.web.page import scene_page
 
 NO_BROWSER = "Chromium is not installed: apt-get install chromium"
 

@@ -14,11 +14,11 @@ from PIL import Image
 from scenepack.pack import Pack
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.web.browser import Browser
-from viewer.core.annotations import KEY, Annotations, Bookmark, annotations_to_json
+from viewer.core.annotations import KEY, Annotations, Bookmark, Measurement, Scale, annotations_to_json
 from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.film.camera_path import CameraPath, Keyframe
 from viewer.rendering.camera import ViewCamera
-from viewer.web.page import PageContent
+from viewer.web.description import PageContent
 
 SIZE = (400, 300)
 Show = Callable[..., Browser]
@@ -166,7 +166,7 @@ def test_bookmarks_are_buttons_and_a_camera_path_is_played(show: Show, shapes: P
     pack = shapes.with_metadata(**{KEY: annotations_to_json(Annotations(bookmarks=views))})
     keys = [ViewCamera.orbit(pack, azimuth, 20, 3.0).grid_T_camera for azimuth in (0, 40, 80)]
     path = CameraPath([Keyframe(key, 40.0, 0.5) for key in keys])
-    browser = show(pack, PageContent("Two views", path), size=SIZE)
+    browser = show(pack, PageContent("Two views", path=path), size=SIZE)
     buttons = "[...document.querySelectorAll('#bookmarks button')]"
     assert browser.evaluate(f"{buttons}.map((each) => each.textContent)") == ["From above", "z up"]
     for i, view in enumerate(views):
@@ -185,3 +185,37 @@ def test_bookmarks_are_buttons_and_a_camera_path_is_played(show: Show, shapes: P
     np.testing.assert_allclose(np.array(last["axes"]).T, keys[-1][:3, :3], atol=1e-5)
     drag(browser, (200, 150), (210, 155))
     assert browser.evaluate("snerg.camera.held") is None
+
+
+def test_the_first_view_the_credits_and_measurements_come_along(show: Show, shapes: Pack) -> None:
+    line = Measurement("line", ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    behind = Measurement("point", ((0.0, 0.0, 9.0),))
+    notes = Annotations(Scale(0.5, "m"), (line, behind))
+    pose = '{"eye": [0, 1, 4], "target": [0, 0, 0], "fov": 40}'
+    browser = show(shapes, PageContent("x", "Photographs: <b>A. B.</b>", pose=pose, annotations=notes), size=SIZE)
+    start = browser.evaluate("snerg.camera.view(0)")
+    np.testing.assert_allclose(start["eye"], (0, 1, 4), atol=1e-6)
+    assert start["fov"] == 40
+    assert browser.evaluate("document.getElementById('credits').textContent") == "Photographs: <b>A. B.</b>"
+    texts = browser.evaluate(
+        "[...document.querySelectorAll('#overlay text')].map((each) => [each.textContent, each.style.display])"
+    )
+    assert texts == [["1.00 m", ""], [texts[1][0], "none"]]
+    camera = ViewCamera.look_at(np.array([0, 1, 4.0]), np.zeros(3), np.array([0, 1.0, 0]), 40.0, SIZE)
+
+    def drawn() -> list[list[float]]:
+        dots = "[...document.querySelectorAll('#overlay circle')].slice(0, 2)"
+        return browser.evaluate(f"{dots}.map((dot) => [dot.getAttribute('cx'), dot.getAttribute('cy')].map(Number))")
+
+    expected = []
+    for point in line.points:
+        x, y, z = camera.grid_T_camera[:3, :3].T @ (np.array(point) - camera.position)
+        expected.append([camera.cx - camera.fx * x / z, camera.cy + camera.fy * y / z])
+    np.testing.assert_allclose(drawn(), expected, atol=0.01)
+    drag(browser, (200, 150), (280, 180))
+    settle(browser)
+    assert np.abs(np.subtract(drawn(), expected)).max() > 5
+    browser.key("keyDown", "r")
+    settle(browser)
+    np.testing.assert_allclose(drawn(), expected, atol=0.1)
+    assert not browser.problems

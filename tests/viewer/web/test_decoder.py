@@ -17,15 +17,20 @@ from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.web import atlas_stream
 from viewer.web.atlas_stream import differences_from_prediction, has_copied_padding
-from viewer.web.page import SIDES, PageContent, scene_page
+from viewer.web.description import SIDES, PageContent
+from viewer.web.page import scene_page
 
 HARNESS = """<script>
     const page = new DOMParser().parseFromString(new TextDecoder().decode(Uint8Array.from(atob("PAGE"), c => c.charCodeAt(0))), "text/html");
-    const text = (id) => page.getElementById(id).textContent;
-    const worker = new Worker(URL.createObjectURL(new Blob([text("worker")])));
+    const bytes = Uint8Array.from(atob(page.getElementById("scene").textContent), c => c.charCodeAt(0));
+    const scene = new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).json();
+    const data = page.querySelector(".data").textContent;
     const base64 = (bytes) => { let s = ""; for (let i = 0; i < bytes.length; i += 4096) s += String.fromCharCode(...bytes.subarray(i, i + 4096)); return btoa(s); };
-    window.decoded = new Promise((resolve) => { worker.onmessage = ({ data }) => { if (data.progress === undefined) resolve(data); }; });
-    worker.postMessage({ data: text("data").trim(), scene: JSON.parse(text("scene")) });
+    window.decoded = scene.then((scene) => new Promise((resolve) => {
+        const worker = new Worker(URL.createObjectURL(new Blob([scene.worker])));
+        worker.onmessage = ({ data }) => { if (data.progress === undefined) resolve(data); };
+        worker.postMessage({ data, level: scene.levels[0] });
+    }));
 </script>"""  # noqa: E501
 
 
@@ -68,7 +73,7 @@ def test_every_byte_of_the_textures_is_that_of_the_desktop(
 @pytest.mark.slow
 def test_damaged_data_are_told_and_never_shown(browser: Browser, tmp_path: Path) -> None:
     page = scene_page(shapes_pack(), PageContent("test")).decode()
-    start = page.index('id="data">') + 10
+    start = page.index('class="data">') + 13
     middle = start + (page.index("</script>", start) - start) // 2
     for damaged in (page[:middle] + "AAAAAAAA" + page[middle + 8 :], page[:start] + page[middle // 4 * 4 :]):
         file = tmp_path / "damaged.html"

@@ -17,11 +17,13 @@ from scenepack import load_pack, save_pack
 from scenepack.pack import Pack
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.web.browser import Browser
-from viewer.core.annotations import KEY
+from viewer.core import annotations as notes
+from viewer.core.annotations import KEY, Annotations, Bookmark, annotations_to_json
 from viewer.core.files import demo_pack
 from viewer.rendering.shader_source import assemble_es
 from viewer.web import page
-from viewer.web.page import FOLDER, MODULES, PageContent, bundle, scene_page
+from viewer.web.description import PageContent
+from viewer.web.page import FOLDER, MODULES, bundle, scene_page
 
 MOST_BYTES, MOST_OF_DEMO = 60_000, 9_000_000
 HOSTILE = (
@@ -53,9 +55,10 @@ class Tags(HTMLParser):
 
 
 def described(html: bytes) -> dict:
-    """The description and the shaders of a page."""
-    texts = dict(re.findall(r'<script type="[a-z/]+" id="(\w+)">(.*?)</script>', html.decode(), re.S))
-    return {**json.loads(texts["scene"]), "shaders": json.loads(zlib.decompress(base64.b64decode(texts["shaders"])))}
+    """The description in a page."""
+    packed = re.search(rb'id="scene">([^<]*)<', html)
+    assert packed is not None
+    return json.loads(zlib.decompress(base64.b64decode(packed[1])))
 
 
 def with_texts(pack: Pack, text: str) -> Pack:
@@ -67,8 +70,8 @@ def with_texts(pack: Pack, text: str) -> Pack:
 def test_the_page_without_its_pack_is_small() -> None:
     # Contracted packs have the longest shaders; the weights of a view MLP, 9 kB, are the pack's.
     html = scene_page(surroundings_pack(side=42, diffuse=True), PageContent("x"))
-    data = re.search(rb'id="data">([^<]*)<', html)
-    assert data is not None and len(html) - len(data[1]) < MOST_BYTES
+    data = re.findall(rb'class="data">([^<]*)<', html)
+    assert data and len(html) - sum(map(len, data)) < MOST_BYTES
 
 
 @pytest.mark.slow
@@ -153,15 +156,31 @@ def test_the_command_writes_a_page_and_names_what_it_cannot(tmp_path: Path, caps
     assert "a web page" in capsys.readouterr().out
     scene = described(to.read_bytes())
     assert scene["title"] == "A <b>title</b>" and b"<b>" not in to.read_bytes()
-    assert scene["box"] == [[0, 0, 0], [21, 42, 42]]
+    assert scene["levels"][0]["box"] == [[0, 0, 0], [21, 42, 42]]
     for words, complaint in (
         (["--to", str(tmp_path / "a.html"), "--kind", "mesh"], "cannot hold mesh"),
-        (["--to", str(tmp_path / "a.glb"), "--title", "x"], "has no title"),
+        (["--to", str(tmp_path / "a.glb"), "--title", "x"], "of web pages alone"),
         (["--to", str(tmp_path / "b.html"), "--path", str(folder / "scene_params.json")], "is not a camera path"),
     ):
         assert command.main(["export", str(folder), *words]) == 2
         assert complaint in capsys.readouterr().err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.html", "shapes"]
+
+
+def test_bookmarks_of_a_zipped_pack_come_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shapes: Pack) -> None:
+    save_pack(shapes, tmp_path / "shapes.zip")
+    pack, kept = load_pack(tmp_path / "shapes.zip"), Annotations(bookmarks=(Bookmark("Kept", (0, 2, 2), (0, 0, 0)),))
+    monkeypatch.setattr(notes, "default_folder", lambda: tmp_path)
+    notes.file_for(pack, tmp_path).write_text(json.dumps(annotations_to_json(kept)))
+    assert (
+        command.main(["export", str(tmp_path / "shapes.zip"), "--to", str(tmp_path / "a.html"), "--credits", "by me"])
+        == 0
+    )
+    scene = described((tmp_path / "a.html").read_bytes())
+    assert [view["name"] for view in scene["camera"]["bookmarks"]] == ["Kept"] and scene["credits"] == "by me"
+    assert (
+        command.main(["export", str(tmp_path / "shapes.zip"), "--to", str(tmp_path / "b.html"), "--pose", "1,2"]) == 2
+    )
 
 
 @pytest.mark.parametrize(
@@ -179,4 +198,4 @@ def test_what_the_reader_refuses_the_export_refuses(spoil: dict, tmp_path: Path,
 def test_pages_hold_what_the_code_says() -> None:
     assert {path.name for path in FOLDER.iterdir()} == {*MODULES, page.WORKER, "index.html", "style.css"}
     names = re.findall(r"\{\{(\w+)\}\}", (FOLDER / "index.html").read_text(encoding="utf-8"))
-    assert sorted(names) == sorted({"title", "policy", "style", "script", "worker", "scene", "shaders", "data"})
+    assert sorted(names) == sorted({"title", "policy", "style", "script", "scene", "data"})

@@ -28,6 +28,7 @@ from viewer.features.making import make_plan, making
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.survey import Survey
 from viewer.features.opening import opening
+from viewer.features.sharing import sharing
 from viewer.interface.layout import NARROW
 from viewer.rendering.settings import RenderSettings
 from viewer.window.window import Window
@@ -61,6 +62,7 @@ def scenes(watched, tmp_path_factory) -> Iterator[Scenes]:
             imgui.backends, "opengl3_render_draw_data", draw_unseen
         )  # clicks are looked at here, not pictures
         patch.setattr(making, "CommandProcess", lambda *_: child())
+        patch.setattr(sharing, "CommandProcess", lambda *_: child())
         patch.setattr(make_plan, "trainer_missing", lambda: False)  # nothing is trained here
         read = opening.load_pack
 

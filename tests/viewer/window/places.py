@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from viewer.features.making.make_plan import Plan
 from viewer.features.making.review import Review
 from viewer.features.making.sparse_preview import SparsePreview
 from viewer.features.opening.session import Seen, Session
+from viewer.features.sharing.sharing import Server
 from viewer.interface.layout import PAGES
 
 
@@ -41,7 +43,9 @@ class Scenes:
 def child() -> SimpleNamespace:
     """A process that works on and on."""
     report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training", seconds_left=270.0)
-    child = SimpleNamespace(stopping=False, killed=False, poll=lambda: None, report=lambda: report)
+    child = SimpleNamespace(
+        stopping=False, killed=False, poll=lambda: None, report=lambda: report, log=Path(os.devnull)
+    )
     child.stop = lambda: setattr(child, "stopping", True)
     child.kill = lambda: setattr(child, "killed", True)
     child.end = lambda seconds: None
@@ -172,6 +176,12 @@ PLACES: dict[str, Prepare] = {
     "export points": lambda app, _: (
         setattr(app.exporting.plan, "kind", "points"),
         app.exporting.ask(app),
+    ),
+    "export a page": lambda app, _: (setattr(app.exporting.plan, "kind", "page"), app.exporting.ask(app)),
+    "a scene that is shared": lambda app, scenes: setattr(
+        app.sharing,
+        "server",
+        Server(child(), scenes.path.parent / "no such folder", "toy", "http://127.0.0.1:9/x/"),  # type: ignore[arg-type]
     ),
     "a scene that is being exported": lambda app, scenes: setattr(
         app.exporting,

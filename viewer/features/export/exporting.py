@@ -15,13 +15,13 @@ from scenepack.pack import Pack
 from viewer.core.command_process import CommandProcess, temporary_folder
 from viewer.core.files import FileRequest, kind_of
 from viewer.core.tasks import Task
+from viewer.features.sharing.sharing import Corners, crop_words, page_words
 
 if TYPE_CHECKING:
     from scenepack.exports.scene import Export, PreviewGeometry
     from viewer.app.application import App
 
 Kind = Literal["mesh", "points", "gaussians", "page"]
-Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 KINDS: dict[Kind, str] = {"mesh": "Mesh", "points": "Points", "gaussians": "Gaussians", "page": "Web page"}
 SUFFIXES: dict[Kind, tuple[str, ...]] = {
     "mesh": (".glb", ".ply"),
@@ -54,7 +54,7 @@ class ExportPlan:
         """Of `snerg-pack`. crop: the box that is shown, if there is one."""
         cropped = crop if self.crop else None
         if self.kind == "page":
-            return ["export", str(pack), "--to", str(file), *_crop_words(cropped)]
+            return ["export", str(pack), "--to", str(file), *crop_words(cropped)]
         words = [
             "export",
             str(pack),
@@ -71,7 +71,7 @@ class ExportPlan:
         words += ["--scale", f"{self.scale:.9g}"] * (self.scale != 1.0)
         words += ["--faces", str(FACES[self.faces])] * (self.kind == "mesh")
         words += ["--spacing", f"{SPACINGS[self.spacing]:g}"] * (self.kind == "points")
-        words += _crop_words(cropped)
+        words += crop_words(cropped)
         return words
 
     def export(self, crop: Corners | None) -> Export:
@@ -90,10 +90,6 @@ class ExportPlan:
             spacing=SPACINGS[self.spacing],
             crop=crop if self.crop else None,
         )
-
-
-def _crop_words(crop: Corners | None) -> list[str]:
-    return [] if crop is None else ["--crop=" + ",".join(f"{number:.9g}" for corner in crop for number in corner)]
 
 
 @dataclass
@@ -149,8 +145,10 @@ class Exporting:
         words = self.plan.arguments(app.scene.path.resolve(), file.absolute(), app.settings.crop)
         folder = temporary_folder("snerg-export-")
         try:
+            if self.plan.kind == "page":
+                words += page_words(app, folder)
             child = CommandProcess(module_command("baker.commands.pack", *words), folder / "log.txt")
-        except UserError:
+        except (OSError, UserError):
             shutil.rmtree(folder, ignore_errors=True)
             raise
         self.writing = Writing(child, file, folder)

@@ -7,6 +7,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from console.progress import duration
 from viewer.app.application import App
+from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core.theme import Fonts
 from viewer.core.widgets import (
@@ -107,6 +108,14 @@ def _choices(app: App, plan: ExportPlan) -> None:
     if app.settings.crop is not None:
         label("Crop box only", LABELS)
         plan.crop = switch("cropped", plan.crop)
+    if plan.kind == "page":
+        imgui.dummy(ImVec2(0, px(4)))
+        if imgui.button(f"{fa.ICON_FA_SHARE_NODES}  Share…", ImVec2(px(112), 0)):
+            imgui.close_current_popup()
+            app.exporting.dismiss()
+            run(app, "share")
+        imgui.same_line()
+        hint("Serves the page to browsers on this computer, without a file.")
 
 
 def _answer(app: App) -> None:

@@ -53,10 +53,15 @@ export class Camera {
     return { axes: this.rotation(this.shown), eye: this.eye(this.shown), fov: this.fov, near };
   }
 
+  // The scene has been replaced by a newer one; the camera stays where it is.
+  follow(description) {
+    this.description = description;
+    this.home = poseOf(description.home);
+  }
+
   // The picture has another shape, width over height. A first view that was not left shows all of the scene.
   shape(aspect) {
-    const { bounded, within } = this.description;
-    if (bounded || within) return;
+    if (!this.description.framed) return;
     const before = this.home;
     this.home = { ...before, distance: this.framingDistance(before, aspect) };
     if (this.goal === before) this.goal = this.shown = this.home;

@@ -1,7 +1,8 @@
 // The worker that unpacks a scene: the other end of viewer/web/atlas_stream.py, which has the notation.
 //
-// Receives { data: base64, scene: the page's description }; answers { progress } while it works, then { indirection, skipGrid,
-// hull, atlas }: bytes of the textures as they are uploaded, and of the hull's corners. { error } where the file is damaged.
+// Receives { data: bytes or their base64, level: of the page's description }; answers { progress } while it works, then
+// { indirection, skipGrid, hull, atlas }: bytes of the textures as they are uploaded, and of the hull's corners. { error } where the
+// file is damaged.
 
 function bytesOfBase64(text) {
   if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
@@ -109,12 +110,12 @@ function restorePadding(atlas, indirection, layout, [nx, ny, nz]) {
       }
 }
 
-async function decode({ data, scene }) {
-  const bytes = bytesOfBase64(data);
-  const layout = scene.atlas;
-  const indirection = await inflate(bytes, scene.indirection.at);
-  const skipGrid = await inflate(bytes, scene.skip_grid.at);
-  const hull = scene.hull ? await inflate(bytes, scene.hull) : null;
+async function decode({ data, level }) {
+  const bytes = typeof data === "string" ? bytesOfBase64(data) : data;
+  const layout = level.atlas;
+  const indirection = await inflate(bytes, level.indirection.at);
+  const skipGrid = await inflate(bytes, level.skip_grid.at);
+  const hull = level.hull ? await inflate(bytes, level.hull) : null;
   const atlas = new Uint32Array(layout.size[0] * layout.size[1] * layout.size[2]);
   let done = 0;
   for (const [bits, differences] of layout.chunks) {
@@ -122,7 +123,7 @@ async function decode({ data, scene }) {
     postMessage({ progress: done / layout.count });
   }
   if (done !== layout.count) throw new Error("the scene's data are damaged");
-  if (!layout.padding) restorePadding(atlas, indirection, layout, scene.indirection.size);
+  if (!layout.padding) restorePadding(atlas, indirection, layout, level.indirection.size);
   const answer = { indirection, skipGrid, hull, atlas: new Uint8Array(atlas.buffer) };
   postMessage(answer, [atlas.buffer]);
 }

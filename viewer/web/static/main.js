@@ -1,10 +1,11 @@
 // The page: unpacks the scene, draws it when something moves, and wires up buttons.
 import { Camera } from "./camera.js";
 import { Controls } from "./controls.js";
+import { Overlay } from "./overlay.js";
 import { Renderer } from "./renderer.js";
 import { Resolution } from "./resolution.js";
-import { readShaders, scene, unpack } from "./scene.js";
-import { add, cross, mix, norm, scaled } from "./vectors.js";
+import { readScene, unpack } from "./scene.js";
+import { cross, mix, norm, scaled } from "./vectors.js";
 
 const NAMES = {
   normal: "Picture", diffuse: "Diffuse", features: "Features", "view-dependent": "Reflections", depth: "Depth", normals: "Normals",
@@ -12,15 +13,19 @@ const NAMES = {
 const BACKGROUNDS = { Gradient: null, White: [1, 1, 1], Grey: [0.5, 0.5, 0.5], Black: [0, 0, 0] };
 const REST_MS = 120; // without movement, before the sharp picture is begun
 const SHARPEST = 2; // pixels of a screen pixel that is larger than others, at most
+const ASK_MS = 2000; // between questions for a newer scene
+const COARSE = "#coarse"; // of the address: the last attempt to show more ended with the graphics driver
+const SHARES = ["", "half", "a quarter of its", "an eighth of its"];
 const TURNTABLE = 0.06; // of a picture's height that a second's dragging would be
 
 const element = (id) => document.getElementById(id);
 const canvas = element("view");
 const settings = { mode: "normal", background: null, surroundings: true };
 const resolution = new Resolution();
-const camera = new Camera(scene.camera);
+const overlay = new Overlay(element("overlay"));
 const player = { playing: false, seconds: 0 };
-let renderer = null;
+let [scene, camera, controls, gl] = [null, null, null, null];
+let renderer = null; // of the finest level that is there
 let near = 0;
 
 // Frames. `changed`: what is on the canvas is of yesterday. `tiles`: what is left of the sharp picture; null before it is begun.
@@ -32,7 +37,7 @@ function touch() {
 }
 
 function request() {
-  if (!frame && renderer?.textures?.atlas_rgba) frame = requestAnimationFrame(tick);
+  if (!frame && renderer) frame = requestAnimationFrame(tick);
 }
 
 function tick(now) {
@@ -46,6 +51,7 @@ function tick(now) {
     const size = resolution.size(canvas.width, canvas.height);
     timed(size, [0, 0, ...size], true);
     renderer.show(...size);
+    overlay.draw(camera.view(near));
     restAt = now + REST_MS;
     tiles = size[0] === canvas.width && size[1] === canvas.height ? [] : null;
     return request();
@@ -169,13 +175,8 @@ function button(parent, { text = "", title = "", value = "" }, action) {
 }
 
 function buildInterface() {
-  element("title").textContent = scene.title;
-  element("facts").textContent = `${scene.gridSize.join(" × ")} voxels`;
   for (const name of ["reset", "play", "display", "save", "fullscreen", "help"])
     element(name).addEventListener("click", () => { commands[name](); touch(); });
-  element("play").title = scene.path ? "Play the camera path (space)" : "Turntable (space)";
-  element("play").hidden = !scene.path && scene.camera.bounded;
-  for (const mode of Object.keys(scene.shaders.modes)) button(element("modes"), { text: NAMES[mode], value: mode }, () => setMode(mode));
   for (const [title, colour] of Object.entries(BACKGROUNDS)) {
     const swatch = button(element("backgrounds"), { title, value: String(colour) }, () => setBackground(colour));
     const css = (rgb) => `rgb(${rgb.map((v) => Math.round(255 * v)).join()})`;
@@ -185,28 +186,44 @@ function buildInterface() {
   Object.assign(picker, { type: "color", title: "Another colour" });
   picker.addEventListener("input", () => setBackground([1, 3, 5].map((i) => parseInt(picker.value.slice(i, i + 2), 16) / 255)));
   element("backgrounds").append(picker);
-  element("around").hidden = !scene.contracted;
+  element("measurements").addEventListener("change", (event) => { element("overlay").style.display = event.target.checked ? "" : "none"; });
   element("surroundings").addEventListener("change", (event) => { settings.surroundings = event.target.checked; touch(); });
-  element("cut").hidden = scene.ndc;
   element("near").addEventListener("input", (event) => {
     near = event.target.value * 2 * scene.camera.radius;
     touch();
   });
-  for (const bookmark of scene.camera.bookmarks)
+  if (scene.camera.bounded) [element("drag").textContent, element("slide").textContent] = ["move", "turn a little"];
+  setBackground(settings.background);
+}
+
+// What the interface shows of the scene, which may be replaced.
+function describe() {
+  const { title, credits, path, measurements, contracted, ndc, camera: { bookmarks, bounded } } = scene;
+  document.title = element("title").textContent = title;
+  element("credits").textContent = credits;
+  element("play").title = path ? "Play the camera path (space)" : "Turntable (space)";
+  element("play").hidden = !path && bounded;
+  element("modes").replaceChildren();
+  for (const mode of Object.keys(scene.shaders.modes)) button(element("modes"), { text: NAMES[mode], value: mode }, () => setMode(mode));
+  element("bookmarks").replaceChildren();
+  for (const bookmark of bookmarks)
     button(element("bookmarks"), { text: bookmark.name, title: bookmark.name }, () => {
       setPlaying(false);
       camera.go(bookmark, bookmark.fov);
       touch();
     });
-  if (scene.camera.bounded) [element("drag").textContent, element("slide").textContent] = ["move", "turn a little"];
-  setMode(settings.mode);
-  setBackground(settings.background);
+  element("around").hidden = !contracted;
+  element("measured").hidden = !measurements.length;
+  element("cut").hidden = ndc;
+  overlay.show(measurements);
+  setMode(scene.shaders.modes[settings.mode] ? settings.mode : "normal");
+  status("");
 }
 
-const controls = new Controls(canvas, camera, () => {
-  if (controls.busy) setPlaying(false);
-  touch();
-}, commands);
+function status(words) {
+  const voxels = `${scene.gridSize.join(" × ")} voxels`;
+  element("facts").textContent = words ? `${voxels} · ${words}` : voxels;
+}
 
 function fit() {
   const density = Math.min(window.devicePixelRatio || 1, SHARPEST);
@@ -222,34 +239,105 @@ function fail(message, title = "This scene cannot be shown") {
   element("notice-text").textContent = message;
 }
 
-function report(share, words) {
-  element("progress").value = share;
-  element("notice-text").textContent = words;
+// Shows the levels of a scene, the coarsest first; stays at one where the next fails.
+async function load(found) {
+  const first = !scene;
+  scene = found;
+  if (first) {
+    camera = new Camera(scene.camera);
+    controls = new Controls(canvas, camera, () => {
+      if (controls.busy) setPlaying(false);
+      touch();
+    }, commands);
+    buildInterface();
+  } else camera.follow(scene.camera);
+  describe();
+  const { length } = scene.levels;
+  for (let index = 0; index < length; index++) {
+    const coarser = `Shown at ${SHARES[length - index] ?? "a fraction of its"} resolution.`;
+    try {
+      if (index && location.hash === COARSE) throw new Error("The graphics driver could not hold more.");
+      await show(index, coarser);
+    } catch (error) {
+      if (!index) throw error;
+      if (gl.isContextLost()) await new Promise(() => {}); // the page is about to be loaded again
+      status(`${coarser} ${error.message}`);
+      return;
+    }
+    status("");
+  }
 }
 
-async function start() {
-  element("notice-title").textContent = scene.title;
-  report(0, "Unpacking…");
-  const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" });
-  if (!gl) throw new Error("This browser has no WebGL 2. Try a current Chrome, Edge, Firefox or Safari, with hardware acceleration.");
-  if (!("DecompressionStream" in window)) throw new Error("This browser is too old. Try a current Chrome, Edge, Firefox or Safari.");
-  canvas.addEventListener("webglcontextlost", () => fail("The graphics driver restarted. Load the page again."));
-  await readShaders();
-  buildInterface();
-  renderer = new Renderer(gl, scene);
-  const unpacked = await unpack((share) => report(0.8 * share, "Unpacking…"));
-  await renderer.upload(unpacked, (share) => report(0.8 + 0.2 * share, "To the graphics card…"));
+async function show(index, coarser) {
+  const next = new Renderer(gl, scene.levels[index]);
+  const report = (share, words) => {
+    element("progress").value = share;
+    element("notice-text").textContent = words;
+    if (index) status(`${coarser} ${Math.round(100 * share)} % of the rest is here.`);
+  };
+  report(0, "Loading…");
+  try {
+    const unpacked = await unpack(scene, index, (share) => report(0.8 * share, "Unpacking…"));
+    await next.upload(unpacked, (share) => report(0.8 + 0.2 * share, "To the graphics card…"));
+  } catch (error) {
+    next.release();
+    throw error;
+  }
+  renderer?.release();
+  renderer = next;
+  reveal();
+  touch();
+}
+
+function reveal() {
+  if (element("notice").className === "done") return;
   new ResizeObserver(fit).observe(canvas);
   fit();
   element("bar").hidden = false;
   open(null);
-  element("notice").classList.add("done");
+  element("notice").className = "done";
+}
+
+// Shows what the server has newer, as long as it says that there will be more.
+async function follow() {
+  let [tag, shown] = ["", element("scene").textContent];
+  while (scene.live) {
+    await new Promise((resolve) => setTimeout(resolve, ASK_MS));
+    try {
+      const answer = await fetch(location.pathname, { headers: { "If-None-Match": tag } });
+      if (answer.status !== 200) continue;
+      const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+      const text = page.getElementById("scene").textContent;
+      if (text !== shown) await load(await readScene(page));
+      shown = text;
+      tag = answer.headers.get("ETag");
+    } catch (error) {
+      status(error.message); // the next answer may be better
+    }
+  }
+}
+
+async function start() {
+  element("notice-title").textContent = document.title;
+  gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" });
+  if (!gl) throw new Error("This browser has no WebGL 2. Try a current Chrome, Edge, Firefox or Safari, with hardware acceleration.");
+  if (!("DecompressionStream" in window)) throw new Error("This browser is too old. Try a current Chrome, Edge, Firefox or Safari.");
+  let loading = true;
+  canvas.addEventListener("webglcontextlost", () => {
+    if (!loading || !renderer) return fail("The graphics driver restarted. Load the page again.");
+    location.hash = COARSE; // it had the coarse level, and broke under the next
+    location.reload();
+  });
+  await load(await readScene());
+  loading = false;
+  follow();
 }
 
 // For pages around this one, and for tests: the camera, and pictures of any view.
 globalThis.snerg = {
-  camera,
-  scene,
+  get camera() { return camera; },
+  get scene() { return scene; },
+  get level() { return renderer?.scene; },
   ready: start(),
   get resting() { return !frame; },
   picture: (view, wanted, width, height) => renderer.picture(view, { ...settings, ...wanted }, width, height),

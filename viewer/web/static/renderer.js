@@ -5,18 +5,21 @@
 import { cross, dot, norm, radians, scaled, subtract, transform } from "./vectors.js";
 
 const LAYERS_A_FRAME = 16 << 20; // bytes uploaded at once
+const NO_MEMORY = "This device has not enough graphics memory for it.";
 const HEADER = "#version 300 es\n";
 
 export class Renderer {
+  // scene: a level of it.
   constructor(gl, scene) {
     this.gl = gl;
     this.scene = scene;
     this.programs = new Map();
     this.target = null;
+    this.textures = {};
+    this.hull = null;
     const most = Math.max(...scene.atlas.size, ...scene.skip_grid.size, ...scene.indirection.size);
     const limit = gl.getParameter(gl.MAX_3D_TEXTURE_SIZE);
-    if (most > limit)
-      throw new Error(`This scene needs 3D textures of ${most} voxels a side; this device takes ${limit}.`);
+    if (most > limit) throw new Error(`It needs 3D textures of ${most} voxels a side; this device takes ${limit}.`);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     this.program(Object.keys(scene.shaders.modes)[0], true); // drivers compile while the worker unpacks
   }
@@ -37,7 +40,7 @@ export class Renderer {
     if (hull) this.hull = this.corners(hull);
     const [width, height, depth] = scene.atlas.size;
     this.textures.atlas_rgba = this.texture(gl.RGBA8, scene.atlas.size, gl.LINEAR);
-    if (gl.getError() !== gl.NO_ERROR) throw new Error("This device has not enough graphics memory for this scene.");
+    if (gl.getError() !== gl.NO_ERROR) throw new Error(NO_MEMORY);
     const step = Math.max(1, Math.floor(LAYERS_A_FRAME / (4 * width * height)));
     for (let z = 0; z < depth; z += step) {
       const layers = Math.min(step, depth - z);
@@ -47,7 +50,25 @@ export class Renderer {
       onProgress((z + layers) / depth);
       await new Promise(requestAnimationFrame);
     }
-    if (gl.getError() !== gl.NO_ERROR) throw new Error("This device has not enough graphics memory for this scene.");
+    if (gl.getError() !== gl.NO_ERROR) throw new Error(NO_MEMORY);
+  }
+
+  // Frees what it has on the card.
+  release() {
+    const { gl } = this;
+    this.dropTarget();
+    for (const texture of Object.values(this.textures)) gl.deleteTexture(texture);
+    for (const { program } of this.programs.values()) gl.deleteProgram(program);
+    if (this.hull) {
+      gl.deleteVertexArray(this.hull.array);
+      gl.deleteBuffer(this.hull.corners);
+    }
+  }
+
+  dropTarget() {
+    if (!this.target) return;
+    this.gl.deleteFramebuffer(this.target.framebuffer);
+    for (const buffer of this.target.buffers) this.gl.deleteRenderbuffer(buffer);
   }
 
   texture(format, size, filter) {
@@ -65,13 +86,14 @@ export class Renderer {
     const { gl } = this;
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    const corners = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, corners);
     gl.bufferData(gl.ARRAY_BUFFER, bytes, gl.STATIC_DRAW);
     const place = gl.getAttribLocation(this.named("content_hull").program, "corner");
     gl.enableVertexAttribArray(place);
     gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
     gl.bindVertexArray(null);
-    return { array, count: bytes.byteLength / 12 };
+    return { array, corners, count: bytes.byteLength / 12 };
   }
 
   // Programs
@@ -182,10 +204,7 @@ export class Renderer {
   fit(width, height) {
     const { gl } = this;
     if (this.target && this.target.width >= width && this.target.height >= height) return this.target;
-    if (this.target) {
-      gl.deleteFramebuffer(this.target.framebuffer);
-      for (const buffer of this.target.buffers) gl.deleteRenderbuffer(buffer);
-    }
+    this.dropTarget();
     const framebuffer = gl.createFramebuffer();
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
     const formats = [[gl.RGBA8, gl.COLOR_ATTACHMENT0], [gl.DEPTH_COMPONENT16, gl.DEPTH_ATTACHMENT]];

@@ -1,0 +1,275 @@
+"""What a page knows of a scene, as JSON and bytes: its levels of detail, shaders, views, camera path and measurements.
+
+A level is the pack at one resolution. The page shows the coarsest first, and stays at one where the device cannot hold the next.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from console import UserError
+from console.json_text import read_json_file
+from console.streams import one_line
+from scenepack.pack import Pack
+from scenepack.writer import metadata_writable
+from viewer.core import annotations as notes
+from viewer.core.annotations import Annotations, annotations_from_json
+from viewer.core.pose import Pose, Turntable, pose_from_text
+from viewer.features.bookmarks.bookmarks import pose_of
+from viewer.features.camera.forward_facing import orbit_camera_for
+from viewer.features.display.display import backdrop
+from viewer.features.film.camera_path import CameraPath, load_path
+from viewer.features.measuring.measure_tool import LengthFormat
+from viewer.rendering.framing import outline
+from viewer.rendering.gpu_memory import NoRoomError, half_resolution
+from viewer.rendering.gpu_scene import Triple, atlas_size, features_stored, indirection_grid, tightest_atlas
+from viewer.rendering.ray_frame import RayFrame
+from viewer.rendering.renderer import (
+    LEAST_HALVED,
+    MODES_OVER_BACKGROUND,
+    shader_defines,
+    shades_hull_alone,
+    view_mlp_text,
+)
+from viewer.rendering.settings import RenderSettings
+from viewer.rendering.shader_source import assemble_es, define_lines, glsl_reciprocals
+from viewer.rendering.skip_grid import skip_grid_of
+from viewer.web.atlas_stream import BLOCKS_A_CHUNK, compressed_chunks, has_copied_padding
+
+MODES = ("normal", "diffuse", "features", "view-dependent", "depth", "normals")
+SIDES = (512, 1024, 2048)  # voxels of a 3D texture; the smallest that holds the pack, for small devices take less
+COARSE = 1 << 22  # voxels of an atlas; larger ones are halved for the first picture, until they are not
+LONGEST_TITLE, LONGEST_CREDITS = 120, 400  # characters
+PATH_FPS = 10.0  # poses a second of a camera path; the page interpolates
+Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
+OnProgress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """What a page shows besides the pack."""
+
+    title: str
+    credits: str = ""  # shown below the title
+    path: CameraPath | None = None  # flown by a button
+    crop: Corners | None = None  # corners of a box in the grid frame outside of which nothing is shown
+    pose: str | None = None  # first camera, as the viewer copies it; None: the viewer's first
+    annotations: Annotations | None = None  # bookmarks become buttons, measurements are drawn; None: those in the pack
+    live: bool = False  # whether the page asks the server for newer ones
+
+
+def path_from_file(file: Path, pack: Pack) -> CameraPath:
+    """A camera path that the viewer or nerfstudio saved. UserError for anything else."""
+    return load_path(file, pack.worldspace_T_opengl)
+
+
+def corners_of(numbers: Sequence[float]) -> Corners:
+    """The box x0,y0,z0,x1,y1,z1."""
+    x0, y0, z0, x1, y1, z1 = numbers
+    return (x0, y0, z0), (x1, y1, z1)
+
+
+def annotations_of(pack: Pack, path: Path | None = None) -> Annotations:
+    """Those in the pack; or, of a pack at `path` that the viewer does not change, those that it keeps elsewhere."""
+    own = pack.metadata.get(notes.KEY)
+    if path is not None and not metadata_writable(pack, path):
+        with contextlib.suppress(OSError, ValueError):  # none, or none that can be read: those in the pack will do
+            own = read_json_file(notes.file_for(pack, notes.default_folder()))
+    return annotations_from_json(own, lambda complaint: None) if own is not None else Annotations()
+
+
+def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """What viewer/web/static/scene.js reads, and the data of its levels by the name of their files, coarsest first.
+
+    on_progress is called with the share that is done. UserError where the pack is too large.
+    """
+    annotations = annotations_of(pack) if content.annotations is None else content.annotations
+    levels = [pack]
+    while _atlas_voxels(levels[0]) > COARSE and max(levels[0].grid_size) >= LEAST_HALVED:
+        levels.insert(0, half_resolution(levels[0]))
+    total, done = sum(_atlas_voxels(level) for level in levels), 0
+    described, data = [], {}
+    for level in levels:
+        share, before = _atlas_voxels(level) / max(total, 1), done / max(total, 1)
+
+        def progress(part: float, before: float = before, share: float = share) -> None:
+            on_progress(before + part * share)
+
+        about, sections = _level(level, content.crop, progress)
+        name = f"scene-{max(level.grid_size)}.bin"
+        data[name] = b"".join(sections)
+        described.append({**about, "file": name, "bytes": len(data[name])})
+        done += _atlas_voxels(level)
+    description = {
+        "title": one_line(content.title, LONGEST_TITLE),
+        "credits": one_line(content.credits, LONGEST_CREDITS) if content.credits else "",
+        "gridSize": pack.grid_size,
+        "ndc": pack.ndc,
+        "contracted": pack.contraction is not None,
+        "levels": described,
+        "shaders": _shaders(pack),
+        "camera": _camera(pack, content.pose, annotations),
+        "path": _path(content.path),
+        "measurements": _measurements(pack, annotations),
+        "live": content.live,
+    }
+    return _plain(description), data
+
+
+def _atlas_voxels(pack: Pack) -> int:
+    return int(pack.occupied.sum()) * pack.padded_block_size**3
+
+
+class _Sections(list[bytes]):
+    """Byte strings one behind the other."""
+
+    def add(self, data: bytes) -> list[int]:
+        """Appends `data`; its offset and length."""
+        place = [sum(map(len, self)), len(data)]
+        self.append(data)
+        return place
+
+
+def _level(pack: Pack, crop: Corners | None, on_progress: OnProgress) -> tuple[dict[str, Any], list[bytes]]:
+    """A pack without its shaders, and its data."""
+    features, count = features_stored(pack), int(pack.occupied.sum())
+    slots = _slots(count, pack.padded_block_size, 2 if features else 1)
+    size = atlas_size(slots, pack.padded_block_size, 2 if features else 1)
+    skip_grid, sections = skip_grid_of(pack), _Sections()
+    words = skip_grid.words.astype("<u2")
+    indirection = indirection_grid(pack.occupied, slots)
+    sizes = {"atlas": size, "indirection": indirection.shape[2::-1], "skip_grid": words.shape[::-1]}
+    frame = RayFrame(pack)
+    description: dict[str, Any] = {
+        "minXyz": pack.min_xyz,
+        "voxelSize": pack.voxel_size,
+        "trainingTGrid": frame.training_T_grid,
+        "ndc": pack.ndc,
+        "box": frame.box(RenderSettings(crop=crop)),
+        "innerBox": frame.box(RenderSettings(crop=crop, surroundings=False)),
+        "depthBox": frame.box(RenderSettings(surroundings=False)),
+        "uniforms": {
+            **frame.ndc, **frame.contraction,
+            "grid_size": pack.grid_size, "content_min": skip_grid.content_min, "content_max": skip_grid.content_max,
+        },
+        "defines": define_lines({f"{name.upper()}_TEXEL": glsl_reciprocals(each) for name, each in sizes.items()}),
+        "indirection": {"size": sizes["indirection"], "at": sections.add(zlib.compress(indirection.tobytes(), 9))},
+        "skip_grid": {"size": sizes["skip_grid"], "at": sections.add(zlib.compress(words.tobytes(), 9))},
+    }  # fmt: skip
+    if shades_hull_alone(pack, RenderSettings()):
+        description["hull"] = sections.add(zlib.compress(skip_grid.hull.astype("<f4").tobytes(), 9))
+    padding = not has_copied_padding(pack)
+    chunks = []
+    for bits, differences in compressed_chunks(pack, features=features, padding=padding):
+        chunks.append([sections.add(bits), sections.add(differences)])
+        on_progress(len(chunks) / max(-(-count // BLOCKS_A_CHUNK), 1))
+    description["atlas"] = {
+        "size": size, "slots": slots, "block": pack.padded_block_size, "features": features, "padding": padding,
+        "count": count, "chunks": chunks,
+    }  # fmt: skip
+    return description, sections
+
+
+def _slots(count: int, block: int, parts: int) -> Triple:
+    for side in SIDES:
+        try:
+            return tightest_atlas(count, block, side, parts)
+        except NoRoomError:
+            pass
+    raise UserError("the pack is too large for a web page", remedy="bake it at a lower resolution")
+
+
+def _shaders(pack: Pack) -> dict[str, Any]:
+    """Texts by file name; the #define lines of each mode, and those that show a gradient behind the scene."""
+    features, generated = features_stored(pack), view_mlp_text(pack)
+    unused = ["march_paper.glsl", "march_brute.glsl", "march_atlas.glsl", "view_mlp_textures.glsl"]
+    unused += [] if pack.contraction is not None else ["path.glsl"]
+    texts = {
+        name: assemble_es(name)
+        for name in ("fullscreen.vert", "content_hull.vert", "content_hull.frag", "backdrop.frag")
+    }
+    texts["snerg.frag"] = assemble_es("snerg.frag", generated | dict.fromkeys(unused, ""))
+    shown = backdrop("gradient", "dark")
+    assert shown is not None
+
+    def lines(settings: RenderSettings) -> list[str]:
+        return define_lines(shader_defines(pack, settings, sizes={}, features_beside=features)).splitlines(True)
+
+    modes = {
+        mode: lines(RenderSettings(mode=mode))  # type: ignore[arg-type]
+        for mode in MODES
+        if features or mode not in ("features", "view-dependent")
+    }
+    common = [line for line in modes["normal"] if all(line in each for each in modes.values())]
+    behind = lines(RenderSettings(backdrop=shown))
+    return {
+        "texts": texts,
+        "common": "".join(common),
+        "modes": {mode: "".join(line for line in each if line not in common) for mode, each in modes.items()},
+        "backdrop": "".join(line for line in behind if line not in modes["normal"]),
+        "backdropColours": [shown.first, shown.second],
+        "overBackground": [mode for mode in modes if mode in MODES_OVER_BACKGROUND],
+    }
+
+
+def _camera(pack: Pack, start: str | None, annotations: Annotations) -> dict[str, Any]:
+    """The first view, what it turns about, its limits, and the bookmarks."""
+    rig = orbit_camera_for(pack)
+    home, fov = rig.home_pose, rig.home_fov
+    if start is not None:
+        try:
+            rig.set_matrix(*pose_from_text(start))
+        except ValueError as error:
+            raise UserError(str(error), where="--pose") from error
+        home, fov = rig.goal, rig.fov
+    bookmarks = []
+    for bookmark in annotations.bookmarks:
+        table = replace(rig.table, up=bookmark.up)
+        bookmarks.append({"name": bookmark.name, "fov": bookmark.fov, **_view(pose_of(bookmark, table), table)})
+    return {
+        "home": _view(home, rig.table),
+        "fov": fov,
+        "bounded": rig.bounded,
+        "mirrored": rig.table.mirrored,
+        "framed": not (rig.bounded or rig.within or start is not None),
+        "radius": rig.radius,
+        "middle": rig.middle,
+        "outline": [] if rig.bounded else outline(pack),
+        "bookmarks": bookmarks,
+    }
+
+
+def _view(pose: Pose, table: Turntable) -> dict[str, Any]:
+    axes = [axis.tolist() for axis in table.axes]
+    return {
+        "pivot": pose.pivot, "azimuth": pose.azimuth, "elevation": pose.elevation, "distance": pose.distance, "axes": axes,
+    }  # fmt: skip
+
+
+def _path(path: CameraPath | None) -> dict[str, Any] | None:
+    if path is None or not path.keyframes:
+        return None
+    frames = path.sample(PATH_FPS)
+    rows = [[*np.round(matrix[:3].ravel(), 7).tolist(), round(fov, 4)] for matrix, fov in frames]
+    return {"fps": PATH_FPS, "closed": path.closed, "frames": rows}
+
+
+def _measurements(pack: Pack, annotations: Annotations) -> list[dict[str, Any]]:
+    words = LengthFormat(pack, annotations.scale)
+    return [{"points": each.points, "text": words.measurement(each)} for each in annotations.measurements]
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and tuples as lists, row-major."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in value.items()}
+    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
