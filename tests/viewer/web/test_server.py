@@ -17,8 +17,8 @@ import pytest
 from console import UserError
 from scenepack import Pack, save_pack
 from tests.viewer.rendering.shapes import shapes_pack
-from tests.viewer.web.browser import Browser
 from tests.viewer.waiting import until
+from tests.viewer.web.browser import Browser
 from viewer.commands import view
 from viewer.commands.view import SERVED_ON, _with_port
 from viewer.features.making.make_plan import PREVIEW_FILE

@@ -11,10 +11,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from urllib.error import URLError
+from urllib.request import urlopen
 
 import glfw
 import numpy as np
 import pytest
+from imgui_bundle import icons_fontawesome_6 as fa
 from PIL import Image
 
 from tests.training.posing.conftest import COUNT, write_photographs
@@ -498,3 +501,24 @@ def test_points_and_cameras_are_shown_and_a_face_of_the_box_is_dragged_before_tr
     top_of_box = float(words[words.index("--aabb") + 1].split(",")[-1])
     assert abs(top_of_box - app.making.job.plan.aabb[5]) < 1e-3 and app.settings.crop is None
     assert app.making.sparse_preview_shown(app)  # while the field trains
+
+
+def test_the_scene_is_shared_and_that_is_stopped(film_page, watched, xdotool):
+    window, app = film_page, film_page.app
+    xdotool("key", "ctrl+e")
+    wait(window, lambda: app.exporting.asking)
+    press(watched, xdotool, "Web page##kind")
+    wait(window, lambda: app.exporting.plan.kind == "page")
+    press(watched, xdotool, f"{fa.ICON_FA_SHARE_NODES}  Share…")
+    wait(window, lambda: app.sharing.server is not None and app.sharing.server.address)
+    assert not app.exporting.asking
+    server = app.sharing.server
+    with urlopen(server.address, timeout=20) as answer:
+        assert answer.read().startswith(b"<!doctype html>")
+    press(watched, xdotool, f"{fa.ICON_FA_COPY}  Copy##address")
+    wait(window, lambda: app.clipboard.get() == server.address)
+    press(watched, xdotool, "Stop##sharing")
+    wait(window, lambda: app.sharing.server is None)
+    with pytest.raises(URLError):
+        urlopen(server.address, timeout=20)
+    assert not app.messages.dialogs

@@ -10,7 +10,10 @@ const COMMANDS = {
 
 export class Controls {
   constructor(canvas, camera, moved, commands) {
-    Object.assign(this, { canvas, camera, moved, commands });
+    this.canvas = canvas;
+    this.camera = camera;
+    this.moved = moved;
+    this.commands = commands;
     this.pointers = new Map(); // by id: { x, y } in pixels of the page
     this.keys = new Set();
     const listen = (target, name, action) => target.addEventListener(name, action.bind(this), { passive: false });
@@ -33,7 +36,7 @@ export class Controls {
   update(seconds) {
     if (!this.keys.size) return;
     const sum = [0, 0, 0];
-    for (const key of this.keys) AXES[key].forEach((v, i) => (sum[i] += v));
+    for (const key of this.keys) for (const i of [0, 1, 2]) sum[i] += AXES[key][i];
     this.camera.fly(...sum, seconds);
   }
 

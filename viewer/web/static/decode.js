@@ -125,10 +125,10 @@ async function decode({ data, level }) {
   if (done !== layout.count) throw new Error("the scene's data are damaged");
   if (!layout.padding) restorePadding(atlas, indirection, layout, level.indirection.size);
   const answer = { indirection, skipGrid, hull, atlas: new Uint8Array(atlas.buffer) };
-  postMessage(answer, [atlas.buffer]);
+  postMessage(answer, { transfer: [atlas.buffer] });
 }
 
-onmessage = (event) =>
+self.onmessage = (event) =>
   decode(event.data).catch((error) =>
     postMessage({ error: error instanceof RangeError ? "there is not enough memory for this scene" : error.message }),
   );

@@ -18,6 +18,7 @@ const COARSE = "#coarse"; // of the address: the last attempt to show more ended
 const SHARES = ["", "half", "a quarter of its", "an eighth of its"];
 const TURNTABLE = 0.06; // of a picture's height that a second's dragging would be
 
+/** @returns {any} */
 const element = (id) => document.getElementById(id);
 const canvas = element("view");
 const settings = { mode: "normal", background: null, surroundings: true };
@@ -123,8 +124,8 @@ const commands = {
     else document.documentElement.requestFullscreen?.().catch(() => {});
   },
   hide() { document.body.classList.toggle("quiet"); },
-  help() { open("keys", "help"); },
-  display() { open("panel", "display"); },
+  help() { open("keys"); },
+  display() { open("panel"); },
   close() { document.body.classList.remove("quiet"); open(null); },
   save() {
     const picture = document.createElement("canvas");
@@ -186,10 +187,10 @@ function buildInterface() {
   Object.assign(picker, { type: "color", title: "Another colour" });
   picker.addEventListener("input", () => setBackground([1, 3, 5].map((i) => parseInt(picker.value.slice(i, i + 2), 16) / 255)));
   element("backgrounds").append(picker);
-  element("measurements").addEventListener("change", (event) => { element("overlay").style.display = event.target.checked ? "" : "none"; });
-  element("surroundings").addEventListener("change", (event) => { settings.surroundings = event.target.checked; touch(); });
-  element("near").addEventListener("input", (event) => {
-    near = event.target.value * 2 * scene.camera.radius;
+  element("measurements").addEventListener("change", () => { element("overlay").style.display = element("measurements").checked ? "" : "none"; });
+  element("surroundings").addEventListener("change", () => { settings.surroundings = element("surroundings").checked; touch(); });
+  element("near").addEventListener("input", () => {
+    near = element("near").value * 2 * scene.camera.radius;
     touch();
   });
   if (scene.camera.bounded) [element("drag").textContent, element("slide").textContent] = ["move", "turn a little"];

@@ -14,11 +14,11 @@ export class Overlay {
     this.svg.replaceChildren();
     this.shapes = measurements.map(({ points, text }) => {
       const line = this.element("polyline");
-      const dots = points.map(() => this.element("circle"));
+      const circles = points.map(() => this.element("circle"));
       const label = this.element("text");
       label.textContent = text;
-      for (const dot of dots) dot.setAttribute("r", "4.5");
-      return { points, line, dots, label };
+      for (const circle of circles) circle.setAttribute("r", "4.5");
+      return { points, line, circles, label };
     });
   }
 
@@ -34,13 +34,13 @@ export class Overlay {
       const [x, y, z] = view.axes.map((axis) => dot(axis, subtract(point, view.eye)));
       return z < -1e-6 ? [0.5 * width - (focal * x) / z, 0.5 * height + (focal * y) / z] : null;
     };
-    for (const { points, line, dots, label } of this.shapes) {
+    for (const { points, line, circles, label } of this.shapes) {
       const places = points.map(seen);
       line.setAttribute("points", places.every(Boolean) ? places.join(" ") : "");
-      places.forEach((place, i) => put(dots[i], "c", place));
+      for (const [i, circle] of circles.entries()) put(circle, "c", places[i]);
       const middle = (points.length - 1) / 2;
       const at = seen(mix(points[Math.floor(middle)], points[Math.ceil(middle)], 0.5));
-      put(label, "", at && at.map((v, i) => v + LABEL[i]));
+      put(label, "", at?.map((v, i) => v + LABEL[i]));
     }
   }
 }

@@ -179,7 +179,7 @@ export class Renderer {
       ray_near: [0],
       box_min: low,
       box_max: high,
-      training_R_camera: view.axes.map((axis) => transform(rows, axis)).flat(),
+      training_R_camera: view.axes.flatMap((axis) => transform(rows, axis)),
       training_camera: transform(rows, view.eye).map((v, i) => v + rows[i][3]),
       depth_range: this.depthRange(position),
       background: settings.background ?? [1, 1, 1],
