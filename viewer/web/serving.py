@@ -9,7 +9,7 @@ from pathlib import Path
 from console import UserError
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
-from viewer.core.files import kind_of
+from viewer.core.files import kind_of, pack_in
 from viewer.core.state import name_of
 from viewer.features.making.make_job import TrainingPreviewFile
 from viewer.features.making.make_plan import PREVIEW_FILE
@@ -32,6 +32,7 @@ def serve(path: Path, host: str, port: int, content: ContentOf, live: LiveConten
     if kind not in ("pack", "run"):
         raise UserError("is no pack and no run", where=path, remedy="name one: snerg-view PACK --serve")
     if kind == "pack":
+        path = pack_in(path)
         pack = load_pack(path)
         files = scene_files(pack, content(pack, path))
     else:

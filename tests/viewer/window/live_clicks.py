@@ -101,6 +101,7 @@ class Hand:
         """A new app in the window, with that on the screen."""
         window, canvas = self.window, self.window.canvas
         window.app.making.job = None
+        window.app.sharing.end()
         window.app.opening.cancel(window.app)
         if window.app.filming.export is not None:
             window.app.filming.cancel(window.app)

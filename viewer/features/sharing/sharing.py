@@ -31,7 +31,7 @@ def page_words(app: App, folder: Path) -> list[str]:
     """Options for a page that begins with the view of this moment. folder: takes the camera path, where there is one."""
     assert app.scene is not None
     rig, filming = app.scene.rig, app.filming
-    words = ["--title", app.scene.name, "--pose", pose_to_text(rig.matrix, app.fov)]
+    words = [f"--title={app.scene.name}", f"--pose={pose_to_text(rig.matrix, app.fov)}"]
     if filming.path.keyframes:
         file = folder / "path.json"
         save_path(filming.path, file, app.scene.pack.worldspace_T_opengl, filming.size, filming.fps)
