@@ -23,7 +23,7 @@ export class Overlay {
   }
 
   element(name) {
-    return this.svg.appendChild(document.createElementNS("http://www.w3.org/2000/svg", name));
+    return this.svg.appendChild(document.createElementNS(this.svg.namespaceURI, name));
   }
 
   // Moves everything to where a view sees it; what lies behind the camera is hidden.

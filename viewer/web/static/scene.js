@@ -1,7 +1,7 @@
 // The scene of a page: its description, and the data of its levels, from the page itself or from files beside it.
 
 const FROM_DISK =
-  "Browsers do not let a page in a folder read the files beside it. Put the folder on a web server; or run python3 -m http.server in it, and open http://localhost:8000.";
+  "Browsers do not let a page in a folder read the files beside it. Put the folder on a web server; or run python3 -m http.server in it, and open localhost:8000.";
 
 // The description in a page: this one, or a newer one.
 export async function readScene(page = document) {
