@@ -6,7 +6,7 @@
 //   box_min, box_max: the grid, or the part of it that a crop box leaves;
 //   training_R_camera: for the view direction of the view MLP.
 //   ORTHOGRAPHIC: parallel rays; fx and fy are pixels per voxel. Never together with NDC or DISTORTION.
-//   NDC: training_camera, ndc_scale, voxel_R_ndc, voxel_t_ndc; see ndc_ray. DISTORTION: distortion, lens_reach; see undistorted.
+//   NDC: training_camera, ndc_scale, voxel_R_ndc, voxel_t_ndc; see ndc_ray. DISTORTION: lens, lens_reach; see undistorted.
 //   CONTRACTED: the ray is that of space; path.glsl makes rays of the grid of it, one a piece.
 #ifndef TINY
 #define TINY 1e-8
@@ -73,30 +73,48 @@ bool ndc_ray(vec3 direction, float nearest, out vec3 origin, out vec3 warped, ou
 #endif
 
 #ifdef DISTORTION
-uniform vec4 distortion;   // k1, k2, p1, p2 of OpenCV's model, on image coordinates with y down
+// A lens as training/scenes/lens.py has it: k1, k2, p1, p2; k3, k4, q1, q2; q3, s1, s2 and the projection. Image coordinates, y down.
+uniform vec4 lens[3];
 uniform float lens_reach;  // how far from the axis the model holds, image coordinates; see viewer/rendering/ray_frame.py
+#define LENS_FISHEYE 1.0
+#define LENS_EQUIRECTANGULAR 2.0
 #define NEWTON_STEPS 6
 #define LENS_TOLERANCE 1e-3  // image coordinates
 
-// The image coordinates that the lens moved to `seen`: the inverse of
-//   seen = p (1 + k1 r^2 + k2 r^4) + 2 (p1, p2) p.x p.y + (p2, p1) (r^2 + 2 p^2),  r = |p|,  by Newton's method.
+// The image coordinates that the lens moved to `seen`: the inverse, by Newton's method, of
+//   seen = p radial + 2 (p1, p2) p.x p.y + (p2, p1) (r^2 + 2 p^2) + (s1, s2) r^2,  r = |p|,
+//   radial = (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) / (1 + q1 r^2 + q2 r^4 + q3 r^6).
 // `sees`: false where there are none. Beyond a photograph's edges the polynomial may fold over, and names no ray there.
 vec2 undistorted(vec2 seen, out bool sees) {
-    vec2 k = distortion.xy, s = distortion.zw;
+    vec4 k = vec4(lens[0].xy, lens[1].xy);
+    vec3 q = vec3(lens[1].zw, lens[2].x);
+    vec2 s = lens[0].zw, prism = lens[2].yz;
     vec2 p = seen;
     vec2 error = vec2(0.0);
     for (int i = 0; i < NEWTON_STEPS; ++i) {
         float r2 = dot(p, p);
-        float radial = 1.0 + r2 * (k.x + r2 * k.y);
-        float slope = 2.0 * (k.x + 2.0 * r2 * k.y);
-        error = p * radial + 2.0 * s * p.x * p.y + s.yx * (r2 + 2.0 * p * p) - seen;
-        float across = slope * p.x * p.y + 2.0 * dot(s, p);
-        vec2 along = radial + slope * p * p + 6.0 * s.yx * p + 2.0 * s * p.yx;
-        float determinant = along.x * along.y - across * across;
+        float under = 1.0 + r2 * (q.x + r2 * (q.y + r2 * q.z));
+        float radial = (1.0 + r2 * (k.x + r2 * (k.y + r2 * (k.z + r2 * k.w)))) / under;
+        float slope = k.x + r2 * (2.0 * k.y + r2 * (3.0 * k.z + r2 * 4.0 * k.w));
+        slope = 2.0 * (slope - radial * (q.x + r2 * (2.0 * q.y + r2 * 3.0 * q.z))) / under;
+        error = p * radial + 2.0 * s * p.x * p.y + s.yx * (r2 + 2.0 * p * p) + prism * r2 - seen;
+        vec2 across = slope * p.x * p.y + 2.0 * dot(s, p) + 2.0 * prism * p.yx;  // du/db, dv/da
+        vec2 along = radial + slope * p * p + 6.0 * s.yx * p + 2.0 * s * p.yx + 2.0 * prism * p;
+        float determinant = along.x * along.y - across.x * across.y;
         if (abs(determinant) > 1e-6) p -= (along.yx * error - across * error.yx) / determinant;
     }
     sees = dot(p, p) < lens_reach * lens_reach && dot(error, error) < LENS_TOLERANCE * LENS_TOLERANCE;
     return p;
+}
+
+// The direction, in camera axes, of image coordinates without distortion.
+vec3 through_lens(vec2 p) {
+    if (lens[2].w == LENS_FISHEYE) {
+        float angle = length(p);
+        return vec3((angle > TINY ? sin(angle) / angle : 1.0) * vec2(p.x, -p.y), -cos(angle));
+    }
+    if (lens[2].w == LENS_EQUIRECTANGULAR) return vec3(sin(p.x) * cos(p.y), -sin(p.y), -cos(p.x) * cos(p.y));
+    return normalize(vec3(p.x, -p.y, -1.0));
 }
 #endif
 
@@ -107,14 +125,13 @@ Ray camera_ray(vec2 fragment) {
     vec2 image = (pixel - intrinsics.zw) / intrinsics.xy;
     bool runs = true;
 #ifdef DISTORTION
-    image = undistorted(image, runs);
-#endif
-#ifdef ORTHOGRAPHIC
+    vec3 in_camera = through_lens(undistorted(image, runs));
+#elif defined(ORTHOGRAPHIC)
     vec3 in_camera = vec3(0.0, 0.0, -1.0);
 #else
     vec3 in_camera = normalize(vec3(image.x, -image.y, -1.0));
 #endif
-    float first = max(near_plane / -in_camera.z, ray_near);
+    float first = max(near_plane / max(-in_camera.z, TINY), ray_near);
     ray.viewdir = normalize(training_R_camera * in_camera);
     vec3 origin = camera_position;
 #ifdef ORTHOGRAPHIC

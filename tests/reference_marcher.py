@@ -24,7 +24,7 @@ from scenepack.constants import (
 )
 from scenepack.contraction import path_of, piece_at
 from scenepack.pack import Pack, ViewMlp
-from training.scenes.rays import undistort
+from training.scenes.lens import directions_at
 from viewer.rendering.camera import ViewCamera
 
 PositionsAt = Callable[[np.ndarray, int], np.ndarray]
@@ -92,9 +92,9 @@ def pixel_directions(camera: ViewCamera) -> np.ndarray:
     if camera.orthographic:
         return np.tile([0.0, 0.0, -1.0], (camera.height * camera.width, 1))
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
-    a, b = undistort((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, camera.distortion)
-    directions = np.stack([a, -b, -np.ones_like(a)], axis=-1)
-    directions = directions.reshape(-1, 3)
+    directions = directions_at((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, camera.distortion).reshape(
+        -1, 3
+    )
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 

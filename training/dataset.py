@@ -30,11 +30,13 @@ from scenepack.constants import NDC_NEAR
 from training.devices import AXIS, SPLIT, WHOLE, anywhere, every_device, here, own_rows, put_split, put_whole, together
 from training.method import Rays
 from training.scenes import Camera, Scene, load_pixels
+from training.scenes.lens import lens_functions, whole_lens
 from training.scenes.pixels import any_transparent, any_visible, may_be_transparent, pixel_counts, without_alpha
 from training.scenes.rays import camera_rays, ndc_rays
 from training.scenes.scene import Kind
 
 NEWTON_STEPS = 6  # float32 converges sooner than the reader's float64
+LENS = lens_functions(jnp)
 MOST_RAYS = 2**31 - 1  # ids are int32
 OPAQUE = (
     "the pictures have no alpha; what is behind the object counts as part of the scene and is trained and baked with it"
@@ -70,7 +72,7 @@ class RayDataset:
     pixels: jax.Array  # uint8 [P (padded to a multiple of D), C], stored along the mesh
     world_T_camera: jax.Array  # [V, 3, 4]
     intrinsics: jax.Array  # [V, 4] = fx, fy, cx, cy
-    distortion: jax.Array  # [V, 4] = k1, k2, p1, p2
+    distortion: jax.Array  # [V, LENS_SIZE]: see training.scenes.lens
     first: jax.Array  # int32 [V]: the id of a view's first ray
     width: jax.Array  # int32 [V]
     facts: SceneFacts = field(repr=False)
@@ -192,10 +194,11 @@ class RayDataset:
         """Rays through the centres of pixels: column x [N], row y [N] of photograph `view` [N]; jittable."""
         fx, fy, cx, cy = jnp.moveaxis(self.intrinsics[view], -1, 0)
         a, b = (x + 0.5 - cx) / fx, (y + 0.5 - cy) / fy
-        if self.facts.distorted:
-            a, b = undistort(a, b, self.distortion[view])
-        pose = self.world_T_camera[view]
         in_camera = jnp.stack([a, -b, -jnp.ones_like(a)], axis=-1)
+        if self.facts.distorted:
+            lens = jnp.moveaxis(self.distortion[view], -1, 0)
+            in_camera = jnp.stack(LENS.direction(*LENS.undistort(a, b, lens, NEWTON_STEPS), lens[-1]), axis=-1)
+        pose = self.world_T_camera[view]
         directions = jnp.einsum("nij,nj->ni", pose[:, :, :3], in_camera, precision=jax.lax.Precision.HIGHEST)
         directions /= jnp.linalg.norm(directions, axis=-1, keepdims=True)
         origins, viewdirs = pose[:, :, 3], directions
@@ -224,25 +227,6 @@ def ndc_warp(o: jax.Array, d: jax.Array, width: int, height: int, focal: float) 
         jnp.concatenate([scale * position, 1.0 + inverse], axis=-1),
         jnp.concatenate([scale * (slope - position), -inverse], axis=-1),
     )
-
-
-def undistort(u: jax.Array, v: jax.Array, distortion: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Undistorted image coordinates [N] of lens coordinates u, v [N] (y down); distortion [N, 4] = k1, k2, p1, p2."""
-    k1, k2, p1, p2 = jnp.moveaxis(distortion, -1, 0)
-    a, b = u, v
-    for _ in range(NEWTON_STEPS):
-        r2 = a * a + b * b
-        radial, slope = 1.0 + r2 * (k1 + r2 * k2), 2.0 * (k1 + 2.0 * k2 * r2)
-        du = a * radial + 2.0 * p1 * a * b + p2 * (r2 + 2.0 * a * a) - u
-        dv = b * radial + p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * a * b - v
-        ua = radial + a * a * slope + 2.0 * p1 * b + 6.0 * p2 * a
-        ub = a * b * slope + 2.0 * p1 * a + 2.0 * p2 * b
-        vb = radial + b * b * slope + 6.0 * p1 * b + 2.0 * p2 * a
-        determinant = ua * vb - ub * ub
-        usable = jnp.abs(determinant) > 1e-6  # where the lens model folds over, stay
-        scale = jnp.where(usable, 1.0 / jnp.where(usable, determinant, 1.0), 0.0)
-        a, b = a - scale * (vb * du - ub * dv), b - scale * (ua * dv - ub * du)
-    return a, b
 
 
 def row_step_for(scene: Scene, split: str) -> int:
@@ -297,7 +281,7 @@ def make_dataset(
         {
             "world_T_camera": np.stack([c.world_T_camera[:3] for c in cameras]).astype(np.float32),
             "intrinsics": np.array([[c.fx, c.fy, c.cx, c.cy] for c in cameras], np.float32),
-            "distortion": np.array([c.distortion for c in cameras], np.float32),
+            "distortion": np.array([whole_lens(c.distortion) for c in cameras], np.float32),
             "first": (np.cumsum(sizes) - sizes).astype(np.int32),
             "width": np.array([c.width for c in cameras], np.int32),
         },

@@ -13,15 +13,18 @@ from numba import njit
 
 from scenepack.constants import NDC_NEAR
 from training.dataset import RayDataset
-from training.multires.fused.rays import Photographs, photographs_of
+from training.multires.fused.rays import LENS, Photographs, photographs_of
 from training.multires.fused.workers import Workers
 from training.multires.occupancy import INITIAL, NEVER
 from training.multires.state import Box
+from training.scenes.lens import EQUIRECTANGULAR, PERSPECTIVE
 
 COARSE = 4  # cells of the occupancy grid to a cell that is looked at first, along each axis
 FINE = 128  # cells that are looked at along an axis of contracted space, where some lie close before cameras
 TIGHT = 64  # cells along the box, of which those that hold something decide where the cube is
 BEHIND = 1e-3  # depth below which a cell may reach behind the camera
+AROUND = 0.5 * np.pi  # how much wider than it is a fisheye shows what lies before the camera, at most
+_distort, _ideal = LENS.distort, LENS.ideal
 
 
 def hull_codes(dataset: RayDataset, box: Box, side: int, least_views: int, workers: Workers) -> np.ndarray:
@@ -98,7 +101,6 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
     pose, lens, distortion = (
         photographs.world_T_camera[view], photographs.intrinsics[view], photographs.distortion[view]
     )  # fmt: skip
-    k1, k2, p1, p2 = distortion[0], distortion[1], distortion[2], distortion[3]
     rows, width = table.shape[0] - 1, table.shape[1] - 1
     radius = 0.5 * np.sqrt(cell[0] ** 2 + cell[1] ** 2 + cell[2] ** 2)
     place, relative = np.empty(3), np.empty(3)
@@ -123,19 +125,22 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
             right = pose[0, 0] * relative[0] + pose[1, 0] * relative[1] + pose[2, 0] * relative[2]
             up = pose[0, 1] * relative[0] + pose[1, 1] * relative[1] + pose[2, 1] * relative[2]
             depth = -(pose[0, 2] * relative[0] + pose[1, 2] * relative[1] + pose[2, 2] * relative[2])
-            if depth < BEHIND:
+            flat = distortion[-1] == PERSPECTIVE
+            if flat and depth < BEHIND:
                 continue
-            a, b = right / depth, -up / depth
+            a, b = _ideal(right, up, -depth, distortion[-1])
             r2 = a * a + b * b
-            radial = 1.0 + r2 * (k1 + r2 * k2)
-            u = a * radial + 2.0 * p1 * a * b + p2 * (r2 + 2.0 * a * a)
-            v = b * radial + p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * a * b
+            u, v = _distort(a, b, distortion)
             px, py = lens[0] * u + lens[2], (lens[1] * v + lens[3]) / photographs.row_step
             if counts.size and px >= 0 and py >= 0 and px < width and py < rows:
                 counts[z, y, x] += 1
-            if not cut_out or photographs.ndc[2] > 0 or depth < 2.0 * radius:
+            is_round = distortion[-1] == EQUIRECTANGULAR  # no bound holds at the poles of a panorama
+            if not cut_out or photographs.ndc[2] > 0 or depth < 2.0 * radius or is_round:
                 continue
-            reach = (1.0 + r2) * radius / (depth - radius) * max(radial, 1.0)
+            stretch = max(
+                np.sqrt((u * u + v * v) / max(r2, 1e-12)), 1.0
+            )  # by the lens; what is nearer than `depth` is larger
+            reach = ((1.0 + r2) if flat else AROUND) * radius / (depth - radius) * stretch
             left, top = np.int64(np.floor(px - lens[0] * reach)), np.int64(np.floor(py - lens[1] * reach))
             past, below = np.int64(px + lens[0] * reach) + 1, np.int64(py + lens[1] * reach) + 1
             if left < 0 or top < 0 or past > width or below > rows:

@@ -17,22 +17,16 @@ from typing import NamedTuple
 import numpy as np
 
 from console import UserError
+from training.scenes.lens import MODELS
 from training.scenes.poses import pose
 from training.scenes.scene import Camera
 
 PARTS = ("cameras", "images", "points3D")
 SUFFIXES = (".bin", ".txt")
-# model: where fx, fy, cx, cy stand among its parameters, likewise k1, k2, p1, p2
-MODELS: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
-    "SIMPLE_PINHOLE": ((0, 0, 1, 2), ()),
-    "PINHOLE": ((0, 1, 2, 3), ()),
-    "SIMPLE_RADIAL": ((0, 0, 1, 2), (3,)),
-    "RADIAL": ((0, 0, 1, 2), (3, 4)),
-    "OPENCV": ((0, 1, 2, 3), (4, 5, 6, 7)),
-}
-# By their numbers in cameras.bin.
-NAMES = (*MODELS, "OPENCV_FISHEYE", "FULL_OPENCV", "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE",
-         "RAD_TAN_THIN_PRISM_FISHEYE")  # fmt: skip
+# Lens models by their numbers in cameras.bin.
+NAMES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
+         "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE", "SIMPLE_DIVISION",
+         "DIVISION", "SIMPLE_FISHEYE", "FISHEYE", "EUCM", "EQUIRECTANGULAR")  # fmt: skip
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # y down and z ahead become y up and z back
 LONGEST_NAME = 4096  # bytes
 LARGEST_SIDE = 1e6  # pixels
@@ -134,21 +128,16 @@ def _lens(number: int, model: str, size: tuple[float, float], values: np.ndarray
     if model not in MODELS:
         raise UserError("this lens model is not supported", where=file, expected=", ".join(MODELS), found=model[:40],
                         remedy="undistort the pictures with COLMAP first (colmap image_undistorter)")  # fmt: skip
-    intrinsics, distortion = MODELS[model]
-    if len(values) != _parameters(model):
+    lens = MODELS[model]
+    if len(values) != len(lens.parameters):
         raise _damaged(file, f"{len(values)} parameters of a {model}")
-    fx, fy, cx, cy = (float(values[i]) for i in intrinsics)
+    named = dict(zip(lens.parameters, map(float, values), strict=True))
+    fx, fy, cx, cy = lens.intrinsics(named, *size)
     if not np.isfinite(values).all() or min(fx, fy) <= 0 or not 1 <= min(size) <= max(size) <= LARGEST_SIDE:
         found = ", ".join([f"{size[0]:g}x{size[1]:g}", *(f"{value:g}" for value in values)])
         what = f"size and focal length of camera {number} must be positive numbers"
         raise UserError(what, where=file, found=found)
-    k1, k2, p1, p2 = (*(float(values[i]) for i in distortion), 0.0, 0.0, 0.0, 0.0)[:4]
-    return number, Camera(np.eye(4), int(size[0]), int(size[1]), fx, fy, cx, cy, (k1, k2, p1, p2))
-
-
-def _parameters(model: str) -> int:
-    intrinsics, distortion = MODELS[model]
-    return max(intrinsics) + 1 + len(distortion)
+    return number, Camera(np.eye(4), int(size[0]), int(size[1]), fx, fy, cx, cy, lens.lens(named))
 
 
 # --- binary -----------------------------------------------------------------------------------------------------------
@@ -194,7 +183,7 @@ def _lenses(file: Path) -> Iterator[tuple[int, Camera]]:
     for _ in data.each():
         number, model, width, height = data.take("<IiQQ")
         name = NAMES[model] if 0 <= model < len(NAMES) else f"model number {model}"
-        values = data.array(np.dtype("<f8"), _parameters(name) if name in MODELS else 0)
+        values = data.array(np.dtype("<f8"), len(MODELS[name].parameters) if name in MODELS else 0)
         yield _lens(number, name, (width, height), values, file)
 
 

@@ -12,13 +12,15 @@ from typing import Literal
 
 import numpy as np
 
+from training.scenes.lens import Lens
+
 # What was photographed: cut out by alpha; from around, within a box or without an end; from one side.
 Kind = Literal["object", "surroundings", "unbounded", "forward"]
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera with optional lens distortion. Intrinsics are pixels of this width × height."""
+    """A camera and its lens. Intrinsics are pixels of this width × height, by (a, b) of training.scenes.lens."""
 
     world_T_camera: np.ndarray  # float64 [4, 4], OpenGL axes
     width: int
@@ -27,7 +29,7 @@ class Camera:
     fy: float
     cx: float
     cy: float
-    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # OpenCV's k1, k2, p1, p2; normalised, y down
+    distortion: Lens = (0.0, 0.0, 0.0, 0.0)  # k1, k2, p1, p2, or what training.scenes.lens calls a lens
 
     def resized(self, width: int, height: int) -> Camera:
         """The same camera for a picture of another size."""
@@ -78,7 +80,7 @@ class Scene:
     """Posed photographs by split, and what a trainer must know of the space they show."""
 
     path: Path
-    kind: str  # "blender", "llff", "transforms" or "colmap"
+    kind: str  # "blender", "llff", "transforms", "colmap" or "program"
     splits: Mapping[str, tuple[Photograph, ...]]
     near: float  # along the unit-length ray, as far; in NDC 0 and 1
     far: float

@@ -23,8 +23,9 @@ import numpy as np
 
 from console import UserError
 from scenepack.constants import NDC_NEAR
+from training.scenes.lens import PERSPECTIVE, directions_at, projection_of
 from training.scenes.poses import axes_along, focus_point, mean_pose, upright_axes
-from training.scenes.rays import camera_rays, ndc_rays, pixel_grid
+from training.scenes.rays import camera_rays, ndc_rays, pixel_grid, pixels_of
 from training.scenes.scene import Camera, Photograph
 
 # docs/format.md, "Coordinate frames": the pack's grid frame (y up) to a training frame whose z is up, and to NDC.
@@ -47,6 +48,7 @@ OUTWARD_HALF_SIDE = 3.0  # of one that looks outwards, where no points tell
 FARTHEST = 30.0  # reach of the points' box of a capture that looks outwards
 NEAREST, NEAREST_FAR = 0.02, 10.0  # near is at least, far at least
 FEWEST_POINTS = 50  # fewer say little of where the content is
+WIDEST = 1.0  # radians from the axis that a fisheye frames, at most: its picture may go on behind the camera
 INLIERS = 0.01, 0.99  # shares of all observations, between which lie the box and the distances
 MARGIN, LEAST_MARGIN = 0.1, 0.05  # around the points, as a share of their extent, and at least
 FRAMED, FEW_FRAMES = 0.95, 0.02  # how much of its points a picture's frame is put behind; share of the frames left out
@@ -236,11 +238,9 @@ def _published_bounds_suit(cameras: Sequence[Camera], centre: np.ndarray) -> boo
 
 
 def in_picture(camera: Camera, places: np.ndarray) -> np.ndarray:
-    """bool [M]: which places [M, 3] lie within the picture; the lens's distortion is left out."""
-    x, y, z = ((places - camera.world_T_camera[:3, 3]) @ camera.world_T_camera[:3, :3]).T
-    depth = np.where(z < 0, -z, np.inf)
-    u, v = camera.fx * x / depth + camera.cx, camera.cy - camera.fy * y / depth
-    return (z < 0) & (u >= 0) & (u <= camera.width) & (v >= 0) & (v <= camera.height)
+    """bool [M]: which places [M, 3] lie within the picture."""
+    pixels, shown = pixels_of(camera, places)
+    return shown & ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(-1)
 
 
 def cube(half_side: float) -> np.ndarray:
@@ -257,6 +257,8 @@ def framed_half_side(cameras: Sequence[Camera], centre: np.ndarray) -> float:
     """How far aside, at most, a camera frames at its distance from `centre` [3]."""
     distances = np.linalg.norm(poses_of(cameras)[:, :3, 3] - centre, axis=-1)
     aside = [max(max(c.cx, c.width - c.cx) / c.fx, max(c.cy, c.height - c.cy) / c.fy) for c in cameras]
+    angles = [projection_of(c.distortion) != PERSPECTIVE for c in cameras]
+    aside = np.where(angles, np.tan(np.minimum(aside, WIDEST)), aside)
     return float((distances * aside).max())
 
 
@@ -301,7 +303,11 @@ def _with_frames(box: np.ndarray, cameras: Sequence[Camera], points: PointCloud)
         depths = -(points.places[rows] - pose[:3, 3]) @ pose[:3, 2]
         _, depth = _quantiles(depths, points.weights[rows], (0.0, FRAMED))
         x, y = pixel_grid(camera, 2)
-        corners = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, np.full_like(x, -1.0)], -1)
+        corners = (x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy
+        if projection_of(camera.distortion) == PERSPECTIVE:
+            corners = np.stack([corners[0], -corners[1], np.full_like(x, -1.0)], -1)
+        else:
+            corners = directions_at(*corners, camera.distortion)
         frames.append(pose[:3, 3] + depth * corners.reshape(4, 3) @ pose[:3, :3].T)
     if not frames:
         return box

@@ -19,9 +19,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from console.json_text import parse_json
-from training.scenes.rays import distort
+from training.scenes.lens import image_of
 from viewer.rendering.camera import ViewCamera, rays_through
-from viewer.rendering.ray_frame import lens_reach
 
 # right, up and front of each choice of the up axis; front = right × up
 UP_AXES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
@@ -205,12 +204,10 @@ def project(camera: ViewCamera, points: np.ndarray) -> tuple[np.ndarray, np.ndar
     """Pixels (float [n, 2]) of points (float [n, 3], grid frame), and whether the camera can see each (bool [n])."""
     camera_T_grid = np.linalg.inv(camera.grid_T_camera)
     local = points @ camera_T_grid[:3, :3].T + camera_T_grid[:3, 3]
-    before = local[:, 2] < -1e-6
-    depth = np.where(before & (not camera.orthographic), -local[:, 2], 1.0)
-    a, b = local[:, 0] / depth, -local[:, 1] / depth
-    if any(camera.distortion):
-        before &= np.hypot(a, b) < lens_reach(camera.distortion)
-        a, b = distort(a, b, camera.distortion)
+    if camera.orthographic:
+        a, b, before = local[:, 0], -local[:, 1], local[:, 2] < -1e-6
+    else:
+        a, b, before = image_of(local, camera.distortion)
     return np.stack([camera.cx + camera.fx * a, camera.cy + camera.fy * b], axis=1), before
 
 

@@ -13,7 +13,7 @@ from math import cos, radians, sin, tan
 import numpy as np
 
 from scenepack.pack import Pack
-from training.scenes.rays import undistort
+from training.scenes.lens import Lens, directions_at
 from training.scenes.scene import Camera
 
 ORBIT_ELEVATION = 30.0  # degrees above the horizon
@@ -26,10 +26,10 @@ class ViewCamera:
     """A pinhole camera, one with a lens, or an orthographic one, posed in the grid frame.
 
     grid_T_camera: float64 [4, 4]. fx, fy, cx, cy: pixels of a picture of width × height. near: nothing closer than this
-    along the optical axis is shown, in units of the grid frame. distortion: OpenCV's k1, k2, p1, p2 on normalised image
-    coordinates, y down, as in training.scenes.scene.Camera. ray_near: rays begin so far from the camera (Pack.near).
-    orthographic: all rays are parallel to the optical axis and begin in the plane across it through the camera; fx and fy
-    are pixels per unit of the grid frame then. Not for forward-facing packs, whose warp begins at one point; no distortion.
+    along the optical axis is shown, in units of the grid frame. distortion: as in training.scenes.scene.Camera. ray_near:
+    rays begin so far from the camera (Pack.near). orthographic: all rays are parallel to the optical axis and begin in the
+    plane across it through the camera; fx and fy are pixels per unit of the grid frame then. Not for forward-facing packs,
+    whose warp begins at one point; no distortion.
     """
 
     grid_T_camera: np.ndarray
@@ -40,7 +40,7 @@ class ViewCamera:
     width: int
     height: int
     near: float = 0.0
-    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    distortion: Lens = (0.0, 0.0, 0.0, 0.0)
     ray_near: float = 0.0
     orthographic: bool = False
 
@@ -196,13 +196,13 @@ def forward_facing_path(
 
 
 def rays_through(camera: ViewCamera, pixels: np.ndarray) -> np.ndarray:
-    """float64 [n, 3], camera axes, one unit deep: what pixels (float [n, 2]) look along, through the lens.
+    """float64 [n, 3], camera axes: what pixels (float [n, 2]) look along, through the lens; one unit deep, or, of fisheyes and
+    panoramas, of unit length.
 
     Of a camera with one eye. See ray_through for any.
     """
     x, y = pixels.T
-    a, b = undistort((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, camera.distortion)
-    return np.stack([a, -b, -np.ones_like(a)], axis=1)
+    return directions_at((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, camera.distortion)
 
 
 def ray_through(camera: ViewCamera, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:

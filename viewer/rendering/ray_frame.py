@@ -13,6 +13,7 @@ import numpy as np
 
 from scenepack.constants import PUBLISHED_NDC_CAMERA
 from scenepack.pack import Pack
+from training.scenes.lens import lens_reach, whole_lens
 from viewer.rendering.camera import ViewCamera, inner_box
 from viewer.rendering.settings import RenderSettings
 
@@ -30,17 +31,6 @@ def ndc_fov(pack: Pack) -> float:
     """Vertical field of view of these photographs, degrees."""
     _, height, focal = ndc_input(pack)
     return degrees(2.0 * atan(0.5 * height / focal))
-
-
-def lens_reach(distortion: tuple[float, float, float, float]) -> float:
-    """How far from the axis, in image coordinates before the lens, a larger angle is still seen farther out.
-
-    That is up to the smallest root of d/dr (r + k1 r^3 + k2 r^5); 1e6 where there is none.
-    """
-    k1, k2 = distortion[:2]
-    squares = np.roots([5.0 * k2, 3.0 * k1, 1.0])
-    turns = [float(root.real) for root in squares if abs(root.imag) < 1e-12 and root.real > 0]
-    return min(turns, default=1e12) ** 0.5
 
 
 def _rotation(matrix: np.ndarray) -> np.ndarray:
@@ -91,7 +81,7 @@ class RayFrame:
             "picture_size": (camera.width, camera.height),
             "intrinsics": (*focal, camera.cx, camera.cy),
             "orthographic": float(camera.orthographic),
-            "distortion": camera.distortion,
+            "lens": lambda: np.reshape(whole_lens(camera.distortion), (3, 4)).T,  # a column for each vec4
             "lens_reach": lambda: lens_reach(camera.distortion),
             "grid_R_camera": camera.grid_T_camera[:3, :3],
             "camera_position": position,

@@ -125,18 +125,18 @@ def test_what_a_frame_says_of_its_camera_wins(tmp_path: Path, write):
 @pytest.mark.parametrize(
     "values",
     [
-        {"camera_model": "EQUIRECTANGULAR"},
-        {"camera_model": "OPENCV_FISHEYE"},
+        {"camera_model": "EQUIRECTANGULAR", "k1": 0.1},
+        {"camera_model": "OPENCV_FISHEYE", "k5": 0.1},
+        {"camera_model": "OPENCV", "k4": 0.1},
         {"camera_model": "ORTHOPHOTO"},
         {"camera_model": "VR180_L"},
         {"camera_model": "a lens of the future"},
         {"camera_model": 3},
-        {"camera_model": "FULL_OPENCV", "k4": 0.01},
-        {"is_fisheye": True},
+        {"camera_model": "FULL_OPENCV", "s1": 0.01},
         {"equirectangular": True},
         {"latlong": 1},
         {"ftheta_p0": 0.2},
-        {"k3": 0.1},
+        {"sx1": 0.1},
         {"s1": 0.1},
     ],
 )

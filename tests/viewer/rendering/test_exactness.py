@@ -17,12 +17,16 @@ from scenepack.pack import Pack
 from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import packs, random_pack
 from tests.viewer.rendering.pictures import assert_same_picture
+from training.scenes.lens import MODELS
 from viewer.rendering.camera import ViewCamera, is_mirrored
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
 Make = Callable[..., OffscreenRenderer]
 SIZE = (40, 30)
+FISHEYE = MODELS["THIN_PRISM_FISHEYE"].lens({"k1": -0.03, "k3": 0.0005, "p1": 0.002, "s1": -0.001})
+PANORAMA = MODELS["EQUIRECTANGULAR"].lens({})
+RATIONAL = MODELS["FULL_OPENCV"].lens({"k1": 0.09, "k3": 0.01, "p2": -0.004, "q1": 0.03, "q2": -0.01, "q3": 0.002})
 FEW = settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck), print_blob=True)
 
 
@@ -154,6 +158,13 @@ def test_diffuse_features_and_alpha_modes_show_what_the_reference_accumulates(
         for marcher in ("brute", "exact"):
             shown = renderer.render_float(camera, RenderSettings(mode=mode, marcher=marcher))
             assert_same_picture(shown, picture, f"{mode} by {marcher}")
+
+
+@pytest.mark.parametrize("lens", [FISHEYE, PANORAMA, RATIONAL], ids=["fisheye", "panorama", "rational"])
+def test_every_lens_sees_the_same_rays(shapes: Pack, offscreen: Make, lens: tuple[float, ...]) -> None:
+    camera = ViewCamera.orbit(shapes, 40, 20, 1.0, 90, SIZE)
+    focal = SIZE[0] / (2 * np.pi if lens is PANORAMA else 3.4)  # a fisheye that sees more than a half space
+    assert_exact(offscreen(shapes), replace(camera, fx=focal, fy=focal, distortion=lens))
 
 
 @pytest.mark.parametrize("ndc", [False, True])

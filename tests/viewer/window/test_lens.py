@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tests.viewer.scenes import photographed
+from training.scenes.lens import lens_reach
 from viewer.app.application import App
 from viewer.core.pose import fitted, frustum_points, project
 from viewer.rendering.camera import ViewCamera, rays_through
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.ray_frame import lens_reach
 
 LENS = (-0.3, 0.05, 0.01, -0.008)
 FOLDING = (-0.9, 0.0, 0.0, 0.0)  # sees nothing beyond 0.41 of the picture's focal length

@@ -15,13 +15,17 @@ from numba import njit
 from scenepack.contraction import MOST_PIECES
 from training.dataset import NEWTON_STEPS, RayDataset
 from training.multires.fused.compiled import kernel
+from training.scenes.lens import lens_functions
 from training.scenes.rays import NDC_NEAR
+
+LENS = lens_functions(compiled=njit(nogil=True))
+_undistort, _direction = LENS.undistort, LENS.direction
 
 
 class Photographs(NamedTuple):
     """The training photographs as arrays of the host; see RayDataset.
 
-    pixels uint8 [P, C]; world_T_camera [V, 3, 4], intrinsics [V, 4], distortion [V, 4] float64; first int64 [V]; width
+    pixels uint8 [P, C]; world_T_camera [V, 3, 4], intrinsics [V, 4], distortion [V, LENS_SIZE] float64; first int64 [V]; width
     int64 [V]; row_step: one row in so many is taken; ndc float64 [3] = width, height, focal, zeros where rays are not warped.
     near, far: bounds of t. contraction: half the side of the inner cube of contracted space; 0 where it is not. gains
     float32 [V, 3]: see RayDataset; of no photographs where colours stay as they are.
@@ -103,10 +107,10 @@ def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
         x, y = rest % photographs.width[view], rest // photographs.width[view] * photographs.row_step
         lens = photographs.intrinsics[view]
         a, b = (x + 0.5 - lens[2]) / lens[0], (y + 0.5 - lens[3]) / lens[1]
-        a, b = _undistorted(a, b, photographs.distortion[view])
+        right, up, back = _through_lens(a, b, photographs.distortion[view])
         pose = photographs.world_T_camera[view]
         for axis in range(3):
-            direction[axis] = pose[axis, 0] * a - pose[axis, 1] * b - pose[axis, 2]
+            direction[axis] = pose[axis, 0] * right + pose[axis, 1] * up + pose[axis, 2] * back
             position[axis] = pose[axis, 3]
         norm = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
         for axis in range(3):
@@ -139,24 +143,12 @@ def take_rays(origins, directions, near, far, contraction, origin, voxel, dims, 
 
 
 @kernel
-def _undistorted(u, v, distortion):
-    """training.dataset.undistort for one point."""
-    k1, k2, p1, p2 = distortion[0], distortion[1], distortion[2], distortion[3]
-    if k1 == 0 and k2 == 0 and p1 == 0 and p2 == 0:
-        return u, v
-    a, b = u, v
-    for _ in range(NEWTON_STEPS):
-        r2 = a * a + b * b
-        radial, slope = 1.0 + r2 * (k1 + r2 * k2), 2.0 * (k1 + 2.0 * k2 * r2)
-        du = a * radial + 2.0 * p1 * a * b + p2 * (r2 + 2.0 * a * a) - u
-        dv = b * radial + p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * a * b - v
-        ua = radial + a * a * slope + 2.0 * p1 * b + 6.0 * p2 * a
-        ub = a * b * slope + 2.0 * p1 * a + 2.0 * p2 * b
-        vb = radial + b * b * slope + 6.0 * p1 * b + 2.0 * p2 * a
-        determinant = ua * vb - ub * ub
-        if abs(determinant) > 1e-6:  # where the lens model folds over, stay
-            a, b = a - (vb * du - ub * dv) / determinant, b - (ua * dv - ub * du) / determinant
-    return a, b
+def _through_lens(u, v, lens):
+    """training.scenes.lens.directions_at for one point."""
+    if not np.any(lens):
+        return u, -v, -1.0
+    a, b = _undistort(u, v, lens, NEWTON_STEPS)
+    return _direction(a, b, lens[-1])
 
 
 @kernel

@@ -16,8 +16,9 @@ import numpy as np
 from scenepack.constants import ALPHA_CONTRIBUTES, EMPTY_BLOCK, NDC_NEAR
 from scenepack.contraction import Path, path_of, piece_at, time_at
 from scenepack.pack import Pack
+from training.scenes.lens import image_of
 from viewer.rendering.camera import ViewCamera, ray_through
-from viewer.rendering.ray_frame import RayFrame, lens_reach
+from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import RenderSettings
 
 STEPS = 4  # per voxel
@@ -99,9 +100,9 @@ def surface_at(pack: Pack, camera: ViewCamera, settings: RenderSettings, x: floa
     frame = RayFrame(pack)
     origin, direction = ray_through(camera, x, y)
     ahead = float(direction @ -camera.grid_T_camera[:3, 2])
-    if any(camera.distortion) and (1.0 / ahead**2 - 1.0) ** 0.5 >= lens_reach(camera.distortion):
+    if not image_of(direction @ camera.grid_T_camera[:3, :3], camera.distortion)[2]:
         return None
-    near = max(max(camera.near, settings.near) / ahead, camera.ray_near)
+    near = max(max(camera.near, settings.near) / max(ahead, 1e-8), camera.ray_near)
     line = _warped(frame, origin, direction, near) if pack.ndc else _straight(pack, origin, direction, near)
     if line is None:
         return None

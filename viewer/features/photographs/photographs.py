@@ -25,6 +25,7 @@ from console.streams import one_line
 from scenepack.pack import Pack
 from scenepack.pictures import has_picture, picture_of
 from training.scenes import load_scene
+from training.scenes.lens import LENS_SIZE
 from training.scenes.pictures import PictureLoader
 from training.scenes.scene import Camera, Photograph
 from training.scenes.scene_options import recorded_options
@@ -199,8 +200,8 @@ def _camera(entry: Any) -> Camera | None:
         good = good and (np.abs([*numbers, *distortion]) < FARTHEST).all() and min(numbers[:2]) > 1 / FARTHEST
         if not (good and 0 < width < FARTHEST and 0 < height < FARTHEST):
             return None
-        k1, k2, p1, p2 = distortion
-        return Camera(matrix, width, height, *numbers, distortion=(k1, k2, p1, p2))
+        known = len(distortion) == 4 or (len(distortion) == LENS_SIZE and distortion[-1] in (0, 1, 2))
+        return Camera(matrix, width, height, *numbers, distortion=distortion) if known else None
     except (KeyError, TypeError, ValueError, OverflowError):
         return None
 

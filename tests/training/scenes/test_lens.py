@@ -1,0 +1,95 @@
+"""Lens models: COLMAP's show points where pycolmap does; transforms.json names the same; all engines cast the same rays."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image
+
+from tests.training.reconstructions import FLIP, LENSES, SIZE, around, ball, write_colmap
+from training.scenes.camera_keys import read_camera
+from training.scenes.colmap_files import read_reconstruction
+from training.scenes.lens import (
+    EQUIRECTANGULAR,
+    FISHEYE,
+    MODELS,
+    directions_at,
+    image_of,
+    lens_reach,
+    projection_of,
+    whole_lens,
+)
+from training.scenes.rays import camera_rays, pixels_of
+from training.scenes.read import load_scene
+
+KEYS = {"q1": "k4", "q2": "k5", "q3": "k6", "s1": "sx1", "s2": "sy1", "f": "fl_x", "fx": "fl_x", "fy": "fl_y"}
+
+
+def as_transforms(model: str) -> dict[str, object]:
+    """The keys of transforms.json for one of LENSES."""
+    named = dict(zip(MODELS[model].parameters, LENSES[model], strict=True))
+    if model != "FULL_OPENCV" and "s1" not in named:
+        named = {name: value for name, value in named.items() if not name.startswith(("q", "s"))}
+    return {"camera_model": model, "w": SIZE[0], "h": SIZE[1]} | {KEYS.get(k, k): v for k, v in named.items()}
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_points_are_seen_where_colmap_sees_them(tmp_path: Path, model: str):
+    points = ball(60, radius=2.5)  # up to the corners of the pictures
+    found = read_reconstruction(write_colmap(tmp_path, around(3), points, (model,)) / "sparse/0")
+    lens = pycolmap.Camera(model=model, width=SIZE[0], height=SIZE[1], params=LENSES[model])
+    seen = 0
+    for camera in found.cameras:
+        local = (points - camera.world_T_camera[:3, 3]) @ camera.world_T_camera[:3, :3] @ FLIP[:3, :3]
+        ahead = local[:, 2] > 0.3
+        expected = np.array([lens.img_from_cam(one) for one in local[ahead]])
+        pixels, shown = pixels_of(camera, points[ahead])
+        np.testing.assert_allclose(pixels[shown], expected[shown], atol=1e-9)
+        seen += shown.sum()
+        origins, directions = camera_rays(camera, *expected[shown].T)
+        away = points[ahead][shown] - origins
+        np.testing.assert_allclose(directions, away / np.linalg.norm(away, axis=-1, keepdims=True), atol=1e-9)
+    assert seen > 60
+    assert read_camera(np.eye(4), as_transforms(model), SIZE, "here").distortion == pytest.approx(camera.distortion)
+
+
+@pytest.mark.parametrize("model", ["OPENCV_FISHEYE", "THIN_PRISM_FISHEYE", "EQUIRECTANGULAR"])
+def test_lenses_that_see_behind_themselves_show_all_directions_once(model: str):
+    lens = MODELS[model].lens(dict(zip(MODELS[model].parameters, LENSES[model], strict=True)))
+    directions = np.random.default_rng(0).normal(size=(500, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    u, v, shown = image_of(directions, lens)
+    shown &= np.arccos(-directions[:, 2]) < 0.9 * lens_reach(lens)  # where it folds over, nothing is exact
+    assert (shown & (directions[:, 2] > 0.1)).any() and (shown.all() or projection_of(lens) == FISHEYE)
+    np.testing.assert_allclose(directions_at(u[shown], v[shown], lens), directions[shown], atol=1e-6)
+
+
+@pytest.mark.parametrize("model", ["PINHOLE", "FULL_OPENCV", "THIN_PRISM_FISHEYE", "EQUIRECTANGULAR"])
+def test_the_compiled_engine_casts_the_same_rays(model: str):
+    pytest.importorskip("numba", reason="needs Numba: pip install 'snerg[train]'")
+    from training.multires.fused.rays import _through_lens
+
+    lens = MODELS[model].lens(dict(zip(MODELS[model].parameters, LENSES[model], strict=True)))
+    for u, v in ((0.0, 0.0), (0.3, -0.4), (-0.6, 0.2)):
+        expected = directions_at(np.array(u), np.array(v), lens)
+        np.testing.assert_allclose(_through_lens(u, v, np.array(whole_lens(lens))), expected, atol=1e-6)
+
+
+def test_a_panorama_is_read_whatever_focal_length_is_named_and_is_fisheye_is_opencvs(tmp_path: Path):
+    (tmp_path / "images").mkdir()
+    frames = [{"file_path": f"images/{i}.png", "transform_matrix": p.tolist()} for i, p in enumerate(around(9))]
+    for frame in frames:
+        Image.new("RGB", SIZE).save(tmp_path / frame["file_path"])
+    document = {"camera_model": "EQUIRECTANGULAR", "frames": frames}
+    for keys, projection in (
+        (document, EQUIRECTANGULAR),
+        ({"is_fisheye": True, "fl_x": 20, "frames": frames}, FISHEYE),
+    ):
+        (tmp_path / "transforms.json").write_text(json.dumps(keys))
+        camera = load_scene(tmp_path).splits["train"][0].camera
+        assert projection_of(camera.distortion) == projection
+    assert projection_of(load_scene(tmp_path, downscale=2).splits["train"][0].camera.distortion) == FISHEYE
