@@ -18,10 +18,10 @@ MOST_LEVELS = 64
 _EXACT_DIGITS = 18
 
 
-def parse_json(text: bytes | str) -> Any:
+def parse_json(text: bytes | str, most: int = MOST_BYTES) -> Any:
     """The value of `text` (bytes are UTF-8). ValueError with the reason where it is no JSON, or none that anybody writes."""
-    if len(text) > MOST_BYTES:
-        raise ValueError(f"more than {MOST_BYTES >> 20} MiB")
+    if len(text) > most:
+        raise ValueError(f"more than {most >> 20} MiB")
     if isinstance(text, bytes):
         try:
             text = text.decode("utf-8-sig")
@@ -38,12 +38,12 @@ def parse_json(text: bytes | str) -> Any:
     return value
 
 
-def read_json_file(path: Path) -> Any:
+def read_json_file(path: Path, most: int = MOST_BYTES) -> Any:
     """The value in the file `path`. ValueError as parse_json, OSError where it cannot be read, or is a pipe: nobody may write."""
     if is_stream(path):
         raise OSError(errno.EINVAL, "a device or a pipe, not a file", str(path))
     with open(path, "rb") as file:
-        return parse_json(file.read(MOST_BYTES + 1))
+        return parse_json(file.read(most + 1), most)
 
 
 def _whole(digits: str) -> int | float:

@@ -46,7 +46,14 @@ def read(path: Path, options: SceneOptions) -> Scene:
     """Reads the reconstruction, finds each image's picture and checks its header."""
     found = reconstruction_of(path)
     folder, factor = _choose_folder(path, found.names, options)
-    listed = FileFinder(folder).find_all(found.names)
+    return scene_of(path, found, FileFinder(folder), folder, factor, options)
+
+
+def scene_of(
+    path: Path, found: Reconstruction, finder: FileFinder, folder: Path, factor: int, options: SceneOptions
+) -> Scene:
+    """The scene of a reconstruction whose pictures, `factor` times smaller than full size, lie in a folder."""
+    listed = finder.find_all(found.names)
     _tell_left_out(path, folder, found, listed)
     found = found.only([index for index, picture in enumerate(listed) if picture is not None])
     pictures = [picture for picture in listed if picture is not None]
@@ -57,7 +64,8 @@ def read(path: Path, options: SceneOptions) -> Scene:
     photographs = [photograph_of(name, picture, camera, shrink, mask) for name, picture, camera, mask in described]
     tell_turned(path, photographs)
     photographs, space = _placed(path, found, photographs, options)
-    return Scene(path=path, kind="colmap", splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
+    kind = "colmap" if recognises(path) else "program"
+    return Scene(path=path, kind=kind, splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
                  **space._asdict())  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from console import Notice, UserError
-from training.scenes import colmap, llff, transforms
+from training.scenes import colmap, llff, programs, transforms
 from training.scenes.files import PICTURE_SUFFIXES
 from training.scenes.rays import camera_rays, pixel_grid
 from training.scenes.scene import Scene, SceneOptions
@@ -25,7 +25,7 @@ MOST_OF_A_LENS = 1e7  # pixels, or a coefficient of its distortion; beyond, some
 LEAST_FOCAL = 1e-3  # pixels; below, squares of the picture's own coordinates leave the range of floats
 PROBES = 5  # pixels along each side of a picture whose rays are tried
 AS_IT_IS = SceneOptions()
-LAYOUTS = (transforms, llff, colmap)  # COLMAP last: others keep its files beside their own
+LAYOUTS = (transforms, llff, colmap, programs)  # the more particular first: others keep COLMAP's files beside their own
 
 
 def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: Any) -> Scene:
@@ -39,9 +39,9 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
         raise UserError("the folder is empty", where=path, expected="a scene: " + _looked_for())
     for layout in LAYOUTS:
         if layout.recognises(path):
-            if options.up is not None and layout is not colmap:
+            if options.up is not None and layout not in (colmap, programs):
                 raise UserError("the files say themselves what is up", where=UP, found=str(path),
-                                expected="a COLMAP scene, or photographs without poses", remedy="leave it out")  # fmt: skip
+                                expected="a COLMAP scene, an export, or bare photographs", remedy="leave it out")  # fmt: skip
             with np.errstate(all="ignore"):  # what comes of numbers without a meaning is looked at below
                 scene = layout.read(path, options)
             _require_sound(scene)

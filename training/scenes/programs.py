@@ -1,0 +1,329 @@
+"""Scenes whose cameras another program found: Metashape, RealityCapture, Polycam, Record3D, 3D Scanner App, OpenSfM, Bundler.
+
+Each is recognised by what its file says, and becomes a Reconstruction, which training.scenes.colmap makes a scene of.
+docs/scenes.md says how to export. Notation: world_T_camera [4, 4] in OpenGL axes; FLIP turns OpenCV's axes into those.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from console import UserError
+from training.scenes.colmap import scene_of
+from training.scenes.colmap_files import OPENGL_FROM_OPENCV, Reconstruction
+from training.scenes.export_file import ExportFile
+from training.scenes.files import FileFinder
+from training.scenes.lens import EQUIRECTANGULAR, FISHEYE, PERSPECTIVE, Model
+from training.scenes.metashape import is_metashape, read_metashape
+from training.scenes.pictures import picture_size
+from training.scenes.poses import pose
+from training.scenes.scene import Scene, SceneOptions
+
+LOOKED_FOR = "an export of Metashape, RealityCapture, Polycam, Record3D, 3D Scanner App, OpenSfM or Bundler"
+HEAD_BYTES = 4096  # of a file that tell what wrote it
+FILM_MM = 36.0  # the longer side of a picture that focal lengths in millimetres refer to
+UNKNOWN_SIZE = (2, 2)  # of pictures that are not there
+SizeOf = Callable[[str], tuple[int, int]]  # width and height of the picture of that name
+
+
+class Program(NamedTuple):
+    name: str
+    find: Callable[[Path], Path | None]  # what it wrote into a folder: a file, or a folder of files
+    read: Callable[[Path, SizeOf], Reconstruction]
+    pictures: tuple[str, ...] = ("images", ".")  # where its pictures lie; the first that is there
+
+
+def recognises(path: Path) -> bool:
+    """Whether a folder holds an export of one of the programs."""
+    return _found(path) is not None
+
+
+def read(path: Path, options: SceneOptions) -> Scene:
+    """Reads the cameras and the headers of the pictures."""
+    found = _found(path)
+    assert found is not None
+    program, file = found
+    own = "corrected_images" if file.name == "corrected_cameras" else None
+    folders = [file.parent / own] if own else [path / folder for folder in program.pictures]
+    folder = next((folder for folder in folders if folder.is_dir()), path)
+    finder = FileFinder(folder, path)
+
+    def size_of(name: str) -> tuple[int, int]:
+        picture = finder.find(name)
+        return UNKNOWN_SIZE if picture is None else picture_size(picture)
+
+    return scene_of(path, program.read(file, size_of), finder, folder, 1, options)
+
+
+def _found(path: Path) -> tuple[Program, Path] | None:
+    found = ((program, program.find(path)) for program in PROGRAMS)
+    return next(((program, file) for program, file in found if file is not None), None)
+
+
+def _with_head(path: Path, pattern: str, says: Callable[[bytes], bool]) -> Path | None:
+    """The first file of a folder that fits the pattern and whose first bytes say what they should."""
+    for file in sorted(path.glob(pattern)):
+        if file.is_file():
+            with file.open("rb") as opened:
+                if says(opened.read(HEAD_BYTES)):
+                    return file
+    return None
+
+
+def _matrix(R: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """[R | t] as [4, 4]."""
+    return np.vstack([np.column_stack([R, t]), [0, 0, 0, 1]])
+
+
+def _about(rotation: np.ndarray) -> np.ndarray:
+    """The rotation [3, 3] about a vector [3], by an angle that is its length (Rodrigues' formula)."""
+    angle = np.linalg.norm(rotation)
+    x, y, z = rotation / max(angle, 1e-12)
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across
+
+
+# --- RealityCapture, RealityScan --------------------------------------------------------------------------------------
+
+COLUMNS = ("x", "y", "alt", "heading", "pitch", "roll", "f", "px", "py", "k1", "k2", "k3", "k4", "t1", "t2")
+COEFFICIENTS: tuple[str, ...] = ("k1", "k2", "k3", "k4", "p1", "p2")  # the last of COLUMNS
+
+
+def _is_realitycapture(head: bytes) -> bool:
+    lines = head.decode("utf-8-sig", errors="replace").lower().splitlines()
+    return any(line.startswith("#name") and "heading" in line for line in lines[:5])
+
+
+def _read_realitycapture(file: Path, size_of: SizeOf) -> Reconstruction:
+    """Heading, pitch and roll in degrees, where a camera of zeros looks down and its top is north; lengths in millimetres of a
+    picture FILM_MM long."""
+    export = ExportFile("RealityCapture", file)
+    lines = file.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    first = next(index for index, line in enumerate(lines) if line.lower().startswith("#name"))
+    separator = ";" if ";" in lines[first] else ","
+    head = [column.strip().lower() for column in lines[first].split(separator)]
+    if missing := [column for column in COLUMNS[:9] if column not in head]:
+        raise export.damaged(f"no column {', '.join(missing)}")
+    told = next((line.split()[-1] for line in lines[:first] if line.lower().startswith("#cameras ")), None)
+    if told not in (None, str(rows := sum(bool(line.strip()) for line in lines[first + 1 :]))):
+        raise export.damaged(f"{rows} cameras where it counts {told}")
+    cameras = {}
+    for row in csv.reader((line for line in lines[first + 1 :] if line.strip()), delimiter=separator):
+        if len(row) != len(head):
+            raise export.damaged(f"{len(row)} columns where there should be {len(head)}", row[0] if row else "")
+        name, values = row[0], dict(zip(head, row, strict=True))
+        x, y, z, heading, pitch, roll, f, px, py, *rest = (
+            export.numbers([values.get(column, "0") or "0"], 1, f"{column} of {name}")[0] for column in COLUMNS
+        )
+        R = _about(np.radians([0, 0, -heading])) @ _about(np.radians([pitch, 0, 0])) @ _about(np.radians([0, roll, 0]))
+        width, height = size_of(name)
+        scale = max(width, height) / FILM_MM
+        coefficients = {key: float(value) for key, value in zip(COEFFICIENTS, rest, strict=True)}
+        centre = 0.5 * width + scale * px, 0.5 * height + scale * py
+        if name in cameras:
+            raise export.damaged("a name that comes twice", name)
+        cameras[name] = export.camera(name, _matrix(R, np.array([x, y, z])), (width, height), [scale * f], centre,
+                                      coefficients=coefficients)  # fmt: skip
+    return export.reconstruction(cameras)
+
+
+# --- apps for phones --------------------------------------------------------------------------------------------------
+
+
+def _files_with(folders: Sequence[str], pattern: str, key: bytes) -> Callable[[Path], Path | None]:
+    """The first of some folders in which a JSON file names a key."""
+
+    def find(path: Path) -> Path | None:
+        there = (path / folder for folder in folders)
+        return next((folder for folder in there if _with_head(folder, pattern, lambda head: key in head)), None)
+
+    return find
+
+
+def _read_polycam(folder: Path, _: SizeOf) -> Reconstruction:
+    """keyframes/cameras/TIME.json: t_ij of a camera-to-world matrix in OpenGL axes, and the lens in pixels."""
+    cameras = {}
+    for file in sorted(folder.glob("*.json")):
+        export = ExportFile("Polycam", file)
+        values = export.json(dict)
+        matrix = [[export.number(values, f"t_{row}{column}") for column in range(4)] for row in range(3)]
+        width, height, fx, fy, cx, cy = (
+            export.number(values, key) for key in ("width", "height", "fx", "fy", "cx", "cy")
+        )
+        cameras[file.stem] = export.camera(file.stem, matrix, (width, height), (fx, fy), (cx, cy))
+    return ExportFile("Polycam", folder).reconstruction(cameras)
+
+
+def _read_scanner_app(folder: Path, size_of: SizeOf) -> Reconstruction:
+    """frame_N.json of ARKit: cameraPoseARFrame, camera-to-world in OpenGL axes, and intrinsics [3, 3] in pixels."""
+    cameras = {}
+    for file in sorted(folder.glob("frame_*.json")):
+        export = ExportFile("3D Scanner App", file)
+        values = export.json(dict)
+        matrix = export.numbers(values.get("cameraPoseARFrame"), 16, "cameraPoseARFrame").reshape(4, 4)
+        K = export.numbers(values.get("intrinsics"), 9, "intrinsics").reshape(3, 3)
+        # by rows or, as ARKit has them in memory, by columns
+        matrix = matrix.T if np.any(matrix[3, :3]) else matrix
+        K = K.T if np.any(K[2, :2]) else K
+        size = size_of(file.stem)
+        cameras[file.stem] = export.camera(file.stem, matrix, size, (K[0, 0], K[1, 1]), K[:2, 2])
+    return ExportFile("3D Scanner App", folder).reconstruction(cameras)
+
+
+def _find_record3d(path: Path) -> Path | None:
+    keys = (b'"poses"', b'"K"', b'"initPose"', b'"frameTimestamps"', b'"perFrameIntrinsicCoeffs"')
+    has_pictures = any((path / folder).is_dir() for folder in ("rgb", "rgbd"))
+    return _with_head(path, "metadata.json", lambda head: any(key in head for key in keys)) if has_pictures else None
+
+
+def _read_record3d(file: Path, _: SizeOf) -> Reconstruction:
+    """metadata.json: poses [x, y, z, w of a quaternion, position] in OpenGL axes; K by columns, or a lens for each frame."""
+    export = ExportFile("Record3D", file)
+    values = export.json(dict)
+    poses, lenses = export.entry(values, "poses", list), values.get("perFrameIntrinsicCoeffs")
+    K = export.numbers(values.get("K"), 9, "K").reshape(3, 3).T
+    size = export.number(values, "w"), export.number(values, "h")
+    if lenses is not None and (not isinstance(lenses, list) or len(lenses) != len(poses)):
+        raise export.damaged("perFrameIntrinsicCoeffs of another number than poses")
+    cameras = {}
+    for index, row in enumerate(poses):
+        *turn, x, y, z = export.numbers(row, 7, f"pose {index}")
+        length = np.linalg.norm(turn)
+        if length < 0.5:
+            raise export.damaged(f"pose {index} has no rotation")
+        vector, real = np.array(turn[:3]) / length, turn[3] / length
+        sine = np.linalg.norm(vector)
+        R = _about(vector / max(sine, 1e-12) * 2 * np.arctan2(sine, real))
+        lens = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
+        lens = lens if lenses is None else export.numbers(lenses[index], 4, f"lens {index}")
+        cameras[f"{index}"] = export.camera(f"{index}", _matrix(R, np.array([x, y, z])), size, lens[:2], lens[2:])
+    return export.reconstruction(cameras)
+
+
+# --- OpenSfM, OpenDroneMap --------------------------------------------------------------------------------------------
+
+# projection_type: the projection, and coefficients besides k1, k2
+OPENSFM = {
+    "perspective": (PERSPECTIVE, ()), "simple_radial": (PERSPECTIVE, ()), "radial": (PERSPECTIVE, ()),
+    "brown": (PERSPECTIVE, ("k3", "p1", "p2")), "fisheye": (FISHEYE, ()), "fisheye_opencv": (FISHEYE, ("k3", "k4")),
+    "spherical": (EQUIRECTANGULAR, None), "equirectangular": (EQUIRECTANGULAR, None),
+}  # fmt: skip
+
+
+def _find_opensfm(path: Path) -> Path | None:
+    files = (path / folder / "reconstruction.json" for folder in (".", "opensfm"))
+    return next((file for file in files if file.is_file()), None)
+
+
+def _read_opensfm(file: Path, _: SizeOf) -> Reconstruction:
+    """The largest of the reconstructions: cameras in units of the picture's longer side, shots as camera_T_world."""
+    export = ExportFile("OpenSfM", file)
+    parts = export.json(list)
+    found = max(parts, key=lambda part: len(part.get("shots") or ()) if isinstance(part, dict) else 0, default=None)
+    shots, lenses = export.entry(found, "shots", dict), export.entry(found, "cameras", dict)
+    cameras = {}
+    for name, shot in shots.items():
+        lens = export.entry(lenses, str(shot.get("camera")) if isinstance(shot, dict) else "camera", dict)
+        R = _about(export.numbers(shot.get("rotation"), 3, f"rotation of {name}"))
+        t = export.numbers(shot.get("translation"), 3, f"translation of {name}")
+        kind = str(lens.get("projection_type"))
+        if kind not in OPENSFM:
+            raise UserError("this lens model is not supported", where=file, expected=", ".join(OPENSFM), found=kind[:40],
+                            remedy="undistort the pictures first (opensfm undistort)")  # fmt: skip
+        projection, further = OPENSFM[kind]
+        width, height = size = export.number(lens, "width"), export.number(lens, "height")
+        scale, focal, centre, coefficients = max(size), [1.0], [0.0, 0.0], {}
+        if further is not None:
+            fx = export.number(lens, "focal_x", export.number(lens, "focal", 0.0))
+            focal = [scale * fx, scale * export.number(lens, "focal_y", fx)]
+            centre = [scale * export.number(lens, "c_x", 0.0), scale * export.number(lens, "c_y", 0.0)]
+            coefficients = {key: export.number(lens, key, 0.0) for key in ("k1", "k2", *further)}
+        middle = centre[0] + 0.5 * width, centre[1] + 0.5 * height
+        world_T_camera = np.linalg.inv(_matrix(R, t)) @ OPENGL_FROM_OPENCV
+        model = Model(projection, ())
+        cameras[name] = export.camera(name, world_T_camera, size, focal, middle, model, coefficients)
+    points = (found or {}).get("points") or {}
+    rows = [export.numbers([point["coordinates"], point.get("color", (0, 0, 0))], 6, "a point") if isinstance(point, dict)
+            and "coordinates" in point else export.numbers(None, 6, "a point") for point in points.values()]  # fmt: skip
+    table = np.array(rows, np.float64).reshape(-1, 6)
+    return export.reconstruction(cameras, table[:, :3], table[:, 3:])
+
+
+# --- Bundler ----------------------------------------------------------------------------------------------------------
+
+BUNDLES = ("bundle*.out", "bundle/bundle*.out")
+LISTS = ("list.txt", "bundle.list.txt", "bundle.out.list.txt")  # the pictures' names, beside the file or above
+
+
+def _find_bundler(path: Path) -> Path | None:
+    there = (_with_head(path, pattern, lambda head: head.startswith(b"# Bundle file")) for pattern in BUNDLES)
+    return next((file for file in there if file is not None), None)
+
+
+def _read_bundler(file: Path, size_of: SizeOf) -> Reconstruction:
+    """bundle.out 0.3: counts; per camera f, k1, k2, R, t of camera_T_world in OpenGL axes; per point place, colour and views."""
+    export = ExportFile("Bundler", file)
+    lists = (
+        folder / name for folder in (file.parent, file.parent.parent) for name in (*LISTS, file.name + ".list.txt")
+    )
+    listing = next((found for found in lists if found.is_file()), None)
+    if listing is None:
+        raise export.damaged("no list.txt beside it, which names the pictures")
+    lines = listing.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    names = [line.split()[0] for line in lines if line.strip()]
+    words = iter(file.read_text(encoding="utf-8", errors="replace").partition("\n")[2].split())
+
+    def take(count: int, what: str) -> np.ndarray:
+        return export.numbers(list(itertools.islice(words, count)), count, what)
+
+    def whole(what: str, most: int) -> int:
+        value = take(1, what)[0]
+        if not 0 <= value <= most or value != int(value):
+            raise export.damaged(f"{what} {value:g}, where 0 to {most} can be")
+        return int(value)
+
+    length = file.stat().st_size
+    count, points = whole("number of cameras", len(names)), whole("number of points", length)
+    cameras, seen = {}, {}
+    for index, name in enumerate(names[:count]):
+        f, k1, k2, *rest = take(15, f"camera {index}")
+        if f == 0:
+            continue  # it has no pose
+        world_T_camera = np.linalg.inv(
+            pose(_matrix(np.reshape(rest[:9], (3, 3)), np.array(rest[9:])), f"{file} {name}")
+        )
+        width, height = size = size_of(name)
+        coefficients = {"k1": float(k1), "k2": float(k2)}
+        cameras[name] = export.camera(
+            name, world_T_camera, size, [f], (width / 2, height / 2), coefficients=coefficients
+        )
+        seen[name] = []
+    table = np.zeros((points, 6)) if points * 12 <= length else None  # bytes that a point takes at least
+    if table is None:
+        raise export.damaged(f"{points} points in {length} bytes")
+    for row in range(points):
+        table[row] = take(6, f"point {row}")
+        for view in take(4 * whole(f"views of point {row}", length), f"views of point {row}")[::4]:
+            if 0 <= view < count and names[int(view)] in seen:
+                seen[names[int(view)]].append(row)
+    rows = {name: np.array(shown, np.int64) for name, shown in seen.items()}
+    return export.reconstruction(cameras, table[:, :3], table[:, 3:], rows)
+
+
+PROGRAMS = (
+    Program("Metashape", partial(_with_head, pattern="*.xml", says=is_metashape), read_metashape),
+    Program("RealityCapture", partial(_with_head, pattern="*.csv", says=_is_realitycapture), _read_realitycapture),
+    Program("Polycam", _files_with(("keyframes/corrected_cameras", "keyframes/cameras"), "*.json", b'"t_00"'),
+            _read_polycam, ("keyframes/images",)),
+    Program("3D Scanner App", _files_with((".",), "frame_*.json", b'"cameraPoseARFrame"'), _read_scanner_app, (".",)),
+    Program("Record3D", _find_record3d, _read_record3d, ("rgb", "rgbd")),
+    Program("OpenSfM", _find_opensfm, _read_opensfm),
+    Program("Bundler", _find_bundler, _read_bundler),
+)  # fmt: skip
