@@ -32,7 +32,7 @@ from PIL import Image
 
 from console import UserError
 from console.file_signature import HEAD_BYTES, sniff_type
-from training.posing.photograph import PREVIEW_SIDE, same_view, sharpness, thumbnail, write_picture
+from training.posing.photograph import PREVIEW_SIDE, difference, same_view, sharpness, thumbnail, write_picture
 from training.scenes.deep_pictures import linear_to_srgb
 from training.scenes.sources import DEMUXERS, FILM_NAMES, container_of
 
@@ -148,6 +148,8 @@ OPTIONS = {"enable_drefs": "0", "protocol_whitelist": "none", "format_whitelist"
 MOST_PIXELS = 1 << 26  # of a frame; 8K has half as many
 GLIMPSED = 30  # frames whose decoding is timed
 SOUGHT = 60  # frames that are decoded after a key frame, at most, to come to a place
+CANDIDATES = 2  # times as many frames as are used are looked at: a camera that slows down shows the same
+UNEVEN = 0.15  # of the film: how far change may run before or behind time
 PER_SECOND = 6.0  # frames at most: more show the same
 
 
@@ -178,7 +180,8 @@ class _Best:
 
 
 def take_frames(film: Path, folder: Path, most: int, on_progress: Callable[[str, float, float], None]) -> list[Frame]:
-    """Writes at most `most` frames into `folder`: of each interval the sharpest, none that shows the same as the one before.
+    """Writes at most `most` frames into `folder`: of each interval of time the sharpest, none that shows the same as the one
+    before. Where the camera slows down, intervals are not of equal time, but such in which the picture changes as much.
 
     UserError where the file is no film that can be read.
     """
@@ -186,16 +189,37 @@ def take_frames(film: Path, folder: Path, most: int, on_progress: Callable[[str,
         times = _times(film)
         start, end = min(times), max(times)
         kept: list[Frame] = []
+        changes, before = [], None
 
         def on_frame(seconds: float) -> None:
             on_progress("frames", seconds - start, max(end - start, 1e-3))
 
-        for best in _differing(_sharpest(film, times, most, on_frame)):
+        candidates = CANDIDATES * most if (end - start) * PER_SECOND >= CANDIDATES * most else most
+        for best in _differing(_sharpest(film, times, candidates, on_frame)):
+            small = thumbnail(best.preview)
+            changes.append(0.0 if before is None else difference(small - small.mean(), before - before.mean()))
+            before = small
             picture = _upright(best.frame, best.aspect)
             name = write_picture(Image.fromarray(picture), folder, f"frame_{len(kept) + 1:04d}", lossy=True)
             height, width = picture.shape[:2]
             kept.append(Frame(name, (width, height), round(best.seconds - start, 3), best.sharpness))
-    return kept
+    return kept if len(kept) <= most else _spaced(kept, changes, end - start, most, folder)
+
+
+def _spaced(frames: Sequence[Frame], changes: Sequence[float], length: float, most: int, folder: Path) -> list[Frame]:
+    """The sharpest frame of each of `most` intervals, equal in time or in how much the picture changes; the files of the others
+    are removed. changes: from the frame before to each. length: of the film, in seconds."""
+    shares = np.array([frame.seconds for frame in frames]) / length
+    reached = np.cumsum(changes) / max(np.sum(changes), 1e-9)
+    shares = reached if np.abs(reached - shares).max() > UNEVEN else shares
+    best: dict[int, Frame] = {}
+    for frame, share in zip(frames, shares, strict=True):
+        interval = min(int(share * most), most - 1)
+        if interval not in best or frame.sharpness > best[interval].sharpness:
+            best[interval] = frame
+    for frame in set(frames) - set(best.values()):
+        (folder / frame.name).unlink()
+    return list(best.values())
 
 
 def glimpse(

@@ -130,4 +130,9 @@ def thumbnail(preview: np.ndarray) -> np.ndarray:
 
 def same_view(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether two thumbnails show the same from the same place."""
-    return float(np.sqrt(np.mean((a - b) ** 2))) < SAME
+    return difference(a, b) < SAME
+
+
+def difference(a: np.ndarray, b: np.ndarray) -> float:
+    """Root mean square difference of two thumbnails."""
+    return float(np.sqrt(np.mean((a - b) ** 2)))
