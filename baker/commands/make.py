@@ -20,9 +20,10 @@ from console.arguments import join_negative_values
 from console.child_process import module_command
 from scenepack.constants import CodecName
 from training.libraries import begin_libraries
+from training.posing.check import check as check_photographs
 from training.posing.find import FRAMES, SCENE, posed_scene
 from training.scenes.presets import BAKED_AS_THE_PAPER, PRESETS, BakeablePreset, names_with_about
-from training.scenes.sources import FEWEST
+from training.scenes.sources import FEWEST, require_source
 
 DESCRIPTION = (
     "Turns photographs or a film into a scene that you can fly through: finds camera poses, trains, bakes, "
@@ -49,6 +50,7 @@ def snerg_make(
     seed: int = 0,
     frames: int = FRAMES,
     poses_only: bool = False,
+    check: bool = False,
     previews: float = 0.0,
     no_view: bool = False,
 ) -> None:
@@ -78,6 +80,8 @@ def snerg_make(
         seed: Random seed of the training, and of finding poses.
         frames: Number of frames of a film that are used, at most.
         poses_only: Find camera poses into DIR/scene, and stop there.
+        check: Look at the photographs, write DIR/check.html about them, and stop there: sharpness, overlap, exposure, what moves,
+            and which to take again.
         previews: While training, write what is there so far to DIR/preview.zip, a small pack, every so many seconds; 0 for never.
             It is removed once DIR/pack is there.
         no_view: Do not open the viewer at the end.
@@ -112,6 +116,10 @@ def snerg_make(
             "too few frames to find camera poses", where="--frames", expected=f"at least {FEWEST}", found=frames
         )
     began = time.monotonic()
+    if check:
+        verdict = check_photographs(require_source(scene), out / "check.html", frames)
+        print("\n".join([*verdict.lines(), f"the page is {out / 'check.html'}; {minutes(time.monotonic() - began)}"]))
+        return
     scene = posed_scene(scene, out, seed=seed, most_frames=frames)
     if poses_only:
         if scene != out / SCENE:

@@ -92,6 +92,16 @@ def _reconstruct(request: Mapping[str, Any], on_progress: OnProgress) -> dict[st
         return asdict(reconstruct(task, on_progress))
 
 
+def _matching_pairs(request: Mapping[str, Any], on_progress: OnProgress) -> dict[str, Any]:
+    from training.posing.mapping import Group, Task, matching_pairs
+
+    groups = [Group(**group) for group in request["groups"]]
+    task = Task(Path(request["images"]), Path(request["work"]), request["names"], groups,
+                longest_side=request["longest_side"], most_features=request["most_features"])  # fmt: skip
+    pairs, is_static = matching_pairs(task, on_progress)
+    return {"pairs": [asdict(pair) for pair in pairs], "is_static": is_static}
+
+
 def _take_frames(request: Mapping[str, Any], on_progress: OnProgress) -> list[dict[str, Any]]:
     from training.posing.film import take_frames
 
@@ -103,7 +113,7 @@ def _take_frames(request: Mapping[str, Any], on_progress: OnProgress) -> list[di
     return [asdict(frame) for frame in frames]
 
 
-SERVICES = {"reconstruct": _reconstruct, "take_frames": _take_frames}
+SERVICES = {"reconstruct": _reconstruct, "matching_pairs": _matching_pairs, "take_frames": _take_frames}
 
 if __name__ == "__main__":
     serve()

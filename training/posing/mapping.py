@@ -28,6 +28,7 @@ import pycolmap
 DATABASE, PAIRS, MODELS, MODEL = "database.db", "pairs.txt", "models", "model"
 LENS = "SIMPLE_RADIAL"  # while pictures are being added; the parameters of richer ones need many pictures
 LONGEST_SIDE = 1600  # pixels in which features are looked for; places are those of the full picture
+MOST_FEATURES = 8192
 UNKNOWN_FOCAL = 1.2  # of the longer side
 AT_ONCE = 60  # pairs between two reports
 ALL_UP_TO = 60  # pictures of which all pairs are matched
@@ -42,6 +43,9 @@ FEWEST_FOR_LENS = 10  # pictures of one camera whose second distortion coefficie
 FARTHEST_CENTRE = 0.08  # of the picture's side, from its middle
 STILL = 0.003  # of the picture's longer side: matches that move less on average stand still
 MOST_STILL = 0.5  # of the pairs that match; a walk has neighbours that hardly differ, but not so many
+
+PLACES = 60  # of matching features of a pair that are compared in brightness
+GEOMETRY = pycolmap.TwoViewGeometryConfiguration
 
 OnProgress = Callable[[str, float, float], None]  # what goes on, units done, units in all
 
@@ -63,6 +67,8 @@ class Task:
     seed: int = 0
     masks: Path = Path()  # a folder of masks NAME.png
     masked: Sequence[str] = ()  # the pictures that have one: features are found where it is not black
+    longest_side: int = LONGEST_SIDE
+    most_features: int = MOST_FEATURES  # of a picture
 
     @property
     def database(self) -> Path:
@@ -99,6 +105,48 @@ def reconstruct(task: Task, on_progress: OnProgress) -> Found:
     named = [sorted(model.image(number).name for number in model.reg_image_ids()) for model in (best, *models[1:])]
     error = best.compute_mean_reprojection_error()
     return replace(found, registered=named[0], models=named, points=best.num_points3D(), error=error)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two pictures that match."""
+
+    first: str
+    second: str
+    share: float  # of the features of the one that has fewer, that match as one scene does that stands still
+    moving: float  # share of the matches that do not
+    turned: bool  # the camera turned and did not move, or all lies in one plane
+    places: list[
+        list[float]
+    ]  # x, y in the first and x, y in the second picture of some features, as shares of width and height
+
+
+def matching_pairs(task: Task, on_progress: OnProgress) -> tuple[list[Pair], bool]:
+    """Which pictures match, and whether the camera stands still before what turns."""
+    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
+    _begin_database(task)
+    _extract(task, on_progress)
+    _match(task, on_progress)
+    found = []
+    with _opened(task) as database:
+        images = {image.image_id: image for image in database.read_all_images()}
+        sizes = {camera.camera_id: (camera.width, camera.height) for camera in database.read_all_cameras()}
+        for pair, inliers in zip(*database.read_two_view_geometry_num_inliers(), strict=True):
+            if inliers < FEWEST_INLIERS:
+                continue
+            both = pycolmap.pair_id_to_image_pair(pair)
+            geometry, matches = database.read_two_view_geometry(*both), len(database.read_matches(*both))
+            rows = np.asarray(geometry.inlier_matches)[:: max(inliers // PLACES, 1)]
+            shares = [
+                np.asarray(database.read_keypoints(n))[rows[:, k], :2] / sizes[images[n].camera_id]
+                for k, n in enumerate(both)
+            ]
+            features = min(database.num_keypoints_for_image(number) for number in both)
+            first, second = (images[number].name for number in both)
+            turned = geometry.config in (GEOMETRY.PANORAMIC, GEOMETRY.PLANAR_OR_PANORAMIC)
+            found.append(Pair(first, second, inliers / max(features, 1), 1 - inliers / max(matches, 1), turned,
+                              np.concatenate(shares, 1).round(4).tolist()))  # fmt: skip
+    return found, _matches_found(task).is_static
 
 
 def measured(images: Path, names: Sequence[str]) -> tuple[float, float]:
@@ -151,7 +199,8 @@ def _reading(**more: Any) -> Any:
 
 
 def _extract(task: Task, on_progress: OnProgress) -> None:
-    options = pycolmap.FeatureExtractionOptions(use_gpu=False, max_image_size=LONGEST_SIDE, num_threads=_threads())
+    options = pycolmap.FeatureExtractionOptions(use_gpu=False, max_image_size=task.longest_side, num_threads=_threads())
+    options.sift.max_num_features = task.most_features
     with _opened(task) as database:
         there = {image.name for image in database.read_all_images() if database.exists_keypoints(image.image_id)}
     for masked in (False, True):

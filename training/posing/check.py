@@ -1,0 +1,219 @@
+"""What photographs are worth before anything is trained: sharpness, overlap, exposure, what moves, which to take again.
+
+Nothing is reconstructed: features of small copies are matched, and the pairs that match tell the rest. Notation: N photographs;
+x [N] logarithms of exposure, fitted to the brightness ratios of matching features, their median 0.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from console import UserError, progress
+from console.atomic import replacing
+from training.posing.child_process import ask
+from training.posing.photograph import PREVIEW_SIDE, sharpness
+from training.posing.prepare import IMAGES, LOG, Prepared, camera_groups, prepare
+from training.scenes.pictures import small_picture
+from training.scenes.sources import FEWEST, Source
+
+STAGE = "check"
+LONGEST_SIDE, MOST_FEATURES = 640, 600  # of the copies that are matched: a minute has to do
+BRIGHTNESS_SIDE = 200  # pixels in which the brightness around a feature is read
+THUMBNAIL = 176  # pixels
+DARKEST = 0.04  # grey levels below tell nothing of exposure
+PARTNERS = 4  # a photograph overlaps as well as it matches so many others
+GOOD_OVERLAP, GOOD_SHARPNESS = 0.25, 0.5  # what captures have of which nothing is to be complained
+FEW_PARTNERS = 2  # that a photograph matches, at most, which stands apart
+EXPOSURE_JUMP = 0.25  # of x: from here on a photograph is said to differ
+EXPOSURE_SPREAD = 0.6  # root mean square of x that halves the score
+MUCH_MOVES = 0.45  # of the matches of a pair; mistakes alone make 0.1 to 0.3
+AROUND_SHARE = 0.7  # of all pairs: where more match, all photographs show one side
+TURNED = 0.9  # of the pairs: where more do, the camera turned on the spot
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was found of N photographs, in their order."""
+
+    names: tuple[str, ...]  # as the user knows them
+    sharpness: np.ndarray  # [N]
+    overlap: np.ndarray  # [N]: share of the features that PARTNERS others have, on average
+    partners: np.ndarray  # int [N]: how many others match
+    exposure: np.ndarray  # x [N]
+    moving: float  # share of the matches that do not fit a scene that stands still, median of the pairs
+    connected: float  # share of the photographs that hang together
+    matches: np.ndarray  # [N, N]: share of features in common
+    kind: str  # what was photographed
+    retake: dict[str, str]  # why, by name; those that cannot be used, too
+    score: float  # 0 to 100
+
+    def lines(self) -> list[str]:
+        """What a user should know, a line each."""
+        sharp, overlap = _median(self.sharpness) / GOOD_SHARPNESS, _median(self.overlap) / GOOD_OVERLAP
+        lines = [
+            f"{len(self.names)} photographs, {self.kind}; expected quality {self.score:.0f} of 100",
+            f"of what is good: sharpness {sharp:.0%}, overlap {overlap:.0%}; {self.connected:.0%} hang together; exposures "
+            f"differ by {_spread(self.exposure):.0%}; {self.moving:.0%} of the matches move",
+        ]
+        if self.moving > MUCH_MOVES:
+            lines.append("much moves: leaves, people, reflections; or the photographs are blurred")
+        return lines + [f"take again {name}: {why}" for name, why in self.retake.items()]
+
+
+def check(source: Source, page: Path, most_frames: int) -> Verdict:
+    """Looks at photographs or a film, and writes a page about them. UserError where too few can be read."""
+    with tempfile.TemporaryDirectory(prefix="snerg-check-") as folder:
+        work = Path(folder)
+        with progress("looking at photographs", len(source.files), stage=STAGE) as bar:
+            prepared = prepare(source, work, most_frames, bar)
+        if len(prepared.pictures) < 2:
+            raise UserError("too few photographs that can be used", where=source.path, expected=f"at least {FEWEST}",
+                            found=len(prepared.pictures))  # fmt: skip
+        files = [work / IMAGES / picture.name for picture in prepared.pictures]
+        request = {
+            "images": str(work / IMAGES), "work": folder, "names": [file.name for file in files],
+            "groups": camera_groups(prepared.pictures), "longest_side": LONGEST_SIDE, "most_features": MOST_FEATURES,
+        }  # fmt: skip
+        with progress("matching", 1, stage=STAGE) as bar:
+            found = ask("matching_pairs", request, work / LOG, lambda *_: None)
+            bar.update(1)
+        verdict = judge(prepared, files, found["pairs"], found["is_static"])
+        page.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(page) as new:
+            new.write_text(_page(source, verdict, files), encoding="utf-8")
+    return verdict
+
+
+def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, Any]], is_static: bool) -> Verdict:
+    """The verdict on pictures, by the pairs that match: mapping.Pair as objects of JSON."""
+    names = tuple(picture.told_as for picture in prepared.pictures)
+    row = {file.name: index for index, file in enumerate(files)}
+    previews = [np.asarray(small_picture(file, PREVIEW_SIDE, "L", at_least=1), np.float32) / 255 for file in files]
+    matches, turned, moving = np.zeros((len(files),) * 2), [], []
+    for pair in pairs:
+        i, j = row[pair["first"]], row[pair["second"]]
+        matches[i, j] = matches[j, i] = pair["share"]
+        turned.append(pair["turned"])
+        moving.append(pair["moving"])
+    partners = (matches > 0).sum(1)
+    overlap = np.sort(matches, axis=1)[:, -PARTNERS:].mean(1)
+    sharp = np.array([sharpness(preview) for preview in previews])
+    exposure = _exposures(previews, pairs, row)
+    together = _largest_part(matches > 0)
+    share = (matches > 0).sum() / max(len(files) * (len(files) - 1), 1)
+    kind = "seen from one side" if share > AROUND_SHARE else "walked around or through"
+    if pairs and np.mean(turned) > TURNED:
+        kind = "turned on the spot: without moving, nothing tells how far things are"
+    if is_static:
+        kind = "a turntable before a still background: masks are needed"
+    retake = dict(prepared.aside)
+    for index, name in enumerate(names):
+        if not together[index]:
+            retake[name] = "does not overlap with the others"
+        elif partners[index] <= FEW_PARTNERS:
+            retake[name] = f"overlaps with {partners[index]} others only: take one between them"
+        elif abs(exposure[index]) > EXPOSURE_JUMP:
+            retake[name] = (
+                f"{abs(np.expm1(exposure[index])):.0%} {'brighter' if exposure[index] > 0 else 'darker'} than the others"
+            )
+    quality = min(_median(sharp) / GOOD_SHARPNESS, 1.0) ** 0.5 * min(_median(overlap) / GOOD_OVERLAP, 1.0) ** 0.5
+    quality *= len(files) / (len(files) + FEWEST)
+    quality *= together.mean() / (1.0 + (_spread(exposure) / EXPOSURE_SPREAD) ** 2)
+    quality *= 0.3 if is_static or kind.startswith("turned") else 1.0
+    return Verdict(names, sharp, overlap, partners, exposure, _median(moving), float(together.mean()), matches, kind, retake,
+                   100.0 * float(quality))  # fmt: skip
+
+
+def _exposures(previews: Sequence[np.ndarray], pairs: Sequence[dict[str, Any]], row: dict[str, int]) -> np.ndarray:
+    """x [N], by least squares over the pairs; those that match none stay at 0."""
+    small = []
+    for preview in previews:
+        step = max(max(preview.shape) // BRIGHTNESS_SIDE, 1)
+        height, width = (side // step * step for side in preview.shape)
+        small.append(preview[:height, :width].reshape(height // step, step, width // step, step).mean((1, 3)))
+    system, ratios = [], []
+    for pair in pairs:
+        both = row[pair["first"]], row[pair["second"]]
+        at = np.array(pair["places"]).reshape(-1, 2, 2)
+        values = []
+        for k, index in enumerate(both):
+            height, width = small[index].shape
+            x, y = (at[:, k] * (width, height)).astype(int).T
+            values.append(small[index][np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)])
+        seen = np.minimum(*values) > DARKEST
+        if seen.any():
+            equation = np.zeros(len(previews))
+            equation[both[1]], equation[both[0]] = 1.0, -1.0
+            system.append(equation)
+            ratios.append(np.median(np.log(values[1][seen] / values[0][seen])))
+    if not system:
+        return np.zeros(len(previews))
+    x = np.linalg.lstsq(np.array(system), np.array(ratios), rcond=None)[0]
+    return x - np.median(x)
+
+
+def _largest_part(linked: np.ndarray) -> np.ndarray:
+    """bool [N]: which belong to the largest part of a graph bool [N, N]."""
+    part = np.arange(len(linked))
+    for _ in range(len(linked)):
+        lowest = np.where(linked | np.eye(len(linked), dtype=bool), part, len(linked)).min(1)
+        if (lowest == part).all():
+            break
+        part = lowest
+    return part == np.bincount(part).argmax()
+
+
+def _median(values: Sequence[float] | np.ndarray) -> float:
+    return float(np.median(values)) if len(values) else 0.0
+
+
+def _spread(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+# --- the page ---------------------------------------------------------------------------------------------------------
+
+STYLE = """body{font:15px system-ui;margin:2em auto;max-width:72em;background:#16181c;color:#ddd}
+figure{display:inline-block;margin:4px;width:184px;vertical-align:top;font-size:12px}
+figure img{max-width:176px;border:4px solid #2c3138}figure.again img{border-color:#d9534f}
+.map{image-rendering:pixelated;width:24em}"""
+MAP = (
+    "Which photographs match, row by column in their order: a broad diagonal is good overlap, bright corners close a circle, "
+    "gaps are places to take more."
+)
+
+
+def _page(source: Source, verdict: Verdict, files: Sequence[Path]) -> str:
+    """One page without any other file: what was found, who matches whom, and all pictures."""
+    title = html.escape(source.path.name)
+    step = verdict.matches / max(float(verdict.matches.max()), 1e-9)
+    shades = np.stack([255 * step, 200 * step**0.5, 60 + 100 * step], -1).astype(np.uint8)
+    about = "".join(f"<li>{html.escape(line)}</li>" for line in verdict.lines())
+    page = [
+        f'<!doctype html><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>',
+        f"<h1>{title}: {verdict.score:.0f} of 100</h1><ul>{about}</ul>",
+        f'<p><img class="map" src="{_data_uri(Image.fromarray(shades), "PNG")}" alt=""><br>{MAP}</p>',
+    ]
+    for index, (name, file) in enumerate(zip(verdict.names, files, strict=True)):
+        why = html.escape(verdict.retake.get(name, ""))
+        text = f"sharp {verdict.sharpness[index] / GOOD_SHARPNESS:.0%}, matches {verdict.partners[index]}"
+        picture = f'<img src="{_data_uri(small_picture(file, THUMBNAIL, "RGB"), "JPEG")}" alt="">'
+        page.append(f'<figure class="{"again" if why else ""}">{picture}<figcaption>{html.escape(name)}<br>{text}<br>'
+                    f"<b>{why}</b></figcaption></figure>")  # fmt: skip
+    return "\n".join(page) + "\n"
+
+
+def _data_uri(picture: Image.Image, form: str) -> str:
+    data = io.BytesIO()
+    picture.save(data, format=form, quality=80)
+    return f"data:image/{form.lower()};base64,{base64.b64encode(data.getvalue()).decode()}"
