@@ -13,6 +13,7 @@ import numpy as np
 
 from tools.procedural.shading import Thing, coverage, display, shade
 from tools.procedural.shapes import INFINITY, dot
+from training.scenes.rays import camera_rays
 from training.scenes.scene import Camera
 
 LAYERS = 12  # of glass, and one of what is not, that a ray may go through
@@ -23,11 +24,8 @@ def primary_rays(camera: Camera, subpixels: int) -> tuple[np.ndarray, np.ndarray
     """o, d [H W S S, 3] of a camera, sub-pixels of a pixel next to each other."""
     offsets = (np.arange(subpixels) + 0.5) / subpixels
     y, x, sy, sx = np.meshgrid(np.arange(camera.height), np.arange(camera.width), offsets, offsets, indexing="ij")
-    right = (x + sx - camera.cx) / camera.fx
-    up = -(y + sy - camera.cy) / camera.fy
-    d = np.stack([right, up, -np.ones_like(right)], -1).reshape(-1, 3) @ camera.world_T_camera[:3, :3].T
-    d = (d / np.linalg.norm(d, axis=-1, keepdims=True)).astype(np.float32)
-    return np.broadcast_to(camera.world_T_camera[:3, 3].astype(np.float32), d.shape), d
+    o, d = camera_rays(camera, (x + sx).ravel(), (y + sy).ravel())
+    return o.astype(np.float32), d.astype(np.float32)
 
 
 def nearest(
