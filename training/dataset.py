@@ -30,9 +30,9 @@ from scenepack.constants import NDC_NEAR
 from training.devices import AXIS, SPLIT, WHOLE, anywhere, every_device, here, own_rows, put_split, put_whole, together
 from training.method import Rays
 from training.scenes import Camera, Scene, load_pixels
-from training.scenes.lens import lens_functions, whole_lens
+from training.scenes.lens import PROJECTION, lens_functions, whole_lens
 from training.scenes.pixels import any_transparent, any_visible, may_be_transparent, pixel_counts, without_alpha
-from training.scenes.rays import camera_rays, ndc_rays
+from training.scenes.rays import camera_rays, ndc_rays, shown_pixels
 from training.scenes.scene import Kind
 
 NEWTON_STEPS = 6  # float32 converges sooner than the reader's float64
@@ -72,7 +72,9 @@ class RayDataset:
     pixels: jax.Array  # uint8 [P (padded to a multiple of D), C], stored along the mesh
     world_T_camera: jax.Array  # [V, 3, 4]
     intrinsics: jax.Array  # [V, 4] = fx, fy, cx, cy
-    distortion: jax.Array  # [V, LENS_SIZE]: see training.scenes.lens
+    distortion: (
+        jax.Array
+    )  # [V, LENS_SIZE + 1]: whole_lens of training.scenes.lens; rays that a lens does not show end at once
     first: jax.Array  # int32 [V]: the id of a view's first ray
     width: jax.Array  # int32 [V]
     facts: SceneFacts = field(repr=False)
@@ -197,7 +199,8 @@ class RayDataset:
         in_camera = jnp.stack([a, -b, -jnp.ones_like(a)], axis=-1)
         if self.facts.distorted:
             lens = jnp.moveaxis(self.distortion[view], -1, 0)
-            in_camera = jnp.stack(LENS.direction(*LENS.undistort(a, b, lens, NEWTON_STEPS), lens[-1]), axis=-1)
+            a, b, shown = LENS.undistort(a, b, lens, NEWTON_STEPS)
+            in_camera = jnp.stack(LENS.direction(a, b, lens[PROJECTION]), axis=-1)
         pose = self.world_T_camera[view]
         directions = jnp.einsum("nij,nj->ni", pose[:, :, :3], in_camera, precision=jax.lax.Precision.HIGHEST)
         directions /= jnp.linalg.norm(directions, axis=-1, keepdims=True)
@@ -205,6 +208,7 @@ class RayDataset:
         if self.facts.ndc_camera is not None:
             origins, directions = ndc_warp(origins, directions, *self.facts.ndc_camera)
         near, far = (jnp.full(origins.shape[:-1], t, jnp.float32) for t in (self.near, self.far))
+        near = jnp.where(shown, near, far) if self.facts.distorted else near
         return Rays(origins, directions, viewdirs, near, far)
 
     def view_rays(self, camera: Camera) -> Rays:
@@ -213,7 +217,8 @@ class RayDataset:
         viewdirs = directions
         if self.facts.ndc_camera is not None:
             origins, directions = ndc_rays(origins, directions, *self.facts.ndc_camera)
-        bounds = (np.full(len(origins), t, np.float32) for t in (self.near, self.far))
+        near, far = (np.full(len(origins), t, np.float32) for t in (self.near, self.far))
+        bounds = np.where(shown_pixels(camera).ravel(), near, far), far
         return Rays(*(jnp.asarray(v, jnp.float32) for v in (origins, directions, viewdirs)), *map(jnp.asarray, bounds))
 
 

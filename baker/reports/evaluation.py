@@ -29,6 +29,7 @@ from scenepack.pack import Pack
 from training.run import Run, is_run, load_run, read_description
 from training.scenes import Camera, Photograph, Scene, picture_stems
 from training.scenes.pictures import over_background
+from training.scenes.rays import shown_pixels
 from training.scenes.scene_options import recorded_options
 
 # a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]
@@ -76,6 +77,8 @@ def evaluate(
         bar = stack.enter_context(progress("evaluating", len(photographs)))
         for photograph, name in zip(photographs, picture_stems(photographs), strict=True):
             photographed = photograph.load()
+            shown = shown_pixels(photograph.camera)  # nothing can be said of what the lens does not show
+            photographed = photographed * np.concatenate([np.ones((*shown.shape, 3)), shown[..., None]], -1)
             truth, seen = over_background(photographed, scene.background), photographed[..., 3] > SEEN
             picture = drawn.show(photograph.camera, "normal")
             if by_alpha or mask_of is not None:

@@ -12,4 +12,4 @@ from pathlib import Path
 from training.multires import fused
 from training.multires.fused.compiled import keep_compiled_code
 
-keep_compiled_code(Path(__file__).parent, Path(fused.__file__).parent)
+keep_compiled_code(Path(__file__).parent, *fused.SOURCES)

@@ -13,7 +13,7 @@ import numpy as np
 
 from tools.procedural.shading import Thing, coverage, display, shade
 from tools.procedural.shapes import INFINITY, dot
-from training.scenes.rays import camera_rays
+from training.scenes.rays import camera_rays, shown_pixels
 from training.scenes.scene import Camera
 
 LAYERS = 12  # of glass, and one of what is not, that a ray may go through
@@ -82,6 +82,6 @@ def picture(things: Sequence[Thing], camera: Camera, subpixels: int = 3) -> np.n
     """Renders uint8 [H, W, 4] with a transparent background and RGB not premultiplied."""
     o, d = primary_rays(camera, subpixels)
     colours = np.concatenate([trace(things, o[i : i + CHUNK], d[i : i + CHUNK]) for i in range(0, len(d), CHUNK)])
-    mean = colours.reshape(camera.height, camera.width, subpixels**2, 4).mean(2)
+    mean = colours.reshape(camera.height, camera.width, subpixels**2, 4).mean(2) * shown_pixels(camera)[..., None]
     straight = mean[..., :3] / np.maximum(mean[..., 3:], 1e-6)
     return np.rint(np.concatenate([straight, mean[..., 3:]], -1) * 255).astype(np.uint8)

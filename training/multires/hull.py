@@ -17,7 +17,7 @@ from training.multires.fused.rays import LENS, Photographs, photographs_of
 from training.multires.fused.workers import Workers
 from training.multires.occupancy import INITIAL, NEVER
 from training.multires.state import Box
-from training.scenes.lens import EQUIRECTANGULAR, PERSPECTIVE
+from training.scenes.lens import EQUIRECTANGULAR, PERSPECTIVE, PROJECTION, REACH
 
 COARSE = 4  # cells of the occupancy grid to a cell that is looked at first, along each axis
 FINE = 128  # cells that are looked at along an axis of contracted space, where some lie close before cameras
@@ -125,16 +125,18 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
             right = pose[0, 0] * relative[0] + pose[1, 0] * relative[1] + pose[2, 0] * relative[2]
             up = pose[0, 1] * relative[0] + pose[1, 1] * relative[1] + pose[2, 1] * relative[2]
             depth = -(pose[0, 2] * relative[0] + pose[1, 2] * relative[1] + pose[2, 2] * relative[2])
-            flat = distortion[-1] == PERSPECTIVE
+            flat = distortion[PROJECTION] == PERSPECTIVE
             if flat and depth < BEHIND:
                 continue
-            a, b = _ideal(right, up, -depth, distortion[-1])
+            a, b = _ideal(right, up, -depth, distortion[PROJECTION])
             r2 = a * a + b * b
+            if r2 > distortion[REACH] ** 2:
+                continue
             u, v = _distort(a, b, distortion)
             px, py = lens[0] * u + lens[2], (lens[1] * v + lens[3]) / photographs.row_step
             if counts.size and px >= 0 and py >= 0 and px < width and py < rows:
                 counts[z, y, x] += 1
-            is_round = distortion[-1] == EQUIRECTANGULAR  # no bound holds at the poles of a panorama
+            is_round = distortion[PROJECTION] == EQUIRECTANGULAR  # no bound holds at the poles of a panorama
             if not cut_out or photographs.ndc[2] > 0 or depth < 2.0 * radius or is_round:
                 continue
             stretch = max(

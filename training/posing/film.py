@@ -32,7 +32,7 @@ from PIL import Image
 
 from console import UserError
 from console.file_signature import HEAD_BYTES, sniff_type
-from training.posing.photograph import PREVIEW_SIDE, difference, same_view, sharpness, thumbnail, write_picture
+from training.posing.photograph import PREVIEW_SIDE, same_view, sharpness, shift, thumbnail, write_picture
 from training.scenes.deep_pictures import linear_to_srgb
 from training.scenes.sources import DEMUXERS, FILM_NAMES, container_of
 
@@ -149,6 +149,7 @@ MOST_PIXELS = 1 << 26  # of a frame; 8K has half as many
 GLIMPSED = 30  # frames whose decoding is timed
 SOUGHT = 60  # frames that are decoded after a key frame, at most, to come to a place
 CANDIDATES = 2  # times as many frames as are used are looked at: a camera that slows down shows the same
+LEAST_CHANGE = 0.1  # thumbnail pixels: a camera that comes closer shifts nothing
 UNEVEN = 0.15  # of the film: how far change may run before or behind time
 PER_SECOND = 6.0  # frames at most: more show the same
 
@@ -197,7 +198,7 @@ def take_frames(film: Path, folder: Path, most: int, on_progress: Callable[[str,
         candidates = CANDIDATES * most if (end - start) * PER_SECOND >= CANDIDATES * most else most
         for best in _differing(_sharpest(film, times, candidates, on_frame)):
             small = thumbnail(best.preview)
-            changes.append(0.0 if before is None else difference(small - small.mean(), before - before.mean()))
+            changes.append(0.0 if before is None else LEAST_CHANGE + shift(before, small))
             before = small
             picture = _upright(best.frame, best.aspect)
             name = write_picture(Image.fromarray(picture), folder, f"frame_{len(kept) + 1:04d}", lossy=True)

@@ -136,3 +136,12 @@ def same_view(a: np.ndarray, b: np.ndarray) -> bool:
 def difference(a: np.ndarray, b: np.ndarray) -> float:
     """Root mean square difference of two thumbnails."""
     return float(np.sqrt(np.mean((a - b) ** 2)))
+
+
+def shift(a: np.ndarray, b: np.ndarray) -> float:
+    """By how many of its pixels a thumbnail is moved in another, by phase correlation."""
+    window = np.hanning(THUMBNAIL)[:, None] * np.hanning(THUMBNAIL)
+    first, second = (np.fft.rfft2(window * (picture - picture.mean())) for picture in (a, b))
+    product = np.conj(first) * second
+    peak = np.fft.irfft2(product / np.maximum(np.abs(product), 1e-9), a.shape).argmax()
+    return float(np.hypot(*(min(place, THUMBNAIL - place) for place in divmod(int(peak), THUMBNAIL))))

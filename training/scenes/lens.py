@@ -13,8 +13,9 @@ t the angle from the optical axis, and f the angle around it:
     u = a radial + 2 p1 a b + p2 (r^2 + 2 a^2) + s1 r^2
     v = b radial + p1 (r^2 + 2 b^2) + 2 p2 a b + s2 r^2
 
-A lens is (k1, k2, p1, p2), where it is perspective and needs no more, or (*COEFFICIENTS, number of the projection). MODELS has
-COLMAP's models as such lenses: OpenCV's k4, k5, k6 of FULL_OPENCV are q1, q2, q3 here.
+A lens shows nothing where r is beyond its reach, or Newton's method finds no (a, b). A lens is (k1, k2, p1, p2), where it is
+perspective and needs no more, or (*COEFFICIENTS, number of the projection). MODELS has COLMAP's models as such lenses: OpenCV's
+k4, k5, k6 of FULL_OPENCV are q1, q2, q3 here.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ import numpy as np
 PERSPECTIVE, FISHEYE, EQUIRECTANGULAR = range(3)
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "q1", "q2", "q3", "s1", "s2")
 LENS_SIZE = len(COEFFICIENTS) + 1
+PROJECTION, REACH = LENS_SIZE - 1, LENS_SIZE  # where these stand in whole_lens
+TOLERANCE = 1e-3  # of (u, v): where Newton's method stops farther away, the lens shows nothing
 NEWTON_STEPS = 10
 NO_END = 1e6  # how far a lens reaches that never folds over
 FOLDS = 1e-6  # a determinant squared, below which a step of Newton's method goes nowhere
@@ -76,10 +79,12 @@ MODELS = {
 
 
 class LensFunctions(NamedTuple):
-    """Functions of arrays of any shape, or, compiled by Numba, of numbers. lens: LENS_SIZE such arrays, or numbers."""
+    """Functions of arrays of any shape, or, compiled by Numba, of numbers. lens: such arrays, or numbers, of whole_lens."""
 
     distort: Callable[..., Any]  # (a, b, lens) -> (u, v)
-    undistort: Callable[..., Any]  # (u, v, lens, steps) -> (a, b), by Newton's method from (u, v)
+    undistort: Callable[
+        ..., Any
+    ]  # (u, v, lens, steps) -> (a, b, whether the lens shows them), by Newton's method from (u, v)
     direction: Callable[..., Any]  # (a, b, projection) -> (x, y, z): of perspective z = -1, else of unit length
     ideal: Callable[..., Any]  # (x, y, z, projection) -> (a, b)
 
@@ -109,11 +114,11 @@ def lens_functions(xp: ModuleType = np, compiled: Callable[[Any], Any] | None = 
     @compiled
     def undistort(u, v, lens, steps):
         p1, p2, s1, s2 = lens[2], lens[3], lens[9], lens[10]
-        a, b = u, v
+        a, b, du, dv = u, v, 0.0 * u, 0.0 * v
         for _ in range(steps):
             ratio, slope = radial(a * a + b * b, lens)
-            du, dv = distort(a, b, lens)
-            du, dv = du - u, dv - v
+            at_u, at_v = distort(a, b, lens)
+            du, dv = at_u - u, at_v - v
             ua = ratio + a * a * slope + 2.0 * p1 * b + 6.0 * p2 * a + 2.0 * s1 * a
             vb = ratio + b * b * slope + 6.0 * p1 * b + 2.0 * p2 * a + 2.0 * s2 * b
             across = a * b * slope + 2.0 * p1 * a + 2.0 * p2 * b
@@ -121,7 +126,7 @@ def lens_functions(xp: ModuleType = np, compiled: Callable[[Any], Any] | None = 
             determinant = ua * vb - ub * va
             step = determinant / (determinant * determinant + FOLDS)  # where the lens folds over, stay
             a, b = a - step * (vb * du - ub * dv), b - step * (ua * dv - va * du)
-        return a, b
+        return a, b, (du * du + dv * dv < TOLERANCE**2) & (a * a + b * b < lens[REACH] * lens[REACH])
 
     @compiled
     def direction(a, b, projection):
@@ -150,13 +155,13 @@ NUMPY = lens_functions()
 
 
 def whole_lens(lens: Lens) -> Lens:
-    """A lens by all its LENS_SIZE numbers."""
-    return (*lens, *(0.0,) * (LENS_SIZE - len(lens)))
+    """A lens by all its LENS_SIZE numbers, and its reach."""
+    return (*lens, *(0.0,) * (LENS_SIZE - len(lens)), lens_reach(lens))
 
 
 def projection_of(lens: Lens) -> int:
     """PERSPECTIVE, FISHEYE or EQUIRECTANGULAR."""
-    return int(lens[LENS_SIZE - 1]) if len(lens) == LENS_SIZE else PERSPECTIVE
+    return int(lens[PROJECTION]) if len(lens) == LENS_SIZE else PERSPECTIVE
 
 
 def distort(a: np.ndarray, b: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray]:
@@ -167,7 +172,12 @@ def distort(a: np.ndarray, b: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.nd
 def undistort(u: np.ndarray, v: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray]:
     """The inverse of distort; float64."""
     u, v = np.asarray(u, np.float64), np.asarray(v, np.float64)
-    return NUMPY.undistort(u, v, whole_lens(lens), NEWTON_STEPS) if any(lens[: LENS_SIZE - 1]) else (u, v)
+    return NUMPY.undistort(u, v, whole_lens(lens), NEWTON_STEPS)[:2] if any(lens[:PROJECTION]) else (u, v)
+
+
+def shows(u: np.ndarray, v: np.ndarray, lens: Lens) -> np.ndarray:
+    """Whether a lens shows anything at (u, v): bool, any shape."""
+    return NUMPY.undistort(np.asarray(u, np.float64), np.asarray(v, np.float64), whole_lens(lens), NEWTON_STEPS)[2]
 
 
 def directions_at(u: np.ndarray, v: np.ndarray, lens: Lens) -> np.ndarray:
@@ -187,7 +197,7 @@ def image_of(directions: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray
 def lens_reach(lens: Lens) -> float:
     """How far from the axis, in (a, b), what is farther out is still seen farther out: up to the smallest root of d(r radial)/dr;
     NO_END where there is none."""
-    whole, projection = whole_lens(lens), projection_of(lens)
+    whole, projection = (*lens, *(0.0,) * (LENS_SIZE - len(lens))), projection_of(lens)
     over = np.poly1d([whole[5], 0, whole[4], 0, whole[1], 0, whole[0], 0, 1, 0])
     under = np.poly1d([whole[8], 0, whole[7], 0, whole[6], 0, 1])
     ends = [under.roots, (over.deriv() * under - over * under.deriv()).roots]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from scenepack.constants import NDC_NEAR
-from training.scenes.lens import directions_at, image_of
+from training.scenes.lens import directions_at, image_of, shows
 from training.scenes.scene import Camera
 
 
@@ -27,6 +27,12 @@ def camera_rays(camera: Camera, x: np.ndarray | None = None, y: np.ndarray | Non
     directions = in_camera @ camera.world_T_camera[:3, :3].T
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     return np.broadcast_to(camera.world_T_camera[:3, 3], directions.shape), directions
+
+
+def shown_pixels(camera: Camera) -> np.ndarray:
+    """bool [H, W]: the pixels in which the lens shows anything: not the corners of a circular fisheye, where the model ends."""
+    y, x = np.meshgrid(np.arange(camera.height) + 0.5, np.arange(camera.width) + 0.5, indexing="ij")
+    return shows((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, camera.distortion)
 
 
 def pixels_of(camera: Camera, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

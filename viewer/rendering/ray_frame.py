@@ -13,7 +13,7 @@ import numpy as np
 
 from scenepack.constants import PUBLISHED_NDC_CAMERA
 from scenepack.pack import Pack
-from training.scenes.lens import lens_reach, whole_lens
+from training.scenes.lens import LENS_SIZE, lens_reach, whole_lens
 from viewer.rendering.camera import ViewCamera, inner_box
 from viewer.rendering.settings import RenderSettings
 
@@ -81,7 +81,7 @@ class RayFrame:
             "picture_size": (camera.width, camera.height),
             "intrinsics": (*focal, camera.cx, camera.cy),
             "orthographic": float(camera.orthographic),
-            "lens": lambda: np.reshape(whole_lens(camera.distortion), (3, 4)).T,  # a column for each vec4
+            "lens": lambda: np.reshape(whole_lens(camera.distortion)[:LENS_SIZE], (3, 4)).T,  # a column for each vec4
             "lens_reach": lambda: lens_reach(camera.distortion),
             "grid_R_camera": camera.grid_T_camera[:3, :3],
             "camera_position": position,

@@ -151,3 +151,12 @@ def test_frames_are_counted_by_their_time_and_a_camera_that_rests_gives_its_shar
     assert [round(seconds, 1) for seconds, _ in found][-2] <= 1.0
     assert intervals_of([0.0, 0.1, 0.2, 5.0, 10.0], 2) == [0, 0, 0, 1, 1]
     assert intervals_of([3.0], 5) == [0] and max(intervals_of([0.0, 1.0], 100)) == 5
+
+
+def test_a_camera_that_slows_down_leaves_most_frames_to_where_it_moves(tmp_path: Path):
+    wall = texture(3).astype(np.uint8)
+    places = [3 * i for i in range(30)] + [90 + 14 * i for i in range(10)]
+    frames = [np.ascontiguousarray(wall[100 : 100 + HEIGHT, x : x + WIDTH]) for x in places]
+    found = taken(write_film(tmp_path / "walk.mp4", frames, [100 * i for i in range(40)]), most=6)
+    assert 4 <= len(found) <= 6 and len(list((tmp_path / "frames").iterdir())) == len(found)
+    assert sum(seconds > 2.9 for seconds, _ in found) >= 3, "by their time alone, it would be one or two"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pycolmap
 import pytest
@@ -23,8 +24,9 @@ from training.scenes.lens import (
     projection_of,
     whole_lens,
 )
-from training.scenes.rays import camera_rays, pixels_of
+from training.scenes.rays import camera_rays, pixels_of, shown_pixels
 from training.scenes.read import load_scene
+from training.scenes.scene import Camera, Photograph, Scene
 
 KEYS = {"q1": "k4", "q2": "k5", "q3": "k6", "s1": "sx1", "s2": "sy1", "f": "fl_x", "fx": "fl_x", "fy": "fl_y"}
 
@@ -76,7 +78,26 @@ def test_the_compiled_engine_casts_the_same_rays(model: str):
     lens = MODELS[model].lens(dict(zip(MODELS[model].parameters, LENSES[model], strict=True)))
     for u, v in ((0.0, 0.0), (0.3, -0.4), (-0.6, 0.2)):
         expected = directions_at(np.array(u), np.array(v), lens)
-        np.testing.assert_allclose(_through_lens(u, v, np.array(whole_lens(lens))), expected, atol=1e-6)
+        *direction, shown = _through_lens(u, v, np.array(whole_lens(lens)))
+        np.testing.assert_allclose(direction, expected, atol=1e-6)
+        assert shown
+
+
+def test_where_a_lens_shows_nothing_rays_end_at_once_in_training_and_in_evaluation():
+    from training.dataset import make_dataset
+
+    lens = MODELS["OPENCV_FISHEYE"].lens({"k1": -0.2})  # the picture ends at 1.29 from the axis, with 0.86
+    camera = Camera(np.eye(4), 40, 40, 20.0, 20.0, 20.0, 20.0, lens)
+    y, x = np.mgrid[:40, :40] + 0.5
+    radius = np.hypot(x - 20, y - 20) / 20
+    shown = shown_pixels(camera)
+    assert shown[radius < 0.84].all() and not shown[radius > 0.87].any()
+    photograph = Photograph("only", camera, lambda: np.ones((40, 40, 4), np.float32))
+    box = np.array([[-1.0] * 3, [1.0] * 3])
+    dataset = make_dataset(Scene(Path("here"), "made", {"train": (photograph,)}, 2.0, 6.0, box, np.eye(4)))
+    for rays in (dataset.geometry_at(jnp.arange(1600)), dataset.view_rays(camera)):
+        ends_at_once = np.asarray(rays.near >= rays.far).reshape(40, 40)
+        assert ends_at_once[radius > 0.87].all() and not ends_at_once[radius < 0.84].any()
 
 
 def test_a_panorama_is_read_whatever_focal_length_is_named_and_is_fisheye_is_opencvs(tmp_path: Path):

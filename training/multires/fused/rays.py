@@ -15,17 +15,17 @@ from numba import njit
 from scenepack.contraction import MOST_PIECES
 from training.dataset import NEWTON_STEPS, RayDataset
 from training.multires.fused.compiled import kernel
-from training.scenes.lens import lens_functions
+from training.scenes.lens import PROJECTION, REACH, lens_functions
 from training.scenes.rays import NDC_NEAR
 
-LENS = lens_functions(compiled=njit(nogil=True))
+LENS = lens_functions(compiled=njit(nogil=True, _nrt=False))
 _undistort, _direction = LENS.undistort, LENS.direction
 
 
 class Photographs(NamedTuple):
     """The training photographs as arrays of the host; see RayDataset.
 
-    pixels uint8 [P, C]; world_T_camera [V, 3, 4], intrinsics [V, 4], distortion [V, LENS_SIZE] float64; first int64 [V]; width
+    pixels uint8 [P, C]; world_T_camera [V, 3, 4], intrinsics [V, 4], distortion [V, LENS_SIZE + 1] float64; first, width
     int64 [V]; row_step: one row in so many is taken; ndc float64 [3] = width, height, focal, zeros where rays are not warped.
     near, far: bounds of t. contraction: half the side of the inner cube of contracted space; 0 where it is not. gains
     float32 [V, 3]: see RayDataset; of no photographs where colours stay as they are.
@@ -107,7 +107,7 @@ def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
         x, y = rest % photographs.width[view], rest // photographs.width[view] * photographs.row_step
         lens = photographs.intrinsics[view]
         a, b = (x + 0.5 - lens[2]) / lens[0], (y + 0.5 - lens[3]) / lens[1]
-        right, up, back = _through_lens(a, b, photographs.distortion[view])
+        right, up, back, shown = _through_lens(a, b, photographs.distortion[view])
         pose = photographs.world_T_camera[view]
         for axis in range(3):
             direction[axis] = pose[axis, 0] * right + pose[axis, 1] * up + pose[axis, 2] * back
@@ -125,6 +125,8 @@ def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
             )
         else:
             _into_grid(batch, n, position, direction, photographs.near, photographs.far, origin, voxel, dims)
+        if not shown:
+            batch.end[n] = batch.start[n]
         if coloured:
             _colour(photographs.pixels, photographs.gains, view, ids[n], batch, n)
 
@@ -144,11 +146,15 @@ def take_rays(origins, directions, near, far, contraction, origin, voxel, dims, 
 
 @kernel
 def _through_lens(u, v, lens):
-    """training.scenes.lens.directions_at for one point."""
-    if not np.any(lens):
-        return u, -v, -1.0
-    a, b = _undistort(u, v, lens, NEWTON_STEPS)
-    return _direction(a, b, lens[-1])
+    """training.scenes.lens.directions_at for one point, and whether the lens shows it."""
+    bent = False
+    for number in range(REACH):
+        bent = bent or lens[number] != 0.0
+    if not bent:
+        return u, -v, -1.0, True
+    a, b, shown = _undistort(u, v, lens, NEWTON_STEPS)
+    x, y, z = _direction(a, b, lens[PROJECTION])
+    return x, y, z, shown
 
 
 @kernel
