@@ -38,6 +38,8 @@ EXPOSURE_JUMP = 0.25  # of x: from here on a photograph is said to differ
 EXPOSURE_SPREAD = 0.6  # root mean square of x that halves the score
 MUCH_MOVES = 0.45  # of the matches of a pair; mistakes alone make 0.1 to 0.3
 AROUND_SHARE = 0.7  # of all pairs: where more match, all photographs show one side
+WALK = "walked around or through"
+ENDS = 3  # photographs at the beginning and at the end of a walk
 TURNED = 0.9  # of the pairs: where more do, the camera turned on the spot
 
 
@@ -65,6 +67,13 @@ class Verdict:
             f"of what is good: sharpness {sharp:.0%}, overlap {overlap:.0%}; {self.connected:.0%} hang together; exposures "
             f"differ by {_spread(self.exposure):.0%}; {self.moving:.0%} of the matches move",
         ]
+        if self.kind == WALK:
+            closed = (self.matches[:ENDS, -ENDS:] > 0).any()
+            lines.append(
+                "the last match the first: the walk closes"
+                if closed
+                else "the last match none of the first: the walk is open"
+            )
         if self.moving > MUCH_MOVES:
             lines.append("much moves: leaves, people, reflections; or the photographs are blurred")
         return lines + [f"take again {name}: {why}" for name, why in self.retake.items()]
@@ -111,7 +120,7 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
     exposure = _exposures(previews, pairs, row)
     together = _largest_part(matches > 0)
     share = (matches > 0).sum() / max(len(files) * (len(files) - 1), 1)
-    kind = "seen from one side" if share > AROUND_SHARE else "walked around or through"
+    kind = "seen from one side" if share > AROUND_SHARE else WALK
     if pairs and np.mean(turned) > TURNED:
         kind = "turned on the spot: without moving, nothing tells how far things are"
     if is_static:
