@@ -144,4 +144,5 @@ def shift(a: np.ndarray, b: np.ndarray) -> float:
     first, second = (np.fft.rfft2(window * (picture - picture.mean())) for picture in (a, b))
     product = np.conj(first) * second
     peak = np.fft.irfft2(product / np.maximum(np.abs(product), 1e-9), a.shape).argmax()
-    return float(np.hypot(*(min(place, THUMBNAIL - place) for place in divmod(int(peak), THUMBNAIL))))
+    y, x = (min(place, THUMBNAIL - place) for place in divmod(int(peak), THUMBNAIL))
+    return float(np.hypot(y, x))

@@ -18,7 +18,7 @@ from training.multires.fused.compiled import kernel
 from training.scenes.lens import PROJECTION, REACH, lens_functions
 from training.scenes.rays import NDC_NEAR
 
-LENS = lens_functions(compiled=njit(nogil=True, _nrt=False))
+LENS = lens_functions(compiled=njit(nogil=True))
 _undistort, _direction = LENS.undistort, LENS.direction
 
 
