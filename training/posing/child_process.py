@@ -85,9 +85,9 @@ def serve() -> None:
 def _reconstruct(request: Mapping[str, Any], on_progress: OnProgress) -> dict[str, Any]:
     from training.posing.mapping import Group, Task, reconstruct
 
-    paths = {name: Path(request[name]) for name in ("images", "work", "masks")}
     groups = [Group(**group) for group in request["groups"]]
-    task = Task(**paths, groups=groups, names=request["names"], masked=request["masked"], seed=request["seed"])
+    task = Task(Path(request["images"]), Path(request["work"]), request["names"], groups, request["seed"],
+                Path(request["masks"]), request["masked"])  # fmt: skip
     with one_at_a_time(task.work / LOCK):  # a child whose parent was killed may need a moment to notice
         return asdict(reconstruct(task, on_progress))
 
