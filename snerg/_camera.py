@@ -39,7 +39,7 @@ class Camera:
     """Width of the picture, pixels."""
     height: int
     """Height of the picture, pixels."""
-    distortion: tuple[float, float, float, float] = NO_DISTORTION
+    distortion: tuple[float, ...] = NO_DISTORTION
     """OpenCV's k1, k2, p1, p2."""
     frame: Frame = "world"
     """The frame of `pose`: "grid" (y up) or "world" (of the photographs)."""
@@ -87,7 +87,7 @@ class Camera:
         convention: Convention = "opengl",
         fov: float | None = None,
         intrinsics: ArrayLike | None = None,
-        distortion: tuple[float, float, float, float] = NO_DISTORTION,
+        distortion: tuple[float, ...] = NO_DISTORTION,
         frame: Frame = "world",
     ) -> Camera:
         """A camera by its pose, in the convention of another program.
@@ -100,7 +100,7 @@ class Camera:
             convention: Of `pose`.
             fov: Vertical field of view, degrees; the principal point is the middle then.
             intrinsics: In place of `fov`: fx, fy, cx, cy in pixels, or the matrix K [3, 3].
-            distortion: OpenCV's k1, k2, p1, p2.
+            distortion: OpenCV's k1, k2, p1, p2, or what docs/format.md calls a lens.
             frame: Of `pose`: "world" or "grid".
 
         Raises:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -27,6 +28,7 @@ SH_0 = 0.28209479177387814
 
 def drawn(file: Path, camera: ViewCamera, voxel: float) -> tuple[np.ndarray, np.ndarray]:
     """Picture uint8 [h, w, 3] and mask bool [h, w] of an exported file."""
+    read: Any
     if file.suffix == ".glb":
         (read,) = trimesh.load_scene(file, process=False).geometry.values()
     else:
@@ -44,7 +46,7 @@ def drawn(file: Path, camera: ViewCamera, voxel: float) -> tuple[np.ndarray, np.
 
 def shown_colours(mesh: trimesh.Trimesh, *, linear: bool) -> np.ndarray:
     """uint8 [v, 3] in sRGB. linear: as glTF has them."""
-    visual = mesh.visual  # with a material, trimesh keeps colours beside
+    visual: Any = mesh.visual  # with a material, trimesh keeps colours beside
     given = visual.vertex_colors if visual.kind == "vertex" else visual.vertex_attributes["color"]
     colours = np.asarray(given)[:, :3]
     colours = colours / 257.0 if colours.max(initial=0) > 255 else colours

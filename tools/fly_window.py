@@ -30,7 +30,7 @@ class Noting(DynamicResolution):
         super().frame_ended(frame_ms, swap_ms)
 
 
-def main(path: Path = DEMO, fps: float = 30.0) -> None:
+def main(path: Path, fps: float) -> None:
     """Flies through a pack at `fps` frames per second."""
     pack, app = load_pack(path), App()
     with Window(app, (1100, 800)) as window:
@@ -56,4 +56,5 @@ def main(path: Path = DEMO, fps: float = 30.0) -> None:
 
 
 if __name__ == "__main__":
-    main(*(kind(word) for kind, word in zip((Path, float), sys.argv[1:], strict=False)))
+    path, fps = (*sys.argv[1:], "", "")[:2]
+    main(Path(path or DEMO), float(fps or 30))

@@ -34,7 +34,7 @@ def spoilt(
         picture = Image.open(file).convert("RGB")
         picture.thumbnail((longest_side, longest_side))
         versions = {"whole": picture, "blurred": picture.filter(ImageFilter.GaussianBlur(BLUR))}
-        versions["exposure"] = picture.point(lambda value, gain=EXPOSURES[i % 4]: min(int(value * gain), 255))
+        versions["exposure"] = picture.point([min(int(value * EXPOSURES[i % 4]), 255) for value in range(256)] * 3)
         if i % 3 == 0:
             versions["third"] = picture
         for name, version in versions.items():

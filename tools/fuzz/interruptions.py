@@ -108,7 +108,14 @@ def campaign(names: list[str], times: int, disks: int, seed: int) -> tuple[str, 
             with small_disk(disk) as mounted:
                 count = disks if mounted else 0
                 fits = Counter(writer.fill(disk, int(moments.uniform(0, 1.1) * size)) for _ in range(count))
-            found = [sum(kills.values()), kills["finished"], kills["old"], kills["new"], count, fits["refused"]]
+            found: list[int | str] = [
+                sum(kills.values()),
+                kills["finished"],
+                kills["old"],
+                kills["new"],
+                count,
+                fits["refused"],
+            ]
             if writer.older is None:
                 found[2] = found[3] = "–"
             rows.append(f"| {writer.name} | {' | '.join(map(str, found))} | {len(writer.problems)} |")

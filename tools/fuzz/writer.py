@@ -177,12 +177,13 @@ def _of_film(path: Path) -> str:
     bytes, now others, and its pictures then differ by some levels.
     """
     import av
+    from av.error import FFmpegError
 
     try:
         with av.open(str(path), format="mp4") as container:
             seen = [(str(f.time), f.to_ndarray(format="gray")) for f in container.decode(video=0)]
         times, pictures = ",".join(time for time, _ in seen), np.stack([picture for _, picture in seen]).astype(float)
-    except (av.FFmpegError, IndexError, ValueError) as error:
+    except (FFmpegError, IndexError, ValueError) as error:
         return f"no film: {error!r}: {hashlib.sha256(path.read_bytes()).hexdigest()}"
     alike = (k.shape == pictures.shape and np.abs(k - pictures).mean(axis=(1, 2)).max() < LIKE for k in _films)
     number = next((number for number, is_it in enumerate(alike) if is_it), len(_films))

@@ -22,7 +22,8 @@ def kernel(function: Any = None, **options: Any) -> Any:
     Numba counts, by atomic operations, each array that a function gets in a tuple: 150 of them, a microsecond, for one call of a
     function with all arrays of a batch.
     """
-    decorate = njit(nogil=True, cache=True, _nrt=False, **options)
+    compiler: Any = njit
+    decorate = compiler(nogil=True, cache=True, _nrt=False, **options)
     return decorate if function is None else decorate(function)
 
 
