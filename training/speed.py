@@ -1,6 +1,7 @@
-"""How long this computer takes to train a field, before anything is begun: `python -m training.speed SIDE ...`.
+"""How long this computer takes to train a field, before anything is begun: `python -m training.speed [unbounded] SIDE ...`.
 
-SIDE: pixels along the photographs' longer side, one for each size that may be chosen.
+unbounded: with all that surrounds the cameras. SIDE: pixels along the photographs' longer side, one for each size that may be
+chosen.
 Lines of JSON go to standard output as they are known, for programs such as the viewer:
   {"runs": {preset: {side: {"samples": that a whole run takes, "disk": bytes that its folder has in the end}}}}
   {"seconds_per_sample": as measured by training on pictures of a ball for some seconds}
@@ -23,6 +24,7 @@ import numpy as np
 
 from console.child_process import json_answers
 from training.scenes import Camera, Photograph, Scene
+from training.scenes.scene import Kind
 
 PRESETS = ("quick", "normal", "full")  # of the multi-resolution field
 SETTLED, TIMED = 60, 60  # steps: until programs are compiled and empty space is known; then timed
@@ -31,7 +33,7 @@ REAL_BY_SMALL = 1.4
 DISK_BY_FINENESS = 4500.0  # bytes by cells of the finest level squared: two checkpoints of 150 MB for lego at 256
 
 
-def whole_runs(sides: Sequence[int]) -> dict[str, dict[int, dict[str, int]]]:
+def whole_runs(sides: Sequence[int], kind: Kind = "object") -> dict[str, dict[int, dict[str, int]]]:
     """Samples and bytes on the disk of a whole run, by preset and by the photographs' longer side in pixels."""
     from training.config import PRESETS as CONFIGS
     from training.multires.settings import resolutions_for, samples_for
@@ -40,7 +42,7 @@ def whole_runs(sides: Sequence[int]) -> dict[str, dict[int, dict[str, int]]]:
     for name in PRESETS:
         config, found[name] = CONFIGS[name], {}
         for side in sides:
-            samples = config.steps * (config.multires.samples_per_step or samples_for(side))
+            samples = config.steps * (config.multires.samples_per_step or samples_for(side, kind))
             finest = (config.multires.resolutions or resolutions_for(side))[-1]
             found[name][side] = {"samples": samples, "disk": round(DISK_BY_FINENESS * finest**2)}
     return found
@@ -87,5 +89,6 @@ def seconds_per_sample() -> float:
 
 if __name__ == "__main__":
     answer = json_answers()
-    answer(runs=whole_runs([int(word) for word in sys.argv[1:] if word.isdigit()]))
+    sides = [int(word) for word in sys.argv[1:] if word.isdigit()]
+    answer(runs=whole_runs(sides, "unbounded" if "unbounded" in sys.argv else "object"))
     answer(seconds_per_sample=seconds_per_sample())

@@ -33,7 +33,7 @@ class MultiresConfig:
     """When the finest level joins, as a fraction of all steps: coarse levels generalise, and cost less."""
     samples_per_step: int | None = None
     """Samples per step, without those in empty space. The number of rays adapts to it. None: from 65,536 for small photographs
-    to 262,144 for those of 512 pixels and more."""
+    to 262,144 for those of 512 pixels and more, in contracted space of 1,024."""
     steps_across: tuple[int, ...] | None = None
     """Samples along the cube's side: at first, and after each of steps_from. None: half as many as the finest level has cells, as
     many, at last twice as many; in contracted space an eighth, a quarter, at last as many."""

@@ -13,6 +13,7 @@ from training.config import TrainConfig
 from training.dataset import RayDataset
 from training.exposure import is_fitted
 from training.multires.config import STEPS_ACROSS, MultiresConfig, settings_for
+from training.scenes.scene import Kind
 
 ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
 COARSEST, FINEST = 16, 512  # resolution of the first level, and of the last at most
@@ -104,7 +105,7 @@ def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
     return Plan(
         resolutions=resolutions,
         joins=(0.0,) * (len(resolutions) - 1) + (own.finest_from if len(resolutions) > 1 else 0.0,),
-        samples=own.samples_per_step or samples_for(longest_side(dataset)),
+        samples=own.samples_per_step or samples_for(longest_side(dataset), dataset.kind),
         steps_across=steps_across,
         steps_from=own.steps_from,
         least_views=min(by_kind.least_views, dataset.views),
@@ -149,9 +150,9 @@ def resolutions_for(pixels: int, contracted: bool = False) -> tuple[int, ...]:
     return tuple(COARSEST << i for i in range(int(np.log2(finest / COARSEST)) + 1))
 
 
-def samples_for(pixels: int) -> int:
-    """Samples of a step: more pixels need more steps and larger ones."""
-    return int(np.clip(SAMPLES * (pixels / 256) ** 2, SAMPLES, MOST_SAMPLES))
+def samples_for(pixels: int, kind: Kind) -> int:
+    """Samples of a step: more pixels need more steps and larger ones; unbounded scenes gain more by steps."""
+    return int(np.clip(SAMPLES * (pixels / 256) ** (1 if kind == "unbounded" else 2), SAMPLES, MOST_SAMPLES))
 
 
 def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:

@@ -117,11 +117,11 @@ DISK_OF_1000 = 1.1e9
 class TimeNeeded(JsonTask):
     """An estimate for photographs of these longer sides (pixels), from the moment this is made. Poll `news`, and close it.
 
-    after: waits for what else is being measured.
+    unbounded: whether all that surrounds the cameras is trained. after: waits for what else is being measured.
     """
 
-    def __init__(self, sides: Sequence[int], after: Callable[[], object] = lambda: None) -> None:
-        words = [str(side) for side in sorted(set(sides))]
+    def __init__(self, sides: Sequence[int], unbounded: bool, after: Callable[[], object] = lambda: None) -> None:
+        words = ["unbounded"] * unbounded + [str(side) for side in sorted(set(sides))]
         self._runs: Mapping[str, Any] = {}
         self._per_sample: float | None = None
         self._after = after
@@ -301,7 +301,8 @@ class Survey(Task[None]):
     def _begin_time(self) -> None:
         if MEASURES and not self.cancelled and not trainer_missing():
             after = self.preview.result if self.preview is not None else lambda: None
-            self.time = TimeNeeded([max(size) for size in self.sizes.values()], after)
+            unbounded = not (self.kind == "blender" or self.masked or self.forward)
+            self.time = TimeNeeded([max(size) for size in self.sizes.values()], unbounded, after)
 
     def _begin_preview(self, source: Source) -> None:
         if poser_missing(source) is None and not self.cancelled:
