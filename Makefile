@@ -1,6 +1,6 @@
 # Each target makes .venv, installs what is missing, and runs. Needs python3 (3.11 or later, with venv), git and make.
 #   make view     the viewer with the demo scene      make test   the tests, but for slow ones
-#   make install  viewer, trainer and baker           make lint   ruff, pyright, the web page's scripts, and what documents name
+#   make install  viewer, trainer and baker           make lint   ruff, pyright, the page's scripts, what documents name
 #   make test-all all tests: more engines, presets and formats, the whole window under real events, kills, fuzzing
 #   make bench    frame times of the demo scene       make demo   makes the demo scene again from nothing
 #   make card-report   all figures of this machine's graphics card, in out/card; CARD="--pack PACK --minutes 20"
@@ -137,6 +137,11 @@ $(VENV)/.developer: $(VENV)/.made pyproject.toml constraints.txt
 
 $(VENV)/.docs: $(VENV)/.viewer pyproject.toml constraints.txt
 	$(PIP) install --quiet --constraint constraints.txt --editable '.[docs]'
+	@touch $@
+
+$(NPM)/.made: Makefile | $(VENV)/.developer
+	mkdir -p $(NPM)
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/npm install --prefix $(NPM) --silent --no-package-lock --no-audit --no-fund $(NPM_PACKAGES)
 	@touch $@
 
 $(VENV)/.made:

@@ -14,6 +14,7 @@ from PIL import Image, ImageFilter
 
 from console import run_command
 from training.scenes.files import visible_files
+from training.scenes.picture_headers import FORMATS
 
 EXPOSURES = (1.0, 0.6, 1.5, 0.8)
 BLUR = 2.5  # pixels, standard deviation
@@ -31,7 +32,7 @@ def spoilt(
         longest_side: In pixels; larger ones are shrunk.
     """
     for i, file in enumerate(visible_files(photos)[:count]):
-        picture = Image.open(file).convert("RGB")
+        picture = Image.open(file, formats=FORMATS).convert("RGB")
         picture.thumbnail((longest_side, longest_side))
         versions = {"whole": picture, "blurred": picture.filter(ImageFilter.GaussianBlur(BLUR))}
         versions["exposure"] = picture.point([min(int(value * EXPOSURES[i % 4]), 255) for value in range(256)] * 3)

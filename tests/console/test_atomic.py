@@ -31,7 +31,7 @@ PICTURE = np.zeros((16, 16, 3), np.uint8)
 
 
 def draw_a_section(path: Path) -> None:
-    empty = Section(np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4), bool), np.zeros(2), np.ones(2), 0.25, False)
+    empty = Section(np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4), bool), np.zeros(2), np.ones(2), False)
     draw_sections(path, {"empty": empty})
 
 

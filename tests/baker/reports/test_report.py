@@ -30,7 +30,7 @@ from scenepack import load_pack
 from tests.told import told
 
 DATA = Path(__file__).parents[2] / "data"
-SCENE, RECORD = DATA / "older/scene", DATA / "report.json"
+SCENE, RECORD = DATA / "runs/scene", DATA / "report.json"
 # Of tuning, so that the tests are quick, and their figures hardly depend on the processor. Tests of its own look at it.
 EPOCHS, STEPS = 2, 3
 
@@ -41,7 +41,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("runs")
     sparse, foggy = folder / "sparse", folder / "foggy"
     for path in (sparse, foggy):
-        shutil.copytree(DATA / "older/multires", path)
+        shutil.copytree(DATA / "runs/multires", path)
     description = json.loads((foggy / "config.json").read_text())
     description["config"]["sparsity_weight"] = 0.0
     (foggy / "config.json").write_text(json.dumps(description))

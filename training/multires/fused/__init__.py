@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import training.scenes.lens
+from training import scenes
 from training.multires.fused.compiled import keep_compiled_code
 
-SOURCES = Path(__file__).parent, Path(training.scenes.lens.__file__).parent  # of what is compiled here
+SOURCES = Path(__file__).parent, Path(scenes.__file__).parent  # of what is compiled here
 keep_compiled_code(*SOURCES)
