@@ -61,11 +61,11 @@ class Verdict:
 
     def lines(self) -> list[str]:
         """What a user should know, a line each."""
-        sharp, overlap = _median(self.sharpness) / GOOD_SHARPNESS, _median(self.overlap) / GOOD_OVERLAP
+        sharp, overlap = min(_median(self.sharpness) / GOOD_SHARPNESS, 1), min(_median(self.overlap) / GOOD_OVERLAP, 1)
         lines = [
             f"{len(self.names)} photographs, {self.kind}; expected quality {self.score:.0f} of 100",
-            f"of what is good: sharpness {sharp:.0%}, overlap {overlap:.0%}; {self.connected:.0%} hang together; exposures "
-            f"differ by {_spread(self.exposure):.0%}; {self.moving:.0%} of the matches move",
+            f"sharpness {sharp:.0%} and overlap {overlap:.0%} of what is good; {self.connected:.0%} are connected by matches; "
+            f"exposures differ by {_spread(self.exposure):.0%}; {self.moving:.0%} of the matches move",
         ]
         if self.kind == WALK:
             closed = (self.matches[:ENDS, -ENDS:] > 0).any()
@@ -192,7 +192,7 @@ def _spread(x: np.ndarray) -> float:
 
 # --- the page ---------------------------------------------------------------------------------------------------------
 
-STYLE = """body{font:15px system-ui;margin:2em auto;max-width:72em;background:#16181c;color:#ddd}
+STYLE = """body{font:15px system-ui;margin:2em auto;padding:0 1em;max-width:72em;background:#16181c;color:#ddd}
 figure{display:inline-block;margin:4px;width:184px;vertical-align:top;font-size:12px}
 figure img{max-width:176px;border:4px solid #2c3138}figure.again img{border-color:#d9534f}
 .map{image-rendering:pixelated;width:24em}"""
@@ -215,7 +215,7 @@ def _page(source: Source, verdict: Verdict, files: Sequence[Path]) -> str:
     ]
     for index, (name, file) in enumerate(zip(verdict.names, files, strict=True)):
         why = html.escape(verdict.retake.get(name, ""))
-        text = f"sharp {verdict.sharpness[index] / GOOD_SHARPNESS:.0%}, matches {verdict.partners[index]}"
+        text = f"sharpness {min(verdict.sharpness[index] / GOOD_SHARPNESS, 1):.0%}, matches {verdict.partners[index]} others"
         picture = f'<img src="{_data_uri(small_picture(file, THUMBNAIL, "RGB"), "JPEG")}" alt="">'
         page.append(f'<figure class="{"again" if why else ""}">{picture}<figcaption>{html.escape(name)}<br>{text}<br>'
                     f"<b>{why}</b></figcaption></figure>")  # fmt: skip
