@@ -125,7 +125,7 @@ LONGEST_NOTICE = 600  # characters
 
 
 class Notice(UserWarning):
-    """A one-line warning to the user of a command: it repaired something or left something out, and goes on."""
+    """A warning for the user, one line: the command repaired or left out something, and continues."""
 
     def __init__(self, text: object) -> None:
         super().__init__(one_line(str(text), LONGEST_NOTICE))

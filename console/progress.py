@@ -71,7 +71,7 @@ class Estimate:
 PLAIN_LINE_EVERY_S = 10.0
 PLAIN_QUIET_S = 2.0  # work done sooner needs no line
 BEAT_S = 1.0  # from one look at the clock to the next, while the work says nothing
-_listeners: list[Callable[[Report], None]] = []  # of programs that called us; the last is told
+_listeners: list[Callable[[Report], None]] = []  # of programs that called us; reports go to the last
 _running: list[Progress] = []  # what is shown, each within the one before it
 
 
@@ -234,7 +234,7 @@ def progress(
 
 
 @contextmanager
-def progress_told_to(on_progress: Callable[[Report], None]) -> Iterator[None]:
+def reported_to(on_progress: Callable[[Report], None]) -> Iterator[None]:
     """Within the `with` block, work calls `on_progress`, in its own thread, and shows nothing. What that raises ends the work."""
     _listeners.append(on_progress)
     try:

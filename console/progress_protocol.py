@@ -119,12 +119,12 @@ class Listener(Reporter):
     """Calls a function with each report, in place of a file."""
 
     def __init__(self, on_report: Callable[[Report], None]) -> None:
-        self._on_report, self._told = on_report, -WRITTEN_EVERY_S
+        self._on_report, self._written_at = on_report, -WRITTEN_EVERY_S
 
     def tell(self, report: Report, *, at_once: bool = False) -> None:
         now = time.monotonic()
-        if at_once or now - self._told >= WRITTEN_EVERY_S:
-            self._told = now
+        if at_once or now - self._written_at >= WRITTEN_EVERY_S:
+            self._written_at = now
             self._on_report(report)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from snerg._camera import Camera, camera_of
 from snerg._errors import SnergError, with_snerg_errors
@@ -102,14 +102,14 @@ class Scores(ViewScores):
 
 
 @contextmanager
-def _told(on_progress: OnProgress | None) -> Iterator[None]:
+def _reporting(on_progress: OnProgress | None) -> Iterator[None]:
     """Progress goes to `on_progress`; to stderr where it is None."""
     if on_progress is None:
         yield
         return
-    from console.progress import progress_told_to
+    from console.progress import reported_to
 
-    with progress_told_to(lambda r: on_progress(Progress(r.title, r.done, r.total, r.seconds_left, r.metrics))):
+    with reported_to(lambda r: on_progress(Progress(r.title, r.done, r.total, r.seconds_left, r.metrics))):
         yield
 
 
@@ -127,7 +127,7 @@ def read_photographs(
     Args:
         folder: Of the photographs, or a film where poses are to be found.
         poses_to: Where photographs without poses, or a film, are made into a folder with poses, by COLMAP's pipeline (extra
-            `poses`; of films also `video`). What is there is used again.
+            `poses`; of films also `video`). Poses that are there already are used.
         downscale: Divide width and height by this whole number. By default `train` chooses it by its preset.
         masks: Cut the object out with the masks beside the pictures.
         on_progress: Called with the progress of finding poses, which stderr shows otherwise.
@@ -141,7 +141,7 @@ def read_photographs(
     if poses_to is not None:
         from training.posing.find import posed_scene
 
-        with _told(on_progress):
+        with _reporting(on_progress):
             path = posed_scene(path, Path(poses_to))
     options = SceneOptions(downscale or 1, masks=masks)
     shots = [(photo, split) for split, some in load_scene(path, options).splits.items() for photo in some]
@@ -185,8 +185,8 @@ def train(
     from training.scenes.presets import PRESETS
     from training.scenes.read import suggested_downscale
 
-    if preset not in CONFIGS or preset not in Preset.__args__:  # pyright: ignore[reportAttributeAccessIssue]
-        raise SnergError("no such preset", where="preset", expected=", ".join(CONFIGS), found=preset)
+    if preset not in get_args(Preset):
+        raise SnergError("no such preset", where="preset", expected=", ".join(get_args(Preset)), found=preset)
     out, stored = Path(out), read_description(Path(out)) if resume else None
     config = replace(CONFIGS[preset], seed=seed) if stored is None else stored.config
     config = config if steps is None else replace(config, steps=steps)
@@ -194,7 +194,7 @@ def train(
     options = photographs._options
     if stored is None and not photographs._chosen_size:
         options = replace(options, downscale=suggested_downscale(photographs.path, PRESETS[preset].longest_side))
-    with _told(on_progress):
+    with _reporting(on_progress):
         run = train_run(photographs.path, out, config, options, resume=stored or False)
     return Run(out, run.step, run)
 
@@ -236,7 +236,7 @@ def bake(
     config = BakeConfig(preset=method, quality=quality)
     config = config if resolution is None else replace(config, resolution=resolution)
     config.check()
-    with _told(on_progress):
+    with _reporting(on_progress):
         loaded = (
             run._loaded if isinstance(run, Run) and run._loaded else load_run(run.path if isinstance(run, Run) else run)
         )
@@ -276,7 +276,7 @@ def evaluate(
     if not path.exists():
         raise SnergError("no such run or scene", where=path)
     options = replace(photographs._options, **{key: value for key, value in reading_of(path).items() if value})
-    with _told(on_progress):
+    with _reporting(on_progress):
         found = measure(path, load_scene(photographs.path, options), split)
     means = {key: found[key] for key in ("psnr", "psnr_matched", "ssim", "lpips")}
     views = tuple(ViewScores(**view) for view in found["views"])

@@ -43,14 +43,14 @@ def main(path: Path, fps: float) -> None:
         while app.filming.playing:
             window.step()
     ms, scales = np.array(noting.frames[10:]).T  # the first ones find the scale
-    told = ms[scales < 1.0] * fps / 1000.0
-    if not len(told):
+    times = ms[scales < 1.0] * fps / 1000.0
+    if not len(times):
         print(f"{len(ms)} frames, all of them with every pixel")
         return
-    low, middle, high = np.percentile(told, (5, 50, 95))
+    low, middle, high = np.percentile(times, (5, 50, 95))
     print(
-        f"{len(told)} frames below full resolution, of the target of {1000 / fps:.1f} ms: median {middle:.2f}, mean "
-        f"{told.mean():.2f}, 5 to 95 % {low:.2f} to {high:.2f}; {100 * (told > 1.1).mean():.1f} % more than a tenth late; "
+        f"{len(times)} frames below full resolution, of the target of {1000 / fps:.1f} ms: median {middle:.2f}, mean "
+        f"{times.mean():.2f}, 5 to 95 % {low:.2f} to {high:.2f}; {100 * (times > 1.1).mean():.1f} % more than a tenth late; "
         f"scales {scales.min():.2f} to {scales.max():.2f}"
     )
 

@@ -38,11 +38,11 @@ def begin_libraries() -> None:
 def import_libraries() -> None:
     """The first half of begin_libraries, for processes that join others before JAX looks for devices."""
     _check_flags()
-    with _told_by_variable("JAX", JAX):
+    with _naming_variable("JAX", JAX):
         importlib.import_module("jax")
     if (value := os.environ.get("NUMBA_DISABLE_JIT", "")) not in OFF:
         raise _problem("NUMBA_DISABLE_JIT", value, "training and baking need Numba's compiler")
-    with _told_by_variable("Numba", NUMBA), warnings.catch_warnings():
+    with _naming_variable("Numba", NUMBA), warnings.catch_warnings():
         warnings.filterwarnings("error", "Environment variable", RuntimeWarning)  # a value that Numba cannot parse
         importlib.import_module("numba")
     importlib.import_module("training.multires.fused")  # says where compiled loops are kept
@@ -52,7 +52,7 @@ def find_devices() -> None:
     """The second half. UserError where JAX_PLATFORMS asks for devices that are not there."""
     import jax
 
-    with _told_by_variable("JAX", JAX):
+    with _naming_variable("JAX", JAX):
         jax.devices()
 
 
@@ -72,7 +72,7 @@ def _check_flags() -> None:
 
 
 @contextmanager
-def _told_by_variable(library: str, prefixes: Sequence[str]) -> Iterator[None]:
+def _naming_variable(library: str, prefixes: Sequence[str]) -> Iterator[None]:
     """UserError for what a library raises as it starts: it names the variable that the exception names, or the only one set."""
     try:
         yield

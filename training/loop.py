@@ -96,7 +96,7 @@ def _train(run: Run, watcher: Watcher | None) -> Run:
             progress_made = annealing.progress(step, recorder.seconds)
             run.state, metrics = run.method.step(run.state, step, progress_made)
             run.step = step + 1
-            stopping, out_of_time = _told_to_stop(asked_to_stop(), recorder.seconds, config, run.step)
+            stopping, out_of_time = _must_stop(asked_to_stop(), recorder.seconds, config, run.step)
 
             last = run.step == config.steps or out_of_time or stopping
             if last or run.step % config.log_every == 0:
@@ -169,7 +169,7 @@ class Annealing:
         return min(max(step / max(self.steps, 1), self._by_time or 0.0), 1.0)
 
 
-def _told_to_stop(asked: bool, seconds: float, config: TrainConfig, step: int) -> tuple[bool, bool]:
+def _must_stop(asked: bool, seconds: float, config: TrainConfig, step: int) -> tuple[bool, bool]:
     """(a signal came, the time is up), the same in every process; once a step, so that what is raised was saved before."""
     late = 0 < config.minutes * 60 <= seconds
     if jax.process_count() > 1 and step % AGREE_EVERY and step != config.steps:

@@ -26,8 +26,8 @@ HIDDEN = (128, 64, 32)
 def smooth_hidden(
     pack: Pack, arriving: ArrivingTransmittance, steps: Steps, score: Callable[[Pack], float], most_lost: float
 ) -> tuple[Pack, int]:
-    """The pack after hidden voxels took their neighbours' values, and the transmittance below which voxels count as hidden. Where
-    that costs too much, the pack as it is, and 0.
+    """The pack after hidden voxels took their neighbours' values, and the transmittance below which voxels count as hidden. The
+    pack unchanged and 0 where every threshold costs too much.
 
     arriving: at its voxels. steps: what it is stored in, and stays in. score (dB): may fall by most_lost.
     """

@@ -180,7 +180,7 @@ class H264Codec(StreamCodec):
             raise CodecError(f"it is {film.width}×{film.height}, expected {shape[2]}×{shape[1]}")
         out = np.empty((*shape, 3) if colour else shape, np.uint8)
         done = 0
-        with _told_plainly():
+        with _plain_errors():
             for frame in _decoded(film, shape):
                 if done == shape[0]:
                     raise CodecError(f"it holds more than the {shape[0]} frames expected")
@@ -208,7 +208,7 @@ def _av() -> ModuleType:
 
 
 @contextmanager
-def _told_plainly() -> Iterator[None]:
+def _plain_errors() -> Iterator[None]:
     """FFmpeg's errors without their numbers."""
     try:
         yield

@@ -59,8 +59,8 @@ class Campaign:
                 outcome = again if again.kind == FINDING else Outcome(FINDING, f"once: {outcome.key}", outcome.line)
         with self._lock:
             self.counts[class_of(recipe), outcome.kind] += 1
-            told = outcome.key.startswith(("hang", "death"))  # which do not say where
-            cause = f"{outcome.key}, {class_of(recipe)}" if told else outcome.key
+            has_no_place = outcome.key.startswith(("hang", "death"))  # which do not say where
+            cause = f"{outcome.key}, {class_of(recipe)}" if has_no_place else outcome.key
             new = outcome.kind == FINDING and cause not in self.causes
             self.causes[cause] += outcome.kind == FINDING
         if new:

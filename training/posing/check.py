@@ -27,12 +27,12 @@ from training.scenes.pictures import small_picture
 from training.scenes.sources import FEWEST, Source
 
 STAGE = "check"
-LONGEST_SIDE, MOST_FEATURES = 640, 600  # of the copies that are matched: a minute has to do
+LONGEST_SIDE, MOST_FEATURES = 640, 600  # of the copies that are matched, to be quick
 BRIGHTNESS_SIDE = 200  # pixels in which the brightness around a feature is read
 THUMBNAIL = 176  # pixels
-DARKEST = 0.04  # grey levels below tell nothing of exposure
+DARKEST = 0.04  # darker pixels are not used to compare exposures
 PARTNERS = 4  # a photograph overlaps as well as it matches so many others
-GOOD_OVERLAP, GOOD_SHARPNESS = 0.25, 0.5  # what captures have of which nothing is to be complained
+GOOD_OVERLAP, GOOD_SHARPNESS = 0.25, 0.5  # of captures that train well
 FEW_PARTNERS = 2  # that a photograph matches, at most, which stands apart
 EXPOSURE_JUMP = 0.25  # of x: from here on a photograph is said to differ
 EXPOSURE_SPREAD = 0.6  # root mean square of x that halves the score
@@ -53,7 +53,7 @@ class Verdict:
     partners: np.ndarray  # int [N]: how many others match
     exposure: np.ndarray  # x [N]
     moving: float  # share of the matches that do not fit a scene that stands still, median of the pairs
-    connected: float  # share of the photographs that hang together
+    connected: float  # share of the photographs that are connected by matches
     matches: np.ndarray  # [N, N]: share of features in common
     kind: str  # what was photographed
     retake: dict[str, str]  # why, by name; those that cannot be used, too

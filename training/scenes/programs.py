@@ -111,9 +111,9 @@ def _read_realitycapture(file: Path, size_of: SizeOf) -> Reconstruction:
     head = [column.strip().lower() for column in lines[first].split(separator)]
     if missing := [column for column in COLUMNS[:9] if column not in head]:
         raise export.damaged(f"no column {', '.join(missing)}")
-    told = next((line.split()[-1] for line in lines[:first] if line.lower().startswith("#cameras ")), None)
-    if told not in (None, str(rows := sum(bool(line.strip()) for line in lines[first + 1 :]))):
-        raise export.damaged(f"{rows} cameras where it counts {told}")
+    stated = next((line.split()[-1] for line in lines[:first] if line.lower().startswith("#cameras ")), None)
+    if stated not in (None, str(rows := sum(bool(line.strip()) for line in lines[first + 1 :]))):
+        raise export.damaged(f"{rows} cameras where it counts {stated}")
     cameras = {}
     for row in csv.reader((line for line in lines[first + 1 :] if line.strip()), delimiter=separator):
         if len(row) != len(head):

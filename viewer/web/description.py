@@ -17,6 +17,7 @@ import numpy as np
 from console import UserError
 from console.json_text import read_json_file
 from console.streams import one_line
+from scenepack.exports.field import Corners
 from scenepack.pack import Pack
 from scenepack.writer import metadata_writable
 from viewer.core import annotations as notes
@@ -48,7 +49,6 @@ SIDES = (512, 1024, 2048)  # voxels of a 3D texture; the smallest that holds the
 COARSE = 1 << 22  # voxels of an atlas; larger ones are halved for the first picture, until they are not
 LONGEST_TITLE, LONGEST_CREDITS = 120, 400  # characters
 PATH_FPS = 10.0  # poses a second of a camera path; the page interpolates
-Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 OnProgress = Callable[[float], None]
 
 

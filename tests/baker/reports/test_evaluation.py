@@ -126,7 +126,7 @@ def test_a_pack_that_does_not_fit_is_scored_at_half_resolution_only_when_allowed
     assert scores["grid_size"] == [35, 35, 35] and scores["halved"] is True
 
 
-# snerg-pack compare, and the table of codecs: what is drawn, what is told, in which room
+# snerg-pack compare, and the table of codecs
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Literal
 from console import UserError
 from console.child_process import module_command
 from console.progress_protocol import Report
+from scenepack.exports.field import Corners
 from scenepack.pack import Pack
 from viewer.core.command_process import CommandProcess, temporary_folder
 from viewer.core.files import FileRequest, kind_of
 from viewer.core.tasks import Task
-from viewer.features.sharing.sharing import Corners, crop_words, page_words
+from viewer.features.sharing.sharing import crop_words, page_words
 
 if TYPE_CHECKING:
     from scenepack.exports.scene import Export, PreviewGeometry

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from console import UserError
+from scenepack.exports.field import Corners
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
 from viewer.core.annotations import Annotations
@@ -222,7 +223,6 @@ class Opening:
 
 MOST_BYTES = 2 << 30  # of all that are not shown
 MOST_PACKS = 7
-Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from console import UserError
 from console.child_process import module_command
+from scenepack.exports.field import Corners
 from viewer.core.command_process import CommandProcess, temporary_folder
 from viewer.core.files import kind_of
 from viewer.core.pose import pose_to_text
@@ -18,7 +19,6 @@ from viewer.features.film.camera_path import save_path
 if TYPE_CHECKING:
     from viewer.app.application import App
 
-Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 LOOK_EVERY_S, PARTING_S = 0.1, 5.0
 
 
