@@ -7,27 +7,43 @@ nothing else: tables never call it that.
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 from baker.reports.paper_figures import NAMES
 from training.config import PRESETS, NerfConfig, TrainConfig
 from training.run import Run
 
-LARGE, SMALL = PRESETS["jaxnerf-plus"].nerf, PRESETS["jaxnerf"].nerf
+LARGE = PRESETS["jaxnerf-plus"].nerf
 ROW_OF_VIEW = {"nerf": "jaxnerf-plus", "tiny": "tinyview", "deferred": "deferred", "none": "diffuse"}
+SIZES = ("depth", "width", "coarse_samples", "fine_samples")
 PAPER_STEPS = PRESETS["paper"].steps
 OWN = "field"  # the row of a field that the paper has not
 
 
-def row_of(config: TrainConfig) -> str:
-    """The row of the paper's tables that a field is: a key of baker.reports.paper_figures.NAMES; OWN where it is none of them."""
+def row_of(config: TrainConfig, large: NerfConfig = LARGE) -> str:
+    """The row of the paper's tables that a field is: a key of baker.reports.paper_figures.NAMES; OWN where it is none of them.
+
+    large: how large the fields of all rows but JAXNeRF are; that has half the channels and a third of the samples.
+    """
     if config.method != "nerf":
         return OWN
-    if _as_large_as(config.nerf, LARGE):
+    if _as_large_as(config.nerf, large):
         return ROW_OF_VIEW[config.nerf.view]
-    if _as_large_as(config.nerf, SMALL) and config.nerf.view == "nerf":
-        return "jaxnerf"
-    return OWN
+    return "jaxnerf" if _as_large_as(config.nerf, _small(large)) and config.nerf.view == "nerf" else OWN
+
+
+def size_of_rows(config: TrainConfig) -> NerfConfig:
+    """How large the fields are that stand beside a run in its tables: as the run where it is a NeRF of another size than the
+    paper's, so that a ladder of small fields can be measured."""
+    return LARGE if config.method != "nerf" or row_of(config) != OWN else config.nerf
+
+
+def _small(large: NerfConfig) -> NerfConfig:
+    """JAXNeRF's size beside JAXNeRF+'s."""
+    return replace(
+        large, width=large.width // 2, coarse_samples=large.coarse_samples // 3, fine_samples=large.fine_samples // 3
+    )
 
 
 def label_of(config: TrainConfig, step: int) -> str:
@@ -54,8 +70,7 @@ def _own_name(config: TrainConfig) -> str:
 
 
 def _as_large_as(nerf: NerfConfig, other: NerfConfig) -> bool:
-    names = ("depth", "width", "coarse_samples", "fine_samples")
-    return all(getattr(nerf, name) == getattr(other, name) for name in names)
+    return all(getattr(nerf, name) == getattr(other, name) for name in SIZES)
 
 
 def train_command(run: Run, out: Path, preset: str, option: str) -> str:
@@ -69,9 +84,15 @@ def train_command(run: Run, out: Path, preset: str, option: str) -> str:
 
 
 def _training(run: Run, preset: str) -> list[str]:
-    if preset != "no-sparsity" or row_of(run.config) != OWN:
-        return ["--preset", preset]
-    return ["--preset", _like(run.config), "--steps", str(run.config.steps), "--sparsity-weight", "0"]
+    config, large = run.config, size_of_rows(run.config)
+    if large != LARGE:
+        nerf = _small(large) if preset == "jaxnerf" else large
+        sizes = [f"--nerf.{name.replace('_', '-')}={getattr(nerf, name)}" for name in SIZES]
+        batch = [] if config.batch_size is None else ["--batch-size", str(config.batch_size)]
+        return ["--preset", preset, *sizes, "--steps", str(config.steps), *batch]
+    if preset == "no-sparsity" and row_of(config) == OWN:
+        return ["--preset", _like(config), "--steps", str(config.steps), "--sparsity-weight", "0"]
+    return ["--preset", preset]
 
 
 def _like(config: TrainConfig) -> str:

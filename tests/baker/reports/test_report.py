@@ -10,6 +10,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from PIL import Image
 from baker.baking import passes
 from baker.commands.evaluate import main as snerg_eval
 from baker.commands.report import main as snerg_report
+from baker.reports.fields import LARGE, OWN, row_of, size_of_rows
 from baker.reports.options import TABLES, ReportOptions
 from baker.reports.pack_compare import stored_bytes
 from baker.reports.report import open_study, write_tables
@@ -28,6 +30,7 @@ from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_loop import JointConfig
 from scenepack import load_pack
 from tests.told import told
+from training.config import PRESETS
 
 DATA = Path(__file__).parents[2] / "data"
 SCENE, RECORD = DATA / "runs/scene", DATA / "report.json"
@@ -131,6 +134,17 @@ def test_every_row_of_the_paper_is_there_measured_or_with_the_command_that_would
     assert [(row["resolution"], row["sparsity"]) for row in tables["resolution"]["rows"]] == [
         (46, True), (46, False), (40, True), (40, False),
     ]  # fmt: skip
+
+
+def test_fields_of_any_size_make_a_ladder_around_a_run_of_theirs() -> None:
+    small = {"width": 128, "coarse_samples": 63, "fine_samples": 126}
+    rows = {"deferred": small, "tinyview": small, "jaxnerf": {"width": 64, "coarse_samples": 21, "fine_samples": 42}}
+    configs = {name: replace(PRESETS[name], nerf=replace(PRESETS[name].nerf, **sizes)) for name, sizes in rows.items()}
+    large = size_of_rows(configs["deferred"])
+    assert {name: row_of(config, large) for name, config in configs.items()} == {name: name for name in rows}
+    assert {row_of(config) for config in configs.values()} == {OWN}, "they are none of the paper's size"
+    assert size_of_rows(PRESETS["quick"]) == size_of_rows(PRESETS["jaxnerf"]) == LARGE, "beside these stand the paper's"
+    assert row_of(PRESETS["jaxnerf"]) == "jaxnerf" and row_of(PRESETS["paper"]) == "deferred"
 
 
 @pytest.mark.slow
