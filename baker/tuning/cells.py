@@ -182,9 +182,8 @@ def add_slopes(work, slopes, met, low, high):
 
 @kernel
 def move_moments(slopes, met, first, second, sums, part, low, high):
-    """First and second moments of cells low … high - 1 that were met; sums float64 [parts, 2, 8]: of second moments, and how
-    many are not 0."""
-    sums[part] = 0.0
+    """First and second moments of cells low … high - 1 that were met; sums float64 [parts, 2, 8]: of all second moments, and how
+    many are not 0, both kept from step to step."""
     for cell in range(low, high):
         if met[cell]:
             met[cell] = 0
@@ -193,13 +192,11 @@ def move_moments(slopes, met, first, second, sums, part, low, high):
                     met[cell] = 1
         if met[cell]:
             for c in range(8):
-                slope = slopes[cell, c]
+                slope, before = slopes[cell, c], second[cell, c]
                 first[cell, c] = BETA1 * first[cell, c] + (ONE - BETA1) * slope
-                second[cell, c] = BETA2 * second[cell, c] + (ONE - BETA2) * slope * slope
-        for c in range(8):
-            if second[cell, c] > 0:
-                sums[part, 0, c] += second[cell, c]
-                sums[part, 1, c] += 1.0
+                second[cell, c] = BETA2 * before + (ONE - BETA2) * slope * slope
+                sums[part, 0, c] += second[cell, c] - before
+                sums[part, 1, c] += (second[cell, c] > 0) - (before > 0)
 
 
 @kernel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,6 +18,7 @@ from scenepack.pack import Pack
 from training.dataset import RayDataset
 
 HELD_OUT_RAYS = 65_536
+TILE, PROBED = 4, 16_384  # pixels a side; tiles that are looked at together
 # Small cells are sharper where enough rays meet each; cells of one voxel learn the training views by heart.
 RAYS_PER_CELL, NARROWEST, WIDEST = 6, 2, 4
 MOST_CELLS = 1 << 27  # of a grid, empty ones included: a table of all of them is kept
@@ -31,13 +32,13 @@ class JointConfig:
 
     passes: float = 1.3
     """Passes over the training rays that meet content."""
-    most_steps: int = 1100
+    most_steps: int = 700
     """Fewer passes where they would take more steps than this: every ray of a room meets content."""
     samples: int = 393_216
     """Samples marched a step; rays are as many as fill them."""
     cell: int | None = None
     """Voxels a side of the cells that move together. None: NARROWEST to WIDEST, such that RAYS_PER_CELL rays meet a cell."""
-    rate: float = 2.0
+    rate: float = 1.0
     """Adam's learning rate of straight colours and features at the start, in units of 1/255."""
     density_rate: float = 0.03
     """Adam's learning rate of a cell's log density at the start."""
@@ -66,19 +67,22 @@ def joint_tune(
     by_opacity: see baker.tuning.shading.ErrorTerms. If no training ray meets the pack, it is returned unchanged, without figures.
     """
     report = on_share or (lambda share, text: None)
-    every = np.arange(dataset.count, dtype=np.int32)
-    meets = PackMarcher(pack, dataset).meets(every, on_share=lambda share: report(CHOOSING * share, "choosing rays"))
-    hits = every[meets]
-    trained_on, held_out = split_by_view(hits, dataset, config.held_out, config.seed)
-    if not len(trained_on):
+    rng, away = np.random.default_rng(config.seed), held_out_views(dataset, config.held_out)
+    marcher, tiles = PackMarcher(pack, dataset), tiles_of(dataset, ~away, rng)
+    probed = tiles.rays(0, PROBED)
+    probe = probed[marcher.meets(probed)]
+    if not len(probe):
         return pack, {}, EXACT
-    tuner = Tuner(pack, dataset, config.cell or cell_for(pack, len(hits)), by_opacity=by_opacity)
-    tuner.fill(trained_on, config.samples, config.seed)
-    steps = config.passes * len(trained_on) / tuner.rays
+    meet = round(len(tiles.numbers) * TILE**2 * len(probe) / len(probed))  # about so many rays meet content
+    held_out = meeting(marcher, tiles_of(dataset, away if away.any() else ~away, rng), HELD_OUT_RAYS)
+    tuner = Tuner(pack, dataset, config.cell or cell_for(pack, meet), by_opacity=by_opacity)
+    tuner.fill(probe, config.samples, config.seed)
+    steps = config.passes * meet / tuner.rays
     if steps < LEAST_STEPS:  # of few rays there are more steps, each with fewer
-        tuner.fill(trained_on, max(int(config.samples * steps / LEAST_STEPS), FEWEST_SAMPLES), config.seed)
-        steps = config.passes * len(trained_on) / tuner.rays
+        tuner.fill(probe, max(int(config.samples * steps / LEAST_STEPS), FEWEST_SAMPLES), config.seed)
+        steps = config.passes * meet / tuner.rays
     steps = min(max(int(steps), 1), config.most_steps)
+    trained_on = meeting(marcher, tiles, steps * tuner.rays, lambda share: report(CHOOSING * share, "choosing rays"))
     report(CHOOSING, "compiling")
     before = best = now = tuner.score(held_out)
     stored_in = config.steps
@@ -91,16 +95,14 @@ def joint_tune(
             best = now = before
     figures = {"lost_to_steps": round(before[0] - now[0], 3)} if stored_in != EXACT else {}
     kept, done = tuner.snapshot(), 0
-    rng, order, at = np.random.default_rng((config.seed, 1)), trained_on[:0], 0  # not the draw of the rays to score
     colour = config.rate / 255
     rates = np.array([*[colour] * 3, config.density_rate, *[colour] * 4, config.head_rate], np.float32)
     check_every = max(steps // config.checks, 1)
     for step in range(steps):
-        if at + tuner.rays > len(order):
-            order, at = np.resize(rng.permutation(trained_on), max(len(trained_on), tuner.rays)), 0
         decay = config.final_rate_factor ** (step / steps)
-        tuner.update(order[at : at + tuner.rays], rates * np.float32(decay), step)
-        at, done = at + tuner.rays, step + 1
+        ids = trained_on.take(np.arange(step * tuner.rays, (step + 1) * tuner.rays), mode="wrap")
+        tuner.update(ids, rates * np.float32(decay), step)
+        done = step + 1
         if done % check_every == 0 or done == steps:
             now = tuner.score(held_out)
             if now[0] >= best[0] or not config.held_out:
@@ -110,7 +112,7 @@ def joint_tune(
             f"step {done} of {steps}, {'held-out ' if config.held_out else ''}{now[0]:.2f} dB",
         )
     return tuner.tuned(kept), {
-        "passes": round(done * tuner.rays / len(trained_on), 2), **figures,
+        "passes": round(done * tuner.rays / meet, 2), **figures,
         "held_out_psnr_before": round(before[0], 3), "held_out_psnr_after": round(best[0], 3),
         "samples_a_ray_before": round(before[1], 2), "samples_a_ray_after": round(best[1], 2),
     }, stored_in  # fmt: skip
@@ -135,9 +137,57 @@ def cell_for(pack: Pack, rays: int) -> int:
     return max(cell, NARROWEST, int(np.ceil((np.prod(pack.grid_size, dtype=float) / MOST_CELLS) ** (1 / 3))))
 
 
-def split_by_view(ids: np.ndarray, dataset: RayDataset, one_in: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ray ids to train on, and a random HELD_OUT_RAYS of the views held out (of all views where one_in is 0)."""
-    view = np.searchsorted(np.asarray(dataset.first), ids, side="right") - 1
-    away = view % one_in == one_in // 2 if one_in and dataset.views >= one_in else np.zeros(len(ids), bool)
-    held_out = ids[away] if away.any() else ids
-    return ids[~away], np.random.default_rng(seed).permutation(held_out)[:HELD_OUT_RAYS]
+def held_out_views(dataset: RayDataset, one_in: int) -> np.ndarray:
+    """bool [V]: every one_in-th view; none where there are fewer, or one_in is 0."""
+    views = np.arange(dataset.views)
+    return views % one_in == one_in // 2 if one_in and dataset.views >= one_in else np.zeros(dataset.views, bool)
+
+
+class Tiles(NamedTuple):
+    """Tiles of TILE² pixels of V photographs. Rays of a tile meet the same voxels, which are read once then; what
+    is learned is as good as from single rays.
+
+    first, width, rows int64 [V]: ray of the photograph's first pixel, and its size. begins int64 [V]: its first tile's number.
+    numbers int64 [N]: tiles in the order in which they are taken.
+    """
+
+    first: np.ndarray
+    width: np.ndarray
+    rows: np.ndarray
+    begins: np.ndarray
+    numbers: np.ndarray
+
+    def rays(self, start: int, count: int) -> np.ndarray:
+        """Ray ids int32 of so many tiles from the start-th on."""
+        number = self.numbers[start : start + count]
+        view = np.searchsorted(self.begins, number, side="right") - 1
+        row, column = np.divmod(number - self.begins[view], -(-self.width[view] // TILE))
+        y = (row * TILE)[:, None] + np.repeat(np.arange(TILE), TILE)
+        x = (column * TILE)[:, None] + np.tile(np.arange(TILE), TILE)
+        ids = self.first[view, None] + y * self.width[view, None] + x
+        return ids[(y < self.rows[view, None]) & (x < self.width[view, None])].astype(np.int32)
+
+
+def tiles_of(dataset: RayDataset, views: np.ndarray, rng: np.random.Generator) -> Tiles:
+    """All tiles of the photographs `views` bool [V], in random order."""
+    first, width = (np.asarray(array, np.int64) for array in (dataset.first, dataset.width))
+    rows = np.diff(first, append=dataset.count) // width
+    first, width, rows = first[views], width[views], rows[views]
+    counts = -(-width // TILE) * -(-rows // TILE)
+    return Tiles(first, width, rows, np.cumsum(counts) - counts, rng.permutation(counts.sum()))
+
+
+def meeting(
+    marcher: PackMarcher, tiles: Tiles, most: int, on_share: Callable[[float], None] | None = None
+) -> np.ndarray:
+    """The first `most` rays of tiles that meet content."""
+    found, count = [np.zeros(0, np.int32)], 0
+    for start in range(0, len(tiles.numbers), PROBED):
+        rays = tiles.rays(start, PROBED)
+        found.append(rays[marcher.meets(rays)])
+        count += len(found[-1])
+        if on_share:
+            on_share(max(count / most, start / len(tiles.numbers)))
+        if count >= most:
+            break
+    return np.concatenate(found)[:most]

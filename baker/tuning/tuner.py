@@ -85,6 +85,7 @@ class Tuner:
         count = self.cells.count + 1
         self.delta, self.first, self.second, self.slopes = (np.zeros((count, 8), np.float32) for _ in range(4))
         self.met = np.zeros(count, np.uint8)
+        self.sums = np.zeros((-(-count // PART), 2, 8))  # see baker.tuning.cells.move_moments
         self.head = pack.view_mlp and to_params(pack.view_mlp)
         self.head_moments = [jax.tree.map(jnp.zeros_like, self.head) for _ in range(2)]
         self.found = [room_for_samples() for _ in range(self.workers.count)]
@@ -172,15 +173,13 @@ class Tuner:
     def _move(self, rates: np.ndarray) -> None:
         """A step of Adam on the cells that were met, stored."""
         cells = self.cells.count + 1
-        parts = -(-cells // PART)
-        sums = np.zeros((parts, 2, 8))
 
         def moments(_: int, part: int) -> None:
             low, high = part * PART, min((part + 1) * PART, cells)
-            move_moments(self.slopes, self.met, self.first, self.second, sums, part, low, high)
+            move_moments(self.slopes, self.met, self.first, self.second, self.sums, part, low, high)
 
-        self.workers.share(parts, moments)
-        total, ever = sums.sum(0)
+        self.workers.share(len(self.sums), moments)
+        total, ever = self.sums.sum(0)
         floor = np.sqrt(total / np.maximum(ever, 1)).astype(np.float32)
         some = np.flatnonzero(self.met).astype(np.int32)
         self.met[:] = 0

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from baker.tuning import joint_loop
-from baker.tuning.joint_loop import JointConfig, joint_tune, split_by_view
+from baker.tuning.joint_loop import TILE, JointConfig, held_out_views, joint_tune, meeting, tiles_of
+from baker.tuning.marcher import PackMarcher
 from baker.tuning.tuner import Tuner
 from scenepack import check_pack
 from scenepack.codecs.quantisation import EXACT, Steps, steps_of
@@ -20,19 +21,43 @@ pytestmark = pytest.mark.usefixtures("hardly_optimised")
 SAMPLES = 32_768
 
 
-@pytest.mark.slow
-def test_views_are_held_out_whole_and_evenly(dataset: RayDataset) -> None:
-    every = np.arange(dataset.count, dtype=np.int32)
-    pixels = dataset.count // dataset.views
-    trained_on, held_out = split_by_view(every, dataset, 4, seed=0)
-    assert sorted(set(held_out // pixels)) == [2, 6, 10] and not set(trained_on // pixels) & {2, 6, 10}
-    assert len(trained_on) == 9 * pixels and len(held_out) == min(3 * pixels, joint_loop.HELD_OUT_RAYS)
-    for one_in in (0, dataset.views + 1):
-        trained_on, seen = split_by_view(every, dataset, one_in, seed=0)
-        assert np.array_equal(trained_on, every) and set(seen // pixels) == set(range(dataset.views))
+def test_views_are_held_out_evenly(dataset: RayDataset) -> None:
+    assert np.flatnonzero(held_out_views(dataset, 4)).tolist() == [2, 6, 10]
+    assert not held_out_views(dataset, 0).any() and not held_out_views(dataset, dataset.views + 1).any()
 
 
 QUICK = JointConfig(passes=2, samples=SAMPLES, rate=20.0, density_rate=0.3, head_rate=1e-2, held_out=4, checks=3)
+
+
+@pytest.mark.slow
+def test_rays_come_in_tiles_of_neighbouring_pixels_each_once(dataset: RayDataset) -> None:
+    tiles = tiles_of(dataset, np.arange(dataset.views) < 3, np.random.default_rng(1))
+    rays = tiles.rays(0, len(tiles.numbers))
+    first, width = np.asarray(dataset.first), np.asarray(dataset.width)
+    assert (np.sort(rays) == np.arange(first[3])).all()
+    assert not width[0] % TILE, "so every tile is whole"
+    view = np.searchsorted(first, rays, side="right").reshape(-1, TILE**2) - 1
+    row, column = np.divmod(rays.reshape(-1, TILE**2) - first[view], width[view])
+    assert (np.ptp(view, 1) == 0).all() and (np.ptp(row, 1) == TILE - 1).all() and (np.ptp(column, 1) == TILE - 1).all()
+    assert (np.diff(rays[:: TILE**2]) < 0).any(), "in random order"
+
+
+def test_tiles_at_the_edges_of_odd_pictures_are_smaller() -> None:
+    count = 7 * 5 + 9 * 6
+    pictures = SimpleNamespace(first=np.array([0, 35]), width=np.array([7, 9]), count=count)
+    tiles = tiles_of(pictures, np.array([True, True]), np.random.default_rng(0))  # type: ignore[arg-type]
+    assert len(tiles.numbers) == 2 * 2 + 3 * 2 and (np.sort(tiles.rays(0, 10)) == np.arange(count)).all()
+
+
+def test_only_rays_that_meet_content_are_taken_and_no_more_than_asked_for(dataset: RayDataset) -> None:
+    marcher, tiles = (
+        PackMarcher(pack_of(), dataset),
+        tiles_of(dataset, np.ones(dataset.views, bool), np.random.default_rng(0)),
+    )
+    rays = tiles.rays(0, len(tiles.numbers))
+    hits = rays[marcher.meets(rays)]
+    assert 0 < len(hits) < len(rays) and (meeting(marcher, tiles, len(rays)) == hits).all()
+    assert (meeting(marcher, tiles, 100) == hits[:100]).all()
 
 
 @pytest.mark.slow
