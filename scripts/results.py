@@ -3,13 +3,12 @@ for each scene's report, docs/results/reports/SCENE.md.
 
 No figure is typed into the page. page.md names them:
 
-    {{lego-800.webp_mb}}            figures["webp_mb"] of docs/results/lego-800.json
-    {{lego-800.steps:,.0f}}         the same, written in this format of Python's
-    {{lego-800.device}}             another text of that file: of, commit, device
-    {{lego-800.commands}}           its command lines, as a block of code (a line of its own, as are the next two)
-    {{lego-800.table:packs}}        tables["packs"]: columns, formats (None: as it is), rows, and bold, a list of [row, column]
+    {{codecs.webp_less}}            figures["webp_less"] of docs/results/codecs.json
+    {{tests.tests:,.0f}}            the same, written in this format of Python's
+    {{codecs.device}}               another text of that file: of, commit, device
+    {{codecs.commands}}             its command lines, as a block of code (a line of its own, as are the next two)
+    {{codecs.table:demo}}           tables["demo"]: columns, formats (None: as it is), rows, and bold, a list of [row, column]
     {{reports}}                     docs/results/reports/*.json, each the report.json of a snerg-report, side by side
-    {{paper_figures.field:.2f}}         what the release prints of lego
 
 `python scripts/results.py --check` exits with status 1 where a page is not what it would write.
 """
@@ -20,14 +19,12 @@ import json
 import re
 import sys
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from baker.reports import paper_figures  # noqa: E402
 from baker.reports.pages import SECTIONS, scenes_tables, sections  # noqa: E402
 from baker.reports.scenes import scenes_document  # noqa: E402
 
@@ -43,7 +40,6 @@ def page(docs: Path = DOCS) -> str:
     figures = {
         path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted((docs / "results").glob("*.json"))
     }
-    figures["published"] = {"figures": _published()}
     template = (docs / "results/page.md").read_text(encoding="utf-8")
 
     def fill(mark: re.Match[str]) -> str:
@@ -60,13 +56,6 @@ def page(docs: Path = DOCS) -> str:
         return "\n".join(f"    {line}".rstrip() for line in value) if isinstance(value, list) else str(value)
 
     return MARK.sub(fill, template)
-
-
-@cache
-def _published() -> dict[str, float | None]:
-    rows = {"field": ("synthetic", "lego", "deferred"), "pack": ("synthetic", "lego", "snerg"),
-            "fern_field": ("forward", "fern", "deferred"), "fern_pack": ("forward", "fern", "snerg")}  # fmt: skip
-    return {name: paper_figures.release(*row) for name, row in rows.items()}  # type: ignore[arg-type]
 
 
 def table_text(table: Mapping[str, Any]) -> str:
