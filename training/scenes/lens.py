@@ -26,9 +26,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-PERSPECTIVE, FISHEYE, EQUIRECTANGULAR = range(3)
+from scenepack.constants import EQUIRECTANGULAR, FISHEYE, LENS_SIZE, PERSPECTIVE
+
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "q1", "q2", "q3", "s1", "s2")
-LENS_SIZE = len(COEFFICIENTS) + 1
 PROJECTION, REACH = LENS_SIZE - 1, LENS_SIZE  # where these stand in whole_lens
 TOLERANCE = 1e-3  # of (u, v): where Newton's method stops farther away, the lens shows nothing
 NEWTON_STEPS = 10

@@ -21,11 +21,10 @@ import numpy as np
 from PIL import Image
 
 from console import UserError
-from console.streams import one_line
+from scenepack.cameras import label_of, photograph_cameras
 from scenepack.pack import Pack
 from scenepack.pictures import has_picture, picture_of
 from training.scenes import load_scene
-from training.scenes.lens import LENS_SIZE
 from training.scenes.pictures import PictureLoader
 from training.scenes.scene import Camera, Photograph
 from training.scenes.scene_options import recorded_options
@@ -36,8 +35,6 @@ from viewer.rendering.camera import ViewCamera
 if TYPE_CHECKING:
     from viewer.app.application import App
 
-FARTHEST = 1e9  # from the origin, and any other number of a camera: what is beyond makes no sense
-LONGEST_NAME = 200  # characters
 LONGEST_SIDE = 1600  # pixels; larger photographs are shown smaller
 
 
@@ -165,7 +162,7 @@ class Photographs:
         found: dict[tuple[str, str], Photograph] = {}
         for split, photographs in scene.splits.items():
             for photograph in photographs:
-                name = _shown(photograph.name)
+                name = label_of(photograph.name)
                 found[(split, name)] = photograph
                 found.setdefault(("", name), photograph)
         self.background, self._found = scene.background, found
@@ -173,37 +170,13 @@ class Photographs:
 
 def shots_of(pack: Pack) -> list[Shot]:
     """The cameras in the pack's metadata; entries that make no sense are left out."""
-    entries = pack.metadata.get("cameras")
     shots = []
-    for entry in entries if isinstance(entries, list) else []:
-        camera = _camera(entry)
-        if camera is not None:
-            view = ViewCamera.from_scene_camera(pack, camera)
-            shots.append(
-                Shot(_shown(entry.get("name", len(shots))), _shown(entry.get("split", "train")), camera, view, entry)
-            )
+    for found in photograph_cameras(pack):
+        lens = (found.fx, found.fy, found.cx, found.cy, found.distortion)
+        camera = Camera(found.world_T_camera, found.width, found.height, *lens)
+        view = ViewCamera.from_scene_camera(pack, camera)
+        shots.append(Shot(found.name, found.split, camera, view, found.entry))
     return shots
-
-
-def _shown(name: Any) -> str:
-    """A name from a pack or a scene, fit for labels."""
-    return one_line(str(name), LONGEST_NAME)
-
-
-def _camera(entry: Any) -> Camera | None:
-    try:
-        matrix = np.asarray(entry["world_T_camera"], np.float64)
-        numbers = [float(entry[name]) for name in ("fx", "fy", "cx", "cy")]
-        width, height = int(entry["width"]), int(entry["height"])
-        distortion = tuple(float(v) for v in entry.get("distortion") or (0.0,) * 4)
-        good = matrix.shape == (4, 4) and (np.abs(matrix) < FARTHEST).all() and abs(np.linalg.det(matrix)) > 1e-9
-        good = good and (np.abs([*numbers, *distortion]) < FARTHEST).all() and min(numbers[:2]) > 1 / FARTHEST
-        if not (good and 0 < width < FARTHEST and 0 < height < FARTHEST):
-            return None
-        known = len(distortion) == 4 or (len(distortion) == LENS_SIZE and distortion[-1] in (0, 1, 2))
-        return Camera(matrix, width, height, *numbers, distortion=distortion) if known else None
-    except (KeyError, TypeError, ValueError, OverflowError):
-        return None
 
 
 def psnr(a: np.ndarray, b: np.ndarray) -> float:
