@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal
@@ -213,7 +213,7 @@ class Scene:
         from scenepack.exports.scene import geometry_of
 
         made = geometry_of(self._pack, export)
-        return Geometry(made.points, made.normals, made.colours, made.faces)
+        return Geometry(made.points, made.normals, made.colours, made.faces, tuple(made.cameras))
 
     @with_snerg_errors
     def save(self, path: str | Path, *, codec: Codec = "png", title: str | None = None) -> None:
@@ -279,10 +279,11 @@ class Geometry:
     """Diffuse colours, sRGB, [n, 3]."""
     faces: NDArray[np.int32]
     """Vertices of each triangle, [f, 3], counter-clockwise from outside."""
+    _cameras: tuple[Any, ...] = field(default=(), repr=False)
 
     @with_snerg_errors
     def save(self, path: str | Path) -> None:
-        """Writes FILE.ply, or FILE.glb (glTF 2.0; meshes alone).
+        """Writes FILE.ply, or FILE.glb (glTF 2.0; meshes alone, with the cameras of the photographs).
 
         Raises:
             SnergError: Where the suffix is another, or it cannot be written.
@@ -293,5 +294,5 @@ class Geometry:
         suffixes = (".ply", ".glb") if len(self.faces) else (".ply",)
         if Path(path).suffix.lower() not in suffixes:
             raise SnergError("is not a supported file type", where=path, expected=" or ".join(suffixes))
-        parts = Written(self.vertices, self.normals, self.colours, self.faces).file_parts(Path(path))
-        write_parts(Path(path), parts)
+        written = Written(self.vertices, self.normals, self.colours, self.faces, cameras=self._cameras)
+        write_parts(Path(path), written.file_parts(Path(path)))

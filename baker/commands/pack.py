@@ -125,8 +125,8 @@ def export(
 
     Args:
         pack: The pack, a folder or a .zip.
-        to: FILE.html (a web page in one file), FOLDER/ (a web page for a web server), FILE.glb (a mesh), or FILE.ply, whose name
-            (points.ply, mesh.ply, gaussians.ply) or --kind says what it holds.
+        to: FILE.html (a web page in one file), FOLDER/ (a web page for a web server), FILE.glb (a mesh), FILE.spz (Gaussians), or
+            FILE.ply, whose name (points.ply, mesh.ply, gaussians.ply) or --kind says what it holds.
         kind: points, mesh or gaussians.
         level: Opacity of the surface of points and meshes. Lower includes thinner mist.
         coarser: Merge this many voxels along each side. The default is 1, or what memory allows.

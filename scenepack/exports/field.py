@@ -160,8 +160,7 @@ class ExportFrame:
         """
         voxel = self.pack.voxel_size
         if not self.pack.ndc:
-            stretch = np.abs(np.linalg.det(self._frame_T_grid[:3, :3])) ** (1 / 3)
-            sizes = np.full((len(positions), 3), self.scale * voxel * stretch)
+            sizes = np.full((len(positions), 3), voxel * self.stretch)
             if self.pack.contraction is not None:
                 contracted = np.abs(self._contracted(positions))
                 w = 1.0 / (2.0 - np.maximum(contracted.max(axis=1, keepdims=True), 1.0))
@@ -171,6 +170,25 @@ class ExportFrame:
         width, height, focal = _ndc_camera(self.pack)
         across, up = -z * width / (2 * focal), -z * height / (2 * focal)
         return self.scale * voxel * np.stack([across, up, z**2 / (2 * NDC_NEAR)], axis=1)
+
+    @property
+    def stretch(self) -> float:
+        """How long a unit of the grid frame is."""
+        return float(self.scale * np.abs(np.linalg.det(self._frame_T_grid[:3, :3])) ** (1 / 3))
+
+    def pose(self, training_T_camera: np.ndarray) -> np.ndarray:
+        """float64 [4, 4], a rotation and a place, of a camera in the training frame; axes x right, y up, z back.
+
+        A frame that mirrors the training frame mirrors what the camera sees: left is right there.
+        """
+        pose = self._frame_T_training @ training_T_camera
+        left, _, right = np.linalg.svd(pose[:3, :3])
+        rotation = left @ right  # the closest one, or its mirror image
+        if np.linalg.det(rotation) < 0:
+            rotation[:, 0] *= -1.0
+        frame_T_camera = np.eye(4)
+        frame_T_camera[:3, :3], frame_T_camera[:3, 3] = rotation, self.scale * pose[:3, 3]
+        return frame_T_camera
 
     @property
     def mirrors(self) -> bool:

@@ -1,4 +1,4 @@
-"""Files of meshes, points and Gaussians: PLY, binary glTF.
+"""Files of meshes, points and Gaussians: PLY, binary glTF, SPZ.
 
 The colours are photographed light, so nothing may light them again. COLOR_0 is linear, so they are decoded from sRGB, into 16
 bits: 8 would show bands in the dark.
@@ -11,14 +11,16 @@ pierces the plane, of the product of 1 - o g over the plane's voxels.
 
 from __future__ import annotations
 
+import gzip
 import json
 import struct
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from console import UserError
 from scenepack.exports.field import ExportFrame, Field
 
 TYPES = {"f4": "float", "u1": "uchar"}
@@ -64,8 +66,23 @@ ARRAY, ELEMENTS = 34962, 34963
 MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 
+class GltfCamera(NamedTuple):
+    """A perspective camera of a glTF file. It looks along -z with y up; its principal point is the middle of the picture."""
+
+    name: str
+    frame_T_camera: np.ndarray  # float64 [4, 4], a rotation and a place
+    yfov: float  # radians, vertical
+    aspect_ratio: float  # width by height
+    near: float  # of the clipping plane
+
+
 def glb_parts(
-    vertices: np.ndarray, normals: np.ndarray, colours: np.ndarray, faces: np.ndarray, said: dict[str, Any]
+    vertices: np.ndarray,
+    normals: np.ndarray,
+    colours: np.ndarray,
+    faces: np.ndarray,
+    said: dict[str, Any],
+    cameras: Sequence[GltfCamera] = (),
 ) -> list[bytes]:
     """The file in parts. vertices, normals float32 [v, 3]; colours uint8 [v, 3], sRGB; faces int [f, 3]. said: asset.extras."""
     colour = np.full((len(colours), 4), 65535, "<u2")
@@ -84,12 +101,12 @@ def glb_parts(
     accessors[0] |= {"min": vertices.min(axis=0).tolist(), "max": vertices.max(axis=0).tolist()}
     accessors[2]["normalized"] = True
     attributes = {"POSITION": 0, "NORMAL": 1, "COLOR_0": 2}
-    document = {
+    document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "snerg", "extras": said},
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": list(range(1 + len(cameras)))}],
+        "nodes": [{"mesh": 0}, *(_camera_node(camera, i) for i, camera in enumerate(cameras))],
         "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0}]}],
         "materials": [
             {
@@ -102,11 +119,22 @@ def glb_parts(
         "bufferViews": views,
         "accessors": accessors,
     }
+    if cameras:  # glTF forbids empty lists
+        document["cameras"] = [_perspective(camera) for camera in cameras]
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     head = struct.pack("<III", MAGIC, 2, 12 + 8 + len(text) + 8 + offset)
     binary = struct.pack("<II", offset, BINARY_CHUNK)
     return [head, struct.pack("<II", len(text), JSON_CHUNK), text, binary, *(array.tobytes() for array, *_ in arrays)]
+
+
+def _camera_node(camera: GltfCamera, number: int) -> dict[str, Any]:
+    return {"name": camera.name, "camera": number, "matrix": camera.frame_T_camera.T.ravel().tolist()}  # by columns
+
+
+def _perspective(camera: GltfCamera) -> dict[str, Any]:
+    lens = {"yfov": camera.yfov, "aspectRatio": camera.aspect_ratio, "znear": camera.near}
+    return {"name": camera.name, "type": "perspective", "perspective": lens}
 
 
 def _linear(colours: np.ndarray) -> np.ndarray:
@@ -171,3 +199,41 @@ def opacity_table() -> tuple[np.ndarray, np.ndarray]:
     passes = np.exp(-(distance[:, None, :, None] + distance[None, :, None, :]) / (2 * SIGMA**2))
     own = np.linspace(0.0, MOST_OPACITY, 100)
     return np.array([1.0 - np.prod(1.0 - o * passes, axis=(2, 3)).mean() for o in own]), own
+
+
+# --- Gaussians as SPZ 3 (github.com/nianticlabs/spz), whose axes are x right, y up, z back, as in the grid frame ---
+
+SPZ_MAGIC, SPZ_VERSION = 0x5053474E, 3
+SPZ_LARGEST = (1 << 23) - 1  # of a coordinate: 24 bits with their sign
+SPZ_SIZES = (-10.0, 255 / 16 - 10.0)  # logarithms
+SPZ_COLOUR = 0.15  # of 255 levels, for 1 of f_dc
+NO_ROTATION = 3 << 30  # w is the largest of the quaternion's components, the other three are 0
+
+
+def spz_bytes(values: Sequence[np.ndarray]) -> bytes:
+    """The file of gaussian_values. UserError where its numbers cannot hold the lengths."""
+    positions, _, colours, opacities, sizes, _ = values
+    farthest, small, large = float(np.abs(positions).max()), float(sizes.min()), float(sizes.max())
+    places = min(int(np.floor(np.log2(SPZ_LARGEST / max(farthest, 1e-9)))), 24)  # binary, after the point
+    if places < 1 or small < SPZ_SIZES[0] or large > SPZ_SIZES[1]:
+        raise UserError(
+            "lengths do not fit into an .spz",
+            where="--scale",
+            expected="coordinates up to 4e+06, Gaussians of {:.2g} to {:.3g}".format(*np.exp(SPZ_SIZES)),
+            found=f"{farthest:.3g}, {np.exp(small):.2g} to {np.exp(large):.3g}",
+            remedy="choose another, or write a .ply",
+        )
+    fixed = np.rint(positions * 2.0**places).astype("<i4")
+    header = struct.pack("<IIIBBBB", SPZ_MAGIC, SPZ_VERSION, len(positions), 0, places, 0, 0)
+    parts = [
+        np.ascontiguousarray(fixed).view(np.uint8).reshape(-1, 3, 4)[:, :, :3],
+        _levels(255.0 / (1.0 + np.exp(-opacities))),
+        _levels(255.0 * (SPZ_COLOUR * colours + 0.5)),
+        _levels(16.0 * (sizes - SPZ_SIZES[0])),
+        np.full(len(positions), NO_ROTATION, "<u4"),
+    ]
+    return gzip.compress(header + b"".join(part.tobytes() for part in parts), 6, mtime=0)
+
+
+def _levels(values: np.ndarray) -> np.ndarray:
+    return np.rint(np.clip(values, 0.0, 255.0)).astype(np.uint8)

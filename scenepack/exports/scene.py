@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import atan
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -12,8 +13,18 @@ import numpy as np
 
 from console import UserError, not_written
 from console.atomic import write_file
+from scenepack.cameras import photograph_cameras
 from scenepack.exports.field import Corners, ExportFrame, Field, Frame
-from scenepack.exports.file_formats import COLUMNS, POINT, gaussian_values, glb_parts, ply_parts, voxels_of
+from scenepack.exports.file_formats import (
+    COLUMNS,
+    POINT,
+    GltfCamera,
+    gaussian_values,
+    glb_parts,
+    ply_parts,
+    spz_bytes,
+    voxels_of,
+)
 from scenepack.exports.surface import (
     Surface,
     decimated,
@@ -27,6 +38,7 @@ from scenepack.pack import Pack
 
 Kind = Literal["points", "mesh", "gaussians"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+ONLY: dict[str, Kind] = {".glb": "mesh", ".spz": "gaussians"}  # what a suffix alone may hold
 LEVEL = 0.15  # opacity of the surface; packs hold thin mist that is opaque only together
 SMOOTHING = 5  # Taubin's steps
 LEAST_OPACITY = 0.02  # of a voxel that becomes a Gaussian
@@ -74,12 +86,13 @@ class Written:
 def kind_for(file: Path, kind: Kind | None) -> Kind:
     """What to write into `file`: as chosen, or as its name says. UserError where that is no kind of this file."""
     suffix, stem = file.suffix.lower(), file.stem.lower()
-    if suffix not in (".ply", ".glb"):
-        raise UserError("is not a supported file type", where=file, expected="FILE.ply or FILE.glb")
-    if suffix == ".glb":
-        if kind not in (None, "mesh"):
-            raise UserError(f"cannot hold {kind}", where=file, expected="a mesh", remedy="name a .ply")
-        return "mesh"
+    if suffix not in (".ply", *ONLY):
+        raise UserError("is not a supported file type", where=file, expected="FILE.ply, FILE.glb or FILE.spz")
+    if only := ONLY.get(suffix):
+        if kind not in (None, only):
+            expected = "a mesh" if only == "mesh" else only
+            raise UserError(f"cannot hold {kind}", where=file, expected=expected, remedy="name a .ply")
+        return only
     named: list[Kind] = [each for each in KINDS if each.rstrip("s") in stem]
     if kind is None and len(named) != 1:
         raise UserError("may be points, a mesh or gaussians", where=file, remedy="add --kind points, mesh or gaussians")
@@ -119,7 +132,8 @@ def divisors(number: int) -> list[int]:
 @dataclass(frozen=True)
 class Geometry:
     """Points on a surface, or a mesh. points, normals: float32 [n, 3]. colours: uint8 [n, 3], diffuse, sRGB. faces: int32 [f, 3],
-    counter-clockwise from outside; none of points. coarser: voxels a side that became one.
+    counter-clockwise from outside; none of points. coarser: voxels a side that became one. cameras: of the photographs; none of
+    points.
     """
 
     points: np.ndarray
@@ -127,11 +141,13 @@ class Geometry:
     colours: np.ndarray
     faces: np.ndarray
     coarser: int = 1
+    cameras: Sequence[GltfCamera] = ()
 
     def file_parts(self, file: Path, comments: Sequence[str] = ()) -> list[bytes]:
         """The bytes of a .glb or a .ply; of points, a .ply."""
         if file.suffix.lower() == ".glb":
-            return glb_parts(self.points, self.normals, self.colours, self.faces, {"snerg": comments})
+            said = {"snerg": comments}
+            return glb_parts(self.points, self.normals, self.colours, self.faces, said, self.cameras)
         faces = self.faces if len(self.faces) else None
         return ply_parts(POINT, [self.points, self.normals, self.colours], faces, comments)
 
@@ -142,7 +158,8 @@ def export_scene(pack: Pack, file: Path, export: Export, on_progress: OnProgress
     UserError where nothing would be in it, or it cannot be written.
     """
     if export.kind == "gaussians":
-        parts, written = _gaussians(pack, export, on_progress)
+        values, written = _gaussians(pack, export, on_progress)
+        parts = [spz_bytes(values)] if file.suffix.lower() == ".spz" else ply_parts(COLUMNS, values)
     else:
         geometry = geometry_of(pack, export, on_progress)
         said = [f"frame {export.frame}, lengths times {export.scale:g}", "colours are diffuse, sRGB"]
@@ -190,12 +207,12 @@ def _gaussian_voxels(field: Field, export: Export, export_frame: ExportFrame) ->
     return positions[near], rgba[near]
 
 
-def _gaussians(pack: Pack, export: Export, on_progress: OnProgress) -> tuple[list[bytes], Written]:
+def _gaussians(pack: Pack, export: Export, on_progress: OnProgress) -> tuple[list[np.ndarray], Written]:
     field, export_frame = _field(pack, export, on_progress), ExportFrame(pack, export.frame, export.scale)
     positions, rgba = _gaussian_voxels(field, export, export_frame)
     on_progress(0.5, f"{len(positions):,} Gaussians")
     values = gaussian_values(positions, rgba, field, export_frame)
-    return ply_parts(COLUMNS, values), Written(len(positions), 0, field.coarser)
+    return values, Written(len(positions), 0, field.coarser)
 
 
 def surface_of(
@@ -226,7 +243,24 @@ def geometry_of(pack: Pack, export: Export, on_progress: OnProgress = lambda sha
         surface = decimated(surface, export.faces)
     on_progress(0.9, f"{len(surface.faces):,} triangles")
     surface = placed(surface, export_frame)
-    return Geometry(surface.vertices, vertex_normals(surface), surface.colours, surface.faces, field.coarser)
+    arrays = (surface.vertices, vertex_normals(surface), surface.colours, surface.faces)
+    return Geometry(*arrays, field.coarser, _gltf_cameras(pack, export_frame))
+
+
+def _gltf_cameras(pack: Pack, export_frame: ExportFrame) -> list[GltfCamera]:
+    """The cameras of the photographs, but for fisheyes and panoramas. Distortion of their lenses is left out."""
+    near = export_frame.stretch * (pack.near or pack.voxel_size)
+    return [
+        GltfCamera(
+            camera.name,
+            export_frame.pose(camera.world_T_camera),
+            2.0 * atan(0.5 * camera.height / camera.fy),
+            (camera.width * camera.fy) / (camera.height * camera.fx),
+            near,
+        )
+        for camera in photograph_cameras(pack)
+        if camera.is_perspective
+    ]
 
 
 def placed(surface: Surface, export_frame: ExportFrame) -> Surface:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from baker.commands.pack import main
 from scenepack import Pack, save_pack
-from scenepack.exports.field import Field
+from scenepack.exports.field import Field, Frame
 from scenepack.exports.file_formats import COLUMNS, opacity_table
 from scenepack.exports.scene import Export, export_scene
 from scenepack.exports.surface import components, decimated, extract, smoothed
 from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.viewer.rendering.shapes import BALL, BLENDER_FRAME, NDC_FRAME, SKY, surroundings_pack
+from viewer.features.photographs.photographs import shots_of
+from viewer.rendering.camera import ViewCamera
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: the extra dev")
 SIDE, BLOCK, RADIUS, CENTRE = 42, 14, 0.55, np.array([0.1, -0.05, 0.2])
@@ -92,14 +96,18 @@ def test_a_mesh_is_the_closed_ball_that_the_pack_holds_in_another_library(
     assert outwards.min() > 0.9
 
 
+def parts_of_glb(file: Path) -> tuple[dict[str, Any], bytes]:
+    data = file.read_bytes()
+    magic, version, length, text, _ = struct.unpack("<IIIII", data[:20])
+    assert (magic, version, length) == (0x46546C67, 2, len(data))
+    return json.loads(data[20 : 20 + text]), data[28 + text :]
+
+
 def test_a_glb_says_what_it_is_and_its_colours_are_linear(folder: str, tmp_path: Path) -> None:
     """Read by hand, as the format has it."""
     assert run(folder, tmp_path / "a.glb") == 0
-    data = (tmp_path / "a.glb").read_bytes()
-    magic, version, length, text, _ = struct.unpack("<IIIII", data[:20])
-    assert (magic, version, length) == (0x46546C67, 2, len(data))
-    document = json.loads(data[20 : 20 + text])
-    binary = data[28 + text :]
+    document, binary = parts_of_glb(tmp_path / "a.glb")
+    assert "cameras" not in document  # glTF forbids an empty list
     primitive = document["meshes"][0]["primitives"][0]
     colour = document["accessors"][primitive["attributes"]["COLOR_0"]]
     view = document["bufferViews"][colour["bufferView"]]
@@ -171,6 +179,47 @@ def test_gaussians_have_the_layout_of_splat_viewers_and_let_as_much_light_pass(
     assert np.all(np.diff(passed) > 0) and passed[-1] > 0.9 and own[0] == passed[0] == 0
 
 
+@pytest.mark.parametrize("words", [[], ["--frame", "world", "--scale", "30"]])
+def test_an_spz_holds_the_gaussians_of_the_ply_as_exactly_as_the_format_allows(
+    folder: str, tmp_path: Path, words: list[str]
+) -> None:
+    gsply = pytest.importorskip("gsply", reason="gsply is not installed: the extra dev")
+    for name in ("gaussians.ply", "a.spz"):
+        assert run(folder, tmp_path / name, *words) == 0
+    body = (tmp_path / "gaussians.ply").read_bytes().partition(b"end_header\n")[2]
+    values = np.frombuffer(body, "<f4").reshape(-1, len(COLUMNS))
+    read = gsply.read_spz(tmp_path / "a.spz")
+    assert (len(read.means) == len(values) and read.shN is None) or not np.size(read.shN)
+    assert np.abs(read.means - values[:, :3]).max() < 1e-5 * np.abs(values[:, :3]).max()
+    assert np.abs(0.28209479 * (read.sh0 - values[:, 6:9])).max() < 1.0 / 255
+    assert np.abs(1 / (1 + np.exp(-read.opacities)) - 1 / (1 + np.exp(-values[:, 9]))).max() < 0.51 / 255
+    assert np.abs(read.scales - values[:, 10:13]).max() < 0.51 / 16
+    assert np.allclose(read.quats, [1, 0, 0, 0], atol=1e-6)
+    assert (tmp_path / "a.spz").stat().st_size < (tmp_path / "gaussians.ply").stat().st_size / 8
+
+
+def test_the_axes_of_an_spz_are_right_up_and_back(tmp_path: Path) -> None:
+    """A long bar to the right, a shorter one upwards, the shortest to the back; read by hand, as the format has it."""
+    x, y, z = centres()
+    bars = [(x, y, z, 0.9), (y, z, x, 0.6), (z, x, y, 0.3)]  # along, across, across, end
+    inside = [(a > -0.1) & (a < end) & (np.maximum(np.abs(b), np.abs(c)) < 0.1) for a, b, c, end in bars]
+    inside = np.logical_or.reduce(inside)
+    pack = pack_of(np.where(inside, 1.0, -1.0))
+    for frame in ("grid", "world"):
+        export_scene(pack, tmp_path / "a.spz", Export("gaussians", frame=frame))
+        data = gzip.decompress((tmp_path / "a.spz").read_bytes())
+        magic, version, count, degree, places, flags, _ = struct.unpack("<4sIIBBBB", data[:16])
+        assert (magic, version, degree, flags, len(data)) == (b"NGSP", 3, 0, 0, 16 + 20 * count)
+        triples = np.frombuffer(data, np.uint8, 9 * count, 16).reshape(count, 3, 3).astype(np.int32)
+        fixed = triples @ [1, 1 << 8, 1 << 16]
+        places_of = np.where(fixed >= 1 << 23, fixed - (1 << 24), fixed) / 2.0**places
+        grid = places_of if frame == "grid" else places_of @ BLENDER_FRAME[:3, :3]
+        assert np.abs(grid.max(axis=0) - [0.9, 0.6, 0.3]).max() < VOXEL and np.abs(grid.min(axis=0) + 0.1).max() < VOXEL
+    camera = np.linalg.inv(ViewCamera.look_at((0.0, 0.0, 5.0), (0.0, 0.0, 0.0)).grid_T_camera)
+    right, up, back = (camera[:3, :3] @ grid[grid[:, i].argmax()] for i in range(3))
+    assert right[0] > 0.8 and up[1] > 0.5 and back[2] > 0.2
+
+
 def test_frames_scale_and_crop(folder: str, tmp_path: Path) -> None:
     words = ["--level", "0.5", "--keep", "largest"]
     assert run(folder, tmp_path / "mesh.ply", *words, "--frame", "world", "--scale", "2") == 0
@@ -181,6 +230,42 @@ def test_frames_scale_and_crop(folder: str, tmp_path: Path) -> None:
     half = trimesh.load(tmp_path / "mesh.ply", process=False)
     assert half.bounds[0, 0] > 0.1 - VOXEL and half.is_watertight
     assert half.volume == pytest.approx(mesh.volume / 8 / 2, rel=0.1)
+
+
+@pytest.mark.parametrize("ndc", [False, True])
+@pytest.mark.parametrize("frame", ["grid", "world"])
+def test_a_glb_has_the_photographs_cameras_which_see_a_point_where_the_viewer_does(
+    tmp_path: Path, frame: Frame, ndc: bool
+) -> None:
+    pose = ViewCamera.look_at((2.0, 3.0, 5.0), (0.3, -0.2, -1.0), (0.1, 1.0, 0.2)).grid_T_camera
+    lens = {"width": 64, "height": 48, "fx": 70.0, "fy": 75.0, "cx": 32.0, "cy": 24.0}
+    entry = {"name": "train/r_7", "split": "train", "world_T_camera": pose.tolist(), **lens}
+    fisheye = {**entry, "name": "fisheye", "distortion": [0.0] * 11 + [1.0]}
+    given = {"ndc": True, "input_width": 160.0, "input_height": 120.0, "input_focal": 140.0} if ndc else {}
+    pack = pack_of(ball_inside(), NDC_FRAME if ndc else BLENDER_FRAME, **given)
+    pack = pack.with_metadata(cameras=[fisheye, entry], near=0.25)
+    export_scene(pack, tmp_path / "mesh.glb", Export("mesh", frame=frame, scale=2.0))
+    document, _ = parts_of_glb(tmp_path / "mesh.glb")
+    (camera,) = document["cameras"]
+    node = document["nodes"][document["scenes"][0]["nodes"][1]]
+    assert camera["type"] == "perspective" and node["name"] == "train/r_7" and node["camera"] == 0
+    assert camera["perspective"]["znear"] == pytest.approx(0.5)
+    frame_T_camera = np.reshape(node["matrix"], (4, 4)).T
+    assert np.allclose(frame_T_camera[:3, :3].T @ frame_T_camera[:3, :3], np.eye(3))
+    assert np.linalg.det(frame_T_camera[:3, :3]) > 0
+
+    point = np.array([0.1, -0.4, -0.8, 1.0])  # of the grid frame
+    view = shots_of(pack)[1].view
+    x, y, z, _ = np.linalg.inv(view.grid_T_camera) @ point
+    expected = np.array([view.cx - view.fx * x / z, view.cy + view.fy * y / z])
+    there = (pack.worldspace_T_opengl if frame == "world" else np.eye(4)) @ point
+    x, y, z, _ = np.linalg.inv(frame_T_camera) @ [*(2.0 * there[:3]), 1.0]
+    high = np.tan(0.5 * camera["perspective"]["yfov"])
+    across, up = x / -z / (high * camera["perspective"]["aspectRatio"]), y / -z / high  # -1 ... 1
+    if ndc and frame == "grid":
+        across = -across  # this frame is a mirror image of the scene
+    assert np.allclose([32.0 * (1.0 + across), 24.0 * (1.0 - up)], expected)
+    assert 0 < expected[0] < 64 and 0 < expected[1] < 48 and abs(across) > 0.05
 
 
 @pytest.mark.parametrize("frame", ["grid", "world"])
@@ -229,9 +314,12 @@ def test_a_contracted_pack_is_written_as_it_is_in_space(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--to", "a.obj"], "FILE.ply or FILE.glb"),
+        (["--to", "a.obj"], "FILE.ply, FILE.glb or FILE.spz"),
+        (["--to", "a.sog"], "FILE.ply, FILE.glb or FILE.spz"),
         (["--to", "a.ply"], "--kind"),
         (["--to", "a.glb", "--kind", "points"], "cannot hold points"),
+        (["--to", "a.spz", "--kind", "mesh"], "cannot hold mesh"),
+        (["--to", "a.spz", "--scale", "1e8"], "--scale"),
         (["--to", "mesh.ply", "--level", "2"], "--level"),
         (["--to", "mesh.ply", "--coarser", "5"], "1, 2, 7, 14"),
         (["--to", "mesh.ply", "--keep", "most"], "all, largest or a share"),

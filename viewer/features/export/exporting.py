@@ -27,7 +27,7 @@ KINDS: dict[Kind, str] = {"mesh": "Mesh", "points": "Points", "gaussians": "Gaus
 SUFFIXES: dict[Kind, tuple[str, ...]] = {
     "mesh": (".glb", ".ply"),
     "points": (".ply",),
-    "gaussians": (".ply",),
+    "gaussians": (".ply", ".spz"),
     "page": (".html",),
 }
 FACES: dict[str, int] = {"100,000": 100_000, "500,000": 500_000, "All": 0}  # triangles of a mesh, at most

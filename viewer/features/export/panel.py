@@ -35,7 +35,7 @@ ROWS_HIGH = 262.0  # of the preview: as high as the most choices
 HINTS = {
     "mesh": "Triangles with vertex colours: a .glb or .ply file.",
     "points": "Points on the surface with normals and colours: a .ply file.",
-    "gaussians": "A Gaussian for each voxel: a .ply file for splat viewers, without highlights.",
+    "gaussians": "A Gaussian for each voxel: a .ply or .spz file for splat viewers, without highlights.",
     "page": "One .html file that shows the scene in any browser.",
 }
 
