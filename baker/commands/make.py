@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 import tyro
 
 from baker.baking.config import BakeConfig, Quality, default_resolution
-from console import Notice, UserError, run_command
+from console import Notice, UserError, check_results, run_command, write_json
 from console.arguments import join_negative_values
 from console.child_process import module_command
 from scenepack.constants import CodecName
@@ -51,6 +51,7 @@ def snerg_make(
     frames: int = FRAMES,
     poses_only: bool = False,
     check: bool = False,
+    json: Path | None = None,
     previews: float = 0.0,
     no_view: bool = False,
 ) -> None:
@@ -82,10 +83,20 @@ def snerg_make(
         poses_only: Find camera poses into DIR/scene, and stop there.
         check: Look at the photographs, write DIR/check.html about them, and stop there: sharpness, overlap, exposure, what moves,
             and which to take again.
+        json: With --check, also write what was found to this file; "-" prints it instead of the text.
         previews: While training, write what is there so far to DIR/preview.zip, a small pack, every so many seconds; 0 for never.
             It is removed once DIR/pack is there.
         no_view: Do not open the viewer at the end.
     """
+    if frames < FEWEST:
+        raise UserError(
+            "too few frames to find camera poses", where="--frames", expected=f"at least {FEWEST}", found=frames
+        )
+    if json is not None and not check:
+        raise UserError("needs --check", where="--json")
+    if check:
+        _check(scene, out, frames, json)
+        return
     begin_libraries()
     from baker.baking.preview import NAME, Previews
     from baker.baking.to_pack import bake_to
@@ -111,15 +122,7 @@ def snerg_make(
     if resolution is not None:
         baking = dataclasses.replace(baking, resolution=resolution)
     baking.check()
-    if frames < FEWEST:
-        raise UserError(
-            "too few frames to find camera poses", where="--frames", expected=f"at least {FEWEST}", found=frames
-        )
     began = time.monotonic()
-    if check:
-        verdict = check_photographs(require_source(scene), out / "check.html", frames)
-        print("\n".join([*verdict.lines(), f"the page is {out / 'check.html'}; {minutes(time.monotonic() - began)}"]))
-        return
     scene = posed_scene(scene, out, seed=seed, most_frames=frames)
     if poses_only:
         if scene != out / SCENE:
@@ -157,6 +160,14 @@ def snerg_make(
     ):
         # A process of its own: JAX holds most of a GPU's memory until this one ends.
         subprocess.Popen(module_command("viewer.commands.view", str(pack_path)))
+
+
+def _check(scene: Path, out: Path, frames: int, json: Path | None) -> None:
+    began, page = time.monotonic(), out / "check.html"
+    check_results(page, json)
+    verdict = check_photographs(require_source(scene), page, frames)
+    if not write_json(json, {**verdict.as_json(), "page": str(page)}):
+        print("\n".join([*verdict.lines(), f"the page is {page}; {minutes(time.monotonic() - began)}"]))
 
 
 def minutes(seconds: float) -> str:

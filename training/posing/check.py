@@ -21,6 +21,7 @@ from PIL import Image
 from console import UserError, progress
 from console.atomic import replacing
 from training.posing.child_process import ask
+from training.posing.find import require
 from training.posing.photograph import PREVIEW_SIDE, sharpness
 from training.posing.prepare import IMAGES, LOG, Prepared, camera_groups, prepare
 from training.scenes.pictures import small_picture
@@ -56,15 +57,47 @@ class Verdict:
     connected: float  # share of the photographs that are connected by matches
     matches: np.ndarray  # [N, N]: share of features in common
     kind: str  # what was photographed
-    retake: dict[str, str]  # why, by name; those that cannot be used, too
+    set_aside: dict[str, str]  # why, by name: those that are not used
+    weakly_connected: dict[str, str]  # likewise: those that match few others or none
+    differently_exposed: dict[str, str]  # likewise
     score: float  # 0 to 100
+
+    @property
+    def retake(self) -> dict[str, str]:
+        """Why, by name, a photograph should be taken again."""
+        return {**self.set_aside, **self.weakly_connected, **self.differently_exposed}
+
+    @property
+    def good_sharpness(self) -> float:
+        """The median sharpness as a share of what is good, 0 to 1."""
+        return min(_median(self.sharpness) / GOOD_SHARPNESS, 1.0)
+
+    @property
+    def good_overlap(self) -> float:
+        """The median overlap, likewise."""
+        return min(_median(self.overlap) / GOOD_OVERLAP, 1.0)
+
+    def as_json(self) -> dict[str, Any]:
+        """What `snerg-make --check --json` writes (docs/scenes.md)."""
+        figures = zip(self.names, self.sharpness, self.overlap, self.partners, self.exposure, strict=True)
+        return {
+            "score": self.score, "kind": self.kind, "sharpness": self.good_sharpness, "overlap": self.good_overlap,
+            "connected": self.connected, "exposure_spread": _spread(self.exposure), "moving": self.moving,
+            "set_aside": self.set_aside, "weakly_connected": self.weakly_connected,
+            "differently_exposed": self.differently_exposed,
+            "photographs": [
+                {"name": name, "sharpness": float(sharp), "overlap": float(overlap), "matches": int(partners),
+                 "exposure": float(x)}
+                for name, sharp, overlap, partners, x in figures
+            ],
+        }  # fmt: skip
 
     def lines(self) -> list[str]:
         """What a user should know, a line each."""
-        sharp, overlap = min(_median(self.sharpness) / GOOD_SHARPNESS, 1), min(_median(self.overlap) / GOOD_OVERLAP, 1)
         lines = [
             f"{len(self.names)} photographs, {self.kind}; expected quality {self.score:.0f} of 100",
-            f"sharpness {sharp:.0%} and overlap {overlap:.0%} of what is good; {self.connected:.0%} are connected by matches; "
+            f"sharpness {self.good_sharpness:.0%} and overlap {self.good_overlap:.0%} of what is good; "
+            f"{self.connected:.0%} are connected by matches; "
             f"exposures differ by {_spread(self.exposure):.0%}; {self.moving:.0%} of the matches move",
         ]
         if self.kind == WALK:
@@ -80,7 +113,10 @@ class Verdict:
 
 
 def check(source: Source, page: Path, most_frames: int) -> Verdict:
-    """Looks at photographs or a film, and writes a page about them. UserError where too few can be read."""
+    """Looks at photographs or a film, and writes a page about them. UserError where too few can be read, ModuleNotFoundError
+    where a package is missing.
+    """
+    require(source)
     with tempfile.TemporaryDirectory(prefix="snerg-check-") as folder:
         work = Path(folder)
         with progress("looking at photographs", len(source.files), stage=STAGE) as bar:
@@ -93,9 +129,12 @@ def check(source: Source, page: Path, most_frames: int) -> Verdict:
             "images": str(work / IMAGES), "work": folder, "names": [file.name for file in files],
             "groups": camera_groups(prepared.pictures), "longest_side": LONGEST_SIDE, "most_features": MOST_FEATURES,
         }  # fmt: skip
-        with progress("matching", 1, stage=STAGE) as bar:
-            found = ask("matching_pairs", request, work / LOG, lambda *_: None)
-            bar.update(1)
+        with progress("matching", 2, stage=STAGE) as bar:
+
+            def on_progress(title: str, done: float, total: float) -> None:
+                bar.update((title == "matches") + done / total)
+
+            found = ask("matching_pairs", request, work / LOG, on_progress)
         verdict = judge(prepared, files, found["pairs"], found["is_static"])
         page.parent.mkdir(parents=True, exist_ok=True)
         with replacing(page) as new:
@@ -125,22 +164,23 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
         kind = "turned on the spot: without moving, nothing tells how far things are"
     if is_static:
         kind = "a turntable before a still background: masks are needed"
-    retake = dict(prepared.aside)
+    weak, exposed = {}, {}
     for index, name in enumerate(names):
         if not together[index]:
-            retake[name] = "does not overlap with the others"
+            weak[name] = "does not overlap with the others"
         elif partners[index] <= FEW_PARTNERS:
-            retake[name] = f"overlaps with {partners[index]} others only: take one between them"
+            others = "1 other" if partners[index] == 1 else f"{partners[index]} others"
+            weak[name] = f"overlaps with {others} only: take one between them"
         elif abs(exposure[index]) > EXPOSURE_JUMP:
-            retake[name] = (
+            exposed[name] = (
                 f"{abs(np.expm1(exposure[index])):.0%} {'brighter' if exposure[index] > 0 else 'darker'} than the others"
             )
     quality = min(_median(sharp) / GOOD_SHARPNESS, 1.0) ** 0.5 * min(_median(overlap) / GOOD_OVERLAP, 1.0) ** 0.5
     quality *= len(files) / (len(files) + FEWEST)
     quality *= together.mean() / (1.0 + (_spread(exposure) / EXPOSURE_SPREAD) ** 2)
     quality *= 0.3 if is_static or kind.startswith("turned") else 1.0
-    return Verdict(names, sharp, overlap, partners, exposure, _median(moving), float(together.mean()), matches, kind, retake,
-                   100.0 * float(quality))  # fmt: skip
+    return Verdict(names, sharp, overlap, partners, exposure, _median(moving), float(together.mean()), matches, kind,
+                   dict(prepared.aside), weak, exposed, 100.0 * float(quality))  # fmt: skip
 
 
 def _exposures(previews: Sequence[np.ndarray], pairs: Sequence[dict[str, Any]], row: dict[str, int]) -> np.ndarray:

@@ -16,6 +16,7 @@ from typing import Literal
 
 from console import UserError
 from console.file_signature import HEAD_BYTES, sniff_type
+from training.scenes import llff
 from training.scenes.files import PICTURE_SUFFIXES, READ_PICTURES, UNREAD_FORMATS, find_masks, is_hidden, visible_files
 from training.scenes.messages import few
 
@@ -161,6 +162,8 @@ def _pictures(path: Path) -> tuple[list[Path], list[Path]]:
     found: list[Path] = []
     unread: list[Path] = []
     below = [folder for folder in path.glob("*/") if folder.name != SUBFOLDER and not folder.name.startswith(MASKS)]
+    if llff.recognises(path):  # images_4 and images_8 hold the same photographs
+        below = sorted(path.glob(f"{SUBFOLDER}_*/"), key=lambda folder: in_order(folder.name))[:1]
     for folders in ([path], [path / SUBFOLDER], [folder for folder in below if not is_hidden(folder)]):
         there = [folder for folder in folders if folder.is_dir()]
         found = [file for folder in there for file in visible_files(folder)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,11 @@ def test_what_to_take_again_is_named_with_its_reason_on_one_page(captures: dict[
     assert page.count("<figure") == COUNT + 1 and page.count('class="again"') == 2
     assert 'src="data:' in page and "http" not in page and "does not overlap" in page
     assert any(line.startswith("take again p12.png") for line in verdict.lines())
+    found = json.loads(json.dumps(verdict.as_json()))
+    assert list(found["weakly_connected"]) == [f"p{STRANGER}.png"] and list(found["differently_exposed"]) == [
+        f"p{DARK:02d}.png"
+    ]
+    assert not found["set_aside"] and len(found["photographs"]) == COUNT + 1 and 0 < found["overlap"] <= 1
 
 
 def test_snerg_make_checks_and_stops(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -64,3 +70,25 @@ def test_snerg_make_checks_and_stops(tmp_path: Path, capsys: pytest.CaptureFixtu
     (tmp_path / "photos").mkdir()
     assert main([str(tmp_path / "photos"), "--out", str(tmp_path / "out"), "--check"]) == 2
     assert "empty" in capsys.readouterr().err and not (tmp_path / "out").exists()
+    assert main([str(tmp_path / "photos"), "--out", str(tmp_path / "out"), "--json", "-"]) == 2
+    assert "--json: needs --check" in capsys.readouterr().err
+
+
+def test_a_missing_package_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    from baker.commands.make import main
+
+    (tmp_path / "photos").mkdir()
+    Image.new("RGB", (32, 32)).save(tmp_path / "photos/a.png")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert main([str(tmp_path / "photos"), "--out", str(tmp_path / "out"), "--check"]) == 2
+    assert "snerg[poses]" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_copies_of_an_llff_scene_s_photographs_are_not_checked_beside_them(tmp_path: Path):
+    (tmp_path / "poses_bounds.npy").touch()
+    for folder in ("images_4", "images_8"):
+        (tmp_path / folder).mkdir()
+        Image.new("RGB", (32, 32)).save(tmp_path / folder / "a.png")
+    assert require_source(tmp_path).files == (tmp_path / "images_4/a.png",)

@@ -29,6 +29,7 @@ from viewer.core import widgets
 from viewer.core.pose import project, shortest_turn
 from viewer.features.camera import panel as camera_panel
 from viewer.features.crop import crop
+from viewer.features.making import photograph_check
 from viewer.features.making.make_plan import Plan
 from viewer.window.window import Window
 
@@ -422,6 +423,25 @@ def test_bare_photographs_that_are_dropped_are_shown_with_what_is_set_aside_and_
     pump(window)
     assert window.app.making.plan is None
     wait(window, lambda: preview.finished)
+
+
+def test_photographs_are_checked_from_the_dialog_and_the_page_opens_in_the_browser(
+    watched, start_page, other_client, xdotool, tmp_path, monkeypatch
+):
+    window, opened = start_page, []
+    monkeypatch.setattr(photograph_check.webbrowser, "open", lambda address: opened.append(address) or True)
+    write_photographs(tmp_path / "attic")
+    other_client("drop", tmp_path / "attic")
+    wait(window, lambda: not window.app.making.busy)
+    press(watched, xdotool, "Check photographs")
+    press(watched, xdotool, "Stop##check")
+    assert window.app.making.check is None
+    press(watched, xdotool, "Check photographs")
+    wait(window, lambda: window.app.making.check.result is not None)
+    press(watched, xdotool, "Open the page")
+    page = tmp_path / "attic-snerg" / "check.html"
+    wait(window, lambda: opened == [page.as_uri()])
+    assert page.is_file() and not window.app.messages.dialogs
 
 
 def drawn_pixels(picture: np.ndarray, app: App) -> int:

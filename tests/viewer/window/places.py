@@ -112,6 +112,22 @@ def _plan(subject: str, **changes: object) -> Prepare:
     return prepare
 
 
+def _checked(app: App, scenes: Scenes) -> None:
+    _plan("scene")(app, scenes)
+    app.making.check_photographs(app)
+    assert app.making.check is not None
+    app.making.check.close()
+    app.making.check.result = {
+        "score": 60.0, "kind": "seen from one side", "sharpness": 1.0, "overlap": 0.9, "exposure_spread": 0.1,
+        "photographs": [{}] * 20, "set_aside": {"a.jpg": "blurred"}, "weakly_connected": {}, "differently_exposed": {},
+    }  # fmt: skip
+
+
+def _checking(app: App, scenes: Scenes) -> None:
+    _plan("scene")(app, scenes)
+    app.making.check_photographs(app)
+
+
 def _compare(app: App, scenes: Scenes) -> None:
     canvas, app.canvas = app.canvas, None if app.canvas.other is not None else app.canvas
     app.compare_with(scenes.other, scenes.path)
@@ -197,6 +213,8 @@ PLACES: dict[str, Prepare] = {
     "path to save": _ask_for("save"),
     "make a scene": _plan("scene"),
     "make it again": _plan("scene", attempt={"scene": "", "steps": 6000}),
+    "photographs that are checked": _checking,
+    "photographs that were checked": _checked,
     "bake a run": _plan("run"),
 }
 WITHOUT_SCENE = ("start", "making, from the start page")

@@ -26,6 +26,7 @@ from viewer.features.making.make_job import (
     rejected_photographs_of,
 )
 from viewer.features.making.make_plan import Plan, Subject
+from viewer.features.making.photograph_check import PhotographCheck
 from viewer.features.making.review import Review
 from viewer.features.making.sparse_preview import Kind, SparsePreview, read_sparse_preview
 
@@ -55,6 +56,7 @@ class Making:
     """State of the make-a-scene workflow."""
 
     plan: Plan | None = None  # shown in the dialog
+    check: PhotographCheck | None = None  # of the plan's photographs
     job: MakeJob | None = None  # runs now
     failed: Plan | None = None  # the last plan that failed
     quit_after: bool = False  # whether the program ends once the job has stopped
@@ -95,9 +97,11 @@ class Making:
         waits = (
             self.job is not None or self.reading is not None or self.review is not None or self._rejected is not None
         )
-        return waits or (survey is not None and (survey.busy or not self._surveyed))
+        checks = self.check is not None and self.check.running
+        return waits or checks or (survey is not None and (survey.busy or not self._surveyed))
 
     def _forget(self) -> None:
+        self._end_check()
         if self.plan is not None and self.plan.survey is not None:
             self.plan.survey.close()
         self.plan = None
@@ -124,6 +128,32 @@ class Making:
             app.touch()
 
         app.file_request = FileRequest("Where to save the scene", "folder", then, start=existing_folder(plan.out))
+
+    def check_photographs(self, app: App) -> None:
+        """Begins to check the plan's photographs, instead of what was found before."""
+        if self.plan is not None and self.plan.can_be_checked:
+            self._end_check()
+            try:
+                self.check = PhotographCheck(self.plan)
+            except UserError as error:
+                app.messages.fail("The photographs cannot be checked", error)
+        app.touch()
+
+    def stop_check(self, app: App) -> None:
+        """Gives the check up."""
+        self._end_check()
+        app.touch()
+
+    def _end_check(self) -> None:
+        if self.check is not None:
+            self.check.close()
+        self.check = None
+
+    def _tick_check(self, app: App) -> None:
+        if self.check is not None and self.check.poll():
+            app.touch(2)
+        if self.check is not None and self.check.no_browser():
+            app.messages.say(f"No browser was found. The page is {self.check.page}", "warning")
 
     def copy_command(self, app: App) -> None:
         """Puts the command line that does the same on the clipboard, for another machine, say."""
@@ -345,9 +375,12 @@ class Making:
         self._tick_look(app)
         self._tick_training_preview(app)
         job, now = self.job, time.monotonic()
-        if job is None or now - self._looked < POLL_EVERY_S:
+        if now - self._looked < POLL_EVERY_S:
             return
         self._looked = now
+        self._tick_check(app)
+        if job is None:
+            return
         status = job.child.poll()
         if job.poll():
             app.touch(2)

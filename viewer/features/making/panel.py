@@ -24,7 +24,7 @@ from viewer.core.widgets import (
     switch,
     tip,
 )
-from viewer.features.making import strips_panel, survey
+from viewer.features.making import check_panel, strips_panel, survey
 from viewer.features.making.make_plan import RESOLUTIONS, Plan
 from viewer.features.making.survey import OFFERED
 from viewer.rendering.canvas import Canvas
@@ -43,6 +43,8 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
     _heading(plan, fonts)
     if plan.survey is not None and plan.survey.preview is not None:
         strips_panel.show_preview(canvas, plan.survey.preview)
+    if plan.can_be_checked:
+        check_panel.show(app, plan, fonts)
     imgui.dummy(ImVec2(0, px(6)))
     problem = plan.problem()
     surveying = plan.survey is not None and not plan.survey.finished

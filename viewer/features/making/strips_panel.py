@@ -9,11 +9,11 @@ from console.progress import duration
 from viewer.core import theme
 from viewer.core.widgets import hint, px
 from viewer.features.making.make_job import Box, RejectedPhotographs
+from viewer.features.making.photograph_check import few_with_reasons
 from viewer.features.making.survey import BarePreview
 from viewer.rendering.canvas import Canvas
 
 HEIGHT, GAP, ROUNDING, BAR = 64.0, 5.0, 4.0, 12.0
-NAMED = 3  # pictures that are set aside, by name
 FADED = 0.28  # of the opacity, of a picture that is set aside
 
 
@@ -71,9 +71,7 @@ def _status_lines(preview: BarePreview) -> list[tuple[str, str]]:
     lines: list[tuple[str, str]] = []
     aside = preview.aside or {}
     if aside:
-        named = [f"{name} ({why})" for name, why in list(aside.items())[:NAMED]]
-        more = f" and {len(aside) - NAMED} more" if len(aside) > NAMED else ""
-        lines.append((f"{preview.used} of {preview.count} are used. Set aside: {', '.join(named)}{more}.", theme.WARN))
+        lines.append((f"{preview.used} of {preview.count} are used. Set aside: {few_with_reasons(aside)}.", theme.WARN))
     elif preview.used is not None:
         lines.append(
             (f"{preview.used} {'frames at most' if preview.of_film else 'photographs'} are used.", theme.FAINT)
@@ -99,9 +97,7 @@ def show_rejected(canvas: Canvas, rejected: RejectedPhotographs) -> None:
     """Draws a line that counts and names them, and the row."""
     names = list(rejected.why)
     count = "1 photograph is left out" if len(names) == 1 else f"{len(names)} photographs are left out"
-    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    named = ", ".join(f"{name} ({rejected.why[name]})" for name in names[:NAMED])
-    hint(f"{count}: {named}{more}.", theme.WARN)
+    hint(f"{count}: {few_with_reasons(rejected.why)}.", theme.WARN)
     if rejected.sheet is None:
         return
     pictures = [(box, f"{name}\n{rejected.why[name]}", False) for name, box in rejected.boxes.items()]
