@@ -33,7 +33,7 @@ BRIGHTNESS_SIDE = 200  # pixels in which the brightness around a feature is read
 THUMBNAIL = 176  # pixels
 DARKEST = 0.04  # darker pixels are not used to compare exposures
 PARTNERS = 4  # a photograph overlaps as well as it matches so many others
-GOOD_OVERLAP, GOOD_SHARPNESS = 0.25, 0.5  # of captures that train well
+GOOD_OVERLAP, GOOD_SHARPNESS = 0.25, 0.5  # about those of fern and fox, medians (docs/results.md)
 FEW_PARTNERS = 2  # that a photograph matches, at most, which stands apart
 EXPOSURE_JUMP = 0.25  # of x: from here on a photograph is said to differ
 EXPOSURE_SPREAD = 0.6  # root mean square of x that halves the score
@@ -95,7 +95,7 @@ class Verdict:
     def lines(self) -> list[str]:
         """What a user should know, a line each."""
         lines = [
-            f"{len(self.names)} photographs, {self.kind}; expected quality {self.score:.0f} of 100",
+            f"{len(self.names)} photographs, {self.kind}; quality {self.score:.0f} of 100",
             f"sharpness {self.good_sharpness:.0%} and overlap {self.good_overlap:.0%} of what is good; "
             f"{self.connected:.0%} are connected by matches; "
             f"exposures differ by {_spread(self.exposure):.0%}; {self.moving:.0%} of the matches move",

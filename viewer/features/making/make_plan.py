@@ -142,10 +142,10 @@ class Plan:
 
     @property
     def can_be_checked(self) -> bool:
-        """Whether there are photographs to check, and a place for the page about them."""
+        """Whether there are photographs to check that nothing was trained on, and a place for the page about them."""
         found = self.survey is not None and self.survey.finished and self.survey.error is None
         missing = trainer_missing() or (self.bare is not None and poser_missing(self.bare) is not None)
-        return found and not missing and self.place_problem is None
+        return found and not missing and self.place_problem is None and self.attempt is None
 
     def problem(self) -> str | None:
         """Why it cannot be begun as it is planned; None where nothing speaks against it."""
