@@ -235,7 +235,6 @@ class App:
 
     @property
     def loading(self) -> Loading | None:
-        """The pack that is being read."""
         return self.opening.loading
 
     def cancel_loading(self) -> None:
@@ -270,7 +269,6 @@ class App:
         return self.frames_owed > 0
 
     def drew(self) -> None:
-        """The window drew a frame."""
         self.frames_owed = max(0, self.frames_owed - 1)
 
     # Looking
@@ -320,7 +318,6 @@ class App:
             self.messages.say("There is no path on the clipboard", "warning")
 
     def set(self, **fields: object) -> None:
-        """Changes render settings."""
         changed = replace(self.settings, **fields)  # type: ignore[arg-type]
         if changed != self.settings:
             self.settings = changed
@@ -345,7 +342,6 @@ class App:
         self.set(**fields)
 
     def set_fov(self, degrees: float) -> None:
-        """Vertical field of view."""
         if self.scene is not None:
             self.scene.rig.take_over()
             self.scene.rig.fov = min(max(degrees, FOVS[0]), FOVS[1])

@@ -76,8 +76,6 @@ PSNR_FRAMES = 8  # compared between two marchers, spread over the path
 
 @dataclass(frozen=True)
 class Photographs:
-    """The photographs of a scene's split, to score pictures against."""
-
     scene: Scene
     split: str
 

@@ -119,7 +119,6 @@ def _times(compared: Mapping[str, Any]) -> str:
 
 
 def print_table(result: Mapping[str, Any], measurement: Measurement) -> None:
-    """Prints the table and its notes on stdout."""
     table = Table(title=title(result))
     for i, heading in enumerate(HEADINGS):
         table.add_column(heading, justify="right" if i else "left")
@@ -295,7 +294,6 @@ def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point of snerg-bench; returns the exit status."""
     return run_command(bench, prog="snerg-bench", description=DESCRIPTION, args=args, on_failure=tell_if_unseen)
 
 

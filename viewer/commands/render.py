@@ -302,7 +302,6 @@ def fly_over(pack: Pack, name: str, folder: Path, fov: float, settings: RenderSe
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point of snerg-render; returns the exit status."""
     words = join_negative_values(sys.argv[1:] if args is None else args, MAY_BE_NEGATIVE)
     return run_command(render, prog="snerg-render", description=DESCRIPTION, args=words, on_failure=tell_if_unseen)
 

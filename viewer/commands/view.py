@@ -131,7 +131,6 @@ class View:
             return 0
 
     def _serve(self, port: int) -> int:
-        """Serves the pack, or the run, as a page until it is interrupted."""
         path = self.pack or demo_pack()
         if path is None:
             raise UserError("there is no pack to serve", remedy="name one: snerg-view PACK --serve")
@@ -166,7 +165,6 @@ class View:
             app.open(self.pack, then=lambda: self._opened(app))
 
     def _page(self) -> str | None:
-        """The page that shows what was asked for."""
         if self.path or self.export:
             return "film"
         if self.compare:
@@ -228,7 +226,6 @@ def _try(app: App, title: str, action: Callable[[], object]) -> None:
 
 
 def _register(wanted: bool) -> int:
-    """Writes or removes what Linux desktops know of the viewer."""
     if wanted:
         for path in desktop_entry.register(desktop_entry.own_command()):
             print(path)
@@ -372,7 +369,6 @@ def _with_port(words: Sequence[str]) -> list[str]:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point of snerg-view; returns the exit status."""
     words = _with_port(join_negative_values(sys.argv[1:] if args is None else args, ("--pose", "--crop")))
     scripted = any(word.startswith(SCRIPTED) for word in words)  # nobody is there to close a box
     return run_command(View, prog="snerg-view", args=words, on_failure=None if scripted else tell_if_unseen)

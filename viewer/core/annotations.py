@@ -81,8 +81,6 @@ class Bookmark:
 
 @dataclass(frozen=True)
 class Annotations:
-    """The annotations of one scene."""
-
     scale: Scale = Scale()
     measurements: tuple[Measurement, ...] = ()
     bookmarks: tuple[Bookmark, ...] = ()
@@ -92,18 +90,15 @@ class Annotations:
         return replace(self, measurements=_with(self.measurements, index, measurement))
 
     def with_bookmark(self, index: int, bookmark: Bookmark | None) -> Annotations:
-        """Likewise with a bookmark."""
         return replace(self, bookmarks=_with(self.bookmarks, index, bookmark))
 
     def with_bookmark_moved(self, index: int, to: int) -> Annotations:
-        """With a bookmark at another place in the order."""
         left = [bookmark for i, bookmark in enumerate(self.bookmarks) if i != index]
         left.insert(to, self.bookmarks[index])
         return replace(self, bookmarks=tuple(left))
 
     @property
     def empty(self) -> bool:
-        """Whether there is nothing to keep."""
         return self == Annotations()
 
 
@@ -112,7 +107,6 @@ def _with(items: tuple, index: int, new: object) -> tuple:
 
 
 def annotations_to_json(annotations: Annotations) -> dict[str, Any]:
-    """What annotations_from_json reads; for json.dumps."""
     return {
         "scale": {"factor": annotations.scale.factor, "unit": annotations.scale.unit},
         "measurements": [{"kind": m.kind, "points": [list(p) for p in m.points]} for m in annotations.measurements],
@@ -121,7 +115,6 @@ def annotations_to_json(annotations: Annotations) -> dict[str, Any]:
 
 
 def bookmark_to_json(view: Bookmark) -> dict[str, Any]:
-    """What bookmark_from_json reads."""
     return {"name": view.name, "eye": list(view.eye), "target": list(view.target), "up": view.up, "fov": view.fov}
 
 

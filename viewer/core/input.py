@@ -58,12 +58,10 @@ class Keyboard:
     _tapped: set[str] = field(default_factory=set)  # went down since the last frame, and perhaps up again
 
     def down(self, place: str) -> None:
-        """A key went down."""
         self.held.add(place)
         self._tapped.add(place)
 
     def up(self, place: str) -> None:
-        """A key went up."""
         self.held.discard(place)
 
     def leave(self) -> None:
@@ -125,7 +123,6 @@ class ControllerState:
 
     @property
     def mouse(self) -> bool:
-        """Whether it is a 3D mouse."""
         return not self.gamepad and len(self.axes) >= 6 and any(maker in self.name.lower() for maker in MAKERS)
 
     @property

@@ -64,8 +64,6 @@ class Dialog:
 
 @dataclass
 class Messages:
-    """All that was said so far."""
-
     lines: deque[LogLine] = field(default_factory=lambda: deque(maxlen=KEPT_LINES))
     dialogs: list[Dialog] = field(default_factory=list)
     toast: str = ""
@@ -75,7 +73,6 @@ class Messages:
     _toast_seen: str = ""
 
     def log(self, text: str, level: str = "info") -> None:
-        """Adds a line to the log."""
         self.lines.append(LogLine(level, " ".join(text.split()), time.time()))
         self.crash_log(f"{level}: {text}")
 
@@ -130,7 +127,6 @@ class Messages:
 
 
 def in_plain_words(error: BaseException) -> str:
-    """What went wrong, for a dialog."""
     if isinstance(error, UserError | ValueError) and str(error):
         return str(error)
     text = refusal(error)
@@ -148,7 +144,6 @@ PACKAGES = ("snerg", "imgui-bundle", "glfw", "moderngl", "numpy")
 
 
 def default_folder() -> Path:
-    """Where the logs lie on this machine."""
     return Path(platformdirs.user_log_path("snerg", appauthor=False))
 
 
@@ -206,7 +201,6 @@ class CrashLog:
 
 
 def versions() -> str:
-    """Versions of Python, the system and the libraries."""
     lines = [f"snerg's viewer, started {time.strftime('%Y-%m-%d %H:%M:%S')}"]
     lines.append(f"Python {platform.python_version()}, {platform.platform()}")
     for package in PACKAGES:

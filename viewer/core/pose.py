@@ -271,7 +271,6 @@ class History:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing was ever done."""
         return not self._undo
 
     def _now(self) -> Moment:

@@ -19,7 +19,6 @@ LENS_PIECES = 12  # that a straight line is drawn as through a lens
 
 
 def draw_layers(layers: list[Layer], box: Box) -> None:
-    """Draws textures where they belong on the viewport's box."""
     x, y, width, height = box
     draw = imgui.get_window_draw_list()
     for layer in layers:

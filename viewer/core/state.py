@@ -55,7 +55,6 @@ class Interface:
     scale: float = 1.0
 
     def shows(self, page: str) -> bool:
-        """Whether a page is open."""
         return page in (self.page, self.over) or page in self.moved
 
     def opens(self, page: str) -> None:
@@ -64,7 +63,6 @@ class Interface:
             self.page = page
 
     def closes(self, page: str) -> None:
-        """Closes a page."""
         self.page = "" if page == self.page else self.page
         self.over = "" if page == self.over else self.over
         self.moved = [other for other in self.moved if other != page]

@@ -70,7 +70,6 @@ class FontSearch(Task[list[FontFile]]):
 
 
 def find_fonts(missing: str) -> list[FontFile]:
-    """Fonts of this system that have letters of `missing`."""
     if sys.platform == "win32":
         return _in_folder(Path(os.environ.get("SYSTEMROOT", "C:/Windows")) / "Fonts", WINDOWS)
     if sys.platform == "darwin":

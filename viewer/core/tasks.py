@@ -73,7 +73,6 @@ class JsonTask(Task[None]):
         """Called in the thread at the end, whatever happened."""
 
     def close(self) -> None:
-        """Kills the child."""
         self.cancel()
         if self._child is not None:
             self._child.close()

@@ -181,7 +181,6 @@ class Entry:
     on: bool = False
 
     def button(self) -> None:
-        """Draws it as a square button."""
         if icon_button(self.icon, self.id, f"{self.title}  ({self.hint})" if self.hint else self.title, on=self.on):
             self.action()
 
@@ -227,14 +226,12 @@ def chip(text: str, x: float, y: float) -> float:
 
 
 def chip_size(text: str) -> tuple[float, float]:
-    """Width and height of such a label."""
     with font(None, theme.SMALL):
         size = imgui.calc_text_size(text)
     return size.x + px(24), size.y + px(12)
 
 
 def main_button(text: str, width: float = 0.0) -> bool:
-    """The button that is meant to be pressed."""
     with coloured(button=theme.ACCENT, button_hovered=theme.TEXT, text=theme.ON_ACCENT):
         return imgui.button(text, ImVec2(width, px(34)))
 

@@ -92,8 +92,6 @@ MOUSE_BOUNDED = (
 
 @dataclass(frozen=True)
 class _Group:
-    """A heading, and rows of keys and what they do."""
-
     title: str
     rows: tuple[tuple[str, str], ...]
 

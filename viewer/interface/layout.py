@@ -70,7 +70,6 @@ class Docking:
 
     @property
     def text(self) -> str:
-        """The layout, to be remembered."""
         return f"{HEADER}{self.home}\n{imgui.save_ini_settings_to_memory()}"
 
     def space(self, app: App, box: Box, shown: bool) -> Box:
@@ -118,7 +117,6 @@ class Docking:
             builder.dock_builder_finish(space)
 
     def _begin_anew(self, space: int, box: Box) -> imgui.internal.DockNode:
-        """An empty dock space."""
         builder = imgui.internal
         self.home, self._at_home = 0, set(self.names)
         builder.dock_builder_remove_node(space)
@@ -207,7 +205,6 @@ def regions(width: float, height: float, app: App) -> Regions:
 
 
 def docking() -> Docking:
-    """The dock space for all pages."""
     return Docking({page.id: page.window for page in PAGES}, SIDE)
 
 

@@ -64,7 +64,6 @@ def plan(width: float, unit: float, widths: tuple[float, float, float], buttons:
 
 
 def show(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
-    """Draws the bar."""
     with coloured(window_bg=theme.BASE):
         layout.begin("##top", box, (LEFT, EDGE))
     entries = _entries(app)

@@ -110,7 +110,6 @@ class Ui:
                 break
 
     def _round(self, app: App, canvas: Canvas, scale: float) -> None:
-        """Once through all panels."""
         if self.scale == 0:
             self._docking.restore(app.interface.layout)
         self._take_fonts(app)
@@ -177,7 +176,6 @@ class Ui:
 
     @property
     def layout(self) -> str:
-        """Where the pages are docked, to be remembered."""
         imgui.set_current_context(self.context)
         return self._docking.text
 
@@ -193,7 +191,6 @@ class Ui:
         return not keys.queue_is_empty()
 
     def release(self) -> None:
-        """Ends the imgui context."""
         imgui.set_current_context(self.context)
         implot.destroy_context(self.plots)
         imgui.backends.opengl3_shutdown()

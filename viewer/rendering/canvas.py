@@ -145,7 +145,6 @@ class Canvas:
         return self._sheet.follow(sheet)
 
     def drop_image(self, name: str) -> None:
-        """Frees such a texture, if there is one."""
         if name in self._images:
             self._retired.append(self._images.pop(name)[1])
 
@@ -204,7 +203,6 @@ class Canvas:
 
     @property
     def gpu_name(self) -> str:
-        """What draws, by the driver's name for it."""
         return str(self.ctx.info.get("GL_RENDERER", "unknown"))
 
     @property
@@ -221,7 +219,6 @@ class Canvas:
 
     @property
     def gpu_bytes(self) -> int:
-        """Texture memory in use."""
         return sum(self.gpu_bytes_by_use.values())
 
     # Drawing
@@ -345,7 +342,6 @@ class Canvas:
         self.gpu_ms, self.scene_ms = self.clock.time(lambda: renderer.render(target, camera, settings, viewport))
 
     def release(self) -> None:
-        """Frees everything on the GPU."""
         self._preallocator.release()
         self.show_other(None)
         self._drop_coming()

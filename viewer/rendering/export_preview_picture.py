@@ -79,6 +79,5 @@ class ExportPreviewPicture:
         self._array, self._buffers, self._geometry = None, [], None
 
     def release(self) -> None:
-        """Frees everything on the GPU."""
         self._forget()
         self._program.release()

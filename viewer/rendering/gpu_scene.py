@@ -105,7 +105,6 @@ class GpuScene:
         ctx.clear_samplers(0, len(self.textures))
 
     def release(self) -> None:
-        """Frees the textures and samplers."""
         for thing in {id(thing): thing for thing in (*self.textures.values(), *self.samplers.values())}.values():
             thing.release()
         if self.hull is not None:

@@ -83,7 +83,6 @@ def _is_old(version: str) -> bool:
 
 
 def _remedy(version: str, complaint: str, environment: Mapping[str, str], platform: str) -> str:
-    """What to install, or to try."""
     if override := environment.get(OVERRIDE):
         return f"{OVERRIDE}={override} is set, which hides what the driver can do: unset it and start again"
     if platform == "win32":
@@ -126,7 +125,6 @@ def current_context() -> Callable[[], None]:
 
 
 def _egl() -> ctypes.CDLL | None:
-    """The system's EGL, None where there is none."""
     if not sys.platform.startswith("linux"):
         return None
     try:

@@ -84,7 +84,6 @@ class SkipGrid:
 
 @cached_per_pack
 def skip_grid_of(pack: Pack) -> SkipGrid:
-    """The skip grid of `pack`."""
     words = skip_words(content_cells(pack, CELL // 2))
     content = words & FARTHEST == 0
     return SkipGrid(words, *content_bounds(content), hull_triangles(content, CELL))

@@ -80,7 +80,6 @@ class Supersampling:
         self._rays = None
 
     def release(self) -> None:
-        """Frees everything on the GPU."""
         self._free()
         for drawing in self._filters.values():
             drawing.release()

@@ -157,7 +157,6 @@ class SheetTexture:
         return 0 if self._texture is None else self._texture.width * self._texture.height * 4
 
     def release(self) -> None:
-        """Frees the texture."""
         if self._texture is not None:
             self._retired.append(self._texture)
         self._texture, self._of, self._there = None, None, set()

@@ -289,7 +289,6 @@ class Window:
             free_framebuffer(target)
 
     def save_screenshot(self, path: Path) -> None:
-        """Writes `screenshot()` as a PNG."""
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.fromarray(self.screenshot()).save(path)
 
@@ -300,16 +299,13 @@ class Window:
 
     @property
     def layout(self) -> str:
-        """Where the pages are docked, to be remembered."""
         return self.ui.layout if self.ui.scale else self.app.interface.layout
 
     @property
     def on_x11(self) -> bool:
-        """Whether it is an X server that shows it."""
         return glfw.get_platform() == glfw.PLATFORM_X11
 
     def close(self) -> None:
-        """Frees everything and closes the window."""
         self.app.end_processes()
         self.app.canvas = None
         self.canvas.close()

@@ -34,7 +34,6 @@ def bookmark_of(rig: OrbitCamera, fov: float, name: str) -> Bookmark:
 
 
 def pose_of(bookmark: Bookmark, table: Turntable) -> Pose:
-    """A bookmark as a pose on a turntable."""
     azimuth, elevation = table.angles(np.subtract(bookmark.eye, bookmark.target))
     elevation = min(max(elevation, -MAX_ELEVATION), MAX_ELEVATION)
     return Pose(bookmark.target, azimuth, elevation, math.dist(bookmark.eye, bookmark.target))
@@ -65,7 +64,6 @@ class Bookmarks:
         app.messages.say(f"Bookmarked as “{view.name}”")
 
     def go(self, app: App, index: int) -> None:
-        """Flies to a saved view."""
         if app.scene is None or not 0 <= index < len(app.annotations.current.bookmarks):
             return
         view, rig = app.annotations.current.bookmarks[index], app.scene.rig
@@ -89,7 +87,6 @@ class Bookmarks:
         app.messages.say(app.annotations.current.bookmarks[self.selected].name)
 
     def give_name(self, app: App, index: int, name: str) -> None:
-        """Gives a view another name."""
         annotations = app.annotations.current
         app.annotations.change(
             app, annotations.with_bookmark(index, replace(annotations.bookmarks[index], name=named(name)))
@@ -109,7 +106,6 @@ class Bookmarks:
         self.selected = to
 
     def remove(self, app: App, index: int) -> None:
-        """Removes a view."""
         app.annotations.change(app, app.annotations.current.with_bookmark(index, None))
         left = len(app.annotations.current.bookmarks)
         self.selected = min(index, left - 1) if left else None

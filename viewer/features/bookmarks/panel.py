@@ -21,7 +21,6 @@ SHOWN = 6  # rows of the list
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """Draws the page."""
     if app.scene is None:
         return
     views = app.annotations.current.bookmarks

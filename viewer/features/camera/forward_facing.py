@@ -26,8 +26,6 @@ PAN_PER_HEIGHT = 1.2  # units for a drag over the whole height at the start dist
 
 
 class ForwardFacingCamera(OrbitCamera):
-    """A camera that keeps to the bounds within which a forward-facing pack looks right."""
-
     bounded = True
 
     def __init__(self, pack: Pack) -> None:
@@ -83,5 +81,4 @@ class ForwardFacingCamera(OrbitCamera):
 
 
 def orbit_camera_for(pack: Pack) -> OrbitCamera:
-    """The rig that suits `pack`."""
     return ForwardFacingCamera(pack) if pack.ndc else OrbitCamera(pack)

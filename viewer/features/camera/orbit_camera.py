@@ -39,8 +39,6 @@ class _State:
 
 
 class OrbitCamera:
-    """An orbiting and flying camera for a pack that can be walked around."""
-
     bounded = False  # forward-facing packs are only seen from about where they were photographed
 
     def __init__(self, pack: Pack, fov: float = DEFAULT_FOV) -> None:
@@ -229,7 +227,6 @@ class OrbitCamera:
     # Commands
 
     def go(self, pose: Pose, *, remember: bool = True) -> None:
-        """Flies smoothly to `pose`."""
         if remember:
             self.remember()
         self._let_go()
@@ -237,7 +234,6 @@ class OrbitCamera:
         self.goal = self._bounded(pose)
 
     def home(self) -> None:
-        """Back to the first view."""
         self.remember()
         self.fov, self.orthographic = self.home_fov, False
         self.go(self.home_pose, remember=False)

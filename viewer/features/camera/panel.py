@@ -18,7 +18,6 @@ from viewer.rendering.canvas import Canvas
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """Draws the page."""
     if app.scene is None:
         return
     rig = app.scene.rig

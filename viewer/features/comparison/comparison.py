@@ -61,7 +61,6 @@ class Comparison:
         app.touch()
 
     def drop_other(self, app: App) -> None:
-        """Ends the comparison with another pack."""
         if app.canvas is not None:
             app.canvas.show_other(None)
         self.other = self.other_path = None

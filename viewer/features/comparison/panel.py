@@ -53,7 +53,6 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """Draws the page."""
     comparison = app.comparison
     with card("other", fonts, "The other pack"):
         if comparison.other is not None and comparison.other_path is not None:
@@ -111,7 +110,6 @@ def draw_sides(names: tuple[str, str], split: float, box: Box, y: float) -> None
 
 
 def wipe_edge_hovered(app: App, box: Box) -> bool:
-    """Whether the mouse is on the wipe's edge."""
     if not app.comparison.against or app.comparison.how != "wipe":
         return False
     return abs(imgui.get_io().mouse_pos.x - (box[0] + app.comparison.split * box[2])) < px(9)

@@ -29,7 +29,6 @@ HINTS = {
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """Draws the page."""
     if app.scene is None:
         return
     pack, rig = app.scene.pack, app.scene.rig

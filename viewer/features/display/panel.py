@@ -47,7 +47,6 @@ RESOLUTIONS = {"1.0": "Full", "0.75": "75 %", "0.5": "Half", "0.25": "Quarter"}
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """Draws the page."""
     with card("mode", fonts, "Display"):
         label("Mode")
         picked = choice("mode", modes_for(app), app.settings.mode, MODE_TITLES)

@@ -125,14 +125,12 @@ class Exporting:
         self.asking, self.preview = True, ExportPreview()
 
     def dismiss(self) -> None:
-        """Closes the dialog."""
         self.asking = False
         if self.preview is not None:
             self.preview.close()
         self.preview = None
 
     def choose_file(self, app: App) -> None:
-        """Asks where to write, then begins."""
         assert app.scene is not None
         self.dismiss()
         suffixes = SUFFIXES[self.plan.kind]

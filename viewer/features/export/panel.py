@@ -223,7 +223,6 @@ class PreviewPane:
 
 
 def _preview_text(app: App) -> str:
-    """What the picture shows, in a line."""
     preview, scene = app.exporting.preview, app.scene
     assert preview is not None and scene is not None
     if preview.working:

@@ -49,7 +49,6 @@ class CameraPath:
         del self.keyframes[index]
 
     def replace(self, index: int, **fields: Any) -> None:
-        """Changes a keyframe."""
         self.keyframes[index] = replace(self.keyframes[index], **fields)
 
     def move(self, index: int, by: int) -> int:

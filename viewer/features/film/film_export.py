@@ -37,7 +37,6 @@ def require_video() -> None:
 
 
 def films_possible() -> bool:
-    """Whether PyAV is installed."""
     return importlib.util.find_spec("av") is not None
 
 
@@ -81,7 +80,6 @@ class FilmWriter:
         self.aside.discard()
 
     def discard(self) -> None:
-        """Leaves nothing behind."""
         with contextlib.suppress(Exception):  # e.g. the disk is full: it cannot write its end either
             self._container.close()
         self.aside.discard()

@@ -75,17 +75,14 @@ class Filming:
             self.path.replace(index, grid_T_camera=app.scene.rig.matrix.copy(), fov=app.fov)
 
     def remove(self, index: int) -> None:
-        """Takes a keyframe out."""
         self.path.remove(index)
         self.selected = min(index, len(self.path.keyframes) - 1) if self.path.keyframes else None
         self.playing = self.playing and bool(self.path.keyframes)
 
     def move(self, index: int, by: int) -> None:
-        """Moves a keyframe earlier or later."""
         self.selected = self.path.move(index, by)
 
     def select(self, app: App, index: int) -> None:
-        """Shows a keyframe's view."""
         self.selected = index
         self.show(app, self.path.start_of(index))
 
@@ -108,7 +105,6 @@ class Filming:
                 self.time = 0.0
 
     def tick(self, app: App, seconds: float) -> None:
-        """Time passes."""
         if self.playing:
             self.time += seconds
             if self.time >= self.path.duration:
@@ -168,7 +164,6 @@ class Filming:
             self._start(app, [camera], target, still=True)
 
     def ask_for_still(self, app: App) -> None:
-        """Asks where to save the present view."""
         name = f"{app.scene.name}.png" if app.scene is not None else "picture.png"
         app.file_request = FileRequest(
             "Save the picture", "save", lambda path: app.filming.still(app, path), (".png", ".exr"), name

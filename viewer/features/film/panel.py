@@ -37,7 +37,6 @@ LIST_HEIGHT = 180.0
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """Draws the page."""
     filming = app.filming
     with card("path", fonts, "Camera path"):
         _path(app, canvas, filming)

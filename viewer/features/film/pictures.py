@@ -96,7 +96,6 @@ def write_pngs(path: Path, passes: Sequence[Pass], pictures: Sequence[np.ndarray
 
 
 def exr_possible() -> bool:
-    """Whether OpenEXR is installed."""
     return importlib.util.find_spec("OpenEXR") is not None
 
 

@@ -68,7 +68,6 @@ class LengthFormat:
         return f"{grid_units * self.scale.factor:.{self.decimals}f}"
 
     def length(self, grid_units: float) -> str:
-        """A length with its unit."""
         return f"{self.number(grid_units)} {self.scale.unit}".rstrip()
 
     def place(self, point: Point) -> str:
@@ -254,14 +253,12 @@ class MeasureTool:
         app.touch()
 
     def remove(self, app: App, index: int) -> None:
-        """Takes a measurement away."""
         annotations = app.annotations.current
         if 0 <= index < len(annotations.measurements):
             app.annotations.change(app, annotations.with_measurement(index, None))
         self.selected = None
 
     def clear(self, app: App) -> None:
-        """Takes all of them away."""
         app.annotations.change(app, replace(app.annotations.current, measurements=()))
         self.selected = None
 
@@ -280,7 +277,6 @@ class MeasureTool:
         app.messages.say(f"1 grid unit is {factor:.6g} {self.known_unit}".rstrip())
 
     def show_in(self, app: App, unit: Unit) -> None:
-        """Shows lengths in another unit."""
         self._use(app, app.annotations.current.scale.shown_in(unit))
 
     def forget_scale(self, app: App) -> None:
@@ -294,7 +290,6 @@ class MeasureTool:
     # Out of the window
 
     def length_format(self, app: App) -> LengthFormat | None:
-        """The format of lengths in the open pack."""
         return None if app.scene is None else LengthFormat(app.scene.pack, app.annotations.current.scale)
 
     def copy(self, app: App) -> None:
@@ -306,7 +301,6 @@ class MeasureTool:
             app.messages.say(f"{count} measurement{'s' * (count > 1)} on the clipboard")
 
     def ask_for_table(self, app: App) -> None:
-        """Asks where to save the measurements."""
         name = f"{app.scene.name}-measurements.csv" if app.scene is not None else "measurements.csv"
         app.file_request = FileRequest(
             "Save the measurements", "save", lambda path: self.save_table(app, path), (".csv",), name

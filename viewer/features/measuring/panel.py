@@ -49,7 +49,6 @@ HINTS = {
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """Draws the page."""
     words = app.measure_tool.length_format(app)
     if words is None:
         return

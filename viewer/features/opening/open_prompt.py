@@ -56,8 +56,6 @@ def _there(path: Path) -> bool:
 
 @dataclass
 class OpenPrompt:
-    """State of the prompt."""
-
     recent: Sequence[Path]
     other: bool = False  # whether it asks for a pack to compare with
     text: str = ""  # as typed
@@ -83,7 +81,6 @@ class OpenPrompt:
         return self._kinds[path]
 
     def type(self, text: str) -> None:
-        """The text was changed."""
         if text != self.text:
             self.text, self.picked, self.problem = text, None, ""
 

@@ -110,7 +110,6 @@ class Opening:
     _preallocated_for: Loading | None = None
 
     def start(self, app: App, path: Path, *, other: bool = False, then: Then | None = None) -> None:
-        """Starts reading a pack in a thread; tick() delivers the result."""
         self.cancel(app)
         self.loading, self.other, self.then = Loading(path), other, then
         app.touch()
@@ -208,7 +207,6 @@ class Opening:
 
     @staticmethod
     def _give_up_preallocation(app: App) -> None:
-        """Gives up what was preallocated and not used."""
         if app.canvas is not None:
             app.canvas.preallocate(None)
 
@@ -241,8 +239,6 @@ class OpenPack:
 
 @dataclass
 class OpenPacks:
-    """The open packs that are not shown."""
-
     packs: list[OpenPack] = field(default_factory=list)  # in Ctrl+Tab's order
     show_list: bool = False  # opens the pack menu in the next frame
 

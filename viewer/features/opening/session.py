@@ -46,7 +46,6 @@ HOWS: tuple[How, ...] = get_args(How)
 
 
 def default_file() -> Path:
-    """Where the last session lies on this machine."""
     return platformdirs.user_data_path("snerg", appauthor=False) / f"last{SESSION_SUFFIX}"
 
 
@@ -268,7 +267,6 @@ class Sessions:
         self.last = session if session.packs[0].path.exists() else None
 
     def open(self, app: App, file: Path) -> None:
-        """Opens a session. UserError where it is none."""
         restore(app, load_session(file))
 
     def open_last(self, app: App) -> None:
@@ -277,7 +275,6 @@ class Sessions:
             restore(app, self.last)
 
     def ask_where_to_save(self, app: App) -> None:
-        """Asks where to save what is open, and from where it is seen."""
         name = f"{app.scene.name}{SESSION_SUFFIX}" if app.scene is not None else f"scene{SESSION_SUFFIX}"
         start = app.scene.path.resolve().parent if app.scene is not None and app.scene.path.exists() else None
         app.file_request = FileRequest(

@@ -47,7 +47,6 @@ class FrameStats:
         self.drawn = 0
 
     def add(self, scene_ms: float, frame_ms: float, gpu_ms: float | None = None) -> None:
-        """Adds one drawn frame."""
         self.scene_ms.append(scene_ms)
         self.gpu_ms.append(float("nan") if gpu_ms is None else gpu_ms)
         self.frame_ms.append(frame_ms)
@@ -105,7 +104,6 @@ class CostMeter:
     _measured: tuple[object, ...] = field(default=())
 
     def switch(self, on: bool) -> None:
-        """Starts or stops counting."""
         self.enabled, self.costs, self._measured = on, None, ()
 
     def measure(self, app: App) -> None:

@@ -25,7 +25,6 @@ MARCHER_HINTS = {
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """Draws the page."""
     summary, target = app.times.summary(), app.resolution.target_ms
     with card("time", fonts, "Frame time"):
         headline(app, fonts)

@@ -29,7 +29,6 @@ LOGARITHMIC = imgui.SliderFlags_.logarithmic
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """Draws the page."""
     comparison, gallery = app.comparison, app.gallery
     photographs = gallery.photographs
     if photographs is None or not len(photographs):
@@ -65,7 +64,6 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
 
 
 def _where(photographs: Photographs) -> str:
-    """Where the photographs come from, in words."""
     if photographs.reachable:
         return str(photographs.folder)
     if photographs.any_pictures:

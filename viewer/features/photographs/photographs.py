@@ -269,7 +269,6 @@ class Gallery:
     frusta_opacity: float = 0.9
 
     def scene_changed(self, pack: Pack) -> None:
-        """Takes over the photographs of another pack."""
         self.photographs = Photographs(pack)
         self.chosen, self.frusta, self.split_shown = None, False, ""
 

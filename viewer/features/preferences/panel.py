@@ -22,7 +22,6 @@ CAP = (("Push", "slide, closer"), ("Tilt, turn", "turn the scene"))
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """Draws the page."""
     interface = app.interface
     with card("look", fonts, "Look"):
         label("Theme")

@@ -35,7 +35,6 @@ LONGEST_UNSAVED_S = 3.0  # for what keeps changing, such as an edge that is drag
 
 
 def default_file() -> Path:
-    """Where the file lies on this machine."""
     return platformdirs.user_config_path("snerg", appauthor=False) / "viewer.json"
 
 
@@ -162,7 +161,6 @@ def _is_number(value: Any) -> bool:
 
 
 def apply_preferences(app: App, preferences: Preferences) -> None:
-    """Sets up the program as it was left."""
     app.preferences = preferences
     interface = app.interface
     interface.page = preferences.page
@@ -178,7 +176,6 @@ def apply_preferences(app: App, preferences: Preferences) -> None:
 
 
 def current_preferences(app: App) -> Preferences:
-    """The preferences as the program is set up now."""
     interface, backdrop = app.interface, app.settings.backdrop
     return replace(
         app.preferences,
@@ -241,7 +238,6 @@ class PreferencesAutosave:
         return None if was_reported else self._problem
 
     def _read_window(self) -> None:
-        """Takes over the window's size and layout."""
         self.app.preferences.window, self.app.interface.layout = self._size(), self._layout()
 
     def _save(self, wanted: Preferences) -> None:

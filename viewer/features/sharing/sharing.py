@@ -77,7 +77,6 @@ class Sharing:
         app.touch()
 
     def copy(self, app: App) -> None:
-        """Puts the address on the clipboard."""
         if self.server is not None:
             app.clipboard.set(self.server.address)
             app.messages.say("The address is on the clipboard")
