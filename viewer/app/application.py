@@ -26,6 +26,7 @@ from viewer.features.comparison.comparison import Comparison
 from viewer.features.crop import crop
 from viewer.features.display.display import TRAINED, backdrop
 from viewer.features.export.exporting import Exporting
+from viewer.features.export.sharing import Sharing
 from viewer.features.film.camera_path import CameraPath
 from viewer.features.film.filming import Filming
 from viewer.features.making.make_job import TrainingPreview
@@ -38,7 +39,6 @@ from viewer.features.opening.session import Sessions
 from viewer.features.performance.frame_stats import CostMeter, FrameStats
 from viewer.features.photographs.photographs import Gallery
 from viewer.features.preferences.preferences import Preferences
-from viewer.features.sharing.sharing import Sharing
 from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.dynamic_resolution import DynamicResolution

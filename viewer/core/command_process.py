@@ -10,14 +10,18 @@ import shutil
 import signal
 import subprocess
 import tempfile
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 from console import UserError, not_written, refusal
-from console.child_process import ChildProcess
+from console.child_process import ChildProcess, module_command
 from console.progress_protocol import ENDS_WITH_STDIN, PROGRESS, Report, read_report
 
 TAIL_BYTES = 64 << 10
+LOOK_EVERY_S, PARTING_S = 0.1, 5.0
 
 
 def temporary_folder(prefix: str) -> Path:
@@ -118,3 +122,35 @@ class CommandProcess:
 
     def _clean_up(self) -> None:
         shutil.rmtree(self._scratch, ignore_errors=True)
+
+
+@dataclass
+class FolderProcess:
+    """A command at work, and the temporary folder that holds its log and is removed with it."""
+
+    child: CommandProcess
+    folder: Path
+    _looked: float = 0.0
+
+    @classmethod
+    def start(cls, module: str, words: Callable[[Path], Sequence[str]]) -> Self:
+        """words: gives the arguments and may write files into the folder. UserError where the module cannot be started."""
+        folder = temporary_folder("snerg-process-")
+        try:
+            return cls(CommandProcess(module_command(module, *words(folder)), folder / "log.txt"), folder)
+        except (OSError, UserError):
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+
+    def due(self) -> bool:
+        """Whether it is time to look at it again."""
+        now = time.monotonic()
+        if now - self._looked < LOOK_EVERY_S:
+            return False
+        self._looked = now
+        return True
+
+    def end(self) -> None:
+        """Ends it if it still runs; nothing of it is left."""
+        self.child.end(PARTING_S)
+        shutil.rmtree(self.folder, ignore_errors=True)

@@ -306,7 +306,7 @@ def in_front(app: App) -> Modal:
     return "export" if app.exporting.asking else ""
 
 
-CARD_WIDTH, CARD_MARGIN = 372.0, 16.0
+CARD_WIDTH, CARD_MARGIN, BUTTON_WIDTH = 372.0, 16.0, 86.0
 
 
 @contextmanager
@@ -328,3 +328,14 @@ def corner_card(name: str, box: Box) -> Iterator[None]:
         yield
     finally:
         imgui.end()
+
+
+def titled_button(title: str, button: str, fonts: Fonts) -> bool:
+    """The first row of such a card: a title, and a button at the right; whether that was pressed."""
+    width = px(BUTTON_WIDTH)
+    imgui.align_text_to_frame_padding()
+    with font(fonts.bold, 16.0):
+        imgui.text_unformatted(title)
+    imgui.same_line()
+    imgui.set_cursor_pos_x(imgui.get_window_width() - px(16) - width)
+    return imgui.button(button, ImVec2(width, 0))

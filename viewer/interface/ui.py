@@ -25,7 +25,6 @@ from viewer.features.export.panel import PreviewPane
 from viewer.features.making import panel as making_panel
 from viewer.features.making import progress_panel
 from viewer.features.opening.panel import FileDialogs, OpenDialog
-from viewer.features.sharing import panel as sharing_panel
 from viewer.interface import dialogs, keys, layout, top_bar, viewport
 from viewer.rendering.canvas import Canvas
 
@@ -138,7 +137,7 @@ class Ui:
         layout.show_pages(app, canvas, regions, self.fonts)
         progress_panel.show_job(app, canvas, picture, self.fonts)
         export_panel.show_card(app, picture, self.fonts)
-        sharing_panel.show_card(app, picture, self.fonts)
+        export_panel.show_sharing(app, picture, self.fonts)
         progress_panel.show_review(app, canvas, picture, self.fonts)
         keys.show(app, self.fonts)
         self.open_dialog.show(app, size, self.fonts)

@@ -24,11 +24,11 @@ from tests.viewer.waiting import until
 from tests.viewer.window.places import PLACES, WITHOUT_SCENE, Scenes, child
 from tests.viewer.window.widgets_seen import Seen, Watch, inside
 from viewer.app.application import App
+from viewer.core import command_process
 from viewer.features.making import make_plan, making, photograph_check
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.survey import Survey
 from viewer.features.opening import opening
-from viewer.features.sharing import sharing
 from viewer.interface.layout import NARROW
 from viewer.rendering.settings import RenderSettings
 from viewer.window.window import Window
@@ -62,7 +62,7 @@ def scenes(watched, tmp_path_factory) -> Iterator[Scenes]:
             imgui.backends, "opengl3_render_draw_data", draw_unseen
         )  # clicks are looked at here, not pictures
         patch.setattr(making, "CommandProcess", lambda *_: child())
-        patch.setattr(sharing, "CommandProcess", lambda *_: child())
+        patch.setattr(command_process, "CommandProcess", lambda *_: child())
         patch.setattr(photograph_check, "CommandProcess", lambda *_: child())
         patch.setattr(photograph_check.webbrowser, "open", lambda address: True)
         patch.setattr(make_plan, "trainer_missing", lambda: False)  # nothing is trained here

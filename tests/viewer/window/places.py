@@ -19,12 +19,12 @@ from viewer.core.annotations import Annotations, Bookmark, Measurement, Scale
 from viewer.core.files import FileRequest
 from viewer.features.crop import crop
 from viewer.features.export.exporting import Writing
+from viewer.features.export.sharing import Server
 from viewer.features.making.make_job import MakeJob
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.review import Review
 from viewer.features.making.sparse_preview import SparsePreview
 from viewer.features.opening.session import Seen, Session
-from viewer.features.sharing.sharing import Server
 from viewer.interface.layout import PAGES
 
 
@@ -197,7 +197,7 @@ PLACES: dict[str, Prepare] = {
     "a scene that is shared": lambda app, scenes: setattr(
         app.sharing,
         "server",
-        Server(child(), scenes.path.parent / "no such folder", "toy", "http://127.0.0.1:9/x/"),  # type: ignore[arg-type]
+        Server(child(), scenes.path.parent / "no such folder", name="toy", address="http://127.0.0.1:9/x/"),  # type: ignore[arg-type]
     ),
     "a scene that is being exported": lambda app, scenes: setattr(
         app.exporting,

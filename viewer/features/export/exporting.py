@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from console import UserError
-from console.child_process import module_command
 from console.progress_protocol import Report
 from scenepack.exports.field import Corners
 from scenepack.pack import Pack
-from viewer.core.command_process import CommandProcess, temporary_folder
-from viewer.core.files import FileRequest, kind_of
+from viewer.core.command_process import FolderProcess
+from viewer.core.files import FileRequest
 from viewer.core.tasks import Task
-from viewer.features.sharing.sharing import crop_words, page_words
+from viewer.features.export.sharing import check_is_on_disk, crop_words, page_words
 
 if TYPE_CHECKING:
     from scenepack.exports.scene import Export, PreviewGeometry
@@ -34,7 +32,6 @@ FACES: dict[str, int] = {"100,000": 100_000, "500,000": 500_000, "All": 0}  # tr
 SPACINGS: dict[str, float] = {"Dense": 0.5, "Usual": 1.0, "Sparse": 2.0}  # of points, in voxels
 KEPT: dict[str, str] = {"All": "all", "Large": "0.001", "Largest": "largest"}  # components of the surface
 LEVELS = (0.02, 0.9)  # of opacity, that the slider has
-LOOKED_AT_EVERY_S, PARTING_S = 0.1, 5.0
 
 
 @dataclass
@@ -94,12 +91,10 @@ class ExportPlan:
 
 
 @dataclass
-class Writing:
-    """A process at work. file: what it writes. report: its last word."""
+class Writing(FolderProcess):
+    """file: what it writes. report: its last word."""
 
-    child: CommandProcess
-    file: Path
-    folder: Path  # of its log
+    file: Path = Path()
     report: Report | None = None
 
 
@@ -111,7 +106,6 @@ class Exporting:
     plan: ExportPlan = field(default_factory=ExportPlan)
     preview: ExportPreview | None = None
     writing: Writing | None = None
-    _looked: float = 0.0
 
     def ask(self, app: App) -> None:
         """Opens the dialog. UserError where the scene is no pack on disk, or something is being written."""
@@ -119,8 +113,7 @@ class Exporting:
             raise UserError("another export is still running", remedy="cancel it or wait for it")
         if app.scene is None:
             return
-        if kind_of(app.scene.path) != "pack":
-            raise UserError("is not a pack on disk", where=app.scene.path, remedy="open a pack, then export it")
+        check_is_on_disk(app.scene, "open a pack, then export it")
         self.plan = replace(self.plan, crop=True, scale=app.annotations.current.scale.factor)
         self.asking, self.preview = True, ExportPreview()
 
@@ -141,16 +134,11 @@ class Exporting:
         """Starts to write `file` in a process of its own. UserError where it cannot be started."""
         if app.scene is None:
             return
-        words = self.plan.arguments(app.scene.path.resolve(), file.absolute(), app.settings.crop)
-        folder = temporary_folder("snerg-export-")
-        try:
-            if self.plan.kind == "page":
-                words += page_words(app, folder)
-            child = CommandProcess(module_command("baker.commands.pack", *words), folder / "log.txt")
-        except (OSError, UserError):
-            shutil.rmtree(folder, ignore_errors=True)
-            raise
-        self.writing = Writing(child, file, folder)
+        plan, words = self.plan, self.plan.arguments(app.scene.path.resolve(), file.absolute(), app.settings.crop)
+        self.writing = Writing.start(
+            "baker.commands.pack", lambda folder: words + (page_words(app, folder) if plan.kind == "page" else [])
+        )
+        self.writing.file = file
         app.touch()
 
     def cancel(self) -> None:
@@ -162,8 +150,8 @@ class Exporting:
         """The program ends: the process as well."""
         self.dismiss()
         if self.writing is not None:
-            self.writing.child.end(PARTING_S)
-            self._forget(self.writing)
+            self.writing.end()
+        self.writing = None
 
     def tick(self, app: App) -> None:
         """Time passes: looks at what the process is doing, and at the preview."""
@@ -172,32 +160,24 @@ class Exporting:
                 self.preview.follow(app.scene.pack, self.plan.export(app.settings.crop))
             if self.preview.news():
                 app.touch(1)
-        writing, now = self.writing, time.monotonic()
-        if writing is None or now - self._looked < LOOKED_AT_EVERY_S:
+        writing = self.writing
+        if writing is None or not writing.due():
             return
-        self._looked = now
         app.touch(1)
         status = writing.child.poll()
         writing.report = writing.child.report() or writing.report
         if status is None:
             return
-        self._forget(writing)
         if status == 0:
             app.messages.say(f"Saved {writing.file}")
         elif writing.child.stopping:
             app.messages.say("The export was cancelled")
         else:
-            app.messages.fail(f"{writing.file.name} was not written", said(writing.child))
-
-    def _forget(self, writing: Writing) -> None:
+            app.messages.fail(
+                f"{writing.file.name} was not written", writing.child.error_line().removeprefix("snerg-pack: ")
+            )
         self.writing = None
-        if writing.child.poll() is not None:
-            shutil.rmtree(writing.folder, ignore_errors=True)
-
-
-def said(child: CommandProcess) -> str:
-    """Why it failed, without the name of the command before it."""
-    return child.error_line().removeprefix("snerg-pack: ")
+        writing.end()
 
 
 # --- Preview ---

@@ -1,4 +1,4 @@
-"""Export dialog, with its preview, and the card that shows progress."""
+"""Export dialog, with its preview, and the cards of an export and of what is shared."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core.theme import Fonts
 from viewer.core.widgets import (
+    BUTTON_WIDTH,
     Box,
     begin_modal,
     cancel_or,
@@ -25,6 +26,7 @@ from viewer.core.widgets import (
     segments,
     switch,
     tip,
+    titled_button,
 )
 from viewer.features.export.exporting import FACES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan
 from viewer.rendering.canvas import Canvas
@@ -135,13 +137,7 @@ def show_card(app: App, box: Box, fonts: Fonts) -> None:
     if writing is None or app.making.job is not None:
         return
     with corner_card("##exporting", box):
-        width = px(86)
-        imgui.align_text_to_frame_padding()
-        with font(fonts.bold, 16.0):
-            imgui.text_unformatted(writing.file.name)
-        imgui.same_line()
-        imgui.set_cursor_pos_x(imgui.get_window_width() - px(16) - width)
-        if imgui.button("Cancel##export", ImVec2(width, 0)):
+        if titled_button(writing.file.name, "Cancel##export", fonts):
             app.exporting.cancel()
         report = writing.report
         imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
@@ -156,6 +152,27 @@ def _status_text(stopping: bool, report) -> str:
     if report.seconds_left is not None and report.share < 1:
         parts.append(f"{duration(report.seconds_left)} left")
     return "   ·   ".join(parts)
+
+
+def show_sharing(app: App, box: Box, fonts: Fonts) -> None:
+    """The card with the address under which the open pack is shared, where no other card is."""
+    server = app.sharing.server
+    if server is None or app.making.job is not None or app.exporting.writing is not None:
+        return
+    with corner_card("##sharing", box):
+        if titled_button(f"Sharing {server.name}", "Stop##sharing", fonts):
+            app.sharing.end()
+        if not server.address:
+            hint("Making the page…")
+            return
+        width = px(BUTTON_WIDTH)
+        imgui.set_next_item_width(-width - px(8))
+        imgui.input_text("##address", server.address, imgui.InputTextFlags_.read_only)
+        imgui.same_line()
+        if imgui.button(f"{fa.ICON_FA_COPY}  Copy##address", ImVec2(width, 0)):
+            app.sharing.copy(app)
+        tip("Open it in a browser on this computer")
+        hint("Only this computer can open it, until you stop it or close the viewer.")
 
 
 # --- The picture of what an export would write ---

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-import shutil
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from console import UserError
-from console.child_process import module_command
 from scenepack.exports.field import Corners
-from viewer.core.command_process import CommandProcess, temporary_folder
+from viewer.core.command_process import FolderProcess
 from viewer.core.files import kind_of
 from viewer.core.pose import pose_to_text
+from viewer.core.state import OpenScene
 from viewer.features.film.camera_path import save_path
 
 if TYPE_CHECKING:
     from viewer.app.application import App
 
-LOOK_EVERY_S, PARTING_S = 0.1, 5.0
+
+def check_is_on_disk(scene: OpenScene, remedy: str) -> None:
+    """UserError where the scene is no pack that another process can read."""
+    if kind_of(scene.path) != "pack":
+        raise UserError("is not a pack on disk", where=scene.path, remedy=remedy)
 
 
 def crop_words(crop: Corners | None) -> list[str]:
@@ -40,12 +42,10 @@ def page_words(app: App, folder: Path) -> list[str]:
 
 
 @dataclass
-class Server:
-    """A process at work. folder: of its log. name: of the pack. address: what to open in a browser; "" until it is known."""
+class Server(FolderProcess):
+    """name: of the pack. address: what to open in a browser; "" until it is known."""
 
-    child: CommandProcess
-    folder: Path
-    name: str
+    name: str = ""
     address: str = ""
 
 
@@ -54,26 +54,16 @@ class Sharing:
     """server: None while nothing is shared."""
 
     server: Server | None = None
-    _looked: float = 0.0
 
     def start(self, app: App) -> None:
         """Serves the open pack, instead of what is served now. UserError where it is not on disk or nothing can be started."""
         if app.scene is None:
             return
-        if kind_of(app.scene.path) != "pack":
-            raise UserError("is not a pack on disk", where=app.scene.path, remedy="open a pack, then share it")
+        check_is_on_disk(app.scene, "open a pack, then share it")
         self.end()
-        folder = temporary_folder("snerg-share-")
-        try:
-            words = [*crop_words(app.settings.crop), *page_words(app, folder)]
-            path = str(app.scene.path.resolve())
-            child = CommandProcess(
-                module_command("viewer.commands.view", path, "--serve", "0", *words), folder / "log.txt"
-            )
-        except (OSError, UserError):
-            shutil.rmtree(folder, ignore_errors=True)
-            raise
-        self.server = Server(child, folder, app.scene.name)
+        words = [str(app.scene.path.resolve()), "--serve", "0", *crop_words(app.settings.crop)]
+        self.server = Server.start("viewer.commands.view", lambda folder: [*words, *page_words(app, folder)])
+        self.server.name = app.scene.name
         app.touch()
 
     def copy(self, app: App) -> None:
@@ -85,15 +75,13 @@ class Sharing:
         """Stops serving; the process is gone after this."""
         server, self.server = self.server, None
         if server is not None:
-            server.child.end(PARTING_S)
-            shutil.rmtree(server.folder, ignore_errors=True)
+            server.end()
 
     def tick(self, app: App) -> None:
         """Time passes: looks for the address, and whether the process has ended by itself."""
-        server, now = self.server, time.monotonic()
-        if server is None or now - self._looked < LOOK_EVERY_S:
+        server = self.server
+        if server is None or not server.due():
             return
-        self._looked = now
         if server.child.poll() is not None:
             app.messages.fail(f"{server.name} is not shared", server.child.error_line().removeprefix("snerg-view: "))
             self.end()
