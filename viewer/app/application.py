@@ -85,10 +85,7 @@ class App:
     # Opening
 
     def show(self, pack: Pack, path: Path, name: str | None = None, *, whole: bool = True) -> None:
-        """Shows a pack that was read. UserError, with the old scene kept, if it does not fit on the GPU.
-
-        whole: False where more of it is on its way.
-        """
+        """Shows a pack; whole: False where more of it is coming. UserError, with the old scene kept, if the GPU has no room."""
         scene = OpenScene(path, name or name_of(path), pack, self.undoable(orbit_camera_for(pack)), whole)
         left = self.left_now()
         self.turn_to(OpenPack(scene, None, 0.0, CameraPath()), dialog=whole)
@@ -200,10 +197,7 @@ class App:
         self.quitting = True
 
     def open(self, path: Path, *, other: bool = False, then: Callable[[], None] | None = None) -> None:
-        """Starts reading a pack in a thread; tick() delivers the result.
-
-        other: to compare with it. then: called once it is shown.
-        """
+        """Reads a pack in a thread; tick() delivers it. other: to compare with it. then: called once it is shown."""
         self.opening.start(self, path, other=other, then=then)
 
     def compare_with(self, pack: Pack, path: Path) -> None:

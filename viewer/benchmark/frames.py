@@ -167,8 +167,7 @@ def _psnr(
 def sustained(
     renderer: OffscreenRenderer, cameras: Sequence[ViewCamera], settings: RenderSettings, seconds: float
 ) -> dict[str, Any]:
-    """frames, fps, watts and fps_per_watt while `cameras` are drawn over and over for so many seconds. watts: None where
-    unknown."""
+    """frames, fps, watts (None where unknown) and fps_per_watt of drawing `cameras` over and over for so many seconds."""
     framebuffer = renderer.framebuffer(cameras[0].width, cameras[0].height)
 
     def draw(camera: ViewCamera) -> None:

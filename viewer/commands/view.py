@@ -34,7 +34,7 @@ from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import PreferencesAutosave, apply_preferences
 from viewer.rendering.settings import Marcher, Mode, RenderSettings
 from viewer.web.description import PageContent, annotations_of, corners_of, path_from_file
-from viewer.web.serving import serve
+from viewer.web.server import serve
 from viewer.window.shutdown import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem
 

@@ -15,10 +15,7 @@ T = TypeVar("T")
 
 
 class Task(Generic[T]):
-    """A function that runs in a thread. Poll `finished`, then take `result()`; or poll `news()` of what a subclass collects.
-
-    kept: the program's end waits for it.
-    """
+    """A function in a thread: poll `finished`, then take `result()`; or poll `news()`. kept: the program waits for its end."""
 
     def __init__(self, function: Callable[[], T], *, kept: bool = False) -> None:
         self.cancelled = False

@@ -35,10 +35,7 @@ def data_folder() -> Path:
 
 
 def register(command: list[str]) -> list[Path]:
-    """Writes the three files, or writes them anew; where they are. command: what starts the viewer.
-
-    UserError where they cannot be written, or where the system has no such desktops.
-    """
+    """Writes the three files and returns them. command: what starts the viewer. UserError where they cannot be written."""
     _check_system("--register")
     folder = data_folder()
     types = [PACK_TYPE, "inode/directory", *(kind for container in CONTAINERS for kind in container.mime_types)]

@@ -128,9 +128,7 @@ def _columns(groups: list[_Group], count: int) -> list[list[_Group]]:
 
 
 def show(app: App, fonts: Fonts) -> None:
-    """Draws the overlay while it is wanted and no dialog is there; a click beside it closes it. Wheel and arrow keys scroll to
-    what does not fit.
-    """
+    """Draws the overlay while no dialog is there; a click beside it closes it, wheel and arrow keys scroll it."""
     if not app.interface.help_shown or in_front(app):
         return
     size = imgui.get_io().display_size

@@ -157,9 +157,7 @@ def inner_box(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
 
 
 def content_box(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (float64 [3] each, grid frame) of the box around the occupied macroblocks, as far as they lie in inner_box; that
-    box where none do.
-    """
+    """float64 [3] each, grid frame: the box around the occupied macroblocks within inner_box; that box where none are."""
     low, high = inner_box(pack)
     corners = np.argwhere(pack.occupied)[:, ::-1] * float(pack.block_size)
     corners = corners[np.all((corners < high) & (corners + pack.block_size > low), axis=1)]
@@ -171,9 +169,7 @@ def content_box(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
 def orbit_path(
     pack: Pack, frames: int, fov_degrees: float = 39.0, size: tuple[int, int] = (800, 800)
 ) -> list[ViewCamera]:
-    """One turn around a ball around all content, as benchmarks fly; forward-facing packs are flown along a circle in the
-    camera plane instead.
-    """
+    """One turn about a ball around all content; of forward-facing packs, a circle in the camera plane."""
     if pack.ndc:
         return forward_facing_path(pack, frames, fov_degrees, size)
     azimuths = [360.0 * i / frames for i in range(frames)]

@@ -239,10 +239,7 @@ class Canvas:
         return True
 
     def sharpen(self, camera: ViewCamera | None, settings: RenderSettings, resolution: DynamicResolution) -> bool:
-        """Draws the next tile of the full picture once nothing has changed for a moment. True if it drew.
-
-        Call it after follow(), with the same arguments. The moment is `rest_s`.
-        """
+        """Draws the next tile of the full picture after `rest_s` without a change; call it after follow(). True if it drew."""
         if self.renderer is None or camera is None or not self._wanted:
             return False
         if self._tiles == []:
@@ -255,9 +252,7 @@ class Canvas:
         return True
 
     def sweep(self) -> None:
-        """Frees textures that are no longer needed. Call before a frame's panels are built: lists of drawing that are
-        built already may still name them.
-        """
+        """Frees textures that are not needed. Call before a frame's panels are built: lists built already may name them."""
         while self._retired:
             self._retired.pop().release()
         self._preallocator.sweep()

@@ -56,10 +56,7 @@ class Contender:
 
 
 class Turns:
-    """Contenders that draw in turn, in one OpenGL context.
-
-    pack: whose grid frame the cameras are in. drawn_by: what draws each contender, by its name.
-    """
+    """Contenders that draw in turn, in one OpenGL context. pack: whose grid frame cameras are in. drawn_by: by name."""
 
     def __init__(self, pack: Pack, contenders: Sequence[Contender], drawn_by: Mapping[str, OffscreenRenderer]) -> None:
         self.pack, self.contenders, self.drawn_by = pack, list(contenders), drawn_by

@@ -115,10 +115,7 @@ def orbit_distance(
 def filling_orbit(
     pack: Pack, frames: int, fov_degrees: float, size: tuple[int, int], first: float = 0.0
 ) -> list[ViewCamera]:
-    """One turn around what is counted, which fills the pictures; forward-facing packs as in orbit_path.
-
-    first: azimuth of the first view, degrees.
-    """
+    """One turn that fills the pictures (of forward-facing packs, orbit_path). first: azimuth of the first view, degrees."""
     if pack.ndc:
         return orbit_path(pack, frames, fov_degrees, size)
     azimuths = [first + 360.0 * i / frames for i in range(frames)]

@@ -44,10 +44,7 @@ class Limits:
 
 
 class Uploader:
-    """Creates textures and counts their bytes; every allocation is checked, for moderngl does not.
-
-    preallocated: a texture made ahead, used where its size fits.
-    """
+    """Creates textures, counts their bytes and checks every allocation. preallocated: used where its size fits."""
 
     def __init__(
         self, ctx: moderngl.Context, limits: Limits | None = None, preallocated: PreallocatedTexture | None = None

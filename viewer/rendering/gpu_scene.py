@@ -78,10 +78,7 @@ class GpuScene:
         return {"atlas": self.atlas_size, **grids}
 
     def arrive(self, seconds: float = inf) -> bool:
-        """Fills the textures for about `seconds`, a layer at least; True where all has arrived.
-
-        NoRoomError where the driver gives up after all.
-        """
+        """Fills the textures for about `seconds`; True where all has arrived. NoRoomError where the driver gives up."""
         end = time.perf_counter() + seconds
         while self.arriving is not None:
             if next(self.arriving, self) is self:

@@ -45,10 +45,7 @@ PACKAGES = "apt-get install libgl1 libegl1 libgl1-mesa-dri, or dnf install mesa-
 
 
 def version_at(get_string: int | None) -> str:
-    """The version and the renderer of the context that is current; "" where they are unknown.
-
-    get_string: address of glGetString, None where there is none.
-    """
+    """Version and renderer of the current context, "" where unknown. get_string: address of glGetString, if there is one."""
     if not get_string:
         return ""
     make = getattr(ctypes, "WINFUNCTYPE", ctypes.CFUNCTYPE)  # OpenGL's calling convention on Windows
@@ -216,8 +213,7 @@ class Program:
 
 
 class Drawing(Program):
-    """A program and what it always draws: content, (buffer, format, attribute) each as moderngl has it; none for
-    fullscreen.vert."""
+    """A program and what it always draws: content, (buffer, format, attribute) each; none for fullscreen.vert."""
 
     def __init__(
         self,

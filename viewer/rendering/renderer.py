@@ -312,9 +312,7 @@ def view_mlp_text(pack: Pack) -> dict[str, str]:
 
 
 def shades_hull_alone(pack: Pack, settings: RenderSettings) -> bool:
-    """Whether only the pixels that see the hull of all content are shaded, through a lens without distortion; bent rays see no
-    hull.
-    """
+    """Whether only pixels that see the hull of all content are shaded, where no lens bends the rays."""
     straight = not pack.ndc and pack.contraction is None
     return settings.marcher == "exact" and settings.mode != "atlas" and straight
 

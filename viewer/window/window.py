@@ -82,10 +82,7 @@ def display_problem() -> str | None:
 
 
 class Window:
-    """A window on `app`. Raises NoDisplay where there is no display, UserError where it lacks OpenGL.
-
-    size: width, height in screen units.
-    """
+    """A window on `app`; size: screen units. NoDisplay where there is no display, UserError where it lacks OpenGL."""
 
     def __init__(self, app: App, size: tuple[int, int] = (1280, 800), *, visible: bool = True) -> None:
         problem = display_problem()

@@ -22,10 +22,9 @@ from tests.viewer.web.browser import Browser
 from viewer.commands import view
 from viewer.commands.view import SERVED_ON, _with_port
 from viewer.features.making.make_plan import PREVIEW_FILE
-from viewer.web import serving
 from viewer.web.description import PageContent
 from viewer.web.page import INDEX
-from viewer.web.server import PageServer
+from viewer.web.server import PageServer, serve
 
 ROOT = Path(__file__).parents[3]
 PAGE = b"<!doctype html><title>x</title>"
@@ -122,7 +121,7 @@ def test_the_command_serves_a_pack_until_it_is_interrupted(browser: Browser, tmp
 def test_a_page_of_a_run_shows_its_newest_preview_keeps_the_camera_and_ends_with_the_pack(
     browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(serving, "LOOK_EVERY_S", 0.1)
+    monkeypatch.setattr("viewer.web.server.LOOK_EVERY_S", 0.1)
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "config.json").write_text("{}")
     served: list[PageServer] = []
@@ -140,7 +139,7 @@ def test_a_page_of_a_run_shows_its_newest_preview_keeps_the_camera_and_ends_with
         save_pack(made, tmp_path / "new.zip")
         (tmp_path / "new.zip").replace(tmp_path / PREVIEW_FILE)
 
-    thread = threading.Thread(target=serving.serve, args=(tmp_path / "run", "127.0.0.1", 0, content, live))
+    thread = threading.Thread(target=serve, args=(tmp_path / "run", "127.0.0.1", 0, content, live))
     thread.start()
     try:
         until(lambda: bool(served))

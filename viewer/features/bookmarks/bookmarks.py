@@ -41,8 +41,7 @@ def pose_of(bookmark: Bookmark, table: Turntable) -> Pose:
 
 @dataclass
 class Bookmarks:
-    """selected: index of the one that was chosen last; it stays so when the camera moves away. naming: the name that is being
-    typed for it."""
+    """selected: index of the one chosen last, also once the camera has moved. naming: the name being typed for it."""
 
     selected: int | None = None
     naming: str = ""

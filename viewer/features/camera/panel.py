@@ -89,9 +89,7 @@ class AxisGizmo:
         self._travelled = 0.0
 
     def show(self, app: App, box: Box) -> None:
-        """Draws it in the upper right corner of the picture's box and does what the mouse asks for. Before whatever else
-        listens to the mouse there.
-        """
+        """Draws it in the picture's upper right corner and takes the mouse there, before whatever else listens to it."""
         camera, scene = app.viewport.camera, app.scene
         if scene is None or camera is None or scene.rig.bounded or not app.interface.axes_shown:
             return

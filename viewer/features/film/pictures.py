@@ -81,10 +81,7 @@ def passes_for(
 
 
 def write_pngs(path: Path, passes: Sequence[Pass], pictures: Sequence[np.ndarray]) -> list[Path]:
-    """Writes pictures, uint8 [h, w, 3] or raw (viewer.rendering.layers): one pass to `path`, several as NAME_MODE.png.
-
-    Returns the files.
-    """
+    """Writes pictures, uint8 [h, w, 3] or raw (rendering.layers): one to `path`, several as NAME_MODE.png. Returns the files."""
     written = []
     for each, pixels in zip(passes, pictures, strict=True):
         file = path if len(passes) == 1 else path.with_name(f"{path.stem}_{each.name}{path.suffix or PNG}")

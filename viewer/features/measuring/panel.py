@@ -177,10 +177,7 @@ class Handle(NamedTuple):
 
 
 def draw(app: App, box: Box, over: bool) -> Handle | None:
-    """Draws what was measured and what is being measured; the point under the mouse, if any.
-
-    over: the mouse is over the picture and nothing lies above that.
-    """
+    """Draws measurements and draft; the point under the mouse, if any. over: the mouse is over nothing but the picture."""
     measure_tool, words = app.measure_tool, app.measure_tool.length_format(app)
     active = bool(measure_tool.tool) or app.interface.shows(PAGE)
     if words is None or app.scene is None or not (active or measure_tool.shown):

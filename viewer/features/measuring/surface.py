@@ -93,10 +93,7 @@ class _ContractedRay:
 
 
 def surface_at(pack: Pack, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> Hit | None:
-    """What is seen at a point of the picture (pixels from its corner); None where there is nothing.
-
-    settings: its crop box and near plane hide what they hide in the picture.
-    """
+    """What is seen at a point of the picture (pixels from its corner) with its crop box and near plane; None for nothing."""
     frame = RayFrame(pack)
     origin, direction = ray_through(camera, x, y)
     ahead = float(direction @ -camera.grid_T_camera[:3, 2])

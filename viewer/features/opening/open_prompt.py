@@ -111,9 +111,7 @@ class OpenPrompt:
 
 
 def suggestions(text: str, recent: Sequence[Path]) -> list[Path]:
-    """At most SHOWN paths: entries of the folder that is typed, as far as they could be opened; else recent ones whose path
-    holds every word of the text.
-    """
+    """At most SHOWN paths: openable entries of the folder that is typed, else recent paths that hold every word of the text."""
     if looks_like_path(text):
         return _entries(text.strip())
     words = text.lower().split()

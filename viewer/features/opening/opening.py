@@ -225,10 +225,7 @@ MOST_PACKS = 7
 
 @dataclass(frozen=True, eq=False)
 class OpenPack:
-    """An open pack that is not shown. crop, near: as in RenderSettings. path: its film's.
-
-    annotations: of when it was left; None: as saved.
-    """
+    """crop, near: as in RenderSettings. path: its camera path. annotations: of when it was left; None: as saved."""
 
     scene: OpenScene
     crop: Corners | None
@@ -243,10 +240,7 @@ class OpenPacks:
     show_list: bool = False  # opens the pack menu in the next frame
 
     def add(self, entry: OpenPack, *, first: bool = False) -> list[str]:
-        """Adds a pack and closes others if there are too many. Returns the names of those that were closed.
-
-        first: at the head of the order, not at its end.
-        """
+        """Adds a pack (first: at the head of the order) and closes others if there are too many; the names of those."""
         self.drop(entry.scene.path)
         self.packs.insert(0 if first else len(self.packs), entry)
         gone = []

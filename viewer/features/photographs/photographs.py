@@ -40,9 +40,7 @@ LONGEST_SIDE = 1600  # pixels; larger photographs are shown smaller
 
 @dataclass(frozen=True)
 class Shot:
-    """One photograph's camera. camera: in the training frame. view: the same as the renderer wants it. entry: all that
-    the pack says of it.
-    """
+    """One photograph's camera, in the training frame; view: as the renderer wants it; entry: all the pack says of it."""
 
     name: str
     split: str

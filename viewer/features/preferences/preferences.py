@@ -196,10 +196,7 @@ def current_preferences(app: App) -> Preferences:
 
 
 class PreferencesAutosave:
-    """Saves the preferences of `app` in a thread, soon after they change.
-
-    size: of the window, screen units. layout: where the pages are docked.
-    """
+    """Saves the preferences of `app` in a thread, soon after they change. size, layout: of the window; see Preferences."""
 
     def __init__(self, app: App, file: Path, size: Callable[[], tuple[int, int]], layout: Callable[[], str]) -> None:
         self.app, self.file, self._size, self._layout = app, file, size, layout
@@ -224,10 +221,7 @@ class PreferencesAutosave:
             self._autosave.follow(self._now())
 
     def finish(self, *, window: bool = True) -> str | None:
-        """Saves the last changes now. Returns a problem that was not reported before, or None.
-
-        window: False if the window is gone.
-        """
+        """Saves the last changes now (window: False if it is gone); a problem that was not reported before, or None."""
         if window:
             self._read_window()
         if self._problem is not None:  # what was refused is tried again

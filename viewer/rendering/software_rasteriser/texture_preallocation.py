@@ -99,10 +99,7 @@ class PreallocatedTexture:
 def preallocate(
     ctx: moderngl.Context, pack: Pack, shared_context: AbstractContextManager[None]
 ) -> PreallocatedTexture | None:
-    """Begins to allocate the texture of layout "exact" in a thread, for a pack that is still being read.
-
-    None on a GPU, and for packs so small that allocation takes no time.
-    """
+    """Begins to allocate the "exact" texture of a pack that is still being read; None on a GPU and for small packs."""
     parts = 2 if features_stored(pack) else 1
     count, block = int(pack.occupied.sum()), pack.padded_block_size
     if not software_draws(ctx) or parts * count * block**3 * 4 < WORTH_A_THREAD:
