@@ -231,10 +231,6 @@ class App:
     def loading(self) -> Loading | None:
         return self.opening.loading
 
-    def cancel_loading(self) -> None:
-        """Stops reading; the open scene stays."""
-        self.opening.cancel(self)
-
     # Each frame
 
     def tick(self, seconds: float) -> None:

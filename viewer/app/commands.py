@@ -13,6 +13,7 @@ from viewer.features.display.display import next_mode
 from viewer.features.opening.open_prompt import ask_to_open, browse
 
 STEP_DEGREES = 15.0  # of a key that turns
+OTHER_THEME = {"light": "dark", "dark": "light"}
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def _escape(app: App) -> None:
     elif app.filming.export is not None:
         app.filming.cancel(app)
     elif app.loading is not None:
-        app.cancel_loading()
+        app.opening.cancel(app)
     elif app.measure_tool.escape(app):
         pass
     elif app.comparison.against == "photograph":
@@ -69,21 +70,11 @@ def _escape(app: App) -> None:
         app.interface.full_screen = False
 
 
-def _orthographic(app: App) -> None:
-    if app.scene is not None:
-        app.scene.rig.set_orthographic(not app.scene.rig.orthographic)
+_other_projection = _rig(lambda rig: rig.set_orthographic(not rig.orthographic))
 
 
 def _turn(right: float, up: float) -> Callable[[App], object]:
     return _rig(lambda rig: rig.turn(STEP_DEGREES * right, STEP_DEGREES * up))
-
-
-def _usual_size(app: App) -> None:
-    app.interface.scale = 1.0
-
-
-def _other_theme(app: App) -> None:
-    app.set_theme("dark" if app.interface.theme == "light" else "light")
 
 
 def _view(azimuth: float, elevation: float) -> Callable[[App], object]:
@@ -117,7 +108,7 @@ _ALL = (
         ("left", "Look from the left", _view(270, 0), "Ctrl+Num3 or Ctrl+2"),
         ("top", "Look from above", _view(0, 90), "Num7 or 3"),
         ("bottom", "Look from below", _view(0, -90), "Ctrl+Num7 or Ctrl+3"),
-        ("orthographic", "Orthographic or perspective", _orthographic, "Num5 or 5"),
+        ("orthographic", "Orthographic or perspective", _other_projection, "Num5 or 5"),
         ("opposite", "Look from the other side", _rig(lambda rig: rig.turn(180, 0)), "Num9"),
         ("turn-left", "Turn by 15° to the left", _turn(-1, 0), "Num4"),
         ("turn-right", "Turn by 15° to the right", _turn(1, 0), "Num6"),
@@ -166,8 +157,20 @@ _ALL = (
         ("layout", "Reset the layout", lambda app: app.interface.reset_layout(), "Ctrl+L", False),
         ("larger", "Larger interface", lambda app: app.interface.rescale(1), "Ctrl+Plus", False),
         ("smaller", "Smaller interface", lambda app: app.interface.rescale(-1), "Ctrl+Minus", False),
-        ("usual-size", "Interface at its usual size", _usual_size, "Ctrl+0", False),
-        ("theme", "Light or dark theme", _other_theme, "Ctrl+Shift+L", False),
+        (
+            "usual-size",
+            "Interface at its usual size",
+            lambda app: setattr(app.interface, "scale", 1.0),
+            "Ctrl+0",
+            False,
+        ),
+        (
+            "theme",
+            "Light or dark theme",
+            lambda app: app.set_theme(OTHER_THEME.get(app.interface.theme, "light")),
+            "Ctrl+Shift+L",
+            False,
+        ),
         ("full-screen", "Full screen", _toggle("full_screen"), "F11", False),
         ("help", "Keys and mouse", _toggle("help_shown"), "? or F1", False),
         ("escape", "Close the top dialog", _escape, "Escape", False),

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, isfinite, radians, sin
+from math import isfinite
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from viewer.rendering.camera import (
     ViewCamera,
     content_box,
     forward_facing_path,
-    is_mirrored,
     orbit_path,
 )
 
@@ -135,11 +134,5 @@ def _within(pack: Pack, distance: float) -> bool:
 
 def _around_origin(pack: Pack, frames: int, fov: float, size: tuple[int, int], distance: float) -> list[ViewCamera]:
     """One turn about the grid's y axis, so far from the training frame's origin, which is looked at."""
-    origin, elevation, cameras = _origin(pack), radians(ORBIT_ELEVATION), []
-    for i in range(frames):
-        turn = radians(360.0 * i / frames)
-        away = np.array([cos(elevation) * sin(turn), sin(elevation), cos(elevation) * cos(turn)])
-        cameras.append(
-            ViewCamera.look_at(origin + distance * away, origin, fov_degrees=fov, size=size, mirrored=is_mirrored(pack))
-        )
-    return cameras
+    turns, origin = [360.0 * i / frames for i in range(frames)], _origin(pack)
+    return [ViewCamera.orbit(pack, turn, ORBIT_ELEVATION, distance, fov, size, origin) for turn in turns]

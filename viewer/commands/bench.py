@@ -150,7 +150,7 @@ def plot_times(path: Path, name: str, result: Mapping[str, Any], measurement: Me
     draw_plots(path, [Plot(lines, f"{name}, {title(result)}", "frame", "milliseconds")])
 
 
-# --- snerg-bench: the paper's measurement of frame times (docs/commands.md; SNeRG paper, appendix B) ---
+# --- The command ---
 
 NO_SPARSITY = "exact, no sparsity loss"
 DESCRIPTION = "Measures frame times along a camera path, as the paper does. Renders offscreen, without vertical sync."

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -36,12 +35,7 @@ NEEDING = {"--target": "--eye", "--up": "--eye", "--index": "--scene"}
 MAY_BE_NEGATIVE = ("--eye", "--target", "--up", "--crop")
 
 
-@dataclass(frozen=True)
-class View:
-    """A picture to make: its file name without suffix, and the camera."""
-
-    name: str
-    camera: ViewCamera
+View = tuple[str, ViewCamera]  # of a picture to make: its file name without suffix, and the camera
 
 
 def render(
@@ -127,20 +121,20 @@ def render(
         views = _photograph_views(loaded, scene, split, index, downscale, pixels)
     elif orbit is not None:
         path = filling_orbit(loaded, orbit, fov or DEFAULT_FOV, pixels or parse_size(DEFAULT_SIZE))
-        views = [View(f"{i:04d}", camera) for i, camera in enumerate(path)]
+        views = [(f"{i:04d}", camera) for i, camera in enumerate(path)]
     else:
-        views = [View("view", _posed(loaded, eye, target, up, fov or DEFAULT_FOV, pixels or parse_size(DEFAULT_SIZE)))]
+        views = [("view", _posed(loaded, eye, target, up, fov or DEFAULT_FOV, pixels or parse_size(DEFAULT_SIZE)))]
     if ortho_height is not None:
         if loaded.ndc:
             raise UserError("is a forward-facing pack, which has no orthographic view", where=pack)
-        views = [View(view.name, view.camera.as_orthographic(ortho_height)) for view in views]
+        views = [(name, camera.as_orthographic(ortho_height)) for name, camera in views]
     if kind in (PNG, EXR) and len(views) > 1:
         raise UserError(
             f"cannot hold {len(views)} pictures",
             where=out,
             remedy="name a folder or an .mp4, or choose one with --index",
         )
-    if len({(v.camera.width, v.camera.height) for v in views}) > 1 and kind == ".mp4":
+    if len({(camera.width, camera.height) for _, camera in views}) > 1 and kind == ".mp4":
         raise UserError("the photographs differ in size", where=scene, remedy="choose one with --size")
     with _written_by_us_alone(out), OffscreenRenderer(loaded, marcher) as renderer:
         if kind == ".mp4":
@@ -149,10 +143,10 @@ def render(
             return
         if kind == "":
             out.mkdir(exist_ok=True)
-        for view, pictures in _drawn(renderer, views, passes):
-            files = [out if kind else out / f"{view.name}.{format}"]
+        for (name, camera), pictures in _drawn(renderer, views, passes):
+            files = [out if kind else out / f"{name}.{format}"]
             if exr:
-                write_exr(files[0], passes, pictures, view.camera, renderer.pack)
+                write_exr(files[0], passes, pictures, camera, renderer.pack)
             else:
                 files = write_pngs(files[0], passes, pictures)
             print(*files, sep="\n")
@@ -242,7 +236,7 @@ def _photograph_views(
         if index is not None and number != index:
             continue
         camera = ViewCamera.from_scene_camera(pack, photograph.camera)
-        views.append(View(name, camera.resized(*size) if size else camera))
+        views.append((name, camera.resized(*size) if size else camera))
     return views
 
 
@@ -263,7 +257,7 @@ def _drawn(
     with progress("rendering", len(views)) as bar:
         for view in views:
             draws = [renderer.render_raw if each.floats else renderer.render for each in passes]
-            yield view, [draw(view.camera, each.settings) for draw, each in zip(draws, passes, strict=True)]
+            yield view, [draw(view[1], each.settings) for draw, each in zip(draws, passes, strict=True)]
             bar.advance()
 
 

@@ -122,7 +122,7 @@ class View:
         if self.pack is None:
             _check_has_pack(self)
         try:
-            return _show_window(self, Script(window_size, frames, self.screenshot))
+            return _show_window(self, window_size, frames)
         except NoDisplay as reason:
             if frames is not None or self.export is not None:
                 raise UserError(str(reason), remedy="start it with xvfb-run, or use snerg-render") from reason
@@ -238,15 +238,6 @@ def _register(wanted: bool) -> int:
     return 0
 
 
-@dataclass(frozen=True)
-class Script:
-    """How long the window lives. size: None means the remembered one. frames: None, until the user closes it."""
-
-    size: tuple[int, int] | None
-    frames: int | None
-    screenshot: Path | None
-
-
 def _check_pose(text: str) -> None:
     try:
         pose_from_text(text)
@@ -260,21 +251,24 @@ def _check_has_pack(view: View) -> None:
             raise UserError("needs a pack", where=f"--{name}", expected=f"snerg-view PACK --{name} …")
 
 
-def _show_window(view: View, script: Script) -> int:
-    """Runs the viewer until it is closed; the exit status. NoDisplay without one; UserError where a script met a failure."""
+def _show_window(view: View, size: tuple[int, int] | None, frames: int | None) -> int:
+    """Runs the viewer until it is closed, or for so many frames; the exit status. size: None: the remembered one.
+
+    NoDisplay without a display; UserError where a script met a failure.
+    """
     problem = display_problem()
     if problem:
         raise NoDisplay(problem)
     app = App(demo=demo_pack())
-    if script.frames is None:
-        return _live(app, view, script.size)
+    if frames is None:
+        return _live(app, view, size)
     survey.MEASURES = False  # a picture that says how long something takes is another one each time
-    with Window(app, script.size or app.preferences.window) as window:  # the same picture whatever was remembered
+    with Window(app, size or app.preferences.window) as window:  # the same picture whatever was remembered
         view.begin(app)
-        window.draw_frames(script.frames)
-        if script.screenshot is not None:
-            window.save_screenshot(script.screenshot)
-            print(script.screenshot)
+        window.draw_frames(frames)
+        if view.screenshot is not None:
+            window.save_screenshot(view.screenshot)
+            print(view.screenshot)
         window.finish_export()
     for dialog in app.messages.dialogs:  # nobody is there to read it
         if dialog.failed:

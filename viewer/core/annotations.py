@@ -97,10 +97,6 @@ class Annotations:
         left.insert(to, self.bookmarks[index])
         return replace(self, bookmarks=tuple(left))
 
-    @property
-    def empty(self) -> bool:
-        return self == Annotations()
-
 
 def _with(items: tuple, index: int, new: object) -> tuple:
     return (*items[:index], *(() if new is None else (new,)), *items[index + 1 :])
@@ -295,7 +291,7 @@ class AnnotationStore:
 
 def _write(pack: Pack, path: Path, folder: Path, annotations: Annotations) -> str:
     """Writes annotations into the pack or the user's file. Returns what went wrong, or ""."""
-    document = None if annotations.empty else annotations_to_json(annotations)
+    document = None if annotations == Annotations() else annotations_to_json(annotations)
     try:
         if metadata_writable(pack, path):
             write_metadata(path, KEY, document)

@@ -140,8 +140,10 @@ def segments(name: str, options: Sequence[str], current: str, titles: dict[str, 
     return picked
 
 
-def switch(name: str, on: bool) -> bool:
-    """A sliding switch at the right end of a row; the new state."""
+def switch(name: str, on: bool, title: str = "", title_width: float = LABEL_WIDTH) -> bool:
+    """A sliding switch at the right end of a row, which begins with a title or a label; the new state."""
+    if title:
+        label(title, title_width)
     height, width = px(18), px(32)
     x = imgui.get_content_region_avail().x - width
     imgui.set_cursor_pos(ImVec2(imgui.get_cursor_pos_x() + max(0.0, x), imgui.get_cursor_pos_y() + px(5)))

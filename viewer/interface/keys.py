@@ -53,14 +53,9 @@ class Presses:
                 _run(app, press)
 
 
-def busy(app: App) -> bool:
-    """Whether something waits for an answer, so that keys are not the picture's."""
-    return in_front(app) != ""
-
-
 def _run(app: App, press: KeyPress) -> None:
     for command in COMMANDS.values():
-        if any(fits(press, key) for key in command.keys) and (command.id == "quit" or not busy(app)):
+        if any(fits(press, key) for key in command.keys) and (command.id == "quit" or not in_front(app)):
             run(app, command.id)
             return
 

@@ -46,12 +46,12 @@ FIXED = (
 
 
 class Docking:
-    """The dock space of one imgui context. names: windows that may be docked, by page. width: of the home node, units."""
+    """The dock space of one imgui context, for all pages."""
 
-    def __init__(self, names: dict[str, str], width: float) -> None:
-        self.names, self.width = names, width
+    def __init__(self) -> None:
+        self.names = {page.id: page.window for page in PAGES}  # of windows that may be docked, by page
         self.home = 0
-        self._at_home = set(names)  # pages that belong home, be they shown or not
+        self._at_home = set(self.names)  # pages that belong home, be they shown or not
 
     def restore(self, text: str) -> None:
         """Takes over a layout that was remembered; call before the first frame. What is no layout is left out."""
@@ -110,7 +110,7 @@ class Docking:
             central = builder.dock_builder_get_central_node(space)
             if central is None:  # not laid out yet
                 central = self._begin_anew(space, box) if root.is_split_node() else root
-            share = min(px(self.width) / max(central.size.x, 1.0), 0.8)
+            share = min(px(SIDE) / max(central.size.x, 1.0), 0.8)
             self.home = builder.dock_builder_split_node(central.id_, imgui.Dir.right, share).id_at_dir
             for page in self._at_home - set(app.interface.moved):
                 builder.dock_builder_dock_window(self.names[page], self.home)
@@ -202,10 +202,6 @@ def regions(width: float, height: float, app: App) -> Regions:
         (0.0, top, max(1.0, width - rail), below),
         rail > 0 and width >= px(NARROW),
     )
-
-
-def docking() -> Docking:
-    return Docking({page.id: page.window for page in PAGES}, SIDE)
 
 
 def begin(name: str, box: Box, padding: tuple[float, float], extra: int = 0) -> None:

@@ -18,6 +18,7 @@ from viewer.core.input import Keyboard, KeyPress
 from viewer.core.state import Clipboard
 from viewer.core.system_fonts import FontSearch
 from viewer.core.theme import Fonts
+from viewer.core.widgets import in_front
 from viewer.features.camera.panel import AxisGizmo
 from viewer.features.crop.panel import CropGizmo
 from viewer.features.export import panel as export_panel
@@ -60,7 +61,7 @@ class Ui:
         io.config_flags |= imgui.ConfigFlags_.docking_enable
         self.context.config_nav_windowing_key_next = imgui.Key.none  # Ctrl+Tab is the packs'
         self.context.config_nav_windowing_key_prev = imgui.Key.none
-        self._docking = layout.docking()
+        self._docking = layout.Docking()
         self._gizmo, self._axes, self._preview_pane = CropGizmo(), AxisGizmo(), PreviewPane()
         self.fonts = Fonts()
         self.keyboard = Keyboard()
@@ -124,7 +125,7 @@ class Ui:
             imgui.backends.glfw_new_frame()
         moves = imgui.ConfigFlags_.nav_enable_keyboard  # among a dialog's widgets; else keys are the picture's
         flags = imgui.get_io().config_flags & ~moves
-        imgui.get_io().config_flags = flags | moves if keys.busy(app) else flags
+        imgui.get_io().config_flags = flags | moves if in_front(app) else flags
         imgui.new_frame()
         self._presses.dispatch(app)
         size = imgui.get_io().display_size

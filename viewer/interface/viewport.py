@@ -13,7 +13,7 @@ from viewer.app.frame import draw_frame
 from viewer.core import screen, theme
 from viewer.core.state import Viewport
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, chip, px
+from viewer.core.widgets import Box, chip, in_front, px
 from viewer.features.camera.panel import AxisGizmo
 from viewer.features.comparison import panel as comparison_panel
 from viewer.features.crop import crop
@@ -24,7 +24,7 @@ from viewer.features.film import panel as film_panel
 from viewer.features.measuring import panel as measuring_panel
 from viewer.features.opening import panel as opening_panel
 from viewer.features.photographs import panel as photographs_panel
-from viewer.interface import keys, layout
+from viewer.interface import layout
 from viewer.rendering.canvas import Canvas
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
@@ -132,7 +132,7 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
             rig.remember()
             rig.dolly(io.mouse_wheel, (x / box[3], -y / box[3]))
         app.touch()
-    if not io.want_text_input and not io.key_ctrl and not keys.busy(app) and not app.interface.help_shown:
+    if not io.want_text_input and not io.key_ctrl and not in_front(app) and not app.interface.help_shown:
         _walk(app)
 
 
@@ -270,6 +270,6 @@ def _progress(app: App, box: Box, fonts: Fonts) -> None:
     imgui.text_unformatted(title)
     imgui.same_line(width - px(16) - px(70))
     if imgui.button("Cancel", ImVec2(px(70), 0)):
-        app.cancel_loading() if app.loading is not None else app.filming.cancel(app)
+        app.opening.cancel(app) if app.loading is not None else app.filming.cancel(app)
     imgui.progress_bar(share, ImVec2(-1, px(6)), "")
     imgui.end_child()

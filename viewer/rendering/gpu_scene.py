@@ -160,14 +160,9 @@ def float_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
     return sampler
 
 
-def plain_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
-    """Trilinear filtering as a driver does it by itself; for the baseline."""
-    return ctx.sampler(filter=(moderngl.LINEAR, moderngl.LINEAR), repeat_x=False, repeat_y=False, repeat_z=False)
-
-
-def nearest_sampler(ctx: moderngl.Context) -> moderngl.Sampler:
-    """Unfiltered, clamped to the edge."""
-    return ctx.sampler(filter=(moderngl.NEAREST, moderngl.NEAREST), repeat_x=False, repeat_y=False, repeat_z=False)
+def clamped_sampler(ctx: moderngl.Context, kind: int) -> moderngl.Sampler:
+    """Filtering of a kind (moderngl.LINEAR, NEAREST) as a driver does it by itself, clamped to the edge."""
+    return ctx.sampler(filter=(kind, kind), repeat_x=False, repeat_y=False, repeat_z=False)
 
 
 Part = tuple[np.ndarray, slice]  # channels of one of the pack's atlases
@@ -298,8 +293,8 @@ def _allocate(uploader: Uploader, pack: Pack, layout: str, features_beside: bool
     ctx, every = uploader.ctx, slice(None)
     writer = AtlasWriter(uploader, pack, 2 if features_beside else 1)
     features = pack.atlas_features if pack.view_mlp is not None else None
-    linear = plain_sampler(ctx) if layout == "paper" else float_sampler(ctx)
-    nearest = nearest_sampler(ctx)
+    linear = clamped_sampler(ctx, moderngl.LINEAR) if layout == "paper" else float_sampler(ctx)
+    nearest = clamped_sampler(ctx, moderngl.NEAREST)
     textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {"indirection": writer.indirection}
     content_min = content_max = np.zeros(3)
     hull = None

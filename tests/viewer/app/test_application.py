@@ -94,7 +94,7 @@ def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
     old = open_app.scene
     open_app.open(pack_folder)
     loading = open_app.loading
-    open_app.cancel_loading()
+    open_app.opening.cancel(open_app)
     go_on.set()
     until(lambda: loading.finished)
     open_app.tick(0.01)

@@ -192,6 +192,6 @@ def test_undo_takes_back_marks_and_moves_in_their_order(own: Path, tmp_path: Pat
     rig.history.undo()
     assert rig.goal != turned and app.annotations.current == ANNOTATIONS
     rig.history.undo()
-    assert app.annotations.current.empty
+    assert app.annotations.current == Annotations()
     rig.history.redo()
     assert app.annotations.current == ANNOTATIONS

@@ -209,7 +209,7 @@ class Hour:
     def close_all(self) -> None:
         """Everything closed, and a picture of it: where memory is compared."""
         app = self.app
-        app.cancel_loading()
+        app.opening.cancel(app)
         app.file_request = app.open_prompt = None
         if app.making.plan is not None:
             app.making.dismiss(app)

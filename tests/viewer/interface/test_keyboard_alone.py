@@ -15,9 +15,9 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import widgets
 from viewer.core.files import FileRequest
+from viewer.core.widgets import in_front
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.survey import Survey
-from viewer.interface import keys
 
 WIDGETS = ("button", "invisible_button", "selectable", "checkbox", "slider_float", "slider_int", "input_text",
            "input_text_with_hint", "begin_combo")  # fmt: skip
@@ -114,7 +114,7 @@ def test_tab_comes_to_every_widget_and_escape_declines(
     assert app.interface.panels_shown  # Tab was the dialog's
     for _ in range(2):  # the first may end typing
         ui.key(imgui.Key.escape)
-    assert not keys.busy(app) and ui.ctx.error == "GL_NO_ERROR"
+    assert not in_front(app) and ui.ctx.error == "GL_NO_ERROR"
 
 
 @pytest.mark.slow
@@ -134,7 +134,7 @@ def test_dialogs_that_are_asked_for_at_once_come_one_after_the_other(
         ask(app, photographs)
         ui.frame()
     answered = []
-    while keys.busy(app):
+    while in_front(app):
         for _ in range(3):
             ui.frame()
         assert imgui.internal.get_top_most_popup_modal() is not None, "the dialog is there to be seen"

@@ -35,10 +35,8 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             titles = {"perspective": "Perspective", "orthographic": "Ortho"}
             if segments("projection", list(titles), now, titles) not in (None, now):
                 run(app, "orthographic")
-            label("Axes")
-            app.interface.axes_shown = switch("axes", app.interface.axes_shown)
-            label("Fly")
-            if switch("fly", rig.flying) != rig.flying:
+            app.interface.axes_shown = switch("axes", app.interface.axes_shown, "Axes")
+            if switch("fly", rig.flying, "Fly") != rig.flying:
                 run(app, "fly")
             if rig.flying:
                 *move, down, up = app.keyboard.flying_names

@@ -37,8 +37,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             hint("Forward-facing packs use a warped space (NDC), where a crop box does not work.")
         return
     with card("crop", fonts, "Crop box"):
-        label("Crop to a box")
-        on = switch("crop", app.settings.crop is not None)
+        on = switch("crop", app.settings.crop is not None, "Crop to a box")
         if on != (app.settings.crop is not None):
             app.cut(crop=crop.whole(pack) if on else None)
         if app.settings.crop is None:

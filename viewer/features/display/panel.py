@@ -60,8 +60,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
                 app.set(cost_scale=value)
         _background(app)
         if app.scene is not None and app.scene.pack.contraction is not None:
-            label("Surroundings")
-            shown = switch("surroundings", app.settings.surroundings)
+            shown = switch("surroundings", app.settings.surroundings, "Surroundings")
             if shown != app.settings.surroundings:
                 app.set(surroundings=shown)
             tip("What lies beyond the inner cube of an unbounded scene")
@@ -70,8 +69,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         if picked:
             app.resolution.rest_scale = float(picked)
             app.touch()
-        label("Dynamic resolution")
-        app.resolution.enabled = switch("dynamic", app.resolution.enabled)
+        app.resolution.enabled = switch("dynamic", app.resolution.enabled, "Dynamic resolution")
         if app.resolution.enabled:
             label("Target")
             changed, fps = imgui.slider_float("##target", app.resolution.target_fps, 10.0, 120.0, "%.0f fps")

@@ -198,7 +198,7 @@ class ExportPreview:
         self._wanted: tuple[int, Export] | None = None
         self._changed, self._begun = 0.0, True
         self._task: Task[None] | None = None
-        self._share = 0.0
+        self.share = 0.0  # of what is being made is done, 0 … 1
         self._seen: object = None
 
     @property
@@ -210,11 +210,6 @@ class ExportPreview:
     def _busy(self) -> bool:
         return self._task is not None and not self._task.finished  # what is superseded ends at its next report
 
-    @property
-    def share(self) -> float:
-        """How much of what is being made is done, 0 … 1."""
-        return self._share
-
     def follow(self, pack: Pack, export: Export) -> None:
         """What is wanted now. Call it often."""
         wanted = (id(pack), export)
@@ -222,12 +217,12 @@ class ExportPreview:
             self._wanted, self._changed, self._begun = wanted, time.monotonic(), False
         first = self.geometry is None and not self.error
         if not self._begun and not self._busy and (first or time.monotonic() - self._changed >= SETTLED_S):
-            self._begun, self._share = True, 0.0
+            self._begun, self.share = True, 0.0
             self._task = Task(lambda: self._make(pack, wanted))
 
     def news(self) -> bool:
         """Whether there is something else to show since this was asked last."""
-        state = (self.geometry, self.error, self.working, round(50 * self._share))
+        state = (self.geometry, self.error, self.working, round(50 * self.share))
         before, self._seen = self._seen, state
         return before != state
 
@@ -241,7 +236,7 @@ class ExportPreview:
         def on_progress(share: float, note: str) -> None:
             if self._wanted != wanted:
                 raise _Superseded
-            self._share = share
+            self.share = share
 
         try:
             made = preview_geometry(pack, wanted[1], on_progress)

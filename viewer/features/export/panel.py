@@ -93,8 +93,7 @@ def _choices(app: App, plan: ExportPlan) -> None:
         tip("Where the surface lies. Lower includes thinner mist.")
         label("Parts", LABELS)
         plan.keep = segments("keep", list(KEPT), plan.keep) or plan.keep
-        label("Smooth", LABELS)
-        plan.smooth = switch("smooth", plan.smooth)
+        plan.smooth = switch("smooth", plan.smooth, "Smooth", LABELS)
     if plan.kind == "mesh":
         label("Triangles", LABELS)
         plan.faces = segments("faces", list(FACES), plan.faces) or plan.faces
@@ -102,14 +101,12 @@ def _choices(app: App, plan: ExportPlan) -> None:
         label("Density", LABELS)
         plan.spacing = segments("spacing", list(SPACINGS), plan.spacing) or plan.spacing
     if plan.kind != "page":
-        label("Training frame", LABELS)
-        plan.world = switch("world", plan.world)
+        plan.world = switch("world", plan.world, "Training frame", LABELS)
         tip("The frame of the photographs' poses, instead of the grid's (y up)")
         if plan.scale != 1.0:
             hint(f"Lengths are in {app.annotations.current.scale.unit}.")
     if app.settings.crop is not None:
-        label("Crop box only", LABELS)
-        plan.crop = switch("cropped", plan.crop)
+        plan.crop = switch("cropped", plan.crop, "Crop box only", LABELS)
     if plan.kind == "page":
         imgui.dummy(ImVec2(0, px(4)))
         if imgui.button(f"{fa.ICON_FA_SHARE_NODES}  Share…", ImVec2(px(112), 0)):

@@ -45,9 +45,6 @@ class CameraPath:
         self.keyframes.insert(at, keyframe)
         return at
 
-    def remove(self, index: int) -> None:
-        del self.keyframes[index]
-
     def replace(self, index: int, **fields: Any) -> None:
         self.keyframes[index] = replace(self.keyframes[index], **fields)
 

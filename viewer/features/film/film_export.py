@@ -152,7 +152,7 @@ class Export:
         self._boxes = tiles(width, height, self.tile_side)
         self._passes = self.layers.passes if self.layers else [Pass("rgb", self.settings, False)]
         self._frames = [each.blank(height, width) for each in self._passes]
-        self._sink: FilmWriter | _Sequence | _Stills | None = None
+        self._sink: FilmWriter | _Sequence | None = None  # None: the pictures of one view, written once all are drawn
 
     @property
     def share(self) -> float:
@@ -191,11 +191,10 @@ class Export:
             draw = self.layers.raw if each.floats and self.layers else self.snapshot
             pixels[y : y + h, x : x + w] = draw(part, of_picture(each.settings, camera.height, camera.fy))
         self.done_tiles += 1
-        assert self._sink is not None
-        if tile == len(self._boxes) - 1:
+        if self._sink is not None and tile == len(self._boxes) - 1:
             self._sink.add(self._frames[0])
         if self.done_tiles == len(self._boxes) * len(self.cameras):
-            self._sink.finish()
+            self._write_view() if self._sink is None else self._sink.finish()
             self.finished = True
 
     def cancel(self) -> None:
@@ -204,10 +203,10 @@ class Export:
             self._sink.discard()
         self.finished = True
 
-    def _new_sink(self) -> FilmWriter | _Sequence | _Stills:
+    def _new_sink(self) -> FilmWriter | _Sequence | None:
         suffix, camera = self.target.suffix.lower(), self.cameras[0]
         if self.put is not None or self.layers is not None or suffix == STILL_SUFFIX:
-            return _Stills(self._write_view)
+            return None
         self.target.parent.mkdir(parents=True, exist_ok=True)
         if suffix == FILM_SUFFIX:
             return FilmWriter(self.target, (camera.width, camera.height), round(self.fps))
@@ -223,19 +222,6 @@ class Export:
             write_exr(self.target, self._passes, self._frames, self.cameras[0], self.layers.pack)
         else:
             write_pngs(self.target, self._passes, self._frames)
-
-
-class _Stills:
-    """Writes once all is drawn, so that nothing is ever half there."""
-
-    def __init__(self, write: Callable[[], None]) -> None:
-        self.finish = write
-
-    def add(self, picture: np.ndarray) -> None:
-        pass
-
-    def discard(self) -> None:
-        pass
 
 
 class _Sequence:

@@ -75,7 +75,7 @@ class Filming:
             self.path.replace(index, grid_T_camera=app.scene.rig.matrix.copy(), fov=app.fov)
 
     def remove(self, index: int) -> None:
-        self.path.remove(index)
+        del self.path.keyframes[index]
         self.selected = min(index, len(self.path.keyframes) - 1) if self.path.keyframes else None
         self.playing = self.playing and bool(self.path.keyframes)
 

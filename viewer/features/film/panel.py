@@ -65,8 +65,7 @@ def _path(app: App, canvas: Canvas, filming: Filming) -> None:
         hint("Move the camera and add keyframes (K). The film flies through them.")
     else:
         _keyframes(app, canvas, filming)
-        label("Back to the start")
-        path.closed = switch("closed", path.closed)
+        path.closed = switch("closed", path.closed, "Back to the start")
         icon = fa.ICON_FA_PAUSE if filming.playing else fa.ICON_FA_PLAY
         if icon_button(icon, "play", "Play  (P)", on=filming.playing, enabled=len(path.keyframes) > 1):
             run(app, "play")
@@ -131,8 +130,7 @@ def _size(filming: Filming) -> None:
 
 def _still(app: App, filming: Filming) -> None:
     """The tick list of what is saved, and where to."""
-    label("No background")
-    filming.transparent = switch("transparent", filming.transparent)
+    filming.transparent = switch("transparent", filming.transparent, "No background")
     tip("Transparent, in the PNG or OpenEXR file")
     for mode, title in STILL_MODES.items():
         label(title)

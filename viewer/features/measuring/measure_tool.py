@@ -272,19 +272,13 @@ class MeasureTool:
         factor = self.known / between if between > 0 else 0.0
         if not SCALES[0] <= factor <= SCALES[1]:
             raise UserError("no scale follows from these points", expected="two places and a length above 0")
-        self._use(app, Scale(factor, self.known_unit))
+        self.use_scale(app, Scale(factor, self.known_unit))
         self.tool, self.draft = "line", ()
         app.messages.say(f"1 grid unit is {factor:.6g} {self.known_unit}".rstrip())
 
-    def show_in(self, app: App, unit: Unit) -> None:
-        self._use(app, app.annotations.current.scale.shown_in(unit))
-
-    def forget_scale(self, app: App) -> None:
-        """Back to grid units."""
-        self._use(app, Scale())
-
     @staticmethod
-    def _use(app: App, scale: Scale) -> None:
+    def use_scale(app: App, scale: Scale) -> None:
+        """Shows lengths by another scale; Scale() for grid units."""
         app.annotations.change(app, replace(app.annotations.current, scale=scale))
 
     # Out of the window

@@ -12,7 +12,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
-from viewer.core.annotations import METRES, UNITS, Measurement, Point
+from viewer.core.annotations import METRES, UNITS, Measurement, Point, Scale
 from viewer.core.pose import triple
 from viewer.core.screen import Screen
 from viewer.core.theme import Fonts
@@ -98,8 +98,7 @@ def _list(app: App, words: LengthFormat) -> None:
         imgui.end_child()
         _actions(app)
         hint("Drag a point in the picture to move it. Delete removes what is selected.")
-    label("Always show")
-    measure_tool.shown = switch("shown", measure_tool.shown)
+    measure_tool.shown = switch("shown", measure_tool.shown, "Always show")
 
 
 def _actions(app: App) -> None:
@@ -128,16 +127,16 @@ def _scale(app: App) -> None:
         _known(app)
         return
     factor = f"{scale.factor:.6g} {scale.unit}".rstrip()
-    hint("Lengths are in grid units." if scale == type(scale)() else f"1 grid unit is {factor}.")
+    hint("Lengths are in grid units." if scale == Scale() else f"1 grid unit is {factor}.")
     if imgui.button(f"{fa.ICON_FA_RULER}  Set by two points", ImVec2(-1, 0)):
         measure_tool.choose(app, "scale")
     if scale.unit in METRES:
         label("Show in")
         picked = choice("unit", list(METRES), scale.unit, UNIT_TITLES)
         if picked in METRES:
-            measure_tool.show_in(app, picked)  # type: ignore[arg-type]  (one of UNITS)
-    if scale != type(scale)() and imgui.button("Back to grid units", ImVec2(-1, 0)):
-        measure_tool.forget_scale(app)
+            measure_tool.use_scale(app, scale.shown_in(picked))  # type: ignore[arg-type]  (one of UNITS)
+    if scale != Scale() and imgui.button("Back to grid units", ImVec2(-1, 0)):
+        measure_tool.use_scale(app, Scale())
 
 
 def _known(app: App) -> None:

@@ -30,7 +30,7 @@ def path_in(text: str) -> Path | None:
     if not looks_like_path(text):
         return None
     path = expanded(text)
-    return path if _there(path) else None
+    return path if os.path.exists(path) else None
 
 
 def expanded(text: str) -> Path:
@@ -45,13 +45,6 @@ def looks_like_path(text: str) -> bool:
     """Whether a text can only be meant as a path."""
     text = text.strip().strip("'\"")
     return text.startswith(("/", "~", "./", "../", "file://")) or Path(text).is_absolute()
-
-
-def _there(path: Path) -> bool:
-    try:
-        return os.path.exists(path)
-    except ValueError:  # a null byte
-        return False
 
 
 @dataclass

@@ -244,7 +244,9 @@ class OpenPacks:
         self.drop(entry.scene.path)
         self.packs.insert(0 if first else len(self.packs), entry)
         gone = []
-        while len(self.packs) > MOST_PACKS or (sum(map(_bytes, self.packs)) > MOST_BYTES and self.packs):
+        while len(self.packs) > MOST_PACKS or (
+            sum(bytes_of(pack.scene.pack) for pack in self.packs) > MOST_BYTES and self.packs
+        ):
             oldest = self.packs.pop(-1 if first else 0)
             gone.append(oldest.scene.name)
         return gone
@@ -278,10 +280,6 @@ class OpenPacks:
     def drop(self, path: Path) -> None:
         """Removes the pack of `path`, if there is one, because it is opened again."""
         self.packs = [entry for entry in self.packs if entry.scene.path.resolve() != path.resolve()]
-
-
-def _bytes(entry: OpenPack) -> int:
-    return bytes_of(entry.scene.pack)
 
 
 def bytes_of(pack: Pack) -> int:

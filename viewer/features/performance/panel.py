@@ -11,7 +11,7 @@ from imgui_bundle import ImVec2, imgui, implot
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core.theme import Fonts
-from viewer.core.widgets import card, coloured, figure, font, hint, label, paragraph, px, segments, switch, tip
+from viewer.core.widgets import card, coloured, figure, font, hint, paragraph, px, segments, switch, tip
 from viewer.features.performance.frame_stats import AVERAGED, KEPT, FrameStats
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import MARCHERS
@@ -37,8 +37,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             hint(f"{canvas.clock.reason}: its timer is not reliable.")
         width, height = canvas.drawn_size
         figure("Pixels drawn", f"{width} × {height}", fonts)
-        label("V-sync")
-        app.interface.v_sync = switch("v-sync", app.interface.v_sync)
+        app.interface.v_sync = switch("v-sync", app.interface.v_sync, "V-sync")
         tip("Limit the frame rate to that of the screen")
     with card("marcher", fonts, "Marcher"):
         picked = segments("marcher", MARCHERS, app.settings.marcher, MARCHER_TITLES)
@@ -64,8 +63,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
 
 
 def _rays(app: App, fonts: Fonts) -> None:
-    label("Count at rest")
-    on = switch("rays", app.costs.enabled)
+    on = switch("rays", app.costs.enabled, "Count at rest")
     tip("Counts in a small picture of the view, once the camera rests")
     if on != app.costs.enabled:
         app.costs.switch(on)

@@ -36,8 +36,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             hint("This pack has no camera poses. Packs made by snerg-make have them.")
         return
     with card("cameras", fonts, "Cameras"):
-        label("Show in the scene")
-        on = switch("frusta", gallery.frusta)
+        on = switch("frusta", gallery.frusta, "Show in the scene")
         if on != gallery.frusta:
             gallery.frusta = on
             app.touch()

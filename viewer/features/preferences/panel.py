@@ -35,8 +35,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             interface.scale = float(picked)
             app.touch()
         hint("Ctrl+Plus, Ctrl+Minus and Ctrl+0 do the same.")
-        label("Axes")
-        interface.axes_shown = switch("axes", interface.axes_shown)
+        interface.axes_shown = switch("axes", interface.axes_shown, "Axes")
     with card("controllers", fonts, "Gamepad and 3D mouse"):
         usable = [state for state in app.controllers.states if state.usable]
         for state in usable:

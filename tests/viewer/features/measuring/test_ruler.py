@@ -153,7 +153,7 @@ def test_a_known_distance_gives_lengths_a_unit(ui, app):
     scale = app.annotations.current.scale
     assert scale.unit == "m" and abs(scale.factor * 41 * VOXEL - 8.2) < 8.2 * 0.5 / 41
     assert app.measure_tool.tool == "line"
-    app.measure_tool.show_in(app, "ft")
+    app.measure_tool.use_scale(app, app.annotations.current.scale.shown_in("ft"))
     assert abs(app.annotations.current.scale.factor * 41 * VOXEL - 8.2 / 0.3048) < 27 * 0.5 / 41
     run(app, "undo")
     assert app.annotations.current.scale.unit == "m"

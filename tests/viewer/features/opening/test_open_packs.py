@@ -133,7 +133,7 @@ def test_the_question_opens_what_is_chosen_and_remembers_scenes(app, shelf, pack
     app.open_prompt.type(str(pack_folder))
     choose(app)
     assert app.open_prompt is None and app.loading is not None and app.loading.path == pack_folder
-    app.cancel_loading()
+    app.opening.cancel(app)
     (shelf / "plain" / "transforms.json").write_text('{"frames": []}')
     app.drop([shelf / "plain"])
     assert app.making.plan is not None and app.preferences.recent_packs() == [(shelf / "plain").resolve()]
@@ -145,7 +145,7 @@ def test_a_pasted_path_opens_and_a_wrong_one_is_told(app, pack, pack_folder, tmp
     app.clipboard.set(f"{pack_folder}\n")
     app.paste()
     assert app.loading is not None and app.loading.path == pack_folder
-    app.cancel_loading()
+    app.opening.cancel(app)
     app.clipboard.set(str(tmp_path / "gone"))
     with pytest.raises(UserError, match="nothing at this path"):
         app.paste()
