@@ -110,9 +110,8 @@ class App:
         self.filming = replace(self.filming.of_another_scene(), path=entry.path)
         self.comparison.stop()
         self.gallery.scene_changed(pack)
-        self.annotations.open_pack(
-            self, pack, entry.scene.path if entry.scene.path.exists() else None, entry.annotations
-        )
+        path = entry.scene.path
+        self.annotations.open_pack(self, pack, path if path.exists() else None, entry.annotations)
         self.measure_tool.drop()
         self.bookmarks.drop()
         self.touch()
@@ -126,11 +125,7 @@ class App:
 
     def show_sparse_preview(self, sparse_preview: SparsePreview, path: Path, name: str) -> None:
         """Shows the points and cameras of a scene that is being made, from outside, with their photographs."""
-        self.show(sparse_preview.pack, path, name, whole=False)
-        assert self.scene is not None
-        self.scene.whole, self.scene.stays = True, False
-        self.annotations.open_pack(self, sparse_preview.pack, None)
-        self.scene.rig.begin_at(sparse_preview.overview())
+        self._show_passing(sparse_preview.pack, path, name).rig.begin_at(sparse_preview.overview())
         self.gallery.frusta = True
         self.touch()
 
@@ -140,16 +135,27 @@ class App:
         if before is not None and before.path == path and before.pack.ndc == training_preview.pack.ndc:
             if self.filming.export is not None:
                 return  # a film is of one scene; the next state may be shown
-            if self.canvas is not None:
-                with self.messages.noting_warnings(dialog=False):
-                    self.canvas.refine(training_preview.pack)
-            before.pack, before.name = training_preview.pack, name
+            self.refine(before, training_preview.pack, dialog=False)
+            before.name = name
             before.rig.follow(orbit_camera_for(training_preview.pack))
         else:
-            self.show(training_preview.pack, path, name, whole=False)
-            assert self.scene is not None
-            self.scene.whole, self.scene.stays = True, False
-            self.annotations.open_pack(self, training_preview.pack, None)  # the file does not last
+            self._show_passing(training_preview.pack, path, name)
+        self.touch()
+
+    def _show_passing(self, pack: Pack, path: Path, name: str) -> OpenScene:
+        """Shows a pack of a scene that is being made: it does not stay open, and its annotations are not saved."""
+        self.show(pack, path, name, whole=False)
+        assert self.scene is not None
+        self.scene.whole, self.scene.stays = True, False
+        self.annotations.open_pack(self, pack, None)
+        return self.scene
+
+    def refine(self, scene: OpenScene, pack: Pack, *, dialog: bool = True) -> None:
+        """Shows a finer version of the open scene. UserError where it does not fit on the GPU. dialog: also shows notices."""
+        if self.canvas is not None:
+            with self.messages.noting_warnings(dialog=dialog):
+                self.canvas.refine(pack)
+        scene.pack = pack
         self.touch()
 
     def undoable(self, rig: OrbitCamera) -> OrbitCamera:

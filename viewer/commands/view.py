@@ -316,7 +316,7 @@ def _trail(app: App) -> Iterator[CrashLog]:
 
 
 def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: CrashLog) -> None:
-    """Runs the window; whatever ends it, `keeper` has saved what is to be remembered."""
+    """Runs the window; whatever ends it, what is to be remembered is saved."""
 
     def leave() -> None:
         autosave.finish(window=False)

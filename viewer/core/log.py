@@ -172,9 +172,8 @@ class CrashLog:
                 self._file.seek(0)
                 self._file.truncate()
                 self._file.write(versions() + "\n…\n")
-            self._file.write(
-                f"{time.strftime('%H:%M:%S')} {' '.join(text.split())}\n" if "\n" not in text else f"{text}\n"
-            )
+            line = text if "\n" in text else f"{time.strftime('%H:%M:%S')} {' '.join(text.split())}"
+            self._file.write(f"{line}\n")
             self._file.flush()
         except (OSError, ValueError):  # a full disk
             return

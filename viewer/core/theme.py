@@ -44,14 +44,9 @@ def use(name: str) -> None:
     _palette = PALETTES.get(name, PALETTES["dark"])
 
 
-def code_of(name: str) -> str:
-    """ "#rrggbb" of a name above, in the theme of the moment; any other code as it is."""
-    return _palette.get(name, name)
-
-
 def rgb(code: str, alpha: float = 1.0) -> ImVec4:
-    """A name above, or "#rrggbb", as imgui wants it."""
-    code = code_of(code)
+    """A name above, in the theme of the moment, or "#rrggbb", as imgui wants it."""
+    code = _palette.get(code, code)
     r, g, b = (int(code[i : i + 2], 16) / 255 for i in (1, 3, 5))
     return ImVec4(r, g, b, alpha)
 

@@ -89,6 +89,16 @@ def figure(name: str, value: str, fonts: Fonts, dot: str = "") -> None:
     imgui.text_unformatted(value)
 
 
+def headline(number: str, unit: str, fonts: Fonts) -> None:
+    """A large number and its unit."""
+    with font(fonts.bold, 26.0):
+        imgui.text_unformatted(number)
+    imgui.same_line(0, px(5))
+    imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
+    with coloured(text=theme.MUTED):
+        imgui.text_unformatted(unit)
+
+
 def hint(text: str, colour: str = theme.FAINT) -> None:
     """Small muted text, wrapped."""
     with font(None, theme.SMALL):
@@ -318,10 +328,9 @@ def corner_card(name: str, box: Box) -> Iterator[None]:
     at = ImVec2(box[0] + px(CARD_MARGIN), box[1] + box[3] - px(CARD_MARGIN))
     imgui.set_next_window_pos(at, imgui.Cond_.always, ImVec2(0.0, 1.0))
     imgui.set_next_window_size(ImVec2(width, 0))
-    flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_nav
-    flags |= (
-        imgui.WindowFlags_.no_docking | imgui.WindowFlags_.no_focus_on_appearing | imgui.WindowFlags_.always_auto_resize
-    )
+    kinds = imgui.WindowFlags_
+    flags = kinds.no_decoration | kinds.no_saved_settings | kinds.no_nav | kinds.no_docking
+    flags |= kinds.no_focus_on_appearing | kinds.always_auto_resize
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(16), px(14)))
     with coloured(window_bg=theme.CARD):
         imgui.begin(name, None, flags)

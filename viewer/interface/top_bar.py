@@ -174,8 +174,6 @@ def state_of(app: App) -> str:
 
 
 def _speed(app: App, right: float, fonts: Fonts) -> None:
-    if app.scene is None or not app.times.drawn:
-        return
     text = f"{app.times.summary().fps:.0f} fps"
     with font(fonts.bold, theme.SMALL):
         width = imgui.calc_text_size(text).x

@@ -28,6 +28,7 @@ from viewer.interface import layout
 from viewer.rendering.canvas import Canvas
 
 LEFT, RIGHT, MIDDLE = 0, 1, 2
+ANY_BUTTON = sum(getattr(imgui.ButtonFlags_, f"mouse_button_{name}") for name in ("left", "right", "middle"))
 TOAST_WIDTH = 560.0
 WALK_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
 
@@ -49,7 +50,7 @@ def show(app: App, canvas: Canvas, box: Box, fonts: Fonts, gizmo: CropGizmo, axe
         comparison_panel.draw_comparison(app, canvas, box)
         axes.show(app, box)
         if not gizmo.over:
-            imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), _buttons())
+            imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), ANY_BUTTON)
         else:
             imgui.dummy(ImVec2(box[2], box[3]))  # never hovered, and so the gizmo's
         over = not gizmo.over and (imgui.is_item_hovered() or imgui.is_item_active())
@@ -64,11 +65,6 @@ def show(app: App, canvas: Canvas, box: Box, fonts: Fonts, gizmo: CropGizmo, axe
     _toast(app, box)
     _progress(app, box, fonts)
     imgui.end()
-
-
-def _buttons() -> int:
-    flags = imgui.ButtonFlags_
-    return flags.mouse_button_left | flags.mouse_button_right | flags.mouse_button_middle
 
 
 class _Under(NamedTuple):
@@ -241,12 +237,10 @@ def _toast(app: App, box: Box) -> None:
     low, high = ImVec2(x - px(14), y - px(8)), ImVec2(x + size.x + px(14), y + size.y + px(8))
     draw.add_rect_filled(low, high, theme.packed(theme.BASE, 0.88), px(10))
     if warning:
-        draw.add_rect_filled(
-            ImVec2(low.x + px(4), low.y + px(7)), ImVec2(low.x + px(7), high.y - px(7)), theme.packed(theme.WARN)
-        )
-    draw.add_text(
-        imgui.get_font(), imgui.get_font_size(), ImVec2(x, y), theme.packed(theme.TEXT), text, wrap_width=room
-    )
+        top, foot = ImVec2(low.x + px(4), low.y + px(7)), ImVec2(low.x + px(7), high.y - px(7))
+        draw.add_rect_filled(top, foot, theme.packed(theme.WARN))
+    font, colour = imgui.get_font(), theme.packed(theme.TEXT)
+    draw.add_text(font, imgui.get_font_size(), ImVec2(x, y), colour, text, wrap_width=room)
 
 
 def _progress(app: App, box: Box, fonts: Fonts) -> None:

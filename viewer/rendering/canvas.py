@@ -81,9 +81,7 @@ class Canvas:
     def show(self, pack: Pack | None) -> None:
         """Uploads another pack. UserError, with the old one kept, where it does not fit."""
         self._drop_coming()
-        renderer = (
-            None if pack is None else Renderer(self.ctx, pack, at_once=False, preallocated=self._preallocator.now)
-        )
+        renderer = None if pack is None else self._arriving(pack)
         if self.renderer is not None:
             self.renderer.release()
         self.renderer = renderer
@@ -91,9 +89,12 @@ class Canvas:
 
     def refine(self, pack: Pack) -> None:
         """Uploads a finer version of the open pack and shows it once it is complete."""
-        coming = Renderer(self.ctx, pack, at_once=False, preallocated=self._preallocator.now)
+        coming = self._arriving(pack)
         self._drop_coming()
         self._coming = coming
+
+    def _arriving(self, pack: Pack) -> Renderer:
+        return Renderer(self.ctx, pack, at_once=False, preallocated=self._preallocator.now)
 
     def _drop_coming(self) -> None:
         if self._coming is not None:

@@ -120,6 +120,4 @@ def filling_orbit(
         return orbit_path(pack, frames, fov_degrees, size)
     azimuths = [first + 360.0 * i / frames for i in range(frames)]
     middle, distance = orbit_distance(pack, azimuths, ORBIT_ELEVATION, fov_degrees, size)
-    return [
-        ViewCamera.orbit(pack, azimuth, ORBIT_ELEVATION, distance, fov_degrees, size, middle) for azimuth in azimuths
-    ]
+    return [ViewCamera.orbit(pack, turn, ORBIT_ELEVATION, distance, fov_degrees, size, middle) for turn in azimuths]

@@ -47,7 +47,6 @@ Triple = tuple[int, int, int]
 class GpuScene:
     """Textures by the name of their sampler in the shaders, samplers likewise, and what the uniforms must know.
 
-    atlas_size: voxels (x, y, z). slots: macroblocks of it, (x, y, z). occupied: macroblocks that it holds.
     features_beside: whether features lie beside rgba in one atlas, a macroblock's side further in x.
     content_min, content_max: float64 [3], voxels, the box around all content. hull: its triangles' corners, where the
     layout has them and there are any. writer: what fills the textures. arriving: its steps; None once all is there.
@@ -55,9 +54,6 @@ class GpuScene:
 
     textures: dict[str, moderngl.Texture | moderngl.Texture3D]
     samplers: dict[str, moderngl.Sampler]
-    atlas_size: Triple
-    slots: Triple
-    occupied: int
     features_beside: bool
     content_min: np.ndarray
     content_max: np.ndarray
@@ -69,13 +65,13 @@ class GpuScene:
     @property
     def cube_side(self) -> int:
         """Macroblocks along a side of the smallest cube that holds all of them."""
-        return next(n for n in range(1, 1000) if n**3 >= self.occupied)
+        return next(n for n in range(1, 1000) if n**3 >= len(self.writer.places))
 
     @property
     def sizes(self) -> dict[str, Triple]:
         """Texels (x, y, z) of the atlas, the indirection and, where the layout has one, the skip grid."""
         grids = {name: self.textures[name].size for name in ("indirection", "skip_grid") if name in self.textures}
-        return {"atlas": self.atlas_size, **grids}
+        return {"atlas": self.writer.size, **grids}
 
     def arrive(self, seconds: float = inf) -> bool:
         """Fills the textures for about `seconds`; True where all has arrived. NoRoomError where the driver gives up."""
@@ -320,9 +316,6 @@ def _allocate(uploader: Uploader, pack: Pack, layout: str, features_beside: bool
     return GpuScene(
         textures,
         samplers,
-        writer.size,
-        writer.slots,
-        len(writer.places),
         features_beside,
         content_min,
         content_max,

@@ -64,9 +64,8 @@ def opengl_refusal(version: str, complaint: str = "", *, window: bool = False) -
     remedy = _remedy(version, complaint, os.environ, sys.platform)
     if window and not version:
         remedy += "; snerg-render may draw without a window"
-    what, found = (
-        ("this computer's OpenGL is too old", version) if version else ("no OpenGL to draw with", complaint.strip())
-    )
+    what = "this computer's OpenGL is too old" if version else "no OpenGL to draw with"
+    found = version or complaint.strip()
     choices = [f"{name}={os.environ[name]}" for name in DRIVER_CHOICES if os.environ.get(name)]
     if choices:
         found = f"{found or 'none'}, while {', '.join(choices)} is set"

@@ -238,8 +238,8 @@ class Renderer:
     ) -> dict[str, Any]:
         return self._ray_frame.uniforms(camera, settings) | {
             "viewport_origin": viewport[:2],
-            "atlas_slots": scene.slots,
-            "atlas_count": scene.occupied,
+            "atlas_slots": scene.writer.slots,
+            "atlas_count": len(scene.writer.places),
             "atlas_side": lambda: scene.cube_side,
             "grid_size": self.pack.grid_size,
             "content_min": scene.content_min,

@@ -79,9 +79,8 @@ def define_lines(defines: Mapping[str, object]) -> str:
 
 def shared_constants() -> str:
     """The numbers of scenepack.constants as `#define` lines; the include "constants"."""
-    shared = {
-        name: value for name, value in vars(constants).items() if name.isupper() and isinstance(value, int | float)
-    }
+    named = vars(constants).items()
+    shared = {name: value for name, value in named if name.isupper() and isinstance(value, int | float)}
     inputs, hidden, *_ = constants.VIEW_MLP_WIDTHS
     return define_lines({**shared, "VIEW_INPUTS": inputs, "VIEW_HIDDEN": hidden, "PI": float(np.pi)})
 
@@ -128,9 +127,8 @@ def assemble(
     return ShaderText("\n".join(pieces) + "\n", tuple(files))
 
 
-ES_PRECISION = "".join(
-    f"precision highp {kind};\n" for kind in ("float", "int", "sampler2D", "sampler3D", "usampler3D")
-)
+ES_TYPES = ("float", "int", "sampler2D", "sampler3D", "usampler3D")
+ES_PRECISION = "".join(f"precision highp {kind};\n" for kind in ES_TYPES)
 
 
 def assemble_es(name: str, generated: Mapping[str, str] | None = None, folder: Path = SHADER_FOLDER) -> str:

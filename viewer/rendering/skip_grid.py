@@ -110,9 +110,8 @@ def content_cells(pack: Pack, side: int = CELL) -> np.ndarray:
     """
     size, padded = pack.block_size, pack.padded_block_size
     cells = np.zeros([n * size // side + 1 for n in pack.grid_blocks[::-1]], bool)
-    for block, slot in zip(
-        np.argwhere(pack.occupied).tolist(), pack.atlas_indices[pack.occupied].tolist(), strict=True
-    ):
+    blocks, slots = np.argwhere(pack.occupied).tolist(), pack.atlas_indices[pack.occupied].tolist()
+    for block, slot in zip(blocks, slots, strict=True):
         copy = tuple(slice(i * padded, (i + 1) * padded) for i in reversed(slot))
         content = np.asarray(pack.atlas_rgba[copy][..., 3] > 0)
         first = [b * size for b in block]  # of the copy's first texel cube, counted from j = -1

@@ -47,10 +47,8 @@ class PageServer(ThreadingHTTPServer):
         try:
             super().__init__((host, port), _Handler)
         except OSError as error:
-            remedy = "choose another port: --serve PORT"
-            raise UserError(
-                "cannot be listened on", where=f"{host}:{port}", found=error.strerror, remedy=remedy
-            ) from error
+            where, remedy = f"{host}:{port}", "choose another port: --serve PORT"
+            raise UserError("cannot be listened on", where=where, found=error.strerror, remedy=remedy) from error
 
     @property
     def address(self) -> str:
@@ -138,8 +136,7 @@ def _follow(server: PageServer, run: Path, content: ContentOf, live: LiveContent
                 return
             newer = preview.poll()
             if newer is not None:
-                server.files = {
-                    INDEX: scene_page(newer.pack, live(newer.pack, f"{name_of(folder)}: {newer.description}"))
-                }
+                shown = live(newer.pack, f"{name_of(folder)}: {newer.description}")
+                server.files = {INDEX: scene_page(newer.pack, shown)}
         except UserError as error:  # a preview that cannot be shown; the next may
             print(f"snerg-view: warning: {error}", flush=True)

@@ -87,9 +87,8 @@ class Bookmarks:
 
     def give_name(self, app: App, index: int, name: str) -> None:
         annotations = app.annotations.current
-        app.annotations.change(
-            app, annotations.with_bookmark(index, replace(annotations.bookmarks[index], name=named(name)))
-        )
+        view = replace(annotations.bookmarks[index], name=named(name))
+        app.annotations.change(app, annotations.with_bookmark(index, view))
 
     def update(self, app: App, index: int) -> None:
         """Puts a saved view where the camera is now."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
@@ -18,6 +19,7 @@ from viewer.features.bookmarks.bookmarks import SIZE, pose_of
 from viewer.rendering.canvas import Canvas
 
 SHOWN = 6  # rows of the list
+NO_VIEWS = "Views that you save here are kept with the pack. Ctrl+D saves one, PageUp and PageDown step through them."
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
@@ -31,9 +33,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             _list(app, canvas)
             _chosen(app)
         else:
-            hint(
-                "Views that you save here are kept with the pack. Ctrl+D saves one, PageUp and PageDown step through them."
-            )
+            hint(NO_VIEWS)
     with card("fly", fonts, "Film"):
         imgui.begin_disabled(len(views) < 2)
         if imgui.button(f"{fa.ICON_FA_FILM}  Film through the bookmarks", ImVec2(-1, 0)):
@@ -70,11 +70,8 @@ def _chosen(app: App) -> None:
     if index is None or index >= len(views):
         hint("Click on one to go there.")
         return
-    if changed_by_buttons(
-        lambda by: bookmarks.move(app, index, by),
-        lambda: bookmarks.update(app, index),
-        lambda: bookmarks.remove(app, index),
-    ):
+    move, update = partial(bookmarks.move, app, index), partial(bookmarks.update, app, index)
+    if changed_by_buttons(move, update, partial(bookmarks.remove, app, index)):
         return
     imgui.new_line()
     label("Name")

@@ -93,11 +93,8 @@ class AxisGizmo:
             return
         if min(box[2], box[3]) < px(LEAST_ROOM):
             return
-        radius = px(RADIUS)
-        middle = np.array(
-            [box[0] + box[2] - px(AXES_MARGIN) - radius - px(BALL), box[1] + px(AXES_MARGIN) + radius + px(BALL)]
-        )
-        reach = radius + px(BALL)
+        radius, reach = px(RADIUS), px(RADIUS) + px(BALL)
+        middle = np.array([box[0] + box[2] - px(AXES_MARGIN) - reach, box[1] + px(AXES_MARGIN) + reach])
         imgui.set_cursor_screen_pos(ImVec2(*(float(v) for v in middle - reach)))
         imgui.invisible_button("##axes", ImVec2(2 * reach, 2 * reach))
         hovered, active = imgui.is_item_hovered(), imgui.is_item_active()

@@ -10,7 +10,7 @@ from viewer.app.frame import other_layers
 from viewer.core import theme
 from viewer.core.screen import draw_layers
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, card, chip, chip_size, coloured, elided, figure, font, hint, label, px, segments
+from viewer.core.widgets import Box, card, chip, chip_size, elided, figure, font, headline, hint, label, px, segments
 from viewer.features.opening.open_prompt import ask_to_open
 from viewer.rendering.canvas import Canvas
 
@@ -34,13 +34,7 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
         elif comparison.how == "wipe":
             hint("Drag the edge in the picture.")
         if comparison.against == "photograph":
-            with font(fonts.bold, 26.0):
-                known = comparison.psnr_db is not None
-                imgui.text_unformatted(f"{comparison.psnr_db:.2f}" if known else "…")
-            imgui.same_line(0, px(5))
-            imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
-            with coloured(text=theme.MUTED):
-                imgui.text_unformatted("dB PSNR")
+            headline("…" if comparison.psnr_db is None else f"{comparison.psnr_db:.2f}", "dB PSNR", fonts)
             width, height = comparison.psnr_size
             if comparison.psnr_db is not None:
                 figure("Measured at", f"{width} × {height}", fonts)

@@ -125,7 +125,8 @@ class CropGizmo:
         matrix = np.diag([*(size if app.crop_tool == "scale" else np.ones(3)), 1.0])
         matrix[:3, 3] = 0.5 * (low + high)
         held = gizmo.Matrix16(_columns(matrix))
-        view, projection = _view(camera), _projection(camera, app.scene.rig.radius)
+        view = gizmo.Matrix16(_columns(np.linalg.inv(camera.grid_T_camera)))
+        projection = _projection(camera, app.scene.rig.radius)
         changed = gizmo.manipulate(view, projection, operation, gizmo.MODE.world, held)
         using = gizmo.is_using()
         if using and not self._held:
@@ -141,10 +142,6 @@ class CropGizmo:
 def _columns(matrix: np.ndarray) -> list[float]:
     """Column after column, as OpenGL has matrices."""
     return [float(value) for value in matrix.T.reshape(-1)]
-
-
-def _view(camera: ViewCamera) -> gizmo.Matrix16:
-    return gizmo.Matrix16(_columns(np.linalg.inv(camera.grid_T_camera)))
 
 
 def _projection(camera: ViewCamera, radius: float) -> gizmo.Matrix16:

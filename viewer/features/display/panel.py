@@ -77,7 +77,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
                 app.resolution.target_fps = fps
         hint("Draws fewer pixels while the camera moves, and all of them when it rests.")
     with card("time", fonts, "Frame time"):
-        performance_panel.headline(app, fonts)
+        performance_panel.frame_time(app, fonts)
         performance_panel.rolling(app.times, app.resolution.target_ms, px(84))
         width, height = canvas.drawn_size
         figure("Pixels drawn", f"{width} × {height}", fonts)
@@ -136,7 +136,7 @@ class Legend:
 
 
 def legend_of(app: App) -> Legend | None:
-    """The legend_of of the mode that is shown; None where it needs none."""
+    """The legend of the mode that is shown; None where it needs none."""
     camera, mode = app.viewport.camera, app.settings.mode
     if camera is None or app.scene is None:
         return None
@@ -149,10 +149,8 @@ def legend_of(app: App) -> Legend | None:
         if pack.ndc:
             return Legend(GREY, f"{near:.0f}", f"{(near + far) / 2:.0f}", f"{far:.0f}", "voxels into the warped grid")
         near, far = near * pack.voxel_size, far * pack.voxel_size
-        at_least = "≥ " if pack.contraction is not None else ""
-        return Legend(
-            GREY, f"{near:.3g}", f"{(near + far) / 2:.3g}", f"{at_least}{far:.3g}", "distance, in the grid's units"
-        )
+        high = f"≥ {far:.3g}" if pack.contraction is not None else f"{far:.3g}"
+        return Legend(GREY, f"{near:.3g}", f"{(near + far) / 2:.3g}", high, "distance, in the grid's units")
     return None
 
 

@@ -51,26 +51,17 @@ class ExportPlan:
     def arguments(self, pack: Path, file: Path, crop: Corners | None) -> list[str]:
         """Of `snerg-pack`. crop: the box that is shown, if there is one."""
         cropped = crop if self.crop else None
+        words = ["export", str(pack), "--to", str(file)]
         if self.kind == "page":
-            return ["export", str(pack), "--to", str(file), *crop_words(cropped)]
-        words = [
-            "export",
-            str(pack),
-            "--to",
-            str(file),
-            "--kind",
-            self.kind,
-            "--frame",
-            "world" if self.world else "grid",
-        ]
+            return words + crop_words(cropped)
+        words += ["--kind", self.kind, "--frame", "world" if self.world else "grid"]
         if self.kind != "gaussians":
             words += ["--level", f"{self.level:g}", "--keep", KEPT[self.keep]]
             words += [] if self.smooth else ["--smooth", "0"]
         words += ["--scale", f"{self.scale:.9g}"] * (self.scale != 1.0)
         words += ["--faces", str(FACES[self.faces])] * (self.kind == "mesh")
         words += ["--spacing", f"{SPACINGS[self.spacing]:g}"] * (self.kind == "points")
-        words += crop_words(cropped)
-        return words
+        return words + crop_words(cropped)
 
     def export(self, crop: Corners | None) -> Export:
         """The same as `arguments`, for a preview: in the grid's frame and unscaled."""
@@ -134,9 +125,10 @@ class Exporting:
         """Starts to write `file` in a process of its own. UserError where it cannot be started."""
         if app.scene is None:
             return
-        plan, words = self.plan, self.plan.arguments(app.scene.path.resolve(), file.absolute(), app.settings.crop)
+        words = self.plan.arguments(app.scene.path.resolve(), file.absolute(), app.settings.crop)
+        is_page = self.plan.kind == "page"
         self.writing = Writing.start(
-            "baker.commands.pack", lambda folder: words + (page_words(app, folder) if plan.kind == "page" else [])
+            "baker.commands.pack", lambda folder: words + page_words(app, folder) if is_page else words
         )
         self.writing.file = file
         app.touch()
@@ -173,9 +165,8 @@ class Exporting:
         elif writing.child.stopping:
             app.messages.say("The export was cancelled")
         else:
-            app.messages.fail(
-                f"{writing.file.name} was not written", writing.child.error_line().removeprefix("snerg-pack: ")
-            )
+            why = writing.child.error_line().removeprefix("snerg-pack: ")
+            app.messages.fail(f"{writing.file.name} was not written", why)
         self.writing = None
         writing.end()
 

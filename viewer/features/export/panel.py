@@ -61,9 +61,8 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts, pane: PreviewPane
         imgui.text_unformatted(f"Export {app.scene.name}")
     imgui.dummy(ImVec2(0, px(4)))
     if beside:
-        imgui.begin_child(
-            "##choices", ImVec2(px(CHOICES), 0), imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.nav_flattened
-        )
+        flags = imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.nav_flattened
+        imgui.begin_child("##choices", ImVec2(px(CHOICES), 0), flags)
         _choices(app, exporting.plan)
         imgui.end_child()
         imgui.same_line(0, px(GAP))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -157,17 +158,14 @@ class Filming:
         """Starts to write a camera's view, by default the present one at `size`."""
         seen = app.camera() if camera is None else None
         if seen is not None:
-            camera = fitted(
-                seen, self.size, seen.near
-            )  # what is seen stays: its height, or its width in a narrower one
+            camera = fitted(seen, self.size, seen.near)  # its height stays, or its width in a narrower one
         if camera is not None:
             self._start(app, [camera], target, still=True)
 
     def ask_for_still(self, app: App) -> None:
         name = f"{app.scene.name}.png" if app.scene is not None else "picture.png"
-        app.file_request = FileRequest(
-            "Save the picture", "save", lambda path: app.filming.still(app, path), (".png", ".exr"), name
-        )
+        then = partial(app.filming.still, app)
+        app.file_request = FileRequest("Save the picture", "save", then, (".png", ".exr"), name)
 
     def copy(self, app: App) -> None:
         """Starts to put the picture of this moment, at the viewport's size, on the clipboard."""

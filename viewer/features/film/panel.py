@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
@@ -47,13 +49,9 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("export", fonts, "Export"):
         _export(app, filming)
     with card("scene", fonts, "Scene"):
-        _scene(app)
-
-
-def _scene(app: App) -> None:
-    hint("A mesh, points or Gaussians for other programs.")
-    if imgui.button(f"{fa.ICON_FA_CUBE}  Export the scene…", ImVec2(-1, 0)):
-        run(app, "export-scene")
+        hint("A mesh, points or Gaussians for other programs.")
+        if imgui.button(f"{fa.ICON_FA_CUBE}  Export the scene…", ImVec2(-1, 0)):
+            run(app, "export-scene")
 
 
 def _path(app: App, canvas: Canvas, filming: Filming) -> None:
@@ -97,9 +95,8 @@ def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
     index = filming.selected
     if index is None or index >= len(filming.path.keyframes):
         return
-    if changed_by_buttons(
-        lambda by: filming.move(index, by), lambda: filming.update(app, index), lambda: filming.remove(index)
-    ):
+    move, update = partial(filming.move, index), partial(filming.update, app, index)
+    if changed_by_buttons(move, update, partial(filming.remove, index)):
         return
     imgui.set_next_item_width(-1)
     changed, value = imgui.slider_float("##leg", filming.path.keyframes[index].seconds, 0.2, 10.0, "%.1f s to next")
@@ -165,9 +162,8 @@ def _export(app: App, filming: Filming) -> None:
     imgui.end_disabled()
     imgui.same_line()
     if imgui.button(f"{fa.ICON_FA_IMAGES}  Pictures…", ImVec2(width, 0)):
-        app.file_request = FileRequest(
-            "A new folder for the pictures", "save", lambda p: filming.film(app, p), (), "flight"
-        )
+        title = "A new folder for the pictures"
+        app.file_request = FileRequest(title, "save", lambda p: filming.film(app, p), (), "flight")
     imgui.end_disabled()
     if not films_possible():
         hint("Films need PyAV: pip install 'snerg[video]'")

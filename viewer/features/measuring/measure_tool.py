@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from math import acos, ceil, degrees, dist, log10
 from pathlib import Path
@@ -245,11 +246,9 @@ class MeasureTool:
         hit, annotations = self.look_at(app, x, y), app.annotations.current
         if hit is None or not 0 <= index < len(annotations.measurements):
             return
-        moved = list(annotations.measurements[index].points)
-        moved[point] = triple(hit.point)
-        app.annotations.current = annotations.with_measurement(
-            index, replace(annotations.measurements[index], points=tuple(moved))
-        )
+        before = annotations.measurements[index]
+        points = (*before.points[:point], triple(hit.point), *before.points[point + 1 :])
+        app.annotations.current = annotations.with_measurement(index, replace(before, points=points))
         app.touch()
 
     def remove(self, app: App, index: int) -> None:
@@ -296,9 +295,8 @@ class MeasureTool:
 
     def ask_for_table(self, app: App) -> None:
         name = f"{app.scene.name}-measurements.csv" if app.scene is not None else "measurements.csv"
-        app.file_request = FileRequest(
-            "Save the measurements", "save", lambda path: self.save_table(app, path), (".csv",), name
-        )
+        then = partial(self.save_table, app)
+        app.file_request = FileRequest("Save the measurements", "save", then, (".csv",), name)
 
     def save_table(self, app: App, file: Path) -> None:
         """Writes all measurements as CSV. OSError where it cannot."""

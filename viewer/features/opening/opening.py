@@ -145,7 +145,8 @@ class Opening:
             if loading.pack is not None:
                 self._show_whole(app, loading.pack, loading.path)
                 self._tell_notes(app, loading)
-            self._give_up_preallocation(app)
+            if app.canvas is not None:
+                app.canvas.preallocate(None)  # what was not used is given up
         except Exception as error:  # a dialog, and the program goes on
             loading.cancel()
             self.loading = None
@@ -165,12 +166,8 @@ class Opening:
             app.messages.show_toast("\n".join([head, *shown, *rest]), "warning")
 
     def _preallocate(self, app: App, loading: Loading) -> None:
-        if (
-            loading.begun is not None
-            and self._preallocated_for is not loading
-            and not self.other
-            and app.canvas is not None
-        ):
+        wanted = loading.begun is not None and not self.other
+        if wanted and self._preallocated_for is not loading and app.canvas is not None:
             app.canvas.preallocate(loading.begun)
             self._preallocated_for = loading
 
@@ -182,13 +179,13 @@ class Opening:
         if app.scene is None:
             app.show(pack, loading.path, whole=False)
         elif not app.scene.whole and app.scene.pack is not pack:
-            self._refine(app, pack, dialog=False)
+            app.refine(app.scene, pack, dialog=False)
 
     def _show_whole(self, app: App, pack: Pack, path: Path) -> None:
         if self.other and app.scene is not None:
             app.compare_with(pack, path)
         elif app.scene is not None and not app.scene.whole:
-            self._refine(app, pack)
+            app.refine(app.scene, pack)
             app.scene.whole = True
             app.scene.rig = app.scene.rig.grown(app.undoable(orbit_camera_for(pack)))
             app.opened()
@@ -198,21 +195,9 @@ class Opening:
             self.then()
 
     @staticmethod
-    def _refine(app: App, pack: Pack, *, dialog: bool = True) -> None:
-        if app.canvas is not None and app.scene is not None:
-            with app.messages.noting_warnings(dialog=dialog):
-                app.canvas.refine(pack)
-            app.scene.pack = pack
-            app.touch()
-
-    @staticmethod
-    def _give_up_preallocation(app: App) -> None:
+    def _drop_unfinished(app: App) -> None:
         if app.canvas is not None:
             app.canvas.preallocate(None)
-
-    @staticmethod
-    def _drop_unfinished(app: App) -> None:
-        Opening._give_up_preallocation(app)
         if app.scene is not None and not app.scene.whole:
             app.close()
 

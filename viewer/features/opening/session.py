@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -92,9 +93,8 @@ def session_of(app: App) -> Session | None:
     if scene is None or not scene.whole or not scene.stays or not scene.path.exists():
         return None
     first = seen(scene, app.settings.crop, app.settings.near, app.annotations.current)
-    others = (
-        seen(each.scene, each.crop, each.near, each.annotations or Annotations()) for each in app.open_packs.packs
-    )
+    packs = app.open_packs.packs
+    others = (seen(each.scene, each.crop, each.near, each.annotations or Annotations()) for each in packs)
     compare, path = app.comparison, app.comparison.other_path
     against = (path.resolve(), compare.how) if compare.against == "pack" and path is not None else None
     return Session((first, *others), against, app.interface.page)
@@ -162,10 +162,12 @@ def _seen(value: Any, folder: Path) -> Seen:
             raise ValueError("crop: its corners are in the wrong order")
         crop = low, high
     near = number_from_json(entries.get("near", 0.0), 0.0, FARTHEST, "near")
-    view, flat = bookmark_from_json(dict(camera)), camera.get("orthographic") is True
-    return Seen(
-        _path(entries.get("path"), folder), view, flat, crop, near, annotations_from_json(entries.get("marks", {}))
+    path, view, flat = (
+        _path(entries.get("path"), folder),
+        bookmark_from_json(camera),
+        camera.get("orthographic") is True,
     )
+    return Seen(path, view, flat, crop, near, annotations_from_json(entries.get("marks", {})))
 
 
 def _compare(value: Any, folder: Path) -> tuple[Path, How] | None:
@@ -277,9 +279,8 @@ class Sessions:
     def ask_where_to_save(self, app: App) -> None:
         name = f"{app.scene.name}{SESSION_SUFFIX}" if app.scene is not None else f"scene{SESSION_SUFFIX}"
         start = app.scene.path.resolve().parent if app.scene is not None and app.scene.path.exists() else None
-        app.file_request = FileRequest(
-            "Save the session", "save", lambda path: self.save(app, path), (SESSION_SUFFIX,), name, start
-        )
+        then = partial(self.save, app)
+        app.file_request = FileRequest("Save the session", "save", then, (SESSION_SUFFIX,), name, start)
 
     def save(self, app: App, file: Path) -> None:
         """Writes what is open now. UserError where that is nothing, OSError where it cannot."""

@@ -11,7 +11,7 @@ from imgui_bundle import ImVec2, imgui, implot
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core.theme import Fonts
-from viewer.core.widgets import card, coloured, figure, font, hint, paragraph, px, segments, switch, tip
+from viewer.core.widgets import card, figure, font, headline, hint, paragraph, px, segments, switch, tip
 from viewer.features.performance.frame_stats import AVERAGED, KEPT, FrameStats
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import MARCHERS
@@ -27,7 +27,7 @@ MARCHER_HINTS = {
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     summary, target = app.times.summary(), app.resolution.target_ms
     with card("time", fonts, "Frame time"):
-        headline(app, fonts)
+        frame_time(app, fonts)
         rolling(app.times, target, px(104))
         figure("Frame to frame", f"{summary.mean:.1f} ms", fonts, dot=FRAME)
         figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", fonts, dot=WALL)
@@ -175,12 +175,7 @@ def _line(name: str, values: np.ndarray, colour: str, width: float, xs: np.ndarr
     implot.plot_line(name, _ages(values) if xs is None else xs.astype(np.float64), values, look)
 
 
-def headline(app: App, fonts: Fonts) -> None:
+def frame_time(app: App, fonts: Fonts) -> None:
     """The figures that matter: the mean time of a frame, and the frames per second that follow from it."""
     summary = app.times.summary()
-    with font(fonts.bold, 26.0):
-        imgui.text_unformatted(f"{summary.mean:.1f}")
-    imgui.same_line(0, px(5))
-    imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
-    with coloured(text=theme.MUTED):
-        imgui.text_unformatted(f"ms      {summary.fps:.0f} fps")
+    headline(f"{summary.mean:.1f}", f"ms      {summary.fps:.0f} fps", fonts)

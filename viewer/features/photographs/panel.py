@@ -244,12 +244,8 @@ def _frustum(app: App, frustum: _Frustum, sheet: int | None, outline: str | None
     uv = _uv(gallery.thumbnails, frustum.index)
     if sheet is not None and uv is not None and opacity > 0.01:
         (u0, v0), (u1, v1) = uv
-        _, top_left, top_right, low_right, low_left = corners
-        uvs = ImVec2(u0, v0), ImVec2(u1, v0), ImVec2(u1, v1), ImVec2(u0, v1)
-        texture, tint = imgui.ImTextureRef(sheet), theme.packed("#ffffff", opacity)
-        draw_list.add_image_quad(
-            texture, top_left, top_right, low_right, low_left, uvs[0], uvs[1], uvs[2], uvs[3], tint
-        )
+        uvs = ImVec2(u0, v0), ImVec2(u1, v0), ImVec2(u1, v1), ImVec2(u0, v1)  # clockwise, as the corners behind the eye
+        draw_list.add_image_quad(imgui.ImTextureRef(sheet), *corners[1:], *uvs, theme.packed("#ffffff", opacity))
     train = gallery.photographs.shots[frustum.index].split == "train"
     code = outline or (theme.ACCENT_DEEP if train else theme.WARN)
     colour = theme.packed(code, frustum.strength * (1.0 if outline else 0.8))

@@ -179,6 +179,7 @@ def current_preferences(app: App) -> Preferences:
     interface, backdrop = app.interface, app.settings.backdrop
     return replace(
         app.preferences,
+        recent=list(app.preferences.recent),
         page=interface.page,
         moved=list(interface.moved),
         layout=interface.layout,
@@ -200,16 +201,12 @@ class PreferencesAutosave:
 
     def __init__(self, app: App, file: Path, size: Callable[[], tuple[int, int]], layout: Callable[[], str]) -> None:
         self.app, self.file, self._size, self._layout = app, file, size, layout
-        self._written = self._now()  # what is in the file, as far as this program knows
+        self._written = current_preferences(self.app)  # what is in the file, as far as this program knows
         self._autosave = Autosave(self._save, self._written, CHECK_EVERY_S, LONGEST_UNSAVED_S)
         self._checked_at = time.monotonic()
         self._result: tuple[Preferences, Preferences, str | None] | None = None  # sent, written, and what went wrong
         self._problem: str | None = None
         self._was_reported = False
-
-    def _now(self) -> Preferences:
-        """The preferences now; window size and layout as of the last poll."""
-        return replace(current_preferences(self.app), recent=list(self.app.preferences.recent))
 
     def poll(self) -> None:
         """Saves what changed and then stayed the same until the next check. Call it from the loop."""
@@ -218,7 +215,7 @@ class PreferencesAutosave:
             self._checked_at = now
             self._take_result()
             self._read_window()
-            self._autosave.follow(self._now())
+            self._autosave.follow(current_preferences(self.app))
 
     def finish(self, *, window: bool = True) -> str | None:
         """Saves the last changes now (window: False if it is gone); a problem that was not reported before, or None."""
@@ -227,7 +224,7 @@ class PreferencesAutosave:
         if self._problem is not None:  # what was refused is tried again
             self._autosave.saved = self._written
         was_reported, self._problem = self._was_reported, None
-        self._autosave.finish(self._now())
+        self._autosave.finish(current_preferences(self.app))
         self._take_result()
         return None if was_reported else self._problem
 

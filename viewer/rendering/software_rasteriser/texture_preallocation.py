@@ -127,10 +127,10 @@ class TexturePreallocator:
         if self.now is not None:
             self.now.give_back()
             self._given_back.append(self.now)
-        shared_context = self._shared_context() if pack is not None and self._shared_context is not None else None
-        self.now = (
-            preallocate(self.ctx, pack, shared_context) if pack is not None and shared_context is not None else None
-        )
+        self.now = None
+        if pack is not None and self._shared_context is not None:
+            shared_context = self._shared_context()
+            self.now = preallocate(self.ctx, pack, shared_context) if shared_context is not None else None
 
     def sweep(self) -> None:
         """Frees what was given up, without waiting for a thread."""
