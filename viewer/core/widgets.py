@@ -48,16 +48,15 @@ def coloured(**colours: str | tuple[str, float]) -> Iterator[None]:
 
 
 @contextmanager
-def card(name: str, fonts: Fonts, title: str = "") -> Iterator[None]:
+def card(name: str, fonts: Fonts, title: str) -> Iterator[None]:
     """A rounded box as wide as the panel and as high as what is in it."""
     flags = imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.always_use_window_padding
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(14), px(12)))
     imgui.begin_child(f"##card {name}", ImVec2(0, 0), flags)
     imgui.pop_style_var()
-    if title:
-        with font(fonts.bold, theme.SMALL), coloured(text=theme.MUTED):
-            imgui.text_unformatted(title.upper())
-        imgui.dummy(ImVec2(0, px(1)))
+    with font(fonts.bold, theme.SMALL), coloured(text=theme.MUTED):
+        imgui.text_unformatted(title.upper())
+    imgui.dummy(ImVec2(0, px(1)))
     try:
         yield
     finally:
@@ -74,7 +73,7 @@ def label(text: str, width: float = LABEL_WIDTH) -> None:
     imgui.set_next_item_width(-1)
 
 
-def figure(name: str, value: str, fonts: Fonts, dot: str = "") -> None:
+def figure(name: str, value: str, dot: str = "") -> None:
     """A row that only tells: name on the left, value on the right. dot: colour of a mark before it, as in a legend."""
     if dot:
         at, half = imgui.get_cursor_screen_pos(), 0.5 * imgui.get_text_line_height()

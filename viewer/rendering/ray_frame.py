@@ -33,12 +33,6 @@ def ndc_fov(pack: Pack) -> float:
     return degrees(2.0 * atan(0.5 * height / focal))
 
 
-def _rotation(matrix: np.ndarray) -> np.ndarray:
-    """The orthogonal part [3, 3] of a frame [4, 4], reflections included."""
-    u, _, vt = np.linalg.svd(matrix[:3, :3])
-    return u @ vt
-
-
 class RayFrame:
     """What rays must know of a pack, worked out once."""
 
@@ -56,10 +50,11 @@ class RayFrame:
         self.ndc = {}
         if pack.ndc:
             width, height, focal = ndc_input(pack)
+            rotation, _, rows = np.linalg.svd(self.training_T_grid[:3, :3])  # its orthogonal part, reflections included
             grid_T_ndc = np.linalg.inv(self.training_T_grid)
             self.ndc = {
                 "ndc_scale": (2.0 * focal / width, 2.0 * focal / height),
-                "training_R_grid": _rotation(self.training_T_grid),
+                "training_R_grid": rotation @ rows,
                 "voxel_R_ndc": grid_T_ndc[:3, :3] / pack.voxel_size,
                 "voxel_t_ndc": (grid_T_ndc[:3, 3] - pack.min_xyz) / pack.voxel_size,
             }

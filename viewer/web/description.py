@@ -107,6 +107,7 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
         data[name] = b"".join(sections)
         described.append({**about, "file": name, "bytes": len(data[name])})
         done += _atlas_voxels(level)
+    words = LengthFormat(pack, annotations.scale)
     description = {
         "title": one_line(content.title, LONGEST_TITLE),
         "credits": one_line(content.credits, LONGEST_CREDITS) if content.credits else "",
@@ -117,7 +118,7 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
         "shaders": _shaders(pack),
         "camera": _camera(pack, content.pose, annotations),
         "path": _path(content.path),
-        "measurements": _measurements(pack, annotations),
+        "measurements": [{"points": m.points, "text": words.measurement(m)} for m in annotations.measurements],
         "live": content.live,
     }
     return _plain(description), data
@@ -259,11 +260,6 @@ def _path(path: CameraPath | None) -> dict[str, Any] | None:
     frames = path.sample(PATH_FPS)
     rows = [[*np.round(matrix[:3].ravel(), 7).tolist(), round(fov, 4)] for matrix, fov in frames]
     return {"fps": PATH_FPS, "closed": path.closed, "frames": rows}
-
-
-def _measurements(pack: Pack, annotations: Annotations) -> list[dict[str, Any]]:
-    words = LengthFormat(pack, annotations.scale)
-    return [{"points": each.points, "text": words.measurement(each)} for each in annotations.measurements]
 
 
 def _plain(value: Any) -> Any:

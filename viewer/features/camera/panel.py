@@ -62,10 +62,10 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("where", fonts, "Position"):
         matrix = rig.matrix
         eye, ahead = matrix[:3, 3], -matrix[:3, 2]
-        figure("Eye", "  ".join(f"{v:.3f}" for v in eye), fonts)
-        figure("Direction", "  ".join(f"{v:.3f}" for v in ahead), fonts)
+        figure("Eye", "  ".join(f"{v:.3f}" for v in eye))
+        figure("Direction", "  ".join(f"{v:.3f}" for v in ahead))
         if not rig.bounded:
-            figure("Pivot", "  ".join(f"{v:.3f}" for v in rig.goal.pivot), fonts)
+            figure("Pivot", "  ".join(f"{v:.3f}" for v in rig.goal.pivot))
         hint("In the grid's frame, y up.")
         pressed = two_buttons(f"{fa.ICON_FA_COPY}  Copy pose", f"{fa.ICON_FA_PASTE}  Paste pose")
         if pressed is not None:

@@ -37,7 +37,7 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
             headline("…" if comparison.psnr_db is None else f"{comparison.psnr_db:.2f}", "dB PSNR", fonts)
             width, height = comparison.psnr_size
             if comparison.psnr_db is not None:
-                figure("Measured at", f"{width} × {height}", fonts)
+                figure("Measured at", f"{width} × {height}")
             photographs = app.gallery.photographs
             if photographs is not None and not photographs.reachable:
                 hint("Compared with the copy in the pack.")
@@ -50,8 +50,8 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     comparison = app.comparison
     with card("other", fonts, "The other pack"):
         if comparison.other is not None and comparison.other_path is not None:
-            figure("Left", app.scene.name if app.scene is not None else "", fonts)
-            figure("Right", comparison.other_path.name, fonts)
+            figure("Left", app.scene.name if app.scene is not None else "")
+            figure("Right", comparison.other_path.name)
         else:
             hint("Choose a second pack, for example another bake of the same scene. Both use the same camera.")
         if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose a pack…", ImVec2(-1, 0)):

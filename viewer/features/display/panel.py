@@ -80,7 +80,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         performance_panel.frame_time(app, fonts)
         performance_panel.rolling(app.times, app.resolution.target_ms, px(84))
         width, height = canvas.drawn_size
-        figure("Pixels drawn", f"{width} × {height}", fonts)
+        figure("Pixels drawn", f"{width} × {height}")
 
 
 def _background(app: App) -> None:

@@ -53,7 +53,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     if words is None:
         return
     with card("cursor", fonts, "Under the cursor"):
-        _cursor(app, words, fonts)
+        _cursor(app, words)
     with card("ruler", fonts, "Ruler"):
         _tools(app)
         _list(app, words)
@@ -61,13 +61,13 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         _scale(app)
 
 
-def _cursor(app: App, words: LengthFormat, fonts: Fonts) -> None:
+def _cursor(app: App, words: LengthFormat) -> None:
     hit = app.measure_tool.cursor
     point = triple(hit.point) if hit is not None else None
-    figure("Distance", words.length(hit.distance) if hit is not None else "–", fonts)
-    figure("Position", words.place(point) if point is not None else "–", fonts)
+    figure("Distance", words.length(hit.distance) if hit is not None else "–")
+    figure("Position", words.place(point) if point is not None else "–")
     scene = words.in_scene(point) if point is not None else None
-    figure("In the scene", "  ".join(f"{v:.3f}" for v in scene) if scene is not None else "–", fonts)
+    figure("In the scene", "  ".join(f"{v:.3f}" for v in scene) if scene is not None else "–")
     hint("From the camera; in the grid's frame, y up; in the frame of the scene's cameras, in its own units.")
 
 

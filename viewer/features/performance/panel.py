@@ -29,14 +29,14 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("time", fonts, "Frame time"):
         frame_time(app, fonts)
         rolling(app.times, target, px(104))
-        figure("Frame to frame", f"{summary.mean:.1f} ms", fonts, dot=FRAME)
-        figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", fonts, dot=WALL)
+        figure("Frame to frame", f"{summary.mean:.1f} ms", dot=FRAME)
+        figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", dot=WALL)
         gpu = canvas.picture_gpu_ms
-        figure("Whole picture, GPU clock", "not measured" if gpu is None else f"{gpu:.1f} ms", fonts, dot=GPU)
+        figure("Whole picture, GPU clock", "not measured" if gpu is None else f"{gpu:.1f} ms", dot=GPU)
         if canvas.clock.reason:
             hint(f"{canvas.clock.reason}: its timer is not reliable.")
         width, height = canvas.drawn_size
-        figure("Pixels drawn", f"{width} × {height}", fonts)
+        figure("Pixels drawn", f"{width} × {height}")
         app.interface.v_sync = switch("v-sync", app.interface.v_sync, "V-sync")
         tip("Limit the frame rate to that of the screen")
     with card("marcher", fonts, "Marcher"):
@@ -47,22 +47,22 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("spread", fonts, "Spread"):
         histogram(app.times, target, px(96))
         for name, value in (("Median", summary.median), ("95th percentile", summary.p95), ("Slowest", summary.slowest)):
-            figure(name, f"{value:.1f} ms", fonts)
+            figure(name, f"{value:.1f} ms")
         hint(f"Of the last {len(app.times.frame_ms)} frames; the figures above are of the last {AVERAGED}.")
     with card("rays", fonts, "Rays"):
-        _rays(app, fonts)
+        _rays(app)
     with card("card", fonts, "Graphics card"):
         paragraph(canvas.gpu_name)
         for name, size in canvas.gpu_bytes_by_use.items():
-            figure(name, f"{size / 2**20:.0f} MiB", fonts)
-        figure("All textures", f"{canvas.gpu_bytes / 2**20:.0f} MiB", fonts)
+            figure(name, f"{size / 2**20:.0f} MiB")
+        figure("All textures", f"{canvas.gpu_bytes / 2**20:.0f} MiB")
         if app.scene is not None:
             pack = app.scene.pack
-            figure("Macroblocks", f"{int(pack.occupied.sum())} of {pack.occupied.size}", fonts)
-            figure("Block size", f"{pack.block_size}³ voxels", fonts)
+            figure("Macroblocks", f"{int(pack.occupied.sum())} of {pack.occupied.size}")
+            figure("Block size", f"{pack.block_size}³ voxels")
 
 
-def _rays(app: App, fonts: Fonts) -> None:
+def _rays(app: App) -> None:
     on = switch("rays", app.costs.enabled, "Count at rest")
     tip("Counts in a small picture of the view, once the camera rests")
     if on != app.costs.enabled:
@@ -74,10 +74,10 @@ def _rays(app: App, fonts: Fonts) -> None:
     elif costs is None:
         hint("Waiting for the camera to rest.")
     else:
-        figure("Samples, mean", f"{costs.samples_mean:.1f}", fonts)
-        figure("Samples, maximum", f"{costs.samples_max}", fonts)
-        figure("Jumps, mean", f"{costs.jumps_mean:.1f}", fonts)
-        figure("Jumps, maximum", f"{costs.jumps_max}", fonts)
+        figure("Samples, mean", f"{costs.samples_mean:.1f}")
+        figure("Samples, maximum", f"{costs.samples_max}")
+        figure("Jumps, mean", f"{costs.jumps_mean:.1f}")
+        figure("Jumps, maximum", f"{costs.jumps_max}")
         width, height = costs.size
         hint(f"Of the {100 * costs.hit:.0f} % of rays that hit something, counted at {width} × {height}.", theme.MUTED)
 

@@ -39,7 +39,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("controllers", fonts, "Gamepad and 3D mouse"):
         usable = [state for state in app.controllers.states if state.usable]
         for state in usable:
-            figure(state.name, "gamepad" if state.gamepad else "3D mouse", fonts)
+            figure(state.name, "gamepad" if state.gamepad else "3D mouse")
         if not usable:
             hint("None is connected. Gamepads and SpaceMouse devices are found when they are plugged in.")
         label("Dead zone")
@@ -52,9 +52,9 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         ):
             if shown:
                 for name, what in rows:
-                    figure(name, what, fonts)
+                    figure(name, what)
                 for name, command in buttons.values():
-                    figure(name.capitalize(), COMMANDS[command].title, fonts)
+                    figure(name.capitalize(), COMMANDS[command].title)
 
 
 # --- What the program said ---
