@@ -196,13 +196,8 @@ def bookmark_from_json(value: Any) -> Bookmark:
     up = entries.get("up", "y")
     if not isinstance(up, str) or up not in UP_AXES:
         raise ValueError("a bookmark: expected up to be an axis such as y or -z")
-    return Bookmark(
-        named(entries.get("name")),
-        eye,
-        target,
-        up,
-        number_from_json(entries.get("fov", 35.0), *FOVS, "a bookmark's fov"),
-    )
+    fov = number_from_json(entries.get("fov", 35.0), *FOVS, "a bookmark's fov")
+    return Bookmark(named(entries.get("name")), eye, target, up, fov)
 
 
 def named(text: Any) -> str:

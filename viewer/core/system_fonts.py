@@ -13,8 +13,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from viewer.core.tasks import Task
-
 # A letter or two of each script that names and messages may be in.
 SAMPLES = "ΩЖəệՀაשעعپअঅਅઅଅஅఅಅഅඅกກཀកကአあ漢汉한ㄅ∑⇒★☐"
 SUFFIXES = (".ttf", ".otf", ".ttc", ".otc")
@@ -28,14 +26,8 @@ WINDOWS = (
 )
 MACOS = (
     *("ヒラギノ角ゴシック W3.ttc", "PingFang.ttc", "Hiragino Sans GB.ttc", "AppleSDGothicNeo.ttc"),
-    *(
-        "Supplemental/Arial Unicode.ttf",
-        "GeezaPro.ttc",
-        "ArialHB.ttc",
-        "Kohinoor.ttc",
-        "Thonburi.ttc",
-        "Apple Symbols.ttf",
-    ),
+    *("Supplemental/Arial Unicode.ttf", "GeezaPro.ttc", "ArialHB.ttc"),
+    *("Kohinoor.ttc", "Thonburi.ttc", "Apple Symbols.ttf"),
 )
 UNIX = (  # where fontconfig's programs are not installed
     *("NotoSansCJK-Regular.ttc", "wqy-microhei.ttc", "wqy-zenhei.ttc"),
@@ -52,21 +44,15 @@ class FontFile:
     brings: str = ""
 
 
-class FontSearch(Task[list[FontFile]]):
-    """Looks for fonts that have `missing` letters, in a thread; the best first."""
-
-    def __init__(self, missing: str) -> None:
-        self.missing = missing
-        super().__init__(self._search)
-
-    def _search(self) -> list[FontFile]:
-        try:
-            found = [font for font in find_fonts(self.missing) if font.path.stat().st_size <= LARGEST_BYTES]
-            for font in found:
-                font.path.read_bytes()  # from the disk now and here; the window reads it again, from memory
-            return found
-        except OSError:  # boxes, then
-            return []
+def load_fonts(missing: str) -> list[FontFile]:
+    """Fonts that have `missing` letters, the best first, read from the disk once: the window then finds them in memory."""
+    try:
+        found = [font for font in find_fonts(missing) if font.path.stat().st_size <= LARGEST_BYTES]
+        for font in found:
+            font.path.read_bytes()
+        return found
+    except OSError:  # boxes, then
+        return []
 
 
 def find_fonts(missing: str) -> list[FontFile]:

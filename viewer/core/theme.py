@@ -36,6 +36,25 @@ TEXT, MUTED, FAINT = "text", "muted", "faint"
 ACCENT, ACCENT_DEEP, ON_ACCENT = "accent", "deep", "on-accent"
 GOOD, WARN, BAD, BLUE = "good", "warn", "bad", "blue"
 _palette = PALETTES["dark"]
+# By colour, what imgui draws in it, by its own names; with opacity where that is not 1.
+USES = {
+    BASE: "docking_empty_bg",
+    PANEL: "window_bg title_bg title_bg_active title_bg_collapsed tab tab_dimmed",
+    CARD: "child_bg popup_bg tab_selected tab_dimmed_selected",
+    CONTROL: "frame_bg button",
+    CONTROL_HOT: "frame_bg_hovered frame_bg_active tab_hovered button_hovered header_hovered resize_grip_hovered scrollbar_grab",
+    LINE: "border separator",
+    TEXT: "text",
+    MUTED: "scrollbar_grab_active",
+    FAINT: "text_disabled scrollbar_grab_hovered",
+    ACCENT: "resize_grip_active separator_active check_mark nav_cursor plot_histogram",
+    ACCENT_DEEP: "separator_hovered button_active header_active",
+}
+TRANSLUCENT = {
+    **{"docking_preview": (ACCENT, 0.35), "resize_grip": (CONTROL_HOT, 0.0), "scrollbar_bg": (PANEL, 0.0)},
+    **{"slider_grab": (ACCENT, 0.55), "slider_grab_active": (ACCENT, 0.8)},  # the number is read through it
+    **{"header": (ACCENT_DEEP, 0.55), "text_selected_bg": (ACCENT_DEEP, 0.6), "modal_window_dim_bg": (BASE, 0.65)},
+}
 
 
 def use(name: str) -> None:
@@ -124,49 +143,8 @@ def apply(scale: float) -> None:
     style.scale_all_sizes(scale)
     style.window_border_hover_padding = max(style.window_border_hover_padding, 1.0)  # imgui ends the program at 0
     style.font_scale_dpi = scale
-    colours = {
-        "text": rgb(TEXT),
-        "text_disabled": rgb(FAINT),
-        "window_bg": rgb(PANEL),
-        "child_bg": rgb(CARD),
-        "popup_bg": rgb(CARD),
-        "border": rgb(LINE),
-        "frame_bg": rgb(CONTROL),
-        "frame_bg_hovered": rgb(CONTROL_HOT),
-        "frame_bg_active": rgb(CONTROL_HOT),
-        "title_bg": rgb(PANEL),
-        "title_bg_active": rgb(PANEL),
-        "title_bg_collapsed": rgb(PANEL),
-        "tab": rgb(PANEL),
-        "tab_hovered": rgb(CONTROL_HOT),
-        "tab_selected": rgb(CARD),
-        "tab_dimmed": rgb(PANEL),
-        "tab_dimmed_selected": rgb(CARD),
-        "docking_preview": rgb(ACCENT, 0.35),
-        "docking_empty_bg": rgb(BASE),
-        "resize_grip": rgb(CONTROL_HOT, 0.0),
-        "resize_grip_hovered": rgb(CONTROL_HOT),
-        "resize_grip_active": rgb(ACCENT),
-        "separator_hovered": rgb(ACCENT_DEEP),
-        "separator_active": rgb(ACCENT),
-        "scrollbar_bg": rgb(PANEL, 0.0),
-        "scrollbar_grab": rgb(CONTROL_HOT),
-        "scrollbar_grab_hovered": rgb(FAINT),
-        "scrollbar_grab_active": rgb(MUTED),
-        "check_mark": rgb(ACCENT),
-        "slider_grab": rgb(ACCENT, 0.55),  # the number is read through it
-        "slider_grab_active": rgb(ACCENT, 0.8),
-        "button": rgb(CONTROL),
-        "button_hovered": rgb(CONTROL_HOT),
-        "button_active": rgb(ACCENT_DEEP),
-        "header": rgb(ACCENT_DEEP, 0.55),
-        "header_hovered": rgb(CONTROL_HOT),
-        "header_active": rgb(ACCENT_DEEP),
-        "separator": rgb(LINE),
-        "text_selected_bg": rgb(ACCENT_DEEP, 0.6),
-        "nav_cursor": rgb(ACCENT),
-        "modal_window_dim_bg": rgb(BASE, 0.65),
-        "plot_histogram": rgb(ACCENT),
-    }
-    for name, colour in colours.items():
-        style.set_color_(getattr(imgui.Col_, name), colour)
+    for code, names in USES.items():
+        for name in names.split():
+            style.set_color_(getattr(imgui.Col_, name), rgb(code))
+    for name, (code, alpha) in TRANSLUCENT.items():
+        style.set_color_(getattr(imgui.Col_, name), rgb(code, alpha))

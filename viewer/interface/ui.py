@@ -16,7 +16,8 @@ from viewer.app.application import App
 from viewer.core import theme
 from viewer.core.input import Keyboard, KeyPress
 from viewer.core.state import Clipboard
-from viewer.core.system_fonts import FontSearch
+from viewer.core.system_fonts import load_fonts
+from viewer.core.tasks import Task
 from viewer.core.theme import Fonts
 from viewer.core.widgets import in_front
 from viewer.features.camera.panel import AxisGizmo
@@ -72,7 +73,7 @@ class Ui:
             imgui.backends.glfw_init_for_opengl(window, True)
         imgui.backends.opengl3_init(GLSL_VERSION)
         wanted = window is not None if system_fonts is None else system_fonts
-        self._font_search = FontSearch(self.fonts.missing) if wanted else None
+        self._font_search = Task(functools.partial(load_fonts, self.fonts.missing)) if wanted else None
         self.plots = implot.create_context()
         self.file_dialogs = FileDialogs(native=None if window is not None else False)
         self.open_dialog = OpenDialog(self.file_dialogs.native)

@@ -314,13 +314,5 @@ def _allocate(uploader: Uploader, pack: Pack, layout: str, features_beside: bool
     filtered = ("atlas_alpha", "atlas_rgb", "atlas_rgba", "atlas_features")
     samplers = {name: linear if name in filtered else nearest for name in textures}
     return GpuScene(
-        textures,
-        samplers,
-        features_beside,
-        content_min,
-        content_max,
-        hull,
-        uploader.bytes,
-        writer,
-        writer.steps(),
+        textures, samplers, features_beside, content_min, content_max, hull, uploader.bytes, writer, writer.steps()
     )

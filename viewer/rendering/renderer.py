@@ -226,7 +226,7 @@ class Renderer:
                 settings,
                 sizes=scene.sizes,
                 features_beside=scene.features_beside,
-                distortion=any(camera.distortion),
+                distortion=lens,
                 orthographic=camera.orthographic,
             )
             text = assemble("snerg.frag", defines, view_mlp_text(self.pack))

@@ -20,8 +20,6 @@ from viewer.rendering.settings import RenderSettings
 if TYPE_CHECKING:
     from viewer.app.application import App
 
-PAGE = "bookmarks"
-
 
 def bookmark_of(rig: OrbitCamera, fov: float, name: str) -> Bookmark:
     """The present view of a rig. fov: vertical, degrees. A photograph's camera is taken level, and without its lens."""

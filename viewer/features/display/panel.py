@@ -17,31 +17,18 @@ from viewer.rendering.canvas import Canvas
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.shader_source import colour_stops
 
-MODE_TITLES = {
-    "normal": "Picture",
-    "diffuse": "Diffuse colour",
-    "features": "Features",
-    "view-dependent": "View-dependent colour",
-    "alpha": "Opacity",
-    "depth": "Depth",
-    "normals": "Normals",
-    "samples": "Cost: samples",
-    "jumps": "Cost: jumps",
-    "macroblocks": "Macroblocks",
-    "atlas": "Atlas",
-}
-MODE_HINTS = {
-    "normal": "What a camera sees.",
-    "diffuse": "Without the view-dependent part.",
-    "features": "The first three features, inputs of the view MLP.",
-    "view-dependent": "Only what the view MLP adds.",
-    "alpha": "White is opaque.",
-    "depth": "Near is bright.",
-    "normals": "Which way surfaces face: x, y, z as red, green, blue.",
-    "samples": "How many voxels each ray fetched.",
-    "jumps": "How many jumps over empty space each ray made.",
-    "macroblocks": "One colour for each macroblock that a ray hits first.",
-    "atlas": "All macroblocks as they lie in memory.",
+MODE_WORDS = {  # the title of each mode, and what it shows
+    "normal": ("Picture", "What a camera sees."),
+    "diffuse": ("Diffuse colour", "Without the view-dependent part."),
+    "features": ("Features", "The first three features, inputs of the view MLP."),
+    "view-dependent": ("View-dependent colour", "Only what the view MLP adds."),
+    "alpha": ("Opacity", "White is opaque."),
+    "depth": ("Depth", "Near is bright."),
+    "normals": ("Normals", "Which way surfaces face: x, y, z as red, green, blue."),
+    "samples": ("Cost: samples", "How many voxels each ray fetched."),
+    "jumps": ("Cost: jumps", "How many jumps over empty space each ray made."),
+    "macroblocks": ("Macroblocks", "One colour for each macroblock that a ray hits first."),
+    "atlas": ("Atlas", "All macroblocks as they lie in memory."),
 }
 RESOLUTIONS = {"1.0": "Full", "0.75": "75 %", "0.5": "Half", "0.25": "Quarter"}
 
@@ -49,10 +36,11 @@ RESOLUTIONS = {"1.0": "Full", "0.75": "75 %", "0.5": "Half", "0.25": "Quarter"}
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("mode", fonts, "Display"):
         label("Mode")
-        picked = choice("mode", modes_for(app), app.settings.mode, MODE_TITLES)
+        titles = {mode: title for mode, (title, _) in MODE_WORDS.items()}
+        picked = choice("mode", modes_for(app), app.settings.mode, titles)
         if picked:
             app.set(mode=picked)
-        hint(MODE_HINTS.get(app.settings.mode, ""))
+        hint(MODE_WORDS[app.settings.mode][1])
         if app.settings.mode in ("samples", "jumps"):
             label("Maximum")
             changed, value = imgui.slider_float("##cost", app.settings.cost_scale, 4.0, 512.0, "%.0f")

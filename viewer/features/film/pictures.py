@@ -148,10 +148,7 @@ def exr_channels(each: Pass, pixels: np.ndarray, camera: ViewCamera, pack: Pack)
 def _said(passes: Sequence[Pass], camera: ViewCamera) -> dict[str, object]:
     said: dict[str, object] = {
         "grid_T_camera": camera.grid_T_camera.tolist(),
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
+        **{name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")},
     }
     names = {each.name for each in passes}
     said |= {"Z": DEPTH_MEANS} if "depth" in names else {}

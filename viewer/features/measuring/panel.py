@@ -102,17 +102,11 @@ def _list(app: App, words: LengthFormat) -> None:
 
 
 def _actions(app: App) -> None:
-    measure_tool = app.measure_tool
+    measure_tool, chosen = app.measure_tool, app.measure_tool.selected is not None
     for icon, name, tooltip, action, enabled in (
         (fa.ICON_FA_COPY, "copy", "Copy as text  (Ctrl+Shift+C)", lambda: run(app, "copy-measurements"), True),
         (fa.ICON_FA_FILE_CSV, "csv", "Save as CSV", lambda: run(app, "save-measurements"), True),
-        (
-            fa.ICON_FA_TRASH,
-            "remove",
-            "Remove the selected one",
-            lambda: measure_tool.back(app),
-            measure_tool.selected is not None,
-        ),
+        (fa.ICON_FA_TRASH, "remove", "Remove the selected one", lambda: measure_tool.back(app), chosen),
         (fa.ICON_FA_BROOM, "clear", "Remove all", lambda: measure_tool.clear(app), True),
     ):
         if icon_button(icon, name, tooltip, enabled=enabled):

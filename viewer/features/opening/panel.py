@@ -126,22 +126,14 @@ NAME, FIELD = "##open", "##open path"
 ENTER = (imgui.Key.enter, imgui.Key.keypad_enter)
 TO_END = 3
 WIDTH, LINE, BUTTON = 600.0, 30.0, 104.0
-ICONS = {
-    "pack": fa.ICON_FA_CUBE,
-    "run": fa.ICON_FA_GEARS,
-    "scene": fa.ICON_FA_IMAGES,
-    "pictures": fa.ICON_FA_IMAGES,
-    "film": fa.ICON_FA_FILM,
-    "session": fa.ICON_FA_BOOKMARK,
-    "unknown": fa.ICON_FA_FOLDER,
-}
-TITLES = {
-    "pack": "pack",
-    "run": "training run",
-    "scene": "scene",
-    "pictures": "photographs",
-    "film": "film",
-    "session": "session",
+KINDS = {  # what stands before and behind a path
+    "pack": (fa.ICON_FA_CUBE, "pack"),
+    "run": (fa.ICON_FA_GEARS, "training run"),
+    "scene": (fa.ICON_FA_IMAGES, "scene"),
+    "pictures": (fa.ICON_FA_IMAGES, "photographs"),
+    "film": (fa.ICON_FA_FILM, "film"),
+    "session": (fa.ICON_FA_BOOKMARK, "session"),
+    "unknown": (fa.ICON_FA_FOLDER, ""),
 }
 
 
@@ -255,10 +247,9 @@ def _line(open_prompt: OpenPrompt, path: Path, picked: bool, number: int) -> boo
             f"##line {number}", picked, imgui.SelectableFlags_.no_auto_close_popups, ImVec2(width, px(LINE))
         )[0]
     kind = open_prompt.kind(path)
-    icon = ICONS["film"] if kind == "pictures" and path.is_file() else ICONS[kind]
+    icon, note = KINDS["film" if kind == "pictures" and path.is_file() else kind]
     draw, middle = imgui.get_window_draw_list(), at.y + px(6)
     draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.FAINT if kind == "unknown" else theme.ACCENT), icon)
-    note = TITLES["film"] if icon == ICONS["film"] else TITLES.get(kind, "")
     wide = imgui.calc_text_size(note).x
     draw.add_text(ImVec2(at.x + width - wide - px(6), middle), theme.packed(theme.FAINT), note)
     name = elided(path.name or str(path), width - wide - px(60))
