@@ -126,7 +126,7 @@ def annotations_from_json(document: Any, complain: Callable[[str], None] | None 
             complain(str(error))
             return otherwise
 
-    entries = part(_object, document, {})
+    entries = part(object_from_json, document, {})
 
     def listed(key: str, read: Callable[[Any], Any]) -> tuple[Any, ...]:
         values = part(lambda value: _list(value, key), entries.get(key, []), [])
@@ -137,7 +137,8 @@ def annotations_from_json(document: Any, complain: Callable[[str], None] | None 
     return Annotations(scale, listed("measurements", _measurement), listed("bookmarks", bookmark_from_json))
 
 
-def _object(value: Any, what: str = "marks") -> Mapping[str, Any]:
+def object_from_json(value: Any, what: str = "marks") -> Mapping[str, Any]:
+    """An object. ValueError for anything else."""
     if not isinstance(value, dict):
         raise ValueError(f"{what}: expected an object")
     return value
@@ -149,12 +150,14 @@ def _list(value: Any, what: str) -> list[Any]:
     return value
 
 
+def is_number(value: Any) -> bool:
+    """Whether it is a finite number of JSON."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
 def number_from_json(value: Any, low: float, high: float, what: str) -> float:
     """A finite number. ValueError for anything else."""
-    good = (
-        isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and low <= value <= high
-    )
-    if not good:
+    if not is_number(value) or not low <= value <= high:
         raise ValueError(f"{what}: expected a number from {low:g} to {high:g}")
     return float(value)
 
@@ -168,7 +171,7 @@ def point_from_json(value: Any, what: str) -> Point:
 
 
 def _scale(value: Any) -> Scale:
-    entries = _object(value, "scale")
+    entries = object_from_json(value, "scale")
     unit = entries.get("unit", "")
     if unit not in UNITS:
         raise ValueError("scale: expected a unit such as m, cm, mm, in or ft")
@@ -176,7 +179,7 @@ def _scale(value: Any) -> Scale:
 
 
 def _measurement(value: Any) -> Measurement:
-    entries = _object(value, "a measurement")
+    entries = object_from_json(value, "a measurement")
     kind, points = entries.get("kind"), entries.get("points")
     if kind not in KINDS:
         raise ValueError("a measurement: expected a point, a line or an angle")
@@ -189,7 +192,7 @@ def _measurement(value: Any) -> Measurement:
 
 def bookmark_from_json(value: Any) -> Bookmark:
     """A view. ValueError, in words, for what makes no sense."""
-    entries = _object(value, "a bookmark")
+    entries = object_from_json(value, "a bookmark")
     eye, target = (point_from_json(entries.get(key), f"a bookmark's {key}") for key in ("eye", "target"))
     if math.dist(eye, target) < 1e-9:
         raise ValueError("a bookmark: its eye and its target are the same point")

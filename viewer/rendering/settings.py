@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
+from scenepack.exports.field import Corners
+
 Mode = Literal[
     "normal",
     "diffuse",
@@ -42,30 +44,20 @@ class Backdrop:
 class RenderSettings:
     """How to draw a pack; every field may change from frame to frame, some at the price of compiling a shader."""
 
-    mode: Mode = "normal"
-    """the picture, or one of its ingredients (shaders/display.glsl)"""
-    marcher: Marcher = "exact"
-    """exact, the paper's baseline, or brute: every sample taken, for verification"""
-    background: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """colour behind everything, sRGB in [0, 1]"""
-    backdrop: Backdrop | None = None
-    """what is seen behind everything instead, while the view MLP is given `background` all the same"""
-    near: float = 0.0
-    """nothing closer than this along the optical axis is shown, grid units; the larger of this and the camera's counts"""
-    crop: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
-    """corners (min, max) of a box in the grid frame outside of which nothing is shown"""
-    surroundings: bool = True
-    """whether what lies beyond the inner cube of a contracted pack is shown"""
-    samples: int = 1
-    """rays along each side of a pixel, whose mean is shown (viewer.rendering.supersampling)"""
-    cost_scale: float = 64.0
-    """the count shown brightest in the modes samples and jumps"""
-    counts: bool = False
-    """what each ray cost, as numbers instead of a colour: samples fetched, jumps, opacity; for float32 framebuffers"""
-    raw: bool = False
-    """numbers with opacity instead of a colour, for float32 framebuffers with four components (viewer.rendering.layers)"""
-    view_mlp_per_sample: bool = False
-    """ablation (paper, table 1): ask the view MLP at every sample instead of once a pixel"""
+    mode: Mode = "normal"  # the picture, or one of its ingredients (shaders/display.glsl)
+    marcher: Marcher = "exact"  # exact, the paper's baseline, or brute: every sample taken, for verification
+    background: tuple[float, float, float] = (1.0, 1.0, 1.0)  # colour behind everything, sRGB in [0, 1]
+    backdrop: Backdrop | None = None  # seen behind everything instead; the view MLP is given `background` all the same
+    near: float = 0.0  # nothing closer along the optical axis is shown, grid units; the larger of this and the camera's
+    crop: Corners | None = None  # of a box in the grid frame outside of which nothing is shown
+    surroundings: bool = True  # whether what lies beyond the inner cube of a contracted pack is shown
+    samples: int = 1  # rays along each side of a pixel, whose mean is shown (viewer.rendering.supersampling)
+    cost_scale: float = 64.0  # the count shown brightest in the modes samples and jumps
+    counts: bool = False  # draw each ray's costs as numbers: samples fetched, jumps, opacity; for float32 framebuffers
+    raw: bool = (
+        False  # draw numbers with opacity, for float32 framebuffers of four components (viewer.rendering.layers)
+    )
+    view_mlp_per_sample: bool = False  # ablation (paper, table 1): the view MLP at every sample instead of once a pixel
 
 
 def of_picture(settings: RenderSettings, height: int, fy: float) -> RenderSettings:

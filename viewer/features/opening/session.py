@@ -26,6 +26,7 @@ from viewer.core.annotations import (
     bookmark_from_json,
     bookmark_to_json,
     number_from_json,
+    object_from_json,
     point_from_json,
 )
 from viewer.core.files import SESSION_SUFFIX, FileRequest
@@ -137,7 +138,7 @@ def save_session(session: Session, file: Path) -> None:
 
 def session_from_json(document: Any, folder: Path) -> Session:
     """A session whose relative paths begin in `folder`. ValueError, in words, for what makes no sense."""
-    entries = _object(document, "an object")
+    entries = object_from_json(document, "the file")
     version, packs = entries.get("snerg_session"), entries.get("packs")
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
         raise ValueError("no snerg_session")
@@ -152,8 +153,8 @@ def session_from_json(document: Any, folder: Path) -> Session:
 
 
 def _seen(value: Any, folder: Path) -> Seen:
-    entries = _object(value, "a pack")
-    camera, crop = _object(entries.get("camera"), "a camera"), entries.get("crop")
+    entries = object_from_json(value, "a pack")
+    camera, crop = object_from_json(entries.get("camera"), "a camera"), entries.get("crop")
     if crop is not None:
         if not isinstance(crop, list) or len(crop) != 2:
             raise ValueError("crop: expected two corners")
@@ -173,17 +174,11 @@ def _seen(value: Any, folder: Path) -> Seen:
 def _compare(value: Any, folder: Path) -> tuple[Path, How] | None:
     if value is None:
         return None
-    entries = _object(value, "compare")
+    entries = object_from_json(value, "compare")
     how = entries.get("how", "wipe")
     if not isinstance(how, str) or how not in HOWS:
         raise ValueError(f"compare: expected one of {', '.join(HOWS)}")
     return _path(entries.get("path"), folder), how
-
-
-def _object(value: Any, what: str) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise ValueError(f"expected {what}")
-    return value
 
 
 def _path(value: Any, folder: Path) -> Path:

@@ -7,7 +7,6 @@ viewers may be open at once: each writes only what changed in it, and the list o
 from __future__ import annotations
 
 import json
-import math
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -21,6 +20,7 @@ import platformdirs
 from console import not_written
 from console.atomic import try_lock, write_file
 from console.json_text import read_json_file
+from viewer.core.annotations import is_number
 from viewer.core.tasks import Autosave
 from viewer.features.display.display import PLAIN
 
@@ -147,17 +147,13 @@ def _like(value: Any, default: Any) -> Any:
     if isinstance(default, bool | str):
         return value if isinstance(value, type(default)) else None
     if isinstance(default, float):
-        return float(value) if _is_number(value) else None
+        return float(value) if is_number(value) else None
     if isinstance(default, list):
         good = isinstance(value, list) and all(isinstance(item, str) for item in value)
         return value[:MOST_RECENT] if good else None
     kind = type(default[0])
     good = isinstance(value, list) and len(value) == len(default)
-    return tuple(map(kind, value)) if good and all(_is_number(v) and 0 <= v <= LARGEST for v in value) else None
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return tuple(map(kind, value)) if good and all(is_number(v) and 0 <= v <= LARGEST for v in value) else None
 
 
 def apply_preferences(app: App, preferences: Preferences) -> None:
