@@ -53,7 +53,6 @@ def _fly(app: App) -> None:
 
 
 def _escape(app: App) -> None:
-    """Closes what lies on top."""
     if app.interface.help_shown:
         app.interface.help_shown = False
     elif app.filming.export is not None:

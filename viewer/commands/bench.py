@@ -72,7 +72,6 @@ def figures(
 
 
 def rows(measurement: Measurement) -> list[tuple[str, ...]]:
-    """A row for each contender, under HEADINGS."""
     base = measurement.contenders[0].statistics()["ms_p50"]
     table = []
     for contender in measurement.contenders:
@@ -85,7 +84,6 @@ def rows(measurement: Measurement) -> list[tuple[str, ...]]:
 
 
 def title(result: Mapping[str, Any]) -> str:
-    """What was measured: size, frames, protocol, distance of the orbit."""
     orbit = ""
     if result["distance"] is not None:
         orbit = f", orbit at {result['distance']:.4g} ({ORBITS[result['distance_from']]})"

@@ -75,7 +75,6 @@ class CommandProcess:
         return status
 
     def report(self) -> Report | None:
-        """What it says of its work at this moment."""
         return read_report(self._scratch / "progress.json") or self._last
 
     def stop(self) -> None:

@@ -77,7 +77,6 @@ class Interface:
             self.page = page
 
     def rescale(self, steps: int) -> None:
-        """Larger or smaller by so many of SCALES."""
         nearest = min(range(len(SCALES)), key=lambda i: abs(SCALES[i] - self.scale))
         self.scale = SCALES[min(max(nearest + steps, 0), len(SCALES) - 1)]
 

@@ -133,7 +133,6 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
 
 
 def _held(app: App, box: Box) -> str:
-    """What the mouse takes hold of."""
     if _mouse_state.under.face is not None:
         return "face"
     if _mouse_state.under.mark is not None and _mouse_state.button == LEFT:

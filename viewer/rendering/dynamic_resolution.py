@@ -111,7 +111,6 @@ class DynamicResolution:
 
     @property
     def moving_scale(self) -> float:
-        """Scale for a frame while the camera moves."""
         return min(self.scale, self.rest_scale) if self.enabled else self.rest_scale
 
     def measured(self, milliseconds: float, pixels: int) -> None:

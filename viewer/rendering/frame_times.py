@@ -66,7 +66,6 @@ class Turns:
 
     @property
     def gpu_bytes(self) -> dict[str, int]:
-        """Bytes of textures, by contender."""
         return {c.name: self.drawn_by[c.name].renderer.gpu_bytes(c.settings.marcher) for c in self.contenders}
 
     def _draw(self, contender: Contender, framebuffer: moderngl.Framebuffer, camera: ViewCamera) -> None:

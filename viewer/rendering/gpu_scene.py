@@ -183,7 +183,6 @@ class AtlasWriter:
         self.indirection = uploader.filled("indirection", self._indirection())
 
     def _indirection(self) -> np.ndarray:
-        """indirection_grid of what has arrived."""
         return indirection_grid(self.pack.occupied, self.slots, self._arrived)
 
     def texture(self, name: str, *parts: Part) -> moderngl.Texture3D:

@@ -45,7 +45,6 @@ class Bookmarks:
     naming: str = ""
 
     def drop(self) -> None:
-        """Forgets the selection, because another scene is shown."""
         self.selected, self.naming = None, ""
 
     def add(self, app: App) -> None:

@@ -64,7 +64,6 @@ def _list(app: App, canvas: Canvas) -> None:
 
 
 def _chosen(app: App) -> None:
-    """What can be done with the view that was chosen last."""
     bookmarks, views = app.bookmarks, app.annotations.current.bookmarks
     index = bookmarks.selected
     if index is None or index >= len(views):

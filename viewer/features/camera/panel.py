@@ -81,8 +81,6 @@ ON_BALL = "#10151c"
 
 
 class AxisGizmo:
-    """travelled: units since the mouse went down on it."""
-
     def __init__(self) -> None:
         self._travelled = 0.0
 

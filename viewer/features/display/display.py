@@ -40,7 +40,6 @@ def backdrop(style: str, theme: str) -> Backdrop | None:
 
 
 def modes_for(app: App) -> tuple[str, ...]:
-    """Display modes that show something for the pack that is open."""
     if app.scene is not None and app.scene.pack.view_mlp is None:
         return tuple(mode for mode in MODES if mode not in ("features", "view-dependent"))
     return MODES

@@ -218,7 +218,6 @@ class ExportPreview:
         return before != state
 
     def close(self) -> None:
-        """Nothing is wanted any more."""
         self._wanted = None
 
     def _make(self, pack: Pack, wanted: tuple[int, Export]) -> None:

@@ -142,7 +142,6 @@ class Filming:
     # Files
 
     def save(self, app: App, file: Path) -> None:
-        """Writes the path as nerfstudio's camera-path JSON."""
         if app.scene is not None:
             save_path(self.path, file, app.scene.pack.worldspace_T_opengl, self.size, self.fps)
             app.messages.say(f"Saved {file}")

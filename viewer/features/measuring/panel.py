@@ -134,7 +134,6 @@ def _scale(app: App) -> None:
 
 
 def _known(app: App) -> None:
-    """Asks for the distance of the two points."""
     measure_tool = app.measure_tool
     ready = len(measure_tool.draft) == 2
     hint("How far apart are they?" if ready else HINTS["scale"])

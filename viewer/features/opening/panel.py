@@ -215,7 +215,6 @@ class OpenDialog:
                 open_prompt.step(by)
 
     def _lines(self, open_prompt: OpenPrompt) -> int | None:
-        """What is offered; the line that was clicked."""
         clicked = None
         if open_prompt.lines and not open_prompt.text.strip():
             hint("RECENT", theme.MUTED)

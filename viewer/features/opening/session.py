@@ -78,7 +78,6 @@ class Session:
 
     @property
     def title(self) -> str:
-        """What is in it, in a few words."""
         names = [seen.camera.name for seen in self.packs]
         return ", ".join(names[:2]) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
 

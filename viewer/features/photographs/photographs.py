@@ -50,7 +50,6 @@ class Shot:
 
     @property
     def has_copy(self) -> bool:
-        """Whether the pack brings a small copy of it along."""
         return has_picture(self.entry)
 
 
