@@ -48,12 +48,11 @@ class SystemClipboard(Clipboard):
 class Ui:
     """Dear ImGui and the panels. An OpenGL context must be current, now and whenever it is used.
 
-    window: address of a GLFW window whose events to listen to; None where the caller feeds `imgui.get_io()` itself.
-    system_fonts: take letters that our fonts lack from the system's; None where there is a window, so that pictures
-    without one are the same everywhere.
+    window: address of a GLFW window whose events to listen to; None where the caller feeds `imgui.get_io()` itself. With a
+    window, letters that our fonts lack are taken from the system's; pictures without one are the same everywhere.
     """
 
-    def __init__(self, window: int | None = None, *, system_fonts: bool | None = None) -> None:
+    def __init__(self, window: int | None = None) -> None:
         self.context = imgui.create_context()
         imgui.set_current_context(self.context)  # another may be there already
         io = imgui.get_io()
@@ -72,8 +71,8 @@ class Ui:
         if window is not None:
             imgui.backends.glfw_init_for_opengl(window, True)
         imgui.backends.opengl3_init(GLSL_VERSION)
-        wanted = window is not None if system_fonts is None else system_fonts
-        self._font_search = Task(functools.partial(load_fonts, self.fonts.missing)) if wanted else None
+        missing = self.fonts.missing if window is not None else ""
+        self._font_search = Task(lambda: load_fonts(missing)) if missing else None
         self.plots = implot.create_context()
         self.file_dialogs = FileDialogs(native=None if window is not None else False)
         self.open_dialog = OpenDialog(self.file_dialogs.native)

@@ -131,12 +131,12 @@ ES_TYPES = ("float", "int", "sampler2D", "sampler3D", "usampler3D")
 ES_PRECISION = "".join(f"precision highp {kind};\n" for kind in ES_TYPES)
 
 
-def assemble_es(name: str, generated: Mapping[str, str] | None = None, folder: Path = SHADER_FOLDER) -> str:
+def assemble_es(name: str, generated: Mapping[str, str] | None = None) -> str:
     """The shader `name` for WebGL 2, without comments: what follows `#version 300 es` and the lines of define_lines.
 
     generated: as assemble() takes it; an empty text in place of a file leaves out what its options never need.
     """
-    text = assemble(name, None, generated, folder).text
+    text = assemble(name, None, generated).text
     lines = (re.sub(r"\s*//.*", "", line).rstrip() for line in text.splitlines())
     kept = [line for line in lines if line and not line.startswith(("#version", "#line"))]
     return ES_PRECISION + "\n".join(kept) + "\n"

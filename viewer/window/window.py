@@ -84,13 +84,13 @@ def display_problem() -> str | None:
 class Window:
     """A window on `app`; size: screen units. NoDisplay where there is no display, UserError where it lacks OpenGL."""
 
-    def __init__(self, app: App, size: tuple[int, int] = (1280, 800), *, visible: bool = True) -> None:
+    def __init__(self, app: App, size: tuple[int, int] = (1280, 800)) -> None:
         problem = display_problem()
         if problem:
             raise NoDisplay(problem)
         self.app, self._placed = app, (0, 0, *size)
         self._touched = True
-        self.handle = _open(size, visible)
+        self.handle = _open(size)
         self.ctx = moderngl.create_context(require=330)
         while self.ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
             pass
@@ -348,7 +348,7 @@ def _local_name(place: str) -> str:
     return name.upper() if name else place
 
 
-def _open(size: tuple[int, int], visible: bool):
+def _open(size: tuple[int, int]):
     """An OpenGL 3.3 core window, its context current."""
     complaints: list[str] = []
     glfw.set_error_callback(lambda _code, text: complaints.append(text_of(text)))
@@ -360,7 +360,7 @@ def _open(size: tuple[int, int], visible: bool):
         (glfw.CONTEXT_VERSION_MINOR, 3),
         (glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE),
         (glfw.OPENGL_FORWARD_COMPAT, True),
-        (glfw.VISIBLE, visible),
+        (glfw.VISIBLE, True),
         (glfw.SCALE_TO_MONITOR, True),
         (glfw.DEPTH_BITS, 0),
     ):
