@@ -13,7 +13,6 @@ from viewer.features.display.display import next_mode
 from viewer.features.opening.open_prompt import ask_to_open, browse
 
 STEP_DEGREES = 15.0  # of a key that turns
-OTHER_THEME = {"light": "dark", "dark": "light"}
 
 
 @dataclass(frozen=True)
@@ -74,6 +73,14 @@ _other_projection = _rig(lambda rig: rig.set_orthographic(not rig.orthographic))
 
 def _turn(right: float, up: float) -> Callable[[App], object]:
     return _rig(lambda rig: rig.turn(STEP_DEGREES * right, STEP_DEGREES * up))
+
+
+def _usual_size(app: App) -> None:
+    app.interface.scale = 1.0
+
+
+def _other_theme(app: App) -> None:
+    app.set_theme("dark" if app.interface.theme == "light" else "light")
 
 
 def _view(azimuth: float, elevation: float) -> Callable[[App], object]:
@@ -156,20 +163,8 @@ _ALL = (
         ("layout", "Reset the layout", lambda app: app.interface.reset_layout(), "Ctrl+L", False),
         ("larger", "Larger interface", lambda app: app.interface.rescale(1), "Ctrl+Plus", False),
         ("smaller", "Smaller interface", lambda app: app.interface.rescale(-1), "Ctrl+Minus", False),
-        (
-            "usual-size",
-            "Interface at its usual size",
-            lambda app: setattr(app.interface, "scale", 1.0),
-            "Ctrl+0",
-            False,
-        ),
-        (
-            "theme",
-            "Light or dark theme",
-            lambda app: app.set_theme(OTHER_THEME.get(app.interface.theme, "light")),
-            "Ctrl+Shift+L",
-            False,
-        ),
+        ("usual-size", "Interface at its usual size", _usual_size, "Ctrl+0", False),
+        ("theme", "Light or dark theme", _other_theme, "Ctrl+Shift+L", False),
         ("full-screen", "Full screen", _toggle("full_screen"), "F11", False),
         ("help", "Keys and mouse", _toggle("help_shown"), "? or F1", False),
         ("escape", "Close the top dialog", _escape, "Escape", False),

@@ -252,10 +252,7 @@ def _check_has_pack(view: View) -> None:
 
 
 def _show_window(view: View, size: tuple[int, int] | None, frames: int | None) -> int:
-    """Runs the viewer until it is closed, or for so many frames; the exit status. size: None: the remembered one.
-
-    NoDisplay without a display; UserError where a script met a failure.
-    """
+    """Runs the viewer until it is closed, or for so many frames; the exit status. NoDisplay; UserError of a script's failure."""
     problem = display_problem()
     if problem:
         raise NoDisplay(problem)

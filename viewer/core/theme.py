@@ -36,6 +36,7 @@ TEXT, MUTED, FAINT = "text", "muted", "faint"
 ACCENT, ACCENT_DEEP, ON_ACCENT = "accent", "deep", "on-accent"
 GOOD, WARN, BAD, BLUE = "good", "warn", "bad", "blue"
 _palette = PALETTES["dark"]
+
 # By colour, what imgui draws in it, by its own names; with opacity where that is not 1.
 USES = {
     BASE: "docking_empty_bg",
@@ -51,9 +52,14 @@ USES = {
     ACCENT_DEEP: "separator_hovered button_active header_active",
 }
 TRANSLUCENT = {
-    **{"docking_preview": (ACCENT, 0.35), "resize_grip": (CONTROL_HOT, 0.0), "scrollbar_bg": (PANEL, 0.0)},
-    **{"slider_grab": (ACCENT, 0.55), "slider_grab_active": (ACCENT, 0.8)},  # the number is read through it
-    **{"header": (ACCENT_DEEP, 0.55), "text_selected_bg": (ACCENT_DEEP, 0.6), "modal_window_dim_bg": (BASE, 0.65)},
+    "docking_preview": (ACCENT, 0.35),
+    "resize_grip": (CONTROL_HOT, 0.0),
+    "scrollbar_bg": (PANEL, 0.0),
+    "slider_grab": (ACCENT, 0.55),  # the number is read through it
+    "slider_grab_active": (ACCENT, 0.8),
+    "header": (ACCENT_DEEP, 0.55),
+    "text_selected_bg": (ACCENT_DEEP, 0.6),
+    "modal_window_dim_bg": (BASE, 0.65),
 }
 
 

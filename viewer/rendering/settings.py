@@ -54,9 +54,7 @@ class RenderSettings:
     samples: int = 1  # rays along each side of a pixel, whose mean is shown (viewer.rendering.supersampling)
     cost_scale: float = 64.0  # the count shown brightest in the modes samples and jumps
     counts: bool = False  # draw each ray's costs as numbers: samples fetched, jumps, opacity; for float32 framebuffers
-    raw: bool = (
-        False  # draw numbers with opacity, for float32 framebuffers of four components (viewer.rendering.layers)
-    )
+    raw: bool = False  # numbers with opacity, for float32 framebuffers of four components (viewer.rendering.layers)
     view_mlp_per_sample: bool = False  # ablation (paper, table 1): the view MLP at every sample instead of once a pixel
 
 

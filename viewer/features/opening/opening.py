@@ -229,9 +229,7 @@ class OpenPacks:
         self.drop(entry.scene.path)
         self.packs.insert(0 if first else len(self.packs), entry)
         gone = []
-        while len(self.packs) > MOST_PACKS or (
-            sum(bytes_of(pack.scene.pack) for pack in self.packs) > MOST_BYTES and self.packs
-        ):
+        while len(self.packs) > MOST_PACKS or sum(bytes_of(each.scene.pack) for each in self.packs) > MOST_BYTES:
             oldest = self.packs.pop(-1 if first else 0)
             gone.append(oldest.scene.name)
         return gone

@@ -162,12 +162,9 @@ def _seen(value: Any, folder: Path) -> Seen:
             raise ValueError("crop: its corners are in the wrong order")
         crop = low, high
     near = number_from_json(entries.get("near", 0.0), 0.0, FARTHEST, "near")
-    path, view, flat = (
-        _path(entries.get("path"), folder),
-        bookmark_from_json(camera),
-        camera.get("orthographic") is True,
-    )
-    return Seen(path, view, flat, crop, near, annotations_from_json(entries.get("marks", {})))
+    view, flat = bookmark_from_json(camera), camera.get("orthographic") is True
+    path, marks = _path(entries.get("path"), folder), annotations_from_json(entries.get("marks", {}))
+    return Seen(path, view, flat, crop, near, marks)
 
 
 def _compare(value: Any, folder: Path) -> tuple[Path, How] | None:
