@@ -91,21 +91,16 @@ class Photographs:
 
 @dataclass(frozen=True)
 class Measurement:
-    """contenders: with their times, in the order given. clock: what measured them. watts: None where unknown.
-
-    psnr: by name, of each further contender of the same pack against the first one, dB over the frames compared; infinite
-    where they are equal. grid_size: voxels (x, y, z) of the pack as it was drawn. photographs: by name, PSNR in dB against
-    photographs, the mean over views; empty where there are none.
-    """
+    """What was measured."""
 
     renderer: str
-    clock: str
-    contenders: list[Contender]
+    clock: str  # what measured the times
+    contenders: list[Contender]  # with their times, in the order given
     gpu_bytes: dict[str, int]
-    watts: float | None
-    psnr: dict[str, float]
-    grid_size: tuple[int, int, int]
-    photographs: dict[str, float]
+    watts: float | None  # None where unknown
+    psnr: dict[str, float]  # by name, of others of the same pack against the first, dB; infinite where equal
+    grid_size: tuple[int, int, int]  # voxels (x, y, z) of the pack as it was drawn
+    photographs: dict[str, float]  # by name, PSNR in dB against photographs, the mean over views
 
 
 def measure(

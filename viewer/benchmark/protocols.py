@@ -29,12 +29,11 @@ FITTED = "content"  # the word of --distance for the orbit that shows all of the
 
 @dataclass(frozen=True)
 class Protocol:
-    """fov: vertical, degrees. size: width, height in pixels. distance: of the paper's cameras from the origin, in units of the
-    training frame; None where they do not orbit."""
+    """A measurement as the paper makes it."""
 
-    fov: float
-    size: tuple[int, int]
-    distance: float | None
+    fov: float  # vertical, degrees
+    size: tuple[int, int]  # width, height in pixels
+    distance: float | None  # of the paper's cameras from the origin, units of the training frame; None: no orbit
 
 
 PROTOCOLS: dict[str, Protocol] = {
@@ -46,15 +45,14 @@ PROTOCOLS: dict[str, Protocol] = {
 
 @dataclass(frozen=True)
 class Flight:
-    """The cameras of a measurement. distance: from what is looked at, in grid units, None where they do not orbit; distance_from:
-    "paper", "content" or "given"."""
+    """The cameras of a measurement."""
 
     protocol: str
     fov: float
     size: tuple[int, int]
     cameras: Sequence[ViewCamera]
-    distance: float | None
-    distance_from: str | None
+    distance: float | None  # from what is looked at, grid units; None where they do not orbit
+    distance_from: str | None  # "paper", "content" or "given"
 
     @property
     def facts(self) -> dict[str, object]:

@@ -33,17 +33,14 @@ SCENE_FILES = (
 
 @dataclass(frozen=True)
 class FileRequest:
-    """A path that the user is asked for. kind: an existing file, a folder, or a file to write.
-
-    suffixes: such as (".zip",). then: called with the path that was chosen. start: the folder to begin in.
-    """
+    """A path that the user is asked for."""
 
     title: str
-    kind: Literal["open", "folder", "save"]
-    then: Callable[[Path], object]
-    suffixes: tuple[str, ...] = ()
+    kind: Literal["open", "folder", "save"]  # an existing file, a folder, or a file to write
+    then: Callable[[Path], object]  # called with the path that was chosen
+    suffixes: tuple[str, ...] = ()  # such as (".zip",)
     suggestion: str = ""
-    start: Path | None = None
+    start: Path | None = None  # the folder to begin in
 
 
 def demo_pack() -> Path | None:

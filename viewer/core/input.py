@@ -36,16 +36,13 @@ def holds_command(name: str, control: bool, super_: bool, platform: str = sys.pl
 
 @dataclass(frozen=True)
 class KeyPress:
-    """A key that went down, with the modifiers of that very moment; or a character that was typed, with name "".
-
-    ctrl: Cmd on macOS, but with Tab. repeat: the system repeats a key that is held.
-    """
+    """A key that went down, with the modifiers of that very moment; or a character that was typed, with name ""."""
 
     name: str = ""
-    ctrl: bool = False
+    ctrl: bool = False  # Cmd on macOS, but with Tab
     shift: bool = False
     alt: bool = False
-    repeat: bool = False
+    repeat: bool = False  # the system repeats a key that is held
     character: str = ""
 
 
@@ -112,14 +109,12 @@ ORBIT_PER_S, PAN_PER_S, NOTCHES_PER_S = 0.7, 0.6, 6.0  # at full deflection: pic
 
 @dataclass(frozen=True)
 class ControllerState:
-    """One device. name: as the system has it. axes: -1 … 1 each. buttons: whether each is down. gamepad: axes and buttons are in
-    GLFW's standard layout.
-    """
+    """One device."""
 
-    name: str
-    axes: tuple[float, ...]
-    buttons: tuple[bool, ...] = ()
-    gamepad: bool = False
+    name: str  # as the system has it
+    axes: tuple[float, ...]  # -1 … 1 each
+    buttons: tuple[bool, ...] = ()  # whether each is down
+    gamepad: bool = False  # axes and buttons are in GLFW's standard layout
 
     @property
     def mouse(self) -> bool:

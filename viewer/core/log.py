@@ -50,16 +50,13 @@ class LogLine:
 
 @dataclass(frozen=True)
 class Dialog:
-    """A message to be answered. buttons: labels and command ids.
-
-    failed: what was wanted did not come about; False where it is only good to know. rejected: photographs that are shown with it.
-    """
+    """A message to be answered."""
 
     title: str
     text: str
-    buttons: tuple[tuple[str, str], ...] = (("OK", ""),)
-    failed: bool = True
-    rejected: RejectedPhotographs | None = None
+    buttons: tuple[tuple[str, str], ...] = (("OK", ""),)  # labels and command ids
+    failed: bool = True  # what was wanted did not come about; False where it is only good to know
+    rejected: RejectedPhotographs | None = None  # photographs that are shown with it
 
 
 @dataclass

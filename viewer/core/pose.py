@@ -38,13 +38,10 @@ FARTHEST = 1e12  # from the origin, in grid units
 
 @dataclass(frozen=True)
 class Turntable:
-    """The frame that azimuth and elevation are counted in.
+    """The frame that azimuth and elevation are counted in."""
 
-    up: a key of UP_AXES. mirrored: the grid frame is a mirror image of the world, as in forward-facing packs.
-    """
-
-    up: str = "y"
-    mirrored: bool = False
+    up: str = "y"  # a key of UP_AXES
+    mirrored: bool = False  # the grid frame is a mirror image of the world, as in forward-facing packs
 
     @property
     def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

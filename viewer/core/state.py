@@ -18,41 +18,32 @@ SCALES = (0.75, 0.85, 1.0, 1.15, 1.3, 1.5, 1.75, 2.0)  # of the interface
 
 @dataclass
 class OpenScene:
-    """A pack that is shown. name: what the title bar says. whole: False while it is still being read. stays: it stays open
-    when another is opened; what is shown of a scene that is being made does not.
-    """
+    """A pack that is shown."""
 
     path: Path
-    name: str
+    name: str  # what the title bar says
     pack: Pack
     rig: OrbitCamera
-    whole: bool = True
-    stays: bool = True
+    whole: bool = True  # False while it is still being read
+    stays: bool = True  # open when another is opened; False for a scene that is being made
 
 
 @dataclass
 class Interface:
-    """What the panels remember.
+    """What the panels remember."""
 
-    page: the one that the rail shows at its usual place; "" for none. moved: others that were dragged elsewhere, and stay
-    open whatever the rail shows. over: the one that lies over the picture of a narrow window. layout: where all of them are
-    docked, as viewer.interface.layout writes it; "" is the usual layout. layout_reset: it shall be that again. axes_shown: the
-    gizmo with the grid's axes is in the picture's corner. theme: a key of viewer.core.theme.PALETTES. scale: how many times
-    larger than usual all panels are; SCALES.
-    """
-
-    page: str = "view"
-    moved: list[str] = field(default_factory=list)
-    over: str = ""
-    layout: str = ""
-    layout_reset: bool = False
+    page: str = "view"  # the one that the rail shows at its usual place; "" for none
+    moved: list[str] = field(default_factory=list)  # others, dragged elsewhere: they stay open whatever the rail shows
+    over: str = ""  # the one that lies over the picture of a narrow window
+    layout: str = ""  # where all of them are docked, as viewer.interface.layout writes it; "" is the usual layout
+    layout_reset: bool = False  # it shall be that again
     panels_shown: bool = True
     help_shown: bool = False
     full_screen: bool = False
     v_sync: bool = True
-    axes_shown: bool = True
-    theme: str = "dark"
-    scale: float = 1.0
+    axes_shown: bool = True  # the gizmo with the grid's axes is in the picture's corner
+    theme: str = "dark"  # a key of viewer.core.theme.PALETTES
+    scale: float = 1.0  # how many times larger than usual all panels are; SCALES
 
     def shows(self, page: str) -> bool:
         return page in (self.page, self.over) or page in self.moved
@@ -100,17 +91,14 @@ class Clipboard:
 
 @dataclass
 class Viewport:
-    """Where the picture is: position and size in window units, and pixels per unit.
-
-    camera: what the picture of this frame is seen through, and what is drawn over it must be; None while nothing is open.
-    """
+    """Where the picture is: position and size in window units."""
 
     x: float = 0.0
     y: float = 0.0
     width: float = 1.0
     height: float = 1.0
     pixels_per_unit: float = 1.0
-    camera: ViewCamera | None = field(default=None, compare=False)
+    camera: ViewCamera | None = field(default=None, compare=False)  # of this frame; None while nothing is open
 
     @property
     def pixels(self) -> tuple[int, int]:

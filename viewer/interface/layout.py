@@ -180,15 +180,12 @@ PAGES = (
 
 @dataclass(frozen=True)
 class Regions:
-    """Boxes of the parts; width 0 where a part is not shown. dock: for the pages and the picture between them.
-
-    pages: whether there is space for pages beside the picture.
-    """
+    """Boxes of the parts; width 0 where a part is not shown."""
 
     top: Box
     rail: Box
-    dock: Box
-    pages: bool
+    dock: Box  # for the pages and the picture between them
+    pages: bool  # whether there is space for pages beside the picture
 
 
 def regions(width: float, height: float, app: App) -> Regions:

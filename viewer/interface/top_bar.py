@@ -27,16 +27,13 @@ FRAMES = "0000 fps"  # as wide as it gets
 
 @dataclass(frozen=True)
 class Plan:
-    """What the bar has room for. word: the program's name. name: width of the scene's name. details: its voxels.
+    """What the bar has room for."""
 
-    speed: frames per second. buttons: how many stand there; the others are in a menu behind them.
-    """
-
-    word: bool
-    name: float
-    details: bool
-    speed: bool
-    buttons: int
+    word: bool  # the program's name
+    name: float  # width of the scene's name
+    details: bool  # its voxels
+    speed: bool  # frames per second
+    buttons: int  # how many stand there; the others are in a menu behind them
 
 
 def plan(width: float, unit: float, widths: tuple[float, float, float], buttons: int) -> Plan:

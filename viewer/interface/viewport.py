@@ -80,16 +80,13 @@ NOTHING = _Under()
 
 @dataclass
 class _MouseState:
-    """What the mouse holds since its `button` went down: "" the camera, "wipe" the edge, a crop face, a measured point.
+    """What the mouse holds since its `button` went down."""
 
-    travelled: window units since then, to tell a click from a drag. walking: keys move the camera.
-    """
-
-    holds: str = ""
+    holds: str = ""  # "" the camera, "wipe" the edge, "face" of the crop box, "mark" a measured point
     button: int = LEFT
     under: _Under = NOTHING
-    travelled: float = 0.0
-    walking: bool = False
+    travelled: float = 0.0  # window units since then, to tell a click from a drag
+    walking: bool = False  # keys move the camera
 
 
 _mouse_state = _MouseState()  # one mouse

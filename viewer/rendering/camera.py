@@ -25,23 +25,20 @@ FORWARD_FACING_FOCUS = 4.0  # distance of the point looked at; the nearest conte
 class ViewCamera:
     """A pinhole camera, one with a lens, or an orthographic one, posed in the grid frame.
 
-    grid_T_camera: float64 [4, 4]. fx, fy, cx, cy: pixels of a picture of width × height. near: nothing closer than this
-    along the optical axis is shown, in units of the grid frame. distortion: as in training.scenes.scene.Camera. ray_near:
-    rays begin so far from the camera (Pack.near). orthographic: all rays are parallel to the optical axis and begin in the
-    plane across it through the camera; fx and fy are pixels per unit of the grid frame then. Not for forward-facing packs,
-    whose warp begins at one point; no distortion.
+    Rays of an orthographic one are parallel to the optical axis and begin in the plane across it through the camera; fx, fy are
+    pixels per unit of the grid frame then. Not for forward-facing packs, whose warp begins at one point; no distortion.
     """
 
-    grid_T_camera: np.ndarray
-    fx: float
+    grid_T_camera: np.ndarray  # float64 [4, 4]
+    fx: float  # pixels of a picture of width × height, as the next three
     fy: float
     cx: float
     cy: float
     width: int
     height: int
-    near: float = 0.0
-    distortion: Lens = (0.0, 0.0, 0.0, 0.0)
-    ray_near: float = 0.0
+    near: float = 0.0  # nothing closer than this along the optical axis is shown, units of the grid frame
+    distortion: Lens = (0.0, 0.0, 0.0, 0.0)  # as in training.scenes.scene.Camera
+    ray_near: float = 0.0  # rays begin so far from the camera (Pack.near)
     orthographic: bool = False
 
     @classmethod

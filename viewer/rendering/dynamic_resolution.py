@@ -86,18 +86,13 @@ class _PictureCost:
 
 @dataclass
 class DynamicResolution:
-    """Keeps the time of a whole frame near a target by choosing the scale.
+    """Keeps the time of a whole frame near a target by choosing the scale."""
 
-    target_fps: frames per second wanted while the camera moves. rest_scale: scale once it rests. enabled: whether
-    scale may drop at all. scale: of the next picture while the camera moves. pixels_per_ms: how fast pictures were
-    drawn lately; 0 = not known yet.
-    """
-
-    target_fps: float = 30.0
-    rest_scale: float = 1.0
-    enabled: bool = True
-    scale: float = 0.5
-    pixels_per_ms: float = 0.0
+    target_fps: float = 30.0  # frames per second wanted while the camera moves
+    rest_scale: float = 1.0  # scale once it rests
+    enabled: bool = True  # whether scale may drop at all
+    scale: float = 0.5  # of the next picture while the camera moves
+    pixels_per_ms: float = 0.0  # how fast pictures were drawn lately; 0 = not known yet
     _panels_ms: float | None = None
     _swap_ms: float = 0.0
     _counted_swap_ms: float = 0.0

@@ -45,22 +45,17 @@ Triple = tuple[int, int, int]
 
 @dataclass
 class GpuScene:
-    """Textures by the name of their sampler in the shaders, samplers likewise, and what the uniforms must know.
+    """A pack on the GPU, and what the uniforms must know."""
 
-    features_beside: whether features lie beside rgba in one atlas, a macroblock's side further in x.
-    content_min, content_max: float64 [3], voxels, the box around all content. hull: its triangles' corners, where the
-    layout has them and there are any. writer: what fills the textures. arriving: its steps; None once all is there.
-    """
-
-    textures: dict[str, moderngl.Texture | moderngl.Texture3D]
-    samplers: dict[str, moderngl.Sampler]
-    features_beside: bool
-    content_min: np.ndarray
+    textures: dict[str, moderngl.Texture | moderngl.Texture3D]  # by the name of their sampler in the shaders
+    samplers: dict[str, moderngl.Sampler]  # likewise
+    features_beside: bool  # features lie beside rgba in one atlas, a macroblock's side further in x
+    content_min: np.ndarray  # float64 [3], voxels, of the box around all content
     content_max: np.ndarray
-    hull: moderngl.Buffer | None
+    hull: moderngl.Buffer | None  # its triangles' corners, where the layout has them and there are any
     gpu_bytes: int
-    writer: AtlasWriter
-    arriving: Iterator[None] | None
+    writer: AtlasWriter  # what fills the textures
+    arriving: Iterator[None] | None  # its steps; None once all is there
 
     @property
     def cube_side(self) -> int:

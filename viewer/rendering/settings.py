@@ -28,16 +28,12 @@ MARCHERS: tuple[str, ...] = get_args(Marcher)
 
 @dataclass(frozen=True)
 class Backdrop:
-    """What is seen behind everything instead of the plain background, put there by opacity after all shading.
-
-    first, second: sRGB in [0, 1], above and below, or of the squares of a checkerboard. span: the height of the whole picture
-    over the camera's fy; 0 for that of the picture that is drawn. Who draws a picture in tiles says it: see `of_picture`.
-    """
+    """What is seen behind everything instead of the plain background, put there by opacity after all shading."""
 
     style: Literal["gradient", "checker"]
-    first: tuple[float, float, float]
-    second: tuple[float, float, float]
-    span: float = 0.0
+    first: tuple[float, float, float]  # sRGB in [0, 1], above, or of half of the squares
+    second: tuple[float, float, float]  # below, or of the other squares
+    span: float = 0.0  # height of the whole picture over fy; 0: of what is drawn; for tiles, see of_picture
 
 
 @dataclass(frozen=True)

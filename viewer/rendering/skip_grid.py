@@ -71,15 +71,12 @@ FARTHEST = 255
 
 @dataclass(frozen=True)
 class SkipGrid:
-    """words: uint16 [cells z, y, x], see skip_words. content_min, content_max: see content_bounds.
+    """What rays may jump over."""
 
-    hull: float32 [T, 3, 3], see viewer.rendering.skip_grid.
-    """
-
-    words: np.ndarray
-    content_min: np.ndarray
+    words: np.ndarray  # uint16 [cells z, y, x], see skip_words
+    content_min: np.ndarray  # see content_bounds
     content_max: np.ndarray
-    hull: np.ndarray
+    hull: np.ndarray  # float32 [T, 3, 3], see hull_triangles
 
 
 @cached_per_pack

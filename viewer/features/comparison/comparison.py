@@ -25,21 +25,17 @@ PSNR_BUDGET_MS = 400.0  # what the figure may cost; the photograph is shrunk on 
 
 @dataclass
 class Comparison:
-    """against: what the picture is compared with. how: beside, in turn, or subtracted.
-
-    split: 0 … 1, where the wipe's edge is. gain: how much a difference is amplified. pixels: the photograph's, uint8
-    [h, w, 3]. other: the other pack. psnr_db: against the photograph, measured at psnr_size (width, height).
-    """
+    """What the picture is compared with, and how."""
 
     against: Against = ""
-    how: How = "wipe"
-    split: float = 0.5
-    gain: float = 4.0
-    pixels: np.ndarray | None = None
-    other: Pack | None = None
+    how: How = "wipe"  # beside, in turn, or subtracted
+    split: float = 0.5  # 0 … 1, where the wipe's edge is
+    gain: float = 4.0  # how much a difference is amplified
+    pixels: np.ndarray | None = None  # the photograph's, uint8 [h, w, 3]
+    other: Pack | None = None  # the other pack
     other_path: Path | None = None
-    psnr_db: float | None = None
-    psnr_size: tuple[int, int] = (0, 0)
+    psnr_db: float | None = None  # against the photograph
+    psnr_size: tuple[int, int] = (0, 0)  # width, height that it was measured at
     clock: float = 0.0
     _measured: tuple[object, ...] = field(default=())
 

@@ -91,11 +91,11 @@ class Writing(FolderProcess):
 
 @dataclass
 class Exporting:
-    """asking: the dialog is open. plan: its choices, which stay. preview: of these. writing: what is being written."""
+    """The export dialog and what is being written."""
 
-    asking: bool = False
-    plan: ExportPlan = field(default_factory=ExportPlan)
-    preview: ExportPreview | None = None
+    asking: bool = False  # the dialog is open
+    plan: ExportPlan = field(default_factory=ExportPlan)  # its choices, which stay
+    preview: ExportPreview | None = None  # of these
     writing: Writing | None = None
 
     def ask(self, app: App) -> None:

@@ -114,29 +114,25 @@ CENTRES = 256  # to a pixel, that principal points are rounded to: GPUs then hol
 
 @dataclass(frozen=True)
 class Layers:
-    """Several pictures of one view. raw: draws those with floats; see Canvas.raw. pack: what is drawn."""
+    """Several pictures of one view."""
 
     passes: list[Pass]
-    raw: Snapshot
-    pack: Pack
+    raw: Snapshot  # draws those with floats; see Canvas.raw
+    pack: Pack  # what is drawn
 
 
 @dataclass
 class Export:
-    """cameras: one a frame. target: a .png or .exr (one frame), an .mp4, or a folder for numbered PNGs.
+    """Pictures and films that are drawn and written bit by bit."""
 
-    tile_side: pixels a side of what is rendered at once; it changes no pixel. layers: what is drawn of a view that is no film,
-    by default the picture of `settings`. put: takes the one picture, uint8 [h, w, 3], instead of a file.
-    """
-
-    cameras: list[ViewCamera]
+    cameras: list[ViewCamera]  # one a frame
     settings: RenderSettings
-    target: Path
+    target: Path  # a .png or .exr (one frame), an .mp4, or a folder for numbered PNGs
     snapshot: Snapshot
     fps: float = 30.0
-    tile_side: int = 256
-    layers: Layers | None = None
-    put: Callable[[np.ndarray], None] | None = None
+    tile_side: int = 256  # pixels a side of what is rendered at once; it changes no pixel
+    layers: Layers | None = None  # drawn of a view that is no film, instead of the picture of `settings`
+    put: Callable[[np.ndarray], None] | None = None  # takes the one picture, uint8 [h, w, 3], instead of a file
 
     def __post_init__(self) -> None:
         if not self.cameras:

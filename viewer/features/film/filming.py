@@ -41,21 +41,17 @@ SAMPLES = {"Off": 1, "2 × 2": 2, "4 × 4": 4}  # rays per pixel
 
 @dataclass
 class Filming:
-    """path: of the open scene. selected: a keyframe's index or None. time: seconds along the path.
-
-    size: width, height of stills and films, pixels. samples: rays along each side of a pixel; see RenderSettings.
-    besides: modes that a still is saved in besides the one that is shown. transparent: stills have no background.
-    """
+    """The camera path of the open scene, and how stills and films are written."""
 
     path: CameraPath = field(default_factory=CameraPath)
-    selected: int | None = None
-    time: float = 0.0
+    selected: int | None = None  # a keyframe's index
+    time: float = 0.0  # seconds along the path
     playing: bool = False
-    size: Size = SIZES["Full HD"]
+    size: Size = SIZES["Full HD"]  # of stills and films
     fps: float = 30.0
-    samples: int = 1
-    besides: tuple[Mode, ...] = ()
-    transparent: bool = False
+    samples: int = 1  # rays along each side of a pixel; see RenderSettings
+    besides: tuple[Mode, ...] = ()  # modes that a still is saved in besides the one that is shown
+    transparent: bool = False  # stills have no background
     export: Export | None = None
 
     def of_another_scene(self) -> Filming:

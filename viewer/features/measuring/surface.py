@@ -28,24 +28,19 @@ BEYOND = 8 * STEPS  # how far behind the middle the highest opacity is looked fo
 
 @dataclass(frozen=True)
 class Hit:
-    """point: float64 [3], grid frame (in forward-facing packs: before the warp). distance: from the camera, grid units (from the
-    plane of the picture, where rays are parallel).
-    """
+    """What a ray meets."""
 
-    point: np.ndarray
-    distance: float
+    point: np.ndarray  # float64 [3], grid frame (in forward-facing packs: before the warp)
+    distance: float  # from the camera, grid units (from the plane of the picture, where rays are parallel)
 
 
 @dataclass(frozen=True)
 class _Line:
-    """A ray as a straight line through the voxels: origin and unit direction (float64 [3], voxels), and u where it begins.
+    """A ray as a straight line through the voxels; shift, bend, slope: of a forward-facing pack, see `distance`."""
 
-    shift, bend, slope: of a forward-facing pack, from u back to the distance before the warp; see `distance`.
-    """
-
-    origin: np.ndarray
-    direction: np.ndarray
-    first: float
+    origin: np.ndarray  # float64 [3], voxels
+    direction: np.ndarray  # likewise, of unit length
+    first: float  # u where it begins
     unit: float = 1.0  # grid units per voxel
     shift: float = 0.0
     bend: float = 0.0  # length of the whole warped ray, voxels; 0 where nothing is warped

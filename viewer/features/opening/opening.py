@@ -38,21 +38,16 @@ class Cancelled(Exception):
 
 
 class Loading(Task[None]):
-    """A pack that is being read. Once it is finished, take `pack` or `error`.
-
-    images: how many are decoded, and of how many; 0 of 0 at first. preview: what can be shown of it already, another object
-    whenever there is more to see; None at first. begun: the pack before its images are decoded, to preallocate; None at first.
-    error: a UserError or a bug's exception, None where all went well or it was cancelled. notes: what was repaired meanwhile.
-    """
+    """A pack that is being read. Once it is finished, take `pack` or `error`."""
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self.images = (0, 0)
+        self.images = (0, 0)  # how many are decoded, and of how many
         self.pack: Pack | None = None
-        self.preview: Pack | None = None
-        self.begun: Pack | None = None
-        self.error: Exception | None = None
-        self.notes: list[str] = []
+        self.preview: Pack | None = None  # what can be shown already; another object whenever there is more to see
+        self.begun: Pack | None = None  # the pack before its images are decoded, to preallocate
+        self.error: Exception | None = None  # a UserError or a bug's exception; None also where it was cancelled
+        self.notes: list[str] = []  # what was repaired meanwhile
         super().__init__(self._read)
 
     @property
@@ -98,14 +93,12 @@ Then = Callable[[], None]
 
 @dataclass
 class Opening:
-    """loading: the pack that is being read. other: it shall be compared with, not shown instead. then: called once it is
-    shown. noted: which notes of which pack were shown.
-    """
+    """The pack that is being read, and what for."""
 
     loading: Loading | None = None
-    other: bool = False
-    then: Then | None = None
-    noted: set[tuple[Path, str]] = field(default_factory=set)
+    other: bool = False  # it shall be compared with, not shown instead
+    then: Then | None = None  # called once it is shown
+    noted: set[tuple[Path, str]] = field(default_factory=set)  # which notes of which pack were shown
     _share_shown: float = -1.0
     _preallocated_for: Loading | None = None
 

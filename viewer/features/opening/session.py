@@ -53,28 +53,23 @@ def default_file() -> Path:
 
 @dataclass(frozen=True)
 class Seen:
-    """One open pack. camera: where it is seen from; its name is the pack's. orthographic: with parallel rays. crop, near: as in
-    RenderSettings.
-    """
+    """One open pack."""
 
     path: Path
-    camera: Bookmark
-    orthographic: bool = False
-    crop: Box | None = None
-    near: float = 0.0
+    camera: Bookmark  # where it is seen from; its name is the pack's
+    orthographic: bool = False  # with parallel rays
+    crop: Box | None = None  # as in RenderSettings
+    near: float = 0.0  # likewise
     annotations: Annotations = field(default_factory=Annotations)
 
 
 @dataclass(frozen=True)
 class Session:
-    """packs: the one that is shown comes first, the others as Ctrl+Tab comes to them. compare: another pack, and how.
+    """What is open."""
 
-    page: that is open; "" for none.
-    """
-
-    packs: tuple[Seen, ...]
-    compare: tuple[Path, How] | None = None
-    page: str = ""
+    packs: tuple[Seen, ...]  # the one that is shown comes first, the others as Ctrl+Tab comes to them
+    compare: tuple[Path, How] | None = None  # another pack, and how
+    page: str = ""  # that is open; "" for none
 
     @property
     def title(self) -> str:

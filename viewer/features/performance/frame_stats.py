@@ -34,16 +34,12 @@ class FrameSummary:
 
 
 class FrameStats:
-    """The last `KEPT` drawn frames, milliseconds.
-
-    scene_ms: drawing the picture, wall clock. gpu_ms: the same by the GPU's timer; NaN where it is unreliable.
-    frame_ms: from frame to frame while frames follow one another.
-    """
+    """The last `KEPT` drawn frames, milliseconds."""
 
     def __init__(self) -> None:
-        self.scene_ms: deque[float] = deque(maxlen=KEPT)
-        self.gpu_ms: deque[float] = deque(maxlen=KEPT)
-        self.frame_ms: deque[float] = deque(maxlen=KEPT)
+        self.scene_ms: deque[float] = deque(maxlen=KEPT)  # drawing the picture, wall clock
+        self.gpu_ms: deque[float] = deque(maxlen=KEPT)  # the same by the GPU's timer; NaN where it is unreliable
+        self.frame_ms: deque[float] = deque(maxlen=KEPT)  # from frame to frame while frames follow one another
         self.drawn = 0
 
     def add(self, scene_ms: float, frame_ms: float, gpu_ms: float | None = None) -> None:

@@ -190,11 +190,7 @@ Box = tuple[int, int, int, int]
 
 
 class Thumbnails(Task[None]):
-    """Small pictures of `photographs`, from the moment this is made. Poll `news` from the main thread.
-
-    sheet: uint8 [rows, columns, 3]. boxes: by shot, x, y, width, height of its picture on the sheet; a shot appears here
-    once its pixels are there. problem: why the first that failed did.
-    """
+    """Small pictures of `photographs`, from the moment this is made. Poll `news` from the main thread."""
 
     def __init__(self, photographs: Photographs) -> None:
         self.photographs, self.folder = photographs, photographs.folder
@@ -204,8 +200,8 @@ class Thumbnails(Task[None]):
         self.shown = min(count, self.columns**2)  # later ones get no picture
         rows = max(1, ceil(self.shown / self.columns))
         self.sheet = np.zeros((rows * self.cell, min(self.columns, max(count, 1)) * self.cell, 3), np.uint8)
-        self.boxes: dict[int, Box] = {}
-        self.problem = ""
+        self.boxes: dict[int, Box] = {}  # by shot, its place on the sheet; once its pixels are there
+        self.problem = ""  # why the first that failed did
         super().__init__(self._read)
 
     def state(self) -> object:
@@ -249,21 +245,16 @@ class Thumbnails(Task[None]):
 
 @dataclass
 class Gallery:
-    """The state of the photographs page.
+    """The state of the photographs page."""
 
-    photographs: of the open pack. chosen: index into their shots, of the one chosen last; it stays chosen when the camera
-    moves away. reveal: the list has yet to scroll to it. split_shown: only shots of this split are listed; "" is all.
-    frusta: they are drawn in the scene. frusta_size: over the usual one. frusta_opacity: 0 … 1, of the pictures in them.
-    """
-
-    photographs: Photographs | None = None
-    chosen: int | None = None
-    reveal: bool = False
-    split_shown: str = ""
+    photographs: Photographs | None = None  # of the open pack
+    chosen: int | None = None  # index of the shot chosen last; it stays chosen when the camera moves away
+    reveal: bool = False  # the list has yet to scroll to it
+    split_shown: str = ""  # only shots of this split are listed; "" is all
     thumbnails: Thumbnails | None = None
-    frusta: bool = False
-    frusta_size: float = 1.0
-    frusta_opacity: float = 0.9
+    frusta: bool = False  # they are drawn in the scene
+    frusta_size: float = 1.0  # over the usual one
+    frusta_opacity: float = 0.9  # 0 … 1, of the pictures in them
 
     def scene_changed(self, pack: Pack) -> None:
         self.photographs = Photographs(pack)
