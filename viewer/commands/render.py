@@ -269,10 +269,7 @@ GAP = 8  # pixels between the sheet's pictures
 
 
 def fly_over(pack: Pack, name: str, folder: Path, fov: float, settings: RenderSettings) -> list[Path]:
-    """Renders one turn around `pack`; the files that were written: a contact sheet, and a film where PyAV is installed.
-
-    fov: vertical, degrees. UserError where there is no OpenGL at all.
-    """
+    """Renders one turn around `pack` (fov: vertical, degrees); the files: a contact sheet, and a film where PyAV is there."""
     folder.mkdir(parents=True, exist_ok=True)
     pictures, frames = SHEET_COLUMNS * SHEET_ROWS, FILM_FRAMES if films_possible() else 0
     written = [folder / f"{name}-orbit.png"]

@@ -53,10 +53,7 @@ class Task(Generic[T]):
 
 
 class JsonTask(Task[None]):
-    """Runs a module as a child process; a thread calls `on_message` with each object that it prints.
-
-    The child's priority is that of jobs, so that times it measures hold for them.
-    """
+    """A module as a child process of jobs' priority; a thread calls `on_message` with each object that it prints."""
 
     def __init__(self, module: str, words: Sequence[str], on_message: Callable[[Mapping[str, Any]], None]) -> None:
         self._command, self._on_message = module_command(module, *words), on_message

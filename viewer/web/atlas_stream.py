@@ -34,10 +34,7 @@ def has_copied_padding(pack: Pack) -> bool:
 
 
 def compressed_chunks(pack: Pack, *, features: bool, padding: bool) -> Iterator[tuple[bytes, bytes]]:
-    """For each BLOCKS_A_CHUNK macroblocks, in the grid's order: the bits and the differences, compressed.
-
-    features: whether to store them, too. padding: whether to store the padding, too.
-    """
+    """For each BLOCKS_A_CHUNK macroblocks, in the grid's order: compressed bits and differences, with what is asked for."""
     blocks = [tuple(block) for block in np.argwhere(pack.occupied).tolist()]
     inside = (slice(None),) * 3 if padding else (slice(1, -1),) * 3
     atlases = [pack.atlas_rgba]

@@ -42,10 +42,7 @@ def text_of(value: Any) -> str:
 
 
 class SecondContext:
-    """For one thread at a time: textures that are made in it are the window's as well.
-
-    glfw: the library that `window` is of. Nothing is made before it is asked for.
-    """
+    """An OpenGL context for one thread at a time that shares the window's textures, made when it is asked for."""
 
     def __init__(self, glfw: ModuleType, window: Any) -> None:
         self._glfw, self._window = glfw, window

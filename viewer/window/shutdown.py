@@ -63,10 +63,7 @@ def signals_ask(ask: Callable[[], None]) -> Iterator[EndingSignal]:
 
 
 def on_lost_display(end: Callable[[], None]) -> None:
-    """When the connection to the X server breaks, calls `end` and ends the program; Xlib itself would end it at once.
-
-    `end` may not talk to the display.
-    """
+    """Calls `end`, which may not talk to the display, when the X connection breaks; Xlib itself would end the program."""
     try:
         x11 = ctypes.CDLL("libX11.so.6")
     except OSError:

@@ -97,9 +97,7 @@ class OrbitCamera:
         return self._parallel(camera) if self.orthographic else camera
 
     def _parallel(self, camera: ViewCamera) -> ViewCamera:
-        """The orthographic view with the same height at the pivot. It begins before all there is, so that moving closer
-        only enlarges; a near plane stays where it is with perspective.
-        """
+        """The orthographic view with the same height at the pivot, from before all there is; a near plane stays where it is."""
         back, pivot = camera.grid_T_camera[:3, 2], np.asarray(self.shown.pivot)
         low, high = self.all_of_it
         reach = float((0.5 * (low + high) - pivot) @ back) + 0.51 * float(np.linalg.norm(high - low))
@@ -355,10 +353,7 @@ class OrbitCamera:
 
 
 def view_from_within(pack: Pack) -> ViewCamera | None:
-    """The first view of a scene that surrounds its cameras, such as a room: its most central training photograph.
-
-    None if most photographs were taken from outside, or none is known.
-    """
+    """The most central training photograph of a scene that surrounds most of its cameras, such as a room; None for others."""
     views = [shot.view for shot in shots_of(pack) if shot.split == "train"]
     if not views:
         return None

@@ -204,10 +204,7 @@ class OpenDialog:
         return (self._awaited or theirs) and any(imgui.is_key_pressed(key, False) for key in ENTER)
 
     def _step(self, open_prompt: OpenPrompt, opening: bool) -> None:
-        """Down and Up choose a line, and leave the keyboard with the field.
-
-        imgui would move it on to the line's own button, and lose an Enter that comes in the next round.
-        """
+        """Down and Up choose a line; imgui would move the keyboard to its button, and lose an Enter in the next round."""
         if opening or self._awaited or imgui.get_current_context().nav_id == imgui.get_id(FIELD):
             by = int(imgui.is_key_pressed(imgui.Key.down_arrow)) - int(imgui.is_key_pressed(imgui.Key.up_arrow))
             if by:

@@ -112,10 +112,7 @@ def preallocate(
 
 
 class TexturePreallocator:
-    """Preallocates for one pack at a time and frees what was not used.
-
-    now: for the pack that is being read, if any. shared_context: None where no second context can be had.
-    """
+    """Preallocates for one pack at a time and frees what was not used. now: for the pack that is being read, if any."""
 
     def __init__(self, ctx: moderngl.Context, shared_context: SharedContext | None) -> None:
         self.ctx, self._shared_context = ctx, shared_context
