@@ -312,10 +312,7 @@ class Canvas:
             self.picture_gpu_ms = None if self.gpu_ms is None else self._tile_gpu_ms
 
     def _blend(self) -> None:
-        """Puts the tiles that are drawn over the quick picture, each as far as it has appeared by now.
-
-        Behind the last one, all of the picture comes over them: tiles end at their outermost pixels' centres.
-        """
+        """Puts the tiles over the quick picture as far as they have appeared; at last all of it: tiles end at pixels' centres."""
         if not self._blending:
             return
         assert self.quick is not None

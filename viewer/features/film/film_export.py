@@ -86,10 +86,7 @@ class FilmWriter:
 
 
 def write_film(path: Path, pictures: Iterable[np.ndarray], fps: int) -> None:
-    """Encodes pictures (uint8 [h, w, 3], all of one size); an odd last row or column is cut off.
-
-    The file appears when it is complete; without pictures there is none.
-    """
+    """Encodes pictures (uint8 [h, w, 3], of one size) without an odd last row or column; the file appears when it is whole."""
     writer: FilmWriter | None = None
     try:
         for picture in pictures:

@@ -115,9 +115,7 @@ class Filming:
             app.touch(2)
 
     def turntable(self, app: App) -> None:
-        """A closed path once around the scene, at the height and distance that the camera has now; from the first view, at
-        the distance from which all sides are seen whole.
-        """
+        """A closed path around the scene, as high and far as the camera is; from the first view, where all sides are seen."""
         if app.scene is None:
             return
         rig = app.scene.rig

@@ -83,10 +83,7 @@ class OpenPrompt:
         self.picked = None if at < 0 else min(at, len(self.lines) - 1) if self.lines else None
 
     def take(self, line: int | None = None) -> Path | None:
-        """The path to open: the given suggestion, the picked one, or the typed path.
-
-        None if the prompt stays open: it enters a plain folder, and sets `problem` for a path that does not exist.
-        """
+        """The path to open: the suggestion given, that picked, or what is typed. None where the prompt stays open."""
         picked = self.picked if line is None else line
         if picked is None and (named := path_in(self.text)) is not None:
             return named

@@ -136,9 +136,7 @@ class Photographs:
         return photograph
 
     def pixels(self, index: int) -> np.ndarray:
-        """The photograph over the scene's background, uint8 [h, w, 3], at most LONGEST_SIDE; the small copy of one that is not on
-        this computer. UserError where there is neither.
-        """
+        """A photograph over its background, uint8 [h, w, 3], at most LONGEST_SIDE, or its small copy. UserError for neither."""
         if index not in self._cache:
             picture = Image.fromarray(self._pixels(index))
             picture.thumbnail((LONGEST_SIDE, LONGEST_SIDE), Image.Resampling.BOX)
