@@ -45,8 +45,7 @@ def follow_neighbours(pack: Pack, arriving: ArrivingTransmittance, steps: Steps,
     rgba, features = (None if atlas is None else atlas.copy() for atlas in (pack.atlas_rgba, pack.atlas_features))
     assert rgba is not None
     pack = replace(pack, atlas_rgba=rgba, atlas_features=features)
-    places = np.arange(rgba[..., 0].size, dtype=np.int64).reshape(*rgba.shape[:3], 1)
-    found = [_hidden(pack, places, arriving, tuple(block), hidden) for block in np.argwhere(pack.occupied)]
+    found = [_hidden(pack, arriving, tuple(block), hidden) for block in np.argwhere(pack.occupied)]
     at, rank = (np.concatenate(parts) for parts in zip(*found, strict=True))
     at = at[np.argsort(rank, kind="stable")]
     row = rgba.shape[2]
@@ -61,13 +60,14 @@ def follow_neighbours(pack: Pack, arriving: ArrivingTransmittance, steps: Steps,
 
 
 def _hidden(
-    pack: Pack, places: np.ndarray, arriving: ArrivingTransmittance, block: tuple[int, ...], hidden: int
+    pack: Pack, arriving: ArrivingTransmittance, block: tuple[int, ...], hidden: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where hidden voxels of a macroblock are in the atlas, int64 [n] as in places [D, H, W, 1]; x + y, which is their rank."""
-    inside = (slice(1, -1),) * 3
-    alpha = block_copy(pack, pack.atlas_rgba, block)[inside][..., 3]
+    """Where hidden voxels of a macroblock are in the flat atlas, int64 [n]; x + y, which is their rank."""
+    alpha = block_copy(pack, pack.atlas_rgba, block)[1:-1, 1:-1, 1:-1, 3]
     z, y, x = np.nonzero((alpha > 0) & (arriving.at(block) < hidden))
-    return block_copy(pack, places, block)[inside][z, y, x, 0], x + y
+    _, height, width, _ = pack.atlas_rgba.shape
+    left, top, front = pack.atlas_indices[block].astype(np.int64) * pack.padded_block_size + 1
+    return ((front + z) * height + top + y) * width + left + x, (x + y).astype(np.int32)
 
 
 def _follow(rgba: np.ndarray, features: np.ndarray | None, at: np.ndarray, row: int, steps: Steps) -> None:
