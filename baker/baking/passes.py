@@ -27,10 +27,7 @@ from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.dataset import RayDataset
 
-COMPACT = Steps(3, 12, 8)  # of what a compact pack stores
-# dB of training rays that COMPACT may cost before it is tuned in. Surfaces lose half as much, and regain it. Mist, which is made
-# of faint voxels, loses more, and keeps a grain on walls.
-MOST_LOST_ROUNDED = 0.4
+COMPACT = Steps(3, 12, 8)  # of what a compact pack stores; costs test views 0.2 to 0.3 dB
 MOST_LOST_PRUNED = 0.1  # dB of training rays; tuning regains it, quality draft does not
 MOST_LOST_HIDDEN = 0.03  # dB of training rays, which nothing regains
 
@@ -103,13 +100,12 @@ def pruned(voxels: Voxels, bar: Progress) -> Voxels:
 
 def tuned(voxels: Voxels, bar: Progress) -> Voxels:
     """Tunes voxels, in place, and the view MLP."""
-    compact = voxels.config.quality == "compact"
-    config = JointConfig(seed=voxels.config.seed, steps=COMPACT if compact else EXACT, most_lost=MOST_LOST_ROUNDED)
-    pack, figures, steps = joint_tune(voxels.pack, voxels.photographs, config, bar.update, voxels.by_opacity)
+    quality = voxels.config.quality
+    config = JointConfig(seed=voxels.config.seed, steps=COMPACT if quality == "compact" else EXACT)
+    pack, figures = joint_tune(voxels.pack, voxels.photographs, config, bar.update, voxels.by_opacity)
     if not figures:
         return voxels
-    quality = "full" if steps == EXACT else "compact"
-    return replace(voxels, pack=pack, steps=steps).noted(fine_tuning={"quality": quality, **figures})
+    return replace(voxels, pack=pack, steps=config.steps).noted(fine_tuning={"quality": quality, **figures})
 
 
 def with_tuned_view_mlp(voxels: Voxels, bar: Progress) -> Voxels:

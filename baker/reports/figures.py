@@ -22,11 +22,11 @@ from console.plots import INK, PAPER, Line, Plot, draw_plots
 SHARE = 0.3  # of the picture's shorter side: the crop's
 PANEL, GAP, CAPTION, LETTERS = 240, 10, 40, 34  # pixels of a panel's side, between panels, below one; letters in a line
 FIGURES: Mapping[str, Sequence[str]] = {  # rows, from left to right; those that were not measured are left out
-    "ablation": ("jaxnerf-plus", "tinyview", "deferred", "field", "snerg", "ours-compact", "diffuse"),
-    "fine-tuning": ("float", "8-bit", "snerg", "ours-compact"),
+    "ablation": ("jaxnerf-plus", "tinyview", "deferred", "field", "snerg", "ours-full", "diffuse"),
+    "fine-tuning": ("float", "8-bit", "snerg", "ours-full"),
 }
 SHORT = {
-    "float": "SNeRG (float)", "8-bit": "no fine-tuning", "snerg": "SNeRG (PNG)", "ours-compact": "ours", "diffuse": "Diffuse",
+    "float": "SNeRG (float)", "8-bit": "no fine-tuning", "snerg": "SNeRG (PNG)", "ours-full": "ours", "diffuse": "Diffuse",
     "jaxnerf-plus": "JAXNeRF+", "tinyview": "Tinyview", "deferred": "Deferred",
 }  # fmt: skip
 

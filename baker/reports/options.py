@@ -39,8 +39,8 @@ class ReportOptions:
     """Voxels along the longest side, separated by commas, for the table resolution."""
     bake: Literal["paper", "snerg"] = "paper"
     """Which bake the tables storage and resolution are of: paper (as the paper writes), or snerg (our default settings)."""
-    quality: str = "compact"
-    """Rows of our own bake in the table quality, separated by commas: draft, compact (our default), full."""
+    quality: str = "full"
+    """Rows of our own bake in the table quality, separated by commas: draft, compact, full (our default)."""
     most_macroblocks: int | None = None
     """If more would be kept, grids are made coarser. The default is that of each bake: none in the paper's."""
     aabb: str | None = None

@@ -208,7 +208,7 @@ def real_table(study: Study) -> dict[str, Any]:
     rows += [
         _beside(study, {"row": row, "label": label, **study.score(baked), "masked": _metrics(study.score(baked, paper)),
                         "bytes": stored_bytes(baked.path)})
-        for row, label, baked in (("snerg", SNERG["snerg"], paper), ("ours-compact", OURS["compact"], ours))
+        for row, label, baked in (("snerg", SNERG["snerg"], paper), ("ours-full", OURS["full"], ours))
     ]  # fmt: skip
     rows.append(_masked_field(study, "diffuse", paper))
     return {

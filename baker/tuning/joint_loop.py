@@ -50,8 +50,6 @@ class JointConfig:
     """One training view in so many tells which state is best, and is not trained on; 0 trains on all, to the end."""
     steps: Steps = EXACT
     """What is stored in multiples of."""
-    most_lost: float = np.inf
-    """dB of held-out views that steps may cost before they are tuned in; else they are EXACT."""
     checks: int = 8
     """How often the held-out views are looked at."""
     seed: int = 0
@@ -60,9 +58,9 @@ class JointConfig:
 def joint_tune(
     pack: Pack, dataset: RayDataset, config: JointConfig, on_share: Callable[[float, str], None] | None = None,
     by_opacity: bool = False,
-) -> tuple[Pack, dict[str, Any], Steps]:  # fmt: skip
-    """The pack with voxels and view MLP refined; figures, of held-out rays before and after; and what it is stored in. The arrays
-    of `pack` are changed. The state is kept in which held-out views look best.
+) -> tuple[Pack, dict[str, Any]]:  # fmt: skip
+    """The pack with voxels and view MLP refined; figures, of held-out rays before and after. The arrays of `pack` are changed.
+    The state is kept in which held-out views look best.
 
     by_opacity: see baker.tuning.shading.ErrorTerms. If no training ray meets the pack, it is returned unchanged, without figures.
     """
@@ -72,7 +70,7 @@ def joint_tune(
     probed = tiles.rays(0, PROBED)
     probe = probed[marcher.meets(probed)]
     if not len(probe):
-        return pack, {}, EXACT
+        return pack, {}
     meet = round(len(tiles.numbers) * TILE**2 * len(probe) / len(probed))  # about so many rays meet content
     held_out = meeting(marcher, tiles_of(dataset, away if away.any() else ~away, rng), HELD_OUT_RAYS)
     tuner = Tuner(pack, dataset, config.cell or cell_for(pack, meet), by_opacity=by_opacity)
@@ -85,15 +83,9 @@ def joint_tune(
     trained_on = meeting(marcher, tiles, steps * tuner.rays, lambda share: report(CHOOSING * share, "choosing rays"))
     report(CHOOSING, "compiling")
     before = best = now = tuner.score(held_out)
-    stored_in = config.steps
-    if stored_in != EXACT:
-        tuner.round_to(stored_in)
+    if config.steps != EXACT:
+        tuner.round_to(config.steps)
         best = now = tuner.score(held_out)
-        if before[0] - now[0] > config.most_lost:
-            stored_in = EXACT
-            tuner.round_to(EXACT)
-            best = now = before
-    figures = {"lost_to_steps": round(before[0] - now[0], 3)} if stored_in != EXACT else {}
     kept, done = tuner.snapshot(), 0
     colour = config.rate / 255
     rates = np.array([*[colour] * 3, config.density_rate, *[colour] * 4, config.head_rate], np.float32)
@@ -112,10 +104,10 @@ def joint_tune(
             f"step {done} of {steps}, {'held-out ' if config.held_out else ''}{now[0]:.2f} dB",
         )
     return tuner.tuned(kept), {
-        "passes": round(done * tuner.rays / meet, 2), **figures,
+        "passes": round(done * tuner.rays / meet, 2),
         "held_out_psnr_before": round(before[0], 3), "held_out_psnr_after": round(best[0], 3),
         "samples_a_ray_before": round(before[1], 2), "samples_a_ray_after": round(best[1], 2),
-    }, stored_in  # fmt: skip
+    }  # fmt: skip
 
 
 def shown_psnr(pack: Pack, dataset: RayDataset, seed: int, *, by_opacity: bool = False) -> float:

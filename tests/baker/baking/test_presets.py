@@ -59,11 +59,11 @@ def test_snerg_make_bakes_the_preset_paper_as_the_paper_does_and_others_our_way(
     monkeypatch.setattr("training.loop.train", lambda *_, **__: trained)
     monkeypatch.setattr("baker.baking.to_pack.bake_to", lambda run, config, *_, **__: configs.append(config))
     papers = ("--preset paper", "--preset deferred", "--preset paper --resolution 64")
-    for words in (*papers, "--preset normal --quality full", "--preset small"):
+    for words in (*papers, "--preset normal --quality compact", "--preset small"):
         assert snerg_make([str(scene_path), "--out", str(tmp_path / "out"), "--no-view", *words.split()]) == 0
     fine = BakeConfig(1000, "paper")
-    ours = BakeConfig(512, "snerg", "full")
-    assert configs == [fine, fine, replace(fine, resolution=64), ours, replace(ours, quality="compact")]
+    ours = BakeConfig(512, "snerg", "compact")
+    assert configs == [fine, fine, replace(fine, resolution=64), ours, replace(ours, quality="full")]
     trained.scene = SimpleNamespace(kind="llff")
     assert snerg_make([str(scene_path), "--out", str(tmp_path / "out"), "--no-view", "--preset", "paper"]) == 0
     assert configs[-1] == BakeConfig(1300, "paper"), "photographs"

@@ -150,10 +150,10 @@ def test_fields_of_any_size_make_a_ladder_around_a_run_of_theirs() -> None:
 @pytest.mark.slow
 def test_scores_are_those_of_snerg_eval(out: Path, tables: dict[str, Any], tmp_path: Path) -> None:
     quality, real = rows_of(tables["quality"]), rows_of(tables["real"])
-    paper = out / "packs/paper-46-compact"
+    paper = out / "packs/paper-46-full"
     for row, subject, extra in (
         (quality["snerg"], paper, []),
-        (real["ours-compact"]["masked"], out / "packs/snerg-46-compact", ["--mask-of", str(paper)]),
+        (real["ours-full"]["masked"], out / "packs/snerg-46-full", ["--mask-of", str(paper)]),
     ):
         words = [str(subject), "--scene", str(SCENE), "--json", str(tmp_path / "e.json"), *extra]
         assert snerg_eval(words) == 0
@@ -190,7 +190,7 @@ def test_a_report_of_a_box_bakes_it_alone_and_compares_only_where_the_papers_bak
         f"--aabb={box}",
     ]
     assert snerg_report([*words, "--tables", "storage"]) == 0
-    paper = tmp_path / "out/packs/paper-40-compact"
+    paper = tmp_path / "out/packs/paper-40-full"
     pack = load_pack(paper)
     low, high = pack.min_xyz, pack.min_xyz + pack.voxel_size * np.array(pack.grid_size)
     assert (np.abs([low[[0, 2]], high[[0, 2]]]) < 1.5).all() and weighted == [True], (

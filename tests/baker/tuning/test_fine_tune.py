@@ -37,7 +37,7 @@ def test_tuning_voxels_and_view_mlp_together_shows_the_photographs_better_and_ke
     pack = replace(pack, voxel_size=0.05, min_xyz=-0.5 * size, view_mlp=random_view_mlp(np.random.default_rng(8)))
     config = JointConfig(passes=20, samples=32_768, cell=1, rate=30.0, density_rate=0.5, held_out=0)
     before = pack.atlas_rgba.copy()
-    tuned, figures, _ = joint_tune(pack, dataset, config)
+    tuned, figures = joint_tune(pack, dataset, config)
     assert figures["held_out_psnr_after"] > figures["held_out_psnr_before"] + 0.3
     assert not np.array_equal(tuned.atlas_rgba, before)
     before = tuned.atlas_rgba.copy()
