@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from console.streams import one_line
-from scenepack.constants import LENS_SIZE, PERSPECTIVE, PROJECTIONS
 from scenepack.pack import Pack
 
+PROJECTIONS = PERSPECTIVE, FISHEYE, EQUIRECTANGULAR = (0, 1, 2)  # of lenses; see training.scenes.lens
+LENS_SIZE = 12  # numbers of a lens that k1, k2, p1, p2 do not describe; the last is its projection
 FARTHEST = 1e9  # from the origin, and any other number of a camera: what is beyond makes no sense
 LONGEST_NAME = 200  # characters
 

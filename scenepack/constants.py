@@ -17,9 +17,6 @@ NDC_NEAR = 1.0  # near plane of the NDC warp, in scene units
 # the camera of the paper's own LLFF captures.
 PUBLISHED_NDC_CAMERA = (1006.0, 756.0, 755.644059435)
 
-PROJECTIONS = PERSPECTIVE, FISHEYE, EQUIRECTANGULAR = (0, 1, 2)  # of lenses; see training.scenes.lens
-LENS_SIZE = 12  # numbers of a lens that k1, k2, p1, p2 do not describe; the last is its projection
-
 FEATURES = 4  # channels of the feature vector v_s
 VIEW_FREQUENCIES = 4  # sin(2^0 v) ... sin(2^3 v)
 VIEW_ENCODING = 3 + 2 * 3 * VIEW_FREQUENCIES  # 27

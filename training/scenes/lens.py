@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scenepack.constants import EQUIRECTANGULAR, FISHEYE, LENS_SIZE, PERSPECTIVE
+from scenepack.cameras import EQUIRECTANGULAR, FISHEYE, LENS_SIZE, PERSPECTIVE
 
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "q1", "q2", "q3", "s1", "s2")
 PROJECTION, REACH = LENS_SIZE - 1, LENS_SIZE  # where these stand in whole_lens
