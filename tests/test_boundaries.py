@@ -18,7 +18,7 @@ PACKAGES = SHIPPED | {"snerg", "tools"}
 MAY_IMPORT = {
     "console": set(),
     "scenepack": {"console"},
-    "training": {"console", "scenepack.constants", "scenepack.contraction"},
+    "training": {"console", "scenepack.cameras", "scenepack.constants", "scenepack.contraction"},
     "baker": {"console", "scenepack", "training", "viewer.rendering", "viewer.benchmark", "viewer.web"},
     "viewer": {"console", "scenepack", "training.scenes"},
     "snerg": SHIPPED,
