@@ -202,7 +202,7 @@ PLACES: dict[str, Prepare] = {
     "a scene that is being exported": lambda app, scenes: setattr(
         app.exporting,
         "writing",
-        Writing(child(), scenes.path.parent / "mesh.glb", scenes.path.parent / "no such folder"),  # type: ignore[arg-type]
+        Writing(child(), scenes.path.parent / "no such folder", file=scenes.path.parent / "mesh.glb"),  # type: ignore[arg-type]
     ),
     "making": _job,
     "making, from the start page": lambda app, scenes: (_start(app, scenes), _job(app, scenes)),
