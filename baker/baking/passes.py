@@ -27,7 +27,7 @@ from scenepack.pack import Pack
 from scenepack.padding import restore_padding
 from training.dataset import RayDataset
 
-COMPACT = Steps(3, 12, 8)  # of what a compact pack stores; costs test views 0.2 to 0.3 dB
+COMPACT = Steps(3, 12, 8)  # of what a compact pack stores; costs lego 0.1 to 0.3 dB of test views
 MOST_LOST_PRUNED = 0.1  # dB of training rays; tuning regains it, quality draft does not
 MOST_LOST_HIDDEN = 0.03  # dB of training rays, which nothing regains
 
