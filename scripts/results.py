@@ -7,7 +7,7 @@ No figure is typed into the page. page.md names them:
     {{tests.tests:,.0f}}            the same, written in this format of Python's
     {{codecs.device}}               another text of that file: of, commit, device
     {{codecs.commands}}             its command lines, as a block of code (a line of its own, as are the next two)
-    {{codecs.table:demo}}           tables["demo"]: columns, formats (None: as it is), rows, and bold, a list of [row, column]
+    {{codecs.table:demo}}           tables["demo"] as a Markdown table; bold lists cells as [row, column]
     {{reports}}                     docs/results/reports/*.json, each the report.json of a snerg-report, side by side
 
 `python scripts/results.py --check` exits with status 1 where a page is not what it would write.

@@ -39,6 +39,11 @@ def size_of_rows(config: TrainConfig) -> NerfConfig:
     return LARGE if config.method != "nerf" or row_of(config) != OWN else config.nerf
 
 
+def row_of_run(config: TrainConfig) -> str:
+    """The row that a run is in its own tables."""
+    return row_of(config, size_of_rows(config))
+
+
 def _small(large: NerfConfig) -> NerfConfig:
     """JAXNeRF's size beside JAXNeRF+'s."""
     return replace(

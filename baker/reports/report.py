@@ -20,7 +20,7 @@ import numpy as np
 from baker.baking.bake import check_bake
 from baker.baking.config import BakeConfig, default_resolution
 from baker.reports import tables
-from baker.reports.fields import OWN, row_of, size_of_rows
+from baker.reports.fields import OWN, row_of, row_of_run, size_of_rows
 from baker.reports.figures import FIGURES, draw_figure, draw_report_plots
 from baker.reports.options import ReportOptions
 from baker.reports.pages import FIGURES_NAME, report_text
@@ -95,7 +95,7 @@ def _baselines(run: Run, folders: Sequence[Path]) -> dict[str, Path]:
     for folder in folders:
         _require_same_scene(run, folder)
         row = row_of(read_description(folder).config, large)
-        if row == OWN or row in found or row == row_of(run.config, large):
+        if row == OWN or row in found or row == row_of_run(run.config):
             raise UserError("is a row that is there already" if row != OWN else "is no row of the paper's tables",
                             where=f"--baselines {folder}", expected=", ".join(NAMES[name] for name in NAMES if name != "snerg"),
                             found=NAMES.get(row, "another field"))  # fmt: skip

@@ -18,7 +18,7 @@ from baker.baking.config import Quality
 from baker.reports import paper_figures
 from baker.reports.codecs import LADDER, measured
 from baker.reports.cross_sections import draw_sections, section, shares
-from baker.reports.fields import OWN, label_of, row_of, size_of_rows, train_command
+from baker.reports.fields import OWN, label_of, row_of_run, train_command
 from baker.reports.pack_compare import stored_bytes
 from baker.reports.report_cache import Baked, Score, Study
 from scenepack import Pack, open_pack
@@ -46,7 +46,7 @@ OURS: Mapping[Quality, str] = {
 def quality_table(study: Study) -> dict[str, Any]:
     """Table 2: from trained fields to what is shown."""
     rows = [field_row(study, name) for name in BEFORE]
-    if row_of(study.run.config, size_of_rows(study.run.config)) == OWN:
+    if row_of_run(study.run.config) == OWN:
         rows.append(_own_field_row(study))
     rows.append(_beside(study, {"row": "float", "label": SNERG["float"], **study.score_floats()}))
     rows.append(_baked_row(study, "8-bit", SNERG["8-bit"], study.baked("paper", quality="draft")))
@@ -119,7 +119,7 @@ def field_row(study: Study, name: str, mask_of: Baked | None = None) -> Row:
     """A row of a field that the paper has: scored, or with the command that would train it."""
     row: Row = {"row": name, "label": paper_figures.NAMES[name]}
     path = study.baselines.get(name)
-    if row_of(study.run.config, size_of_rows(study.run.config)) == name:
+    if row_of_run(study.run.config) == name:
         run: Run | None = study.run
     elif path is not None:
         run = load_run(path, scene_path=study.scene.path)
@@ -201,7 +201,7 @@ def real_table(study: Study) -> dict[str, Any]:
     """Rows of fields and packs: psnr, ssim, lpips of whole pictures; `masked`: the same where the paper's pack is opaque."""
     paper, ours = study.baked("paper"), study.baked("snerg")
     rows = [_masked_field(study, name, paper) for name in ("jaxnerf-plus", "deferred")]
-    if row_of(study.run.config, size_of_rows(study.run.config)) == OWN:
+    if row_of_run(study.run.config) == OWN:
         whole, masked = study.score_field("field", study.run), study.score_field("field", study.run, paper)
         row = {"row": OWN, "label": label_of(study.run.config, study.run.step), **whole, "masked": _metrics(masked)}
         rows.append(_beside(study, row))

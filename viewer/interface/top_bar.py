@@ -27,7 +27,7 @@ FRAMES = "0000 fps"  # as wide as it gets
 
 @dataclass(frozen=True)
 class Plan:
-    """What the bar has room for."""
+    """Which parts are shown at the current width of the window."""
 
     word: bool  # the program's name
     name: float  # width of the scene's name

@@ -63,7 +63,6 @@ def scenes(watched, tmp_path_factory) -> Iterator[Scenes]:
         )  # clicks are looked at here, not pictures
         patch.setattr(making, "CommandProcess", lambda *_: child())
         patch.setattr(command_process, "CommandProcess", lambda *_: child())
-        patch.setattr(photograph_check, "CommandProcess", lambda *_: child())
         patch.setattr(photograph_check.webbrowser, "open", lambda address: True)
         patch.setattr(make_plan, "trainer_missing", lambda: False)  # nothing is trained here
         read = opening.load_pack

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import shutil
 import webbrowser
 from collections.abc import Mapping
 from typing import Any
 
-from console.child_process import module_command
 from console.json_text import read_json_file
 from console.progress_protocol import Report
-from viewer.core.command_process import CommandProcess, temporary_folder
+from viewer.core.command_process import FolderProcess
 from viewer.core.tasks import Task
 from viewer.features.making.make_plan import Plan
 
 NAMED = 3  # photographs of a kind, by name
-PARTING_S = 5.0  # for the process to remove its temporary files
+RESULT = "check.json"  # in the process's folder
 GROUPS = {
     "set_aside": "set aside",
     "weakly_connected": "weakly connected",
@@ -36,43 +34,39 @@ class PhotographCheck:
         self.error = ""
         self.report: Report | None = None
         self._browser: Task[bool] | None = None
-        self._folder = temporary_folder("snerg-check-")
-        words = [str(plan.source), "--out", str(plan.out), "--check", "--json", str(self._folder / "check.json")]
-        try:
-            command = module_command("baker.commands.make", *words)
-            self._child: CommandProcess | None = CommandProcess(command, self._folder / "log.txt")
-        except BaseException:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            raise
+        words = [str(plan.source), "--out", str(plan.out), "--check", "--json"]
+        self._process: FolderProcess | None = FolderProcess.start(
+            "baker.commands.make", lambda folder: [*words, str(folder / RESULT)]
+        )
 
     @property
     def running(self) -> bool:
         """Whether there will be a result or an error."""
-        return self._child is not None
+        return self._process is not None
 
     def poll(self) -> bool:
         """Whether there is something new to show."""
-        child, before = self._child, self.report
-        if child is None:
+        process, before = self._process, self.report
+        if process is None:
             return False
-        status, self.report = child.poll(), child.report()
+        status, self.report = process.child.poll(), process.child.report()
         if status is None:
             return self.report != before
         if status == 0:
             try:
-                self.result = read_json_file(self._folder / "check.json")
+                self.result = read_json_file(process.folder / RESULT)
             except (OSError, ValueError) as error:
                 self.error = f"what was found cannot be read: {error}"
         else:
-            self.error = child.error_line().removeprefix("snerg-make: ")
+            self.error = process.child.error_line().removeprefix("snerg-make: ")
         self.close()
         return True
 
     def close(self) -> None:
         """Ends the process, if it runs, without waiting for it; the program's end does."""
-        child, self._child = self._child, None
-        if child is not None:
-            Task(lambda: (child.end(PARTING_S), shutil.rmtree(self._folder, ignore_errors=True)), kept=True)
+        process, self._process = self._process, None
+        if process is not None:
+            Task(process.end, kept=True)
 
     def open_page(self) -> None:
         """Opens the page in the browser; `no_browser` says whether that failed."""
