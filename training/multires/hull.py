@@ -136,8 +136,16 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
             px, py = lens[0] * u + lens[2], (lens[1] * v + lens[3]) / photographs.row_step
             if counts.size and px >= 0 and py >= 0 and px < width and py < rows:
                 counts[z, y, x] += 1
-            is_round = distortion[PROJECTION] == EQUIRECTANGULAR  # no bound holds at the poles of a panorama
-            if not cut_out or photographs.ndc[2] > 0 or depth < 2.0 * radius or is_round:
+            if not cut_out or photographs.ndc[2] > 0:
+                continue
+            if distortion[PROJECTION] == EQUIRECTANGULAR:
+                distance = np.sqrt(relative[0] ** 2 + relative[1] ** 2 + relative[2] ** 2)
+                if distance >= 2.0 * radius and not _in_panorama(
+                    table, px, py, b, np.arcsin(radius / distance), lens[0], lens[1] / photographs.row_step
+                ):
+                    possible[z, y, x] = 0
+                continue
+            if depth < 2.0 * radius:
                 continue
             stretch = max(
                 np.sqrt((u * u + v * v) / max(r2, 1e-12)), 1.0
@@ -147,8 +155,31 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
             past, below = np.int64(px + lens[0] * reach) + 1, np.int64(py + lens[1] * reach) + 1
             if left < 0 or top < 0 or past > width or below > rows:
                 continue  # partly out of sight
-            if table[below, past] - table[top, past] - table[below, left] + table[top, left] == 0:
+            if _shown(table, left, top, past, below) == 0:
                 possible[z, y, x] = 0
+
+
+@njit(nogil=True, cache=True)
+def _in_panorama(table, px, py, elevation, angle, across, down):
+    """Whether a panorama shows something within `angle` of the direction at (px, py). across, down: pixels to a radian."""
+    rows, width = table.shape[0] - 1, table.shape[1] - 1
+    top, below = max(np.int64(np.floor(py - down * angle)), 0), min(np.int64(py + down * angle) + 1, rows)
+    if abs(elevation) + angle >= 0.5 * np.pi:  # around a pole
+        return _shown(table, 0, top, width, below) > 0
+    reach = across * np.arcsin(np.sin(angle) / np.cos(elevation))
+    left, past = np.int64(np.floor(px - reach)), np.int64(px + reach) + 1
+    shown = _shown(table, max(left, 0), top, min(past, width), below)
+    if left < 0:
+        shown += _shown(table, max(left + width, 0), top, width, below)
+    if past > width:
+        shown += _shown(table, 0, top, min(past - width, width), below)
+    return shown > 0
+
+
+@njit(nogil=True, cache=True)
+def _shown(table, left, top, past, below):
+    """Pixels that show something, in columns left … past - 1 of rows top … below - 1."""
+    return table[below, past] - table[top, past] - table[below, left] + table[top, left]
 
 
 @njit(nogil=True, cache=True)
