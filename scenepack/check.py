@@ -13,9 +13,9 @@ from typing import Literal
 
 import numpy as np
 
+from scenepack.blocks import shells
 from scenepack.constants import EMPTY_BLOCK
 from scenepack.pack import Pack
-from scenepack.padding import shells
 
 Severity = Literal["ok", "note", "warning", "error"]
 CHUNK_BYTES = 64 << 20  # of atlas voxels looked at together

@@ -1,4 +1,5 @@
-"""The files of a pack, read in place from a folder or from one .zip of that folder.
+"""The files of a pack, read in place from a folder or from one .zip of that folder; refusal of what is no pack, or takes more
+room than its bytes explain.
 
 A zip may hold the files at its root or inside one top folder. Nothing is ever extracted to disk.
 """
@@ -6,18 +7,78 @@ A zip may hold the files at its root or inside one top folder. Nothing is ever e
 from __future__ import annotations
 
 import lzma
+import math
 import struct
 import threading
 import zipfile
 import zlib
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from console import UserError
-from scenepack.other_formats import refuse_other_file, refuse_other_names
+from console.memory import free_memory
+
+REMEDY = "snerg opens SNeRG packs; make one of the photographs: snerg-make PHOTOS --out DIR"
+HEADER_BYTES = 8192  # of a .ply, in which its properties are listed
+# What tells by a key of scene_params.json that it is no pack of ours; the first that is there counts.
+_KEYS = (
+    ("num_local_submodels", "a SMERF pack"),
+    ("sm_to_params", "a SMERF pack"),
+    ("submodel_idx", "a SMERF pack"),
+    ("triplane_resolution", "a MERF pack"),
+    ("triplane_voxel_size", "a MERF pack"),
+    ("sparse_grid_resolution", "a binary opacity grid"),
+)
+_GAUSSIANS = "a file of 3D Gaussians"
+_SUFFIXES = {
+    **dict.fromkeys((".splat", ".ksplat", ".spz", ".sog"), _GAUSSIANS),
+    **dict.fromkeys((".ingp", ".msgpack"), "a snapshot of instant-ngp"),
+    **dict.fromkeys((".ckpt", ".pth"), "a checkpoint of another program"),
+    **dict.fromkeys((".obj", ".glb", ".gltf", ".stl"), "a mesh"),
+}
+_PLANES = ("plane_features_", "plane_rgb_and_density_", "plane_density_")  # pictures of a MERF pack
+
+
+def refuse_other_params(raw: Mapping[str, Any], where: str) -> None:
+    """UserError where a scene_params.json is another program's."""
+    for key, name in _KEYS:
+        if key in raw:
+            raise UserError(f"this is {name}", where=where, found=key, remedy=REMEDY)
+
+
+def refuse_other_file(path: Path) -> None:
+    """UserError where the file is another program's scene. OSError where it cannot be read."""
+    suffix = path.suffix.lower()
+    name = _SUFFIXES.get(suffix)
+    with open(path, "rb") as file:
+        head = file.read(HEADER_BYTES)
+    if head.startswith((b"ply\n", b"ply\r")):
+        header, suffix = head.partition(b"end_header")[0], ".ply"
+        name = "a mesh" if b"element face" in header else "a cloud of points"
+        if b" f_dc_0" in header or b" rot_0" in header:
+            name = _GAUSSIANS
+    elif head.startswith(b"PK") and suffix != ".sog":
+        name = None  # a .zip under another name
+    if name is not None:
+        raise UserError(f"this is {name} ({suffix})", where=path, remedy=REMEDY)
+
+
+def refuse_other_names(path: Path, names: Iterable[str]) -> None:
+    """UserError where the names of the files in a folder or .zip tell that it is another program's scene."""
+    for name in sorted(names):
+        if name.startswith(_PLANES):
+            raise UserError("this is a MERF pack", where=path, found=name, remedy=REMEDY)
+        if _SUFFIXES.get(Path(name).suffix.lower()) == _GAUSSIANS:
+            raise UserError(f"this holds {_GAUSSIANS}", where=path, found=name, remedy=REMEDY)
+
 
 PARAMS_NAME = "scene_params.json"
 INDICES_NAME = "atlas_indices.png"
+COPY_OR_BAKE = "copy the pack again, or bake it again"  # a remedy
 
 # What zipfile raises on damaged or unreadable archives, beside OSError; RuntimeError for encrypted ones.
 ZIP_ERRORS = (
@@ -33,11 +94,19 @@ class PackFiles(ABC):
     sizes: dict[str, int]  # bytes of each file, as read
     stored_bytes: int  # what the pack takes on disk
 
+    def where(self, name: str) -> str:
+        """A file for messages."""
+        return f"{self.path}: {name}"
+
+    def undecodable(self, name: str, error: Exception) -> UserError:
+        """For a file that its codec refuses."""
+        return UserError(f"cannot be decoded: {error}", where=self.where(name), remedy=COPY_OR_BAKE)
+
     def read(self, name: str, most: int) -> bytes:
         """A whole file; UserError where it is missing or holds more than `most` bytes."""
         data = self._bytes(name, most + 1, to_end=True)
         if len(data) > most:
-            raise UserError("is too large", where=f"{self.path}: {name}", expected=f"at most {most} bytes")
+            raise UserError("is too large", where=self.where(name), expected=f"at most {most} bytes")
         return data
 
     def head(self, name: str, count: int) -> bytes:
@@ -85,12 +154,9 @@ def _not_a_pack(path: Path, names: list[str]) -> UserError:
         return UserError(
             "holds no files" if folders else "is empty", where=path, expected=f"a pack with {PARAMS_NAME}", found=found
         )
-    return UserError(
-        f"is not a pack: it has no {PARAMS_NAME}",
-        where=path,
-        found=f"{len(names)} other files, such as {min(names)}",
-        remedy="name the folder or .zip that snerg-bake wrote",
-    )
+    found = f"{len(names)} other files, such as {min(names)}"
+    return UserError(f"is not a pack: it has no {PARAMS_NAME}", where=path, found=found,
+                     remedy="name the folder or .zip that snerg-bake wrote")  # fmt: skip
 
 
 class FolderFiles(PackFiles):
@@ -121,12 +187,8 @@ class ZipFiles(PackFiles):
         try:
             self._zip = zipfile.ZipFile(path)
         except ZIP_ERRORS as error:
-            raise UserError(
-                "cannot be opened as a .zip",
-                where=path,
-                found=str(error) or type(error).__name__,
-                remedy="the file may be damaged or incomplete; copy it again",
-            ) from error
+            found, remedy = str(error) or type(error).__name__, "the file may be damaged or incomplete; copy it again"
+            raise UserError("cannot be opened as a .zip", where=path, found=found, remedy=remedy) from error
         self._lock = threading.Lock()  # one file handle, one reader at a time
         entries = {
             info.filename.replace("\\", "/").removeprefix("./"): info
@@ -150,7 +212,7 @@ class ZipFiles(PackFiles):
         self.stored_bytes = path.stat().st_size
 
     def _bytes(self, name: str, count: int, *, to_end: bool) -> bytes:
-        where = f"{self.path}: {name}"
+        where = self.where(name)
         if name not in self._entries:
             raise UserError("is missing", where=where)
         try:
@@ -161,12 +223,55 @@ class ZipFiles(PackFiles):
                     file.read(1)
                 return data
         except (*ZIP_ERRORS, OSError) as error:
-            raise UserError(
-                "cannot be read from the .zip",
-                where=where,
-                found=str(error) or type(error).__name__,
-                remedy="the .zip may be damaged; copy it again",
-            ) from error
+            found, remedy = str(error) or type(error).__name__, "the .zip may be damaged; copy it again"
+            raise UserError("cannot be read from the .zip", where=where, found=found, remedy=remedy) from error
 
     def close(self) -> None:
         self._zip.close()
+
+
+# --- Limits -----------------------------------------------------------------------------------------------------------
+
+# What opening a pack may take, asked before anything is allocated: a few bytes can claim gigabytes.
+SHARED_FREELY, SHARED_AT_MOST = 4096, 16  # macroblocks; more of them to an atlas block make no scene
+# Voxels that an atlas may have whatever is in use, and how many for each in use: bakers fill theirs to the last rows.
+EMPTY_FREELY, EMPTY_AT_MOST = 1 << 26, 16
+
+
+def require_memory(needed: int, where: object) -> None:
+    """UserError where so many bytes are more than is free."""
+    free = free_memory()
+    if free is not None and needed > free:
+        expected, remedy = (
+            f"at most {free / 1e9:.1f} GB, which are free",
+            "close other programs, or bake it at a lower resolution",
+        )
+        raise UserError("its atlas does not fit in memory", where=str(where), expected=expected, found=f"{needed / 1e9:.1f} GB",
+                        remedy=remedy)  # fmt: skip
+
+
+def require_filled(atlas_size: tuple[int, int, int], used: int, where: str) -> None:
+    """UserError where an atlas is large and next to nothing in use: room for it is made, however few bytes are behind it.
+
+    used: voxels of the macroblocks in use, padding included.
+    """
+    held = math.prod(atlas_size)
+    if held > max(EMPTY_FREELY, EMPTY_AT_MOST * used):
+        expected = f"about {used:,} voxels, those of the macroblocks in use"
+        raise UserError("the atlas is far larger than its content", where=where, expected=expected, found=f"{held:,}",
+                        remedy=COPY_OR_BAKE)  # fmt: skip
+
+
+def require_distinct(used: np.ndarray, where: str) -> None:
+    """UserError where far more macroblocks than atlas blocks make work and memory that the pack's bytes do not explain: each
+    macroblock takes a place of its own on the graphics card.
+
+    used: uint8 [n, 3], the atlas block of each macroblock.
+    """
+    if len(used) <= SHARED_FREELY:
+        return
+    distinct = len(np.unique(used.astype(np.uint32) @ np.array([1, 256, 65536], np.uint32)))
+    if len(used) > SHARED_FREELY + SHARED_AT_MOST * distinct:
+        expected = f"about one each, and at most {SHARED_AT_MOST} to a block"
+        raise UserError(f"{len(used)} macroblocks share {distinct} blocks of the atlas", where=where, expected=expected,
+                        remedy=COPY_OR_BAKE)  # fmt: skip

@@ -15,7 +15,7 @@ import numpy as np
 from console import UserError
 from console.json_text import parse_json
 from scenepack.constants import PLANES_PER_IMAGE, PUBLISHED_NDC_CAMERA, VIEW_MLP_WIDTHS
-from scenepack.other_formats import refuse_other_params
+from scenepack.files import refuse_other_params
 from scenepack.pack import Pack, ViewMlp
 
 MAX_GRID_SIDE = 32768  # voxels

@@ -5,7 +5,7 @@ Notation: bs data voxels a side of a macroblock, B = bs + 2; a piece is uint8 [D
 - "grid": the data voxels of some consecutive layers of macroblocks where they lie in the grid, cropped to the
   macroblocks in use. Content continues from macroblock to macroblock, which predicts far better than the
   atlas's patchwork; the padding, 18 % of the voxels at bs = 30, is left out and copied again by
-  scenepack.padding; what is empty costs next to nothing.
+  scenepack.blocks; what is empty costs next to nothing.
 A pack keeps the layout and the planes of a piece; all else follows from its indirection grid, in any reader.
 
 Under "snerg" such a pack keeps "codec_settings": layout ("atlas" or "grid") and planes of a piece, and the steps that values are
@@ -23,14 +23,13 @@ from typing import Any
 import numpy as np
 
 from console import UserError
-from scenepack.budget import require_memory
+from scenepack.blocks import data_voxels, restore_padding
 from scenepack.codecs import CodecError, PieceCodec
 from scenepack.codecs.base import Layout, Shape
 from scenepack.codecs.decoder_sandbox import Decoders
 from scenepack.codecs.quantisation import EXACT, MOST_STEP, Steps, from_counts, steps_of, to_counts
-from scenepack.files import PackFiles
+from scenepack.files import PackFiles, require_memory
 from scenepack.pack import Pack
-from scenepack.padding import restore_padding
 
 
 @dataclass(frozen=True)
@@ -52,8 +51,7 @@ class AtlasPiece:
 @dataclass(frozen=True)
 class GridPiece:
     """Layers of the grid. where: int [n, 3], the macroblocks' places (z, y, x) in the piece, in blocks; slots: int
-    [n, 3], theirs (z, y, x) in the atlas.
-    """
+    [n, 3], theirs (x, y, z) in the atlas."""
 
     shape: Shape
     block_size: int
@@ -73,17 +71,13 @@ class GridPiece:
     def _places(self) -> list[tuple[tuple[slice, ...], tuple[slice, ...]]]:
         size = self.block_size
         return [
-            (
-                tuple(slice(i * size, (i + 1) * size) for i in block),
-                tuple(slice(i * (size + 2) + 1, (i + 1) * (size + 2) - 1) for i in slot),
-            )
-            for block, slot in zip(self.where.tolist(), self.slots.tolist(), strict=True)
+            (tuple(slice(i * size, (i + 1) * size) for i in block), data_voxels(slot, size))
+            for block, slot in zip(self.where.tolist(), self.slots, strict=True)
         ]
 
 
-Piece = (
-    AtlasPiece | GridPiece
-)  # gather() takes its voxels from an atlas; scatter() writes them back, each piece's to others
+# gather() takes its voxels from an atlas; scatter() writes them back, each piece's to others
+Piece = AtlasPiece | GridPiece
 
 
 def cut(pack: Pack, layout: Layout, planes: int) -> list[Piece]:
@@ -100,7 +94,7 @@ def cut(pack: Pack, layout: Layout, planes: int) -> list[Piece]:
             continue
         low = where.min(axis=0)
         counts = where.max(axis=0) + 1 - low
-        slots = pack.atlas_indices[start : start + step][tuple(where.T)].astype(np.intp)[:, ::-1]
+        slots = pack.atlas_indices[start : start + step][tuple(where.T)].astype(np.intp)
         d, h, w = (int(n) * size for n in counts)
         pieces.append(GridPiece((d, h, w), size, where - low, slots))
     return pieces
@@ -171,25 +165,21 @@ class PieceFiles:
         every = [self.codec.names(i, piece.shape, True) for i, piece in enumerate(self.pieces)]
         missing = [name for names in always for name in names if name not in files.sizes]
         if missing:
-            raise UserError(
-                "is missing",
-                where=self._where(missing[0]),
-                found=f"{len(missing)} missing",
-                remedy="copy the pack again",
-            )
+            raise UserError("is missing", where=files.where(missing[0]), found=f"{len(missing)} missing",
+                            remedy="copy the pack again")  # fmt: skip
         features = [name for names in every for name in names if name not in {n for group in always for n in group}]
         absent = [name for name in features if name not in files.sizes]
         # A pack without any macroblock has no files to tell by.
         self.has_features = not absent if features else outline.view_mlp is not None
         if absent and (outline.view_mlp is not None or len(absent) < len(features)):
-            note(f"{self._where(absent[0])} is missing ({len(absent)} in all); the pack is shown as diffuse")
+            note(f"{self.files.where(absent[0])} is missing ({len(absent)} in all); the pack is shown as diffuse")
         self.names = every if self.has_features else always
         for names, piece in zip(self.names, self.pieces, strict=True):
             for name in names:
                 try:
                     codec.check(name, files.head(name, codec.header_bytes), piece.shape)
                 except CodecError as error:
-                    raise self._undecodable(name, error) from error
+                    raise self.files.undecodable(name, error) from error
 
     def fill(self, rgba: np.ndarray, features: np.ndarray | None, threads: int) -> Iterator[int]:
         """Decodes all pieces into zeroed atlases [D, H, W, 4]; yields how many are done."""
@@ -202,7 +192,7 @@ class PieceFiles:
             try:
                 decoded = decoders.decode(self.codec.name, data, names, piece.shape, self.has_features)
             except CodecError as error:
-                raise self._undecodable(error.file or names[0], error) from error
+                raise self.files.undecodable(error.file or names[0], error) from error
             decoded = from_counts(*decoded, self._steps)
             for values, atlas in zip(decoded, (rgba, features), strict=True):
                 if values is not None and atlas is not None:
@@ -222,51 +212,29 @@ class PieceFiles:
         return self._layout == "grid" or self.codec.default_quality is not None
 
     def _settings(self) -> tuple[Any, int]:
-        where = self._where("scene_params.json")
+        where = self.files.where("scene_params.json")
         settings = self.outline.metadata.get(SETTINGS)
         if not isinstance(settings, Mapping):
-            raise UserError(
-                f"snerg.{SETTINGS} is missing; {self.codec.name} cannot be decoded without it",
-                where=where,
-                remedy="copy the pack again",
-            )
+            what = f"snerg.{SETTINGS} is missing; {self.codec.name} cannot be decoded without it"
+            raise UserError(what, where=where, remedy="copy the pack again")
         layout, planes = settings.get("layout"), settings.get("planes")
+
+        def wrong(what: str, expected: str, found: object) -> UserError:
+            return UserError(f"snerg.{SETTINGS}.{what}", where=where, expected=expected, found=repr(found)[:40])
+
         if layout not in ("atlas", "grid"):
-            raise UserError(
-                f"snerg.{SETTINGS}.layout is not known", where=where, expected="atlas or grid", found=repr(layout)[:40]
-            )
+            raise wrong("layout is not known", "atlas or grid", layout)
         step = self.outline.block_size if layout == "grid" else 1
         whole = self.outline.atlas_rgba.shape[0] if layout == "atlas" else self.outline.grid_size[2]
         most = max(whole, LIKED_PLANES, self.outline.block_size + 2)
         if type(planes) is not int or not step <= planes <= most or planes % step:
-            raise UserError(
-                f"snerg.{SETTINGS}.planes is out of range",
-                where=where,
-                expected=f"multiples of {step} to {most}",
-                found=repr(planes)[:40],
-            )
+            raise wrong("planes is out of range", f"multiples of {step} to {most}", planes)
         steps = settings.get(STEPS, [1, 1])
-        if not (
-            isinstance(steps, list)
-            and len(steps) in (2, 3)
-            and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
-        ):
-            raise UserError(
-                f"snerg.{SETTINGS}.{STEPS} is out of range",
-                where=where,
-                expected=f"two or three numbers, 1 to {MOST_STEP}",
-                found=repr(steps)[:40],
-            )
+        whole = isinstance(steps, list) and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
+        if not whole or len(steps) not in (2, 3):
+            raise wrong(f"{STEPS} is out of range", f"two or three numbers, 1 to {MOST_STEP}", steps)
         self._layout, self._steps = layout, Steps(*steps)
         return layout, planes
-
-    def _where(self, name: str) -> str:
-        return f"{self.files.path}: {name}"
-
-    def _undecodable(self, name: str, error: CodecError) -> UserError:
-        return UserError(
-            f"cannot be decoded: {error}", where=self._where(name), remedy="copy the pack again, or bake it again"
-        )
 
 
 def in_threads(job: Callable[[int], None], count: int, threads: int) -> Iterator[int]:

@@ -9,6 +9,7 @@ Untidy packs (docs/format.md) are repaired with one PackWarning each; the rest i
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -22,12 +23,20 @@ from console.atomic import recover_interrupted_write
 from console.json_text import MOST_BYTES
 from console.streams import one_line
 from scenepack.blocks import grid_block_counts
-from scenepack.budget import require_distinct, require_filled, require_memory
 from scenepack.coarse import coarse_pack, order_of_groups
 from scenepack.codecs import CodecError, PngCodec, codec_named, decode_png, image_name, probe_png
 from scenepack.codecs.png import PNG_HEADER_BYTES, require_room
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE
-from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, open_files
+from scenepack.files import (
+    COPY_OR_BAKE,
+    INDICES_NAME,
+    PARAMS_NAME,
+    PackFiles,
+    open_files,
+    require_distinct,
+    require_filled,
+    require_memory,
+)
 from scenepack.pack import Pack, warn
 from scenepack.params import parse_params
 from scenepack.piece_files import PieceFiles, in_threads
@@ -65,9 +74,8 @@ def load_pack(
         else:
             if _identity(path) == before:
                 return pack
-    raise UserError(
-        "keeps changing while it is read", where=path, remedy="wait until the other program has finished writing it"
-    )
+    remedy = "wait until the other program has finished writing it"
+    raise UserError("keeps changing while it is read", where=path, remedy=remedy)
 
 
 def open_pack(path: Path) -> PackReader:
@@ -100,14 +108,14 @@ class PackReader:
         self._notes: list[str] = []  # given only once it is clear that the pack opens
         try:
             text = files.read(PARAMS_NAME, MOST_BYTES)
-            self.outline, format = parse_params(text, self._where(PARAMS_NAME), self._notes.append)
-            self.codec = codec_named(format, self._where(PARAMS_NAME))
+            self.outline, format = parse_params(text, self.files.where(PARAMS_NAME), self._notes.append)
+            self.codec = codec_named(format, self.files.where(PARAMS_NAME))
             depth, height, width = self.outline.atlas_rgba.shape[:3]
             self._groups = -(-depth // PLANES_PER_IMAGE)
             self._image_shape = (PLANES_PER_IMAGE * height, width, 4)
             self.outline = replace(self.outline, atlas_indices=self._indices())
             used = np.count_nonzero(self.outline.occupied) * self.outline.padded_block_size**3
-            require_filled((width, height, depth), int(used), self._where(PARAMS_NAME))
+            require_filled((width, height, depth), int(used), self.files.where(PARAMS_NAME))
             self._pieces: PieceFiles | None = None
             self._present: dict[str, list[int]] = {}
             self._note_blocks()
@@ -187,38 +195,26 @@ class PackReader:
 
         return in_threads(decode, len(jobs), DECODING_THREADS)
 
-    def _where(self, name: str) -> str:
-        return f"{self.files.path}: {name}"
-
     def _decode(self, name: str, out: np.ndarray) -> None:
         most = out.nbytes + (out.nbytes >> 3) + (1 << 20)  # no image format grows noise by more
         try:
             decode_png(self.files.read(name, most), out)
         except CodecError as error:
-            raise self._undecodable(name, error) from error
-
-    def _undecodable(self, name: str, error: CodecError) -> UserError:
-        return UserError(
-            f"cannot be decoded: {error}", where=self._where(name), remedy="copy the pack again, or bake it again"
-        )
+            raise self.files.undecodable(name, error) from error
 
     def _indices(self) -> np.ndarray:
         """The indirection grid, uint8 [blocks z, blocks y, blocks x, 3], each index within the atlas."""
-        pack, where = self.outline, self._where(INDICES_NAME)
+        pack, where = self.outline, self.files.where(INDICES_NAME)
         x, y, z = grid_block_counts(pack.grid_size, pack.block_size)
         try:
             first = self.files.head(INDICES_NAME, PNG_HEADER_BYTES)
             head = probe_png(first)
             require_room(first, self.files.sizes.get(INDICES_NAME, 0))
             if (head.width, head.height) != (x, z * y):
-                raise UserError(
-                    "its size disagrees with the JSON's grid and block_size",
-                    where=where,
-                    expected=f"{x}×{z * y} pixels",
-                    found=f"{head.width}×{head.height}",
-                )
+                raise UserError("its size disagrees with the JSON's grid and block_size", where=where,
+                                expected=f"{x}×{z * y} pixels", found=f"{head.width}×{head.height}")  # fmt: skip
         except CodecError as error:
-            raise self._undecodable(INDICES_NAME, error) from error
+            raise self.files.undecodable(INDICES_NAME, error) from error
         image = np.empty((z * y, x, 4), np.uint8)
         self._decode(INDICES_NAME, image)
         indices = np.ascontiguousarray(image.reshape(z, y, x, 4)[..., :3])
@@ -230,22 +226,16 @@ class PackReader:
         outside = occupied & np.any(indices >= np.array(fits), axis=-1)
         if outside.any():
             bz, by, bx = (int(i) for i in np.argwhere(outside)[0])
-            raise UserError(
-                f"{int(outside.sum())} macroblocks point outside of the atlas, such as ({bx}, {by}, {bz})",
-                where=where,
-                expected=f"blocks below {_triple(fits)}",
-                found=_triple(indices[bz, by, bx].tolist()),
-            )
+            what = f"{int(outside.sum())} macroblocks point outside of the atlas, such as ({bx}, {by}, {bz})"
+            raise UserError(what, where=where, expected=f"blocks below {_triple(fits)}",
+                            found=_triple(indices[bz, by, bx].tolist()))  # fmt: skip
         require_distinct(indices[occupied], where)
         return indices
 
     def _note_counts(self) -> None:
-        raw, where = self.outline.params, self._where(PARAMS_NAME)
-        claimed = raw.get("num_slices")
-        stored = 0
-        while image_name(RGBA, stored) in self.files.sizes:
-            stored += 1
-        needed = self._groups
+        raw, where = self.outline.params, self.files.where(PARAMS_NAME)
+        claimed, needed = raw.get("num_slices"), self._groups
+        stored = next(n for n in itertools.count() if image_name(RGBA, n) not in self.files.sizes)
         if stored > needed:
             self._notes.append(
                 f"{self.files.path}: {stored} rgba images, atlas_depth needs {needed}; the rest is ignored"
@@ -257,7 +247,7 @@ class PackReader:
             )
 
     def _note_blocks(self) -> None:
-        raw, where = self.outline.params, self._where(PARAMS_NAME)
+        raw, where = self.outline.params, self.files.where(PARAMS_NAME)
         fits = list(self.outline.atlas_blocks)
         blocks = [raw.get(f"atlas_blocks_{axis}", "missing") for axis in "xyz"]
         if blocks != fits:
@@ -271,21 +261,17 @@ class PackReader:
         if missing and part == FEATURE:
             # A diffuse pack has no use for features and may leave them out.
             if self.outline.view_mlp is not None or len(missing) < len(names):
-                problem = f"{self._where(missing[0])} is missing ({len(missing)} in all)"
+                problem = f"{self.files.where(missing[0])} is missing ({len(missing)} in all)"
                 self._notes.append(f"{problem}; the pack is shown as diffuse")
             return []
         if missing:
-            raise UserError(
-                "is missing",
-                where=self._where(missing[0]),
-                expected=f"{len(names)} {part} images for the JSON's atlas_depth",
-                found=f"{len(names) - len(missing)}",
-                remedy="copy the pack again, or bake it again",
-            )
+            expected, found = f"{len(names)} {part} images for the JSON's atlas_depth", f"{len(names) - len(missing)}"
+            raise UserError("is missing", where=self.files.where(missing[0]), expected=expected, found=found,
+                            remedy=COPY_OR_BAKE)  # fmt: skip
         channels = {name: self._check_header(name) for name in names}
         other = [name for name, layout in channels.items() if layout != "RGBA"]
         if other:
-            problem = f"{self._where(other[0])} is {channels[other[0]]}, not RGBA ({len(other)} in all)"
+            problem = f"{self.files.where(other[0])} is {channels[other[0]]}, not RGBA ({len(other)} in all)"
             self._notes.append(f"{problem}; read as the PNG standard has it, with alpha 255 where there is none")
         return list(range(self._groups))
 
@@ -296,14 +282,11 @@ class PackReader:
             head = probe_png(first)
             require_room(first, self.files.sizes[name])
         except CodecError as error:
-            raise self._undecodable(name, error) from error
+            raise self.files.undecodable(name, error) from error
         if (head.width, head.height) != (width, height):
-            raise UserError(
-                "its size disagrees with the JSON's atlas",
-                where=self._where(name),
-                expected=f"{width}×{height} pixels, {PLANES_PER_IMAGE} planes",
-                found=f"{head.width}×{head.height}",
-            )
+            expected = f"{width}×{height} pixels, {PLANES_PER_IMAGE} planes"
+            raise UserError("its size disagrees with the JSON's atlas", where=self.files.where(name), expected=expected,
+                            found=f"{head.width}×{head.height}")  # fmt: skip
         return head.channels
 
 

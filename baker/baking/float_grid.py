@@ -13,7 +13,7 @@ import numpy as np
 
 from scenepack.blocks import atlas_layout, atlas_shape, choose_atlas_blocks
 from scenepack.pack import Pack
-from scenepack.padding import restore_padding
+from scenepack.blocks import restore_padding
 
 CHANNELS = 8
 

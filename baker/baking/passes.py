@@ -24,7 +24,7 @@ from baker.tuning.pruning import ArrivingTransmittance, Pruned, arriving_transmi
 from console.progress import Progress
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
-from scenepack.padding import restore_padding
+from scenepack.blocks import restore_padding
 from training.dataset import RayDataset
 
 COMPACT = Steps(3, 12, 8)  # of what a compact pack stores; costs lego 0.1 to 0.3 dB of test views

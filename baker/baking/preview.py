@@ -21,7 +21,7 @@ from console import UserError
 from scenepack import save_pack
 from scenepack.blocks import fill_atlas
 from scenepack.pack import Pack
-from scenepack.padding import restore_padding
+from scenepack.blocks import restore_padding
 from training.run import Run
 from training.scenes.scene import cameras_of
 

@@ -29,7 +29,7 @@ from baker.tuning.marcher import PackMarcher
 from baker.tuning.visibility_rays import visibility_rays_of
 from scenepack.blocks import block_copy, fill_atlas
 from scenepack.pack import Pack
-from scenepack.padding import restore_padding
+from scenepack.blocks import restore_padding
 from training.dataset import RayDataset
 from training.multires.fused.compiled import kernel
 

@@ -206,5 +206,5 @@ def test_a_pack_for_which_memory_is_too_small_is_refused_with_both_sizes(
 ) -> None:
     folder = tmp_path / "pack"
     save_pack(small_pack(), folder, codec=codec)
-    monkeypatch.setattr("scenepack.budget.free_memory", lambda: 1000)
+    monkeypatch.setattr("scenepack.files.free_memory", lambda: 1000)
     refused(folder, "does not fit in memory", "GB", "lower resolution")
