@@ -33,8 +33,7 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
     begin_libraries()  # JAX starts here, not for --help
     from baker.baking.bake import bake
     from baker.baking.config import BakeConfig
-    from baker.baking.pictures import with_pictures
-    from baker.baking.to_pack import describe_pack
+    from baker.baking.to_pack import describe_pack, with_pictures
     from scenepack import check_target, save_pack
     from tools.procedural import write_procedural_scene
     from training.config import PRESETS

@@ -18,10 +18,10 @@ from PIL import Image
 
 from console import run_command
 from tools.procedural import picture, spread_cameras, still_life
-from training.scenes.camera_keys import KEYS, RATIONAL
 from training.scenes.colmap_files import OPENGL_FROM_OPENCV
 from training.scenes.lens import EQUIRECTANGULAR, MODELS
 from training.scenes.scene import HELD_OUT_EVERY, Camera
+from training.scenes.transforms import KEYS, RATIONAL
 
 # Stronger than most lenses: without them, pictures of 64 pixels are off by up to 2 pixels.
 COEFFICIENTS = {"k1": -0.5, "k2": 0.3, "k3": 0.1, "k4": -0.05, "p1": 0.02, "p2": -0.015, "q1": 0.2, "q2": 0.1, "q3": -0.1,

@@ -4,7 +4,7 @@ Notation: V views, P pixels in all (views need not share one size), C = 3 or 4 c
 opaque: RGB not premultiplied); N rays of a batch. A ray's id in [0, P) counts views, then rows, then columns; (x, y)
 are pixel coordinates, centres at +0.5. Where a scene has more pixels than int32 counts, only one row in `row_step` of each
 photograph is taken, as if it had no others; no run draws so many rays anyway. Geometry and lens model:
-training.scenes.rays, whose JAX twin this is (a test compares them).
+training.scenes.scene, whose JAX twin this is (a test compares them).
 
 RayDataset is a pytree: pass it to a jitted function as an argument, so that its pictures are no constants of the
 program. Pixels are stored along the mesh (training.devices): a process decodes only the photographs that its devices
@@ -32,8 +32,7 @@ from training.method import Rays
 from training.scenes import Camera, Scene, load_pixels
 from training.scenes.lens import PROJECTION, lens_functions, whole_lens
 from training.scenes.pixels import any_transparent, any_visible, may_be_transparent, pixel_counts, without_alpha
-from training.scenes.rays import camera_rays, ndc_rays, shown_pixels
-from training.scenes.scene import Kind
+from training.scenes.scene import Kind, camera_rays, ndc_rays, shown_pixels
 
 NEWTON_STEPS = 6  # float32 converges sooner than the reader's float64
 LENS = lens_functions(jnp)
@@ -223,7 +222,7 @@ class RayDataset:
 
 
 def ndc_warp(o: jax.Array, d: jax.Array, width: int, height: int, focal: float) -> tuple[jax.Array, jax.Array]:
-    """training.scenes.rays.ndc_rays in JAX: NeRF's appendix C with the near plane at NDC_NEAR."""
+    """training.scenes.scene.ndc_rays in JAX: NeRF's appendix C with the near plane at NDC_NEAR."""
     o = o - ((NDC_NEAR + o[..., 2]) / d[..., 2])[..., None] * d
     scale = jnp.array([-2.0 * focal / width, -2.0 * focal / height], o.dtype)
     position, slope = o[..., :2] / o[..., 2:], d[..., :2] / d[..., 2:]

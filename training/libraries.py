@@ -1,10 +1,12 @@
-"""Start of JAX and Numba, or one line that names the environment variable that prevents it.
+"""Start of JAX and Numba, or one line that names the environment variable that prevents it; what the C library does for them.
 
 Both read dozens of variables, and answer an unknown value with an exception from deep within, or end the process.
 """
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import importlib
 import importlib.util
 import os
@@ -27,12 +29,27 @@ JAX, NUMBA = ("JAX_", "XLA_"), ("NUMBA_",)  # how the variables of each begin
 PLATFORMS = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")
 OFF = ("", "0")
 LONGEST_REASON = 200  # characters
+_M_TRIM_THRESHOLD, _M_TOP_PAD, _M_MMAP_MAX, _M_ARENA_MAX = -1, -2, -4, -8
 
 
 def begin_libraries() -> None:
     """Imports JAX and Numba and finds JAX's devices. Call before work begins. UserError where a variable prevents it."""
     import_libraries()
     find_devices()
+
+
+def keep_freed_memory() -> None:
+    """Makes glibc keep freed buffers; does nothing with another C library. Call once, early.
+
+    Every step of JAX on a CPU frees and takes the same large buffers. By default glibc returns those beyond 32 MB to the kernel,
+    which clears and maps their pages anew: a gather's gradient took 58 ms instead of 16 ms.
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        mallopt = ctypes.CDLL("libc.so.6").mallopt
+        for parameter, value in (
+            (_M_MMAP_MAX, 0), (_M_TRIM_THRESHOLD, 2**31 - 1), (_M_TOP_PAD, 1 << 26), (_M_ARENA_MAX, 1)
+        ):  # fmt: skip
+            mallopt(parameter, value)
 
 
 def import_libraries() -> None:

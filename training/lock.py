@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from console import UserError
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None
+from console.atomic import try_lock
 
 
 @contextmanager
@@ -27,7 +24,7 @@ def only_one_trains(run: Path, doing: str = "training into this run") -> Iterato
         with suppress(OSError):  # whoever writes there will say why nothing can be written
             run.mkdir(parents=True, exist_ok=True)
             handle = os.open(run, os.O_RDONLY)
-        if handle >= 0 and not take_lock(handle):
+        if handle >= 0 and try_lock(handle) is False:
             remedy = "wait for it, or choose another --out"
             raise UserError(f"another process is {doing}", where=run, remedy=remedy)
         yield
@@ -43,17 +40,6 @@ def only_one_trains(run: Path, doing: str = "training into this run") -> Iterato
 def one_at_a_time(file: Path) -> Iterator[None]:
     """Waits until no other process is in such a block with the same file, which is made."""
     with file.open("w") as opened:
-        take_lock(opened.fileno(), wait=True)
+        while try_lock(opened.fileno()) is False:
+            time.sleep(0.1)
         yield
-
-
-def take_lock(handle: int, *, wait: bool = False) -> bool:
-    """Takes the lock; False where another process has it. True as well where the file system has no locks."""
-    try:
-        if fcntl is not None:
-            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-    except BlockingIOError:
-        return False
-    except OSError:
-        pass
-    return True

@@ -23,12 +23,12 @@ from console import UserError, progress
 from training.checkpoints import list_checkpoints, write_checkpoint
 from training.config import TrainConfig
 from training.devices import agree, anywhere, is_writer, together
+from training.libraries import keep_freed_memory
 from training.lock import only_one_trains
-from training.memory import keep_freed_memory
 from training.recorder import Recorder
 from training.run import Run, RunDescription, read_description, resume_run, start_run
 from training.scenes import SceneOptions
-from training.scenes.messages import notice
+from training.scenes.files import notice
 from training.scenes.read import AS_IT_IS
 from training.scenes.scene import few_line, split_line
 from training.scenes.scene_options import box_line, box_text

@@ -30,11 +30,11 @@ from console.progress import duration
 from training.checkpoints import writing
 from training.dataset import RayDataset
 from training.devices import here, is_writer
-from training.losses import psnr_of
 from training.method import Method, Rays
 from training.run import Run
 from training.scenes import Photograph, Scene
 from training.scenes.pictures import over_background
+from training.volume import psnr_of
 
 Records = Sequence[Mapping[str, Any]]
 POINTS = 400  # of a curve; more are averaged

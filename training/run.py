@@ -170,7 +170,7 @@ def settled(config: TrainConfig) -> TrainConfig:
     """The config of a run that begins here, with what this machine decides: a run keeps its engine wherever it goes on."""
     if config.method == "nerf":
         return replace(config, engine="jax")
-    from training.multires.engines import chosen_engine
+    from training.multires.method import chosen_engine
 
     return replace(config, engine=chosen_engine(config.engine))
 

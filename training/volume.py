@@ -1,4 +1,5 @@
-"""Volume rendering by quadrature (SNeRG equations 1 and 2, after Max 1995), and the deferred shading of section 4.2.
+"""Volume rendering by quadrature (SNeRG equations 1 and 2, after Max 1995), the deferred shading of section 4.2, and the terms of
+the loss (sections 4.1 and 4.3). The paper sums over rays; we divide by the rays of a batch, which does not change the balance.
 
 Notation, per ray, samples k along the last axis but channels:
     t      [..., K]      positions along the ray, point(t) = origin + t direction
@@ -71,3 +72,28 @@ def shade(
     diffuse = over_background(diffuse, alpha, background)
     rgb = diffuse if view is None else diffuse + apply_view_mlp(view, diffuse, features, viewdirs)
     return RenderOutput(rgb=rgb, diffuse=diffuse, features=features, alpha=alpha, depth=depth)
+
+
+# --- Losses -----------------------------------------------------------------------------------------------------------
+
+CHANNELS = 3
+
+
+def squared_error(rgb: jax.Array, target: jax.Array) -> jax.Array:
+    """L_r per ray: mean over rays of |C - C_hat|^2, for rgb and target [N, 3]. CHANNELS times the MSE per channel."""
+    return jnp.mean(jnp.sum(jnp.square(rgb - target), axis=-1))
+
+
+def cauchy_sparsity(sigma: jax.Array, c: float = 0.5) -> jax.Array:
+    """L_s / lambda_s per ray: mean over rays of the sum over samples of log(1 + sigma^2 / c); sigma [N, K]."""
+    return jnp.mean(jnp.sum(jnp.log1p(jnp.square(sigma) / c), axis=-1))
+
+
+def mean_squared_error(rgb: jax.Array, target: jax.Array) -> jax.Array:
+    """Mean over rays and channels, of colours clamped to [0, 1] as a picture would show them: what PSNR is made of."""
+    return jnp.mean(jnp.square(jnp.clip(rgb, 0.0, 1.0) - target))
+
+
+def psnr_of(mse: jax.Array) -> jax.Array:
+    """Peak signal-to-noise ratio in dB of an MSE of colours in [0, 1]."""
+    return -10.0 * jnp.log10(jnp.maximum(mse, 1e-12))

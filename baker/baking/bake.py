@@ -22,16 +22,15 @@ import numpy as np
 from baker.baking.config import BLOCK_SIZE, BakeConfig
 from baker.baking.culling import Culling, content_box, opaque_macroblocks, seen_macroblocks
 from baker.baking.field_query import FieldQuery, field_query, occupied_query, within
-from baker.baking.float_grid import FloatGrid, assemble
-from baker.baking.grid import BakeGrid, box_in_grid_frame, make_grid
+from baker.baking.grid import BakeGrid, FloatGrid, assemble, box_in_grid_frame, make_grid
 from baker.baking.passes import Voxels, passes_of
 from baker.baking.supersample import Sampler, supersample, supersample_floats
 from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
-from baker.view_mlp import from_params
+from baker.tuning.shading import from_params
 from console import Notice, Progress, UserError, progress
 from scenepack.blocks import fill_atlas
 from scenepack.pack import Pack
-from training.memory import keep_freed_memory
+from training.libraries import keep_freed_memory
 from training.method import ViewMlpParams
 from training.run import Run, require_bakeable
 from training.scenes.scene import Box, cameras_of

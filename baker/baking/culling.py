@@ -1,8 +1,11 @@
 """Which macroblocks are worth storing (SNeRG section 5.3): those with opacity, and seen by some training camera.
 
 Notation: TAU_ALPHA, TAU_VIS the thresholds; a cell is grid.cell³ voxels, the unit
-of the visibility test (2, as in the release, which tests on a grid of half the resolution; more in very fine grids).
+of the visibility test (2, as in the release, which tests on a grid of half the resolution; more in very fine grids). T is the
+transmittance of a ray so far; samples lie one cell apart, as those of a pack lie one voxel apart (docs/rendering.md).
 """
+
+# pyright: reportCallIssue=false
 
 from __future__ import annotations
 
@@ -10,14 +13,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+import jax.numpy as jnp
 import numpy as np
 
 from baker.baking.field_query import FieldQuery, Occupied
 from baker.baking.grid import BakeGrid, to_training
-from baker.baking.visibility import best_transmittance
 from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
+from baker.tuning.marcher import PART, TOGETHER, box_of, lines_in_grid
 from training.dataset import RayDataset
 from training.marching.layout import dilate
+from training.marching.rays import GridFrameRays
+from training.multires.fused.compiled import Workers, kernel
+from training.multires.fused.march import piece_from
 
 TAU_ALPHA = 0.005
 TAU_VIS = 0.01
@@ -188,3 +195,74 @@ def _opacity_of_layer(
 def _seen(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: Tick | None) -> Arrays:
     """Which cells a training ray reaches with transmittance TAU_VIS, as packed bits."""
     return {"bits": np.packbits(best_transmittance(density, grid, dataset, tick) >= TAU_VIS)}
+
+
+# --- Visibility -------------------------------------------------------------------------------------------------------
+
+RAYS = 1_000_000  # training rays marched; with 100 views of 200 × 200 every fourth
+EARLY_TERMINATION = 1e-3  # T at which rays end, well below any tau_vis
+BLOCK_BITS = 3  # blocks of 8³ cells are skipped at once where all are empty
+
+
+def best_transmittance(
+    density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: Callable[[float], None] | None = None
+) -> np.ndarray:
+    """float32 [cells]: the largest T with which any of many training rays reaches a cell; 0 in empty cells."""
+    workers, size = Workers(), 1 << BLOCK_BITS
+    filled = np.pad(density > 0, [(0, -n % size) for n in density.shape])
+    z, y, x = (n // size for n in filled.shape)
+    blocks = filled.reshape(z, size, y, size, x, size).any((1, 3, 5))
+    best = [np.zeros(density.shape, np.float32) for _ in range(workers.count)]
+    cell = grid.voxel_size * grid.cell
+    box = box_of(grid.min_xyz, cell, density.shape[::-1], grid.contraction)
+    source = GridFrameRays(dataset, jnp.asarray(np.linalg.inv(grid.worldspace_T_opengl), jnp.float32))
+    ids = np.random.default_rng(0).permutation(dataset.count)[:RAYS].astype(np.int32)
+    for first in range(0, len(ids), TOGETHER):
+        count = min(TOGETHER, len(ids) - first)
+        lines, length = lines_in_grid(box, source, ids[np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1)])
+
+        def share(worker: int, part: int, lines=lines, length=length, count=count) -> None:
+            low, high = part * PART, min((part + 1) * PART, count)
+            _raise_best(density, blocks, lines, length, low, high, best[worker])
+
+        workers.share(-(-count // PART), share)
+        if tick:
+            tick((first + count) / len(ids))
+    return np.maximum.reduce(best)
+
+
+@kernel
+def _raise_best(density, blocks, rays, length, low, high, best):
+    """Raises best [cells] to the T of rays low … high - 1 at the cells that they meet. length [N]: world units per cell."""
+    depth, height, width = density.shape
+    half, one = np.float32(0.5), np.float32(1.0)
+    for ray in range(low, high):
+        k, passed = np.int64(0), one
+        stop, along = rays.end[ray], rays.start[ray] + half
+        piece, until, ox, oy, oz, dx, dy, dz = piece_from(rays, ray, 0, along)
+        while along < stop and passed > np.float32(EARLY_TERMINATION):
+            if along >= until:
+                piece, until, ox, oy, oz, dx, dy, dz = piece_from(rays, ray, piece, along)
+            gx, gy, gz = ox + along * dx, oy + along * dy, oz + along * dz
+            x, y, z = np.int64(np.floor(gx)), np.int64(np.floor(gy)), np.int64(np.floor(gz))
+            steps = np.int64(1)
+            if 0 <= x < width and 0 <= y < height and 0 <= z < depth:
+                if blocks[z >> BLOCK_BITS, y >> BLOCK_BITS, x >> BLOCK_BITS]:
+                    if density[z, y, x] > 0:
+                        best[z, y, x] = max(best[z, y, x], passed)
+                        passed *= np.exp(-density[z, y, x] * length[ray])
+                else:
+                    out = min(_leaving(gx, dx), _leaving(gy, dy), _leaving(gz, dz), until - along)
+                    steps = max(np.int64(np.ceil(out)), 1)
+            k += steps
+            along = rays.start[ray] + half + np.float32(k)
+
+
+@kernel(inline="always")
+def _leaving(place, direction):
+    """Distance to where a ray leaves, along one axis, the block of cells around `place`."""
+    if direction == 0:
+        return np.float32(3e38)
+    low = np.int64(np.floor(place)) >> BLOCK_BITS << BLOCK_BITS
+    wall = low + (1 << BLOCK_BITS) if direction > 0 else low
+    return (np.float32(wall) - place) / direction

@@ -19,9 +19,8 @@ from baker.baking.grid import box_in_grid_frame, make_grid
 from baker.baking.supersample import supersample
 from console import UserError
 from scenepack import save_pack
-from scenepack.blocks import fill_atlas
+from scenepack.blocks import fill_atlas, restore_padding
 from scenepack.pack import Pack
-from scenepack.blocks import restore_padding
 from training.run import Run
 from training.scenes.scene import cameras_of
 

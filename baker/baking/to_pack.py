@@ -7,16 +7,32 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from baker.baking.bake import NothingThere, Stages, bake, check_bake, help_bake, work_key
 from baker.baking.config import BakeConfig
-from baker.baking.pictures import with_pictures
 from baker.baking.work_folder import AGAIN, Share, WorkFolder, work_beside
 from console import UserError
 from console.progress import duration
 from scenepack import Pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
+from scenepack.pictures import PICTURE, picture_uri
 from training.devices import launched
 from training.run import Run
+from training.scenes.pictures import over_background
+from training.scenes.scene import Scene
+
+
+def with_pictures(pack: Pack, scene: Scene, side: int) -> Pack:
+    """The pack with its photographs brought along, at most `side` pixels a side (scenepack.pictures); 0 for none."""
+    if side <= 0:
+        return pack
+    photographs = [photograph for of_split in scene.splits.values() for photograph in of_split]
+    cameras = []
+    for entry, photograph in zip(pack.metadata["cameras"], photographs, strict=True):
+        pixels = np.rint(255 * over_background(photograph.load(), scene.background)).astype(np.uint8)
+        cameras.append({**entry, PICTURE: picture_uri(pixels, side)})
+    return pack.with_metadata(cameras=cameras)
 
 
 def share_of(processes: int | None, process_id: int | None) -> Share:

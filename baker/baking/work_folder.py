@@ -23,9 +23,8 @@ from typing import Any
 import numpy as np
 
 from console import Notice, UserError
-from console.atomic import discard, remove_leftovers, write_file
+from console.atomic import discard, remove_leftovers, try_lock, write_file
 from scenepack.files import ZIP_ERRORS
-from training.lock import take_lock
 
 Arrays = dict[str, np.ndarray]
 AGAIN = "run the same command again; finished work is kept"
@@ -160,7 +159,7 @@ class WorkFolder:
 
     def _hold(self) -> int:
         handle = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o644)
-        if not take_lock(handle):
+        if try_lock(handle) is False:
             os.close(handle)
             raise UserError("another process is baking into this pack", where=self.path,
                             remedy="wait for it, or choose another --out")  # fmt: skip

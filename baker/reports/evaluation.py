@@ -29,7 +29,7 @@ from scenepack.pack import Pack
 from training.run import Run, is_run, load_run, read_description
 from training.scenes import Camera, Photograph, Scene, picture_stems
 from training.scenes.pictures import over_background
-from training.scenes.rays import shown_pixels
+from training.scenes.scene import shown_pixels
 from training.scenes.scene_options import recorded_options
 
 # a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from numba import njit
 
-from baker.baking.float_grid import FloatGrid
+from baker.baking.grid import FloatGrid
 from baker.reports.evaluation import Drawn
 from baker.tuning.marcher import LISTED, MAX_ALPHA, PackMarcher, list_samples, pack_rays
 from baker.tuning.shading import Accumulated, over_background, shown

@@ -18,8 +18,7 @@ import numpy as np
 import optax
 
 from baker.tuning.marcher import PackMarcher
-from baker.tuning.shading import Accumulated, over_background
-from baker.view_mlp import from_params, to_params
+from baker.tuning.shading import Accumulated, from_params, over_background, to_params
 from scenepack.constants import TRANSMITTANCE_SHADED
 from scenepack.pack import Pack
 from training.dataset import RayDataset

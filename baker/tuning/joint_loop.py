@@ -10,9 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from baker.tuning.marcher import PackMarcher
-from baker.tuning.shading import Accumulated, ErrorTerms, psnr_of, squared_error
+from baker.tuning.shading import Accumulated, ErrorTerms, psnr_of, squared_error, to_params
 from baker.tuning.tuner import Tuner
-from baker.view_mlp import to_params
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset

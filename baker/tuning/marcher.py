@@ -25,9 +25,8 @@ from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.marching.layout import GridBox
 from training.marching.rays import GridFrameRays, GridRays, to_grid
-from training.multires.fused.compiled import kernel
+from training.multires.fused.compiled import Workers, kernel
 from training.multires.fused.march import piece_from
-from training.multires.fused.workers import Workers
 
 OnShare = Callable[[float], None]
 

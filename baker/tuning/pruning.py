@@ -27,9 +27,8 @@ from numba import njit
 
 from baker.tuning.marcher import PackMarcher
 from baker.tuning.visibility_rays import visibility_rays_of
-from scenepack.blocks import block_copy, fill_atlas
+from scenepack.blocks import block_copy, fill_atlas, restore_padding
 from scenepack.pack import Pack
-from scenepack.blocks import restore_padding
 from training.dataset import RayDataset
 from training.multires.fused.compiled import kernel
 

@@ -1,4 +1,5 @@
-"""Accumulated rays as the viewer shows them (docs/rendering.md, "Shading"), and how far that is from the photographs."""
+"""Accumulated rays as the viewer shows them (docs/rendering.md, "Shading"), and how far that is from the photographs; the view
+MLP on its way between a pack (NumPy) and the trainer (JAX)."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scenepack.constants import TRANSMITTANCE_SHADED, UNPREMULTIPLY_GAIN
+from scenepack.pack import ViewMlp
 from training.method import ViewMlpParams
 from training.view_mlp import apply_view_mlp
 
@@ -72,3 +74,13 @@ def squared_error(
 def psnr_of(error: float, weight: float) -> float:
     """PSNR of a sum of squared errors over colours of rays of so much weight, in dB."""
     return float(-10 * np.log10(max(error, 1e-12) / max(3 * weight, 1.0)))
+
+
+def to_params(mlp: ViewMlp) -> ViewMlpParams:
+    """The weights of a pack's view MLP, to be trained on."""
+    return ViewMlpParams(*jax.tree.map(jnp.asarray, (mlp.weights, mlp.biases)))
+
+
+def from_params(params: ViewMlpParams) -> ViewMlp:
+    """Trained weights as a pack holds them, float32."""
+    return ViewMlp(*jax.tree.map(lambda array: np.asarray(array, np.float32), tuple(params)))

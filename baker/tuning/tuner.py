@@ -31,15 +31,14 @@ import numpy as np
 from baker.tuning.cells import BETAS, DEPTHS, TINY, add_slopes, cells_of, move_cells, move_moments, store_cells
 from baker.tuning.gradients import CHUNK, LOG_DENSITY, gather_chunk, slope_chunk, work_for
 from baker.tuning.marcher import LISTED, PackMarcher, lines_of, room_for_samples
-from baker.tuning.shading import Accumulated, ErrorTerms, psnr_of, squared_error
-from baker.view_mlp import from_params, to_params
+from baker.tuning.shading import Accumulated, ErrorTerms, from_params, psnr_of, squared_error, to_params
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.marching.layout import GridBox
 from training.marching.rays import GridFrameRays, GridRays, to_grid
 from training.method import ViewMlpParams
-from training.multires.fused.workers import Workers
+from training.multires.fused.compiled import Workers
 
 PROBE_RAYS = 4096  # rays whose samples tell how many rays fill a step
 PROBED = 96  # mean number of contributing samples a ray that the probe allocates for

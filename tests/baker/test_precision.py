@@ -16,7 +16,7 @@ import pytest
 from baker.baking.grid import make_grid
 from baker.tuning import marcher
 from baker.tuning.pruning import arriving_transmittance
-from baker.view_mlp import from_params, to_params
+from baker.tuning.shading import from_params, to_params
 from scenepack.constants import VIEW_MLP_WIDTHS
 from tests.baker.analytic import ball, culled
 from tests.baker.baking.test_grid_and_culling import baked

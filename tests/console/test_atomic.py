@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from baker.commands.pack import main as snerg_pack
-from baker.reports.cross_sections import Section, draw_sections
+from baker.reports.figures import Section, draw_sections
 from console import atomic, write_json
 from console.atomic import Replacement, replacing
 from scenepack import load_pack, save_pack

@@ -10,8 +10,7 @@ from PIL import Image
 from tests.fuzz.words import require_words
 from tools.procedural import write_procedural_scene
 from training.scenes import load_scene
-from training.scenes.rays import camera_rays
-from training.scenes.scene import SceneOptions, picture_stems
+from training.scenes.scene import SceneOptions, camera_rays, picture_stems
 from training.scenes.scene_options import box_line
 from viewer.core.files import kind_of, scene_around
 

@@ -20,8 +20,7 @@ import numpy as np
 from PIL import Image
 
 from training.scenes import load_scene
-from training.scenes.rays import camera_rays
-from training.scenes.scene import Camera, Photograph, Scene
+from training.scenes.scene import Camera, Photograph, Scene, camera_rays
 
 SIZE = (12, 9)
 PIXELS = np.array([0.5, 6.0, 11.5]), np.array([0.5, 8.5, 4.0])

@@ -16,11 +16,11 @@ import pytest
 from baker.commands.pack import main
 from console import UserError
 from scenepack import Pack, load_pack, save_pack
+from scenepack.blocks import restore_padding
 from scenepack.coarse import coarse_pack, factor_for, order_of_groups
 from scenepack.codecs import CODECS
 from scenepack.codecs.quantisation import EXACT, steps_of
 from scenepack.codecs.streams import filled, pack_occupancy, premultiplied, unpack_occupancy, unpremultiply
-from scenepack.blocks import restore_padding
 from scenepack.piece_files import follows_grid
 from tests.scenepack.helpers import edit_json, images, read_json, same_pack, small_pack, smooth_pack, written
 from tests.scenepack.random_packs import random_pack

@@ -13,7 +13,7 @@ from PIL import Image
 from console import Notice, UserError
 from training.scenes import load_scene
 from training.scenes.poses import focus_point, look_at, mean_pose
-from training.scenes.rays import camera_rays
+from training.scenes.scene import camera_rays
 
 
 def circle(count: int = 12, radius: float = 3.0, centre=(1.0, -2.0, 0.5), height: float = 0.4) -> np.ndarray:

@@ -15,14 +15,13 @@ from tests.training.reconstructions import SIZE, around, ball, save_picture, sid
 from tests.training.test_captures import complaint, everyone, write_transforms
 from training.scenes import load_scene
 from training.scenes.colmap_files import PARTS, read_reconstruction
-from training.scenes.rays import camera_rays
-from training.scenes.scene import Scene
+from training.scenes.scene import Scene, camera_rays
 
 
 def met_points(scene: Scene, model: Path) -> tuple[np.ndarray, np.ndarray, float]:
     """Where the rays through each point's pixels meet [M, 3], COLMAP's place of it [M, 3], and how far they miss, at most.
 
-    Says nothing of how the reader makes cameras: pixels and places are pycolmap's, rays are training.scenes.rays'.
+    Says nothing of how the reader makes cameras: pixels and places are pycolmap's, rays are training.scenes.scene'.
     """
     made = pycolmap.Reconstruction(model)
     cameras = {photograph.name: photograph.camera for photograph in everyone(scene)}

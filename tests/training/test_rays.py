@@ -15,7 +15,7 @@ from console import Notice
 from tests.training.ndc import ndc_points
 from training.dataset import make_dataset, ndc_warp
 from training.scenes import Camera, Photograph, Scene
-from training.scenes import rays as numpy_rays
+from training.scenes import scene as numpy_rays
 from training.scenes.lens import MODELS
 
 LENS = (0.08, -0.03, 0.002, -0.001)

@@ -16,10 +16,9 @@ from hypothesis.extra.numpy import arrays
 from scenepack.constants import VIEW_MLP_WIDTHS
 from training.config import PAPER, REAL_BATCH, SYNTHETIC_BATCH, TrainConfig
 from training.encoding import encode_points, encode_viewdirs, encoded_width
-from training.losses import cauchy_sparsity, squared_error
 from training.nerf.method import learning_rate, make_optimizer, sparsity_of
 from training.view_mlp import apply_view_mlp, init_view_mlp
-from training.volume import alpha_of, composite, shade, weights_of
+from training.volume import alpha_of, cauchy_sparsity, composite, shade, squared_error, weights_of
 
 depths = arrays(np.float32, (3, 7), elements=st.floats(0, 20, width=32))
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from tools.procedural.shading import Thing, coverage, display, shade
 from tools.procedural.shapes import INFINITY, dot
-from training.scenes.rays import camera_rays, shown_pixels
-from training.scenes.scene import Camera
+from training.scenes.scene import Camera, camera_rays, shown_pixels
 
 LAYERS = 12  # of glass, and one of what is not, that a ray may go through
 CHUNK = 1 << 15  # rays at a time, so that temporaries stay in the cache

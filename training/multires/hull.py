@@ -13,8 +13,8 @@ from numba import njit
 
 from scenepack.constants import NDC_NEAR
 from training.dataset import RayDataset
+from training.multires.fused.compiled import Workers
 from training.multires.fused.rays import LENS, Photographs, photographs_of
-from training.multires.fused.workers import Workers
 from training.multires.occupancy import INITIAL, NEVER
 from training.multires.state import Box
 from training.scenes.lens import EQUIRECTANGULAR, PERSPECTIVE, PROJECTION, REACH

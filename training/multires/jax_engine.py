@@ -1,4 +1,4 @@
-"""training.multires.engines.Engine in JAX: the definition of training.multires.field as a program for any devices.
+"""training.multires.method.Engine in JAX: the definition of training.multires.field as a program for any devices.
 
 Samples are spread over the devices of the dataset's mesh. Lists have a fixed length, so that a program is compiled once for each
 size: sizes are rounded up, and looked at again where the occupancy grid changes.
@@ -17,7 +17,6 @@ from jax.sharding import Mesh, NamedSharding
 
 from training.dataset import RayDataset
 from training.devices import WHOLE, agree, here, put_whole, split
-from training.losses import psnr_of
 from training.marching.layout import COARSE, Cells, coarse_occupancy, dilate, segments_across
 from training.marching.march import MarchSizes, Samples, march, occupied_segments, until_complete
 from training.marching.rays import to_grid
@@ -42,6 +41,7 @@ from training.multires.levels import absent_rows, make_levels
 from training.multires.occupancy import is_on, neighbouring_points
 from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, Plan, Settings
 from training.multires.state import State, Trainable
+from training.volume import psnr_of
 
 LISTED = 2  # times the samples of a step have room: what lies behind a surface is listed, too
 PROBE_RAYS = 4096  # whose sample counts set the sizes of lists
@@ -164,7 +164,7 @@ def compiled_update(mesh: Mesh) -> Callable[..., Any]:
 
 
 class JaxEngine:
-    """See training.multires.engines.Engine."""
+    """See training.multires.method.Engine."""
 
     def __init__(self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int) -> None:
         self.dataset, self.plan, self.settings = dataset, plan, settings

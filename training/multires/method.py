@@ -1,30 +1,31 @@
 """The multi-resolution field as a training.method.Method.
 
 field      the definition, in JAX              levels     rows of the feature table
-state      what is trained, in plain arrays    occupancy  where samples are taken
+state      what is trained, and checkpoints    occupancy  where samples are taken
 settings   what a config means for a dataset   hull       where anything can be, by the photographs
-engines    the interface of an engine, and the choice; jax_engine, fused: the two that there are
-saving     checkpoints
+jax_engine, fused   the two engines, which compute the steps of the field and evaluate it; their interface is here
 """
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from console import UserError
 from training import exposure
-from training.config import TrainConfig
+from training.config import EngineName, TrainConfig
 from training.dataset import RayDataset
 from training.devices import agree, here
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
-from training.multires.engines import make_engine
 from training.multires.field import initial_parameters, inputs_of, split_parameters
-from training.multires.fused.workers import Workers
+from training.multires.fused.compiled import Workers
 from training.multires.hull import box_around, hull_codes
+from training.multires.jax_engine import JaxEngine
 from training.multires.levels import (
     ALL_HASHED,
     HASHED_FROM,
@@ -35,9 +36,8 @@ from training.multires.levels import (
     moved_rows,
 )
 from training.multires.occupancy import boxes_meeting, is_on, visited
-from training.multires.saving import restored, saved
-from training.multires.settings import plan_of, settings_of
-from training.multires.state import State, Trainable
+from training.multires.settings import Plan, Settings, plan_of, settings_of
+from training.multires.state import State, Trainable, restored, saved
 from training.view_mlp import init_view_mlp
 
 VISITS_FROM, VISIT_EVERY, SETTLED = 200, (50, 100), 1000  # steps: the second interval once settled
@@ -196,3 +196,78 @@ class MultiresMethod:
             auto=self.config.exposure == "auto",
         )  # fmt: skip
         return np.asarray(agree(found))
+
+
+# --- Engines ----------------------------------------------------------------------------------------------------------
+
+
+class Engine(Protocol):
+    """Agrees with training.multires.field to rounding. What is random about a step comes from the seed and the step alone; two
+    engines may draw differently. An engine may keep what it derives from a state in state.kept.
+    """
+
+    def adopt(self, state: State) -> State:
+        """The state with arrays as the engine needs them."""
+        ...
+
+    def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
+        """One update of the state, in place, and its metrics (see training.method.Method.step)."""
+        ...
+
+    def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
+        """float32 [N, 8] at points float32 [N, 3] of the unit cube: density per side of the cube, colours, features."""
+        ...
+
+    def render(self, state: State, rays: Rays) -> RenderOutput:
+        """See training.method.Method.render."""
+        ...
+
+
+def make_engine(name: EngineName, dataset: RayDataset, plan: Plan, settings: Settings, seed: int) -> Engine:
+    """The engine of a name; where the fused one cannot be had, one that renders its runs but does not train them."""
+    if name == "jax":
+        return JaxEngine(dataset, plan, settings, seed)
+    problem = _problem_of_fused()
+    if problem is not None:
+        return _RenderingEngine(dataset, plan, settings, seed, problem)
+    fused = importlib.import_module("training.multires.fused.engine")  # compiles as it is imported
+    return fused.FusedEngine(dataset, plan, settings, seed)
+
+
+def chosen_engine(name: EngineName) -> EngineName:
+    """What "auto" means on this machine, for a run that begins: the fused loops on a processor, JAX elsewhere."""
+    if name != "auto":
+        return name
+    return "fused" if _problem_of_fused() is None else "jax"
+
+
+class _RenderingEngine(JaxEngine):
+    """Stands in for the fused engine where there is none: a run of it is rendered, scored and baked, but not trained."""
+
+    def __init__(
+        self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, problem: tuple[str, str]
+    ) -> None:
+        super().__init__(dataset, plan, settings, seed)
+        self.problem = problem
+
+    def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
+        found, remedy = self.problem
+        raise UserError(
+            "this run trains by the fused engine, which cannot be had here", where="--engine fused", found=found,
+            remedy=remedy,
+        )  # fmt: skip
+
+
+def _problem_of_fused() -> tuple[str, str] | None:
+    """Why the fused engine cannot be had, and what helps."""
+    if jax.default_backend() != "cpu":
+        return (
+            f"JAX has an accelerator, {jax.devices()[0].device_kind}",
+            "train on a processor (JAX_PLATFORMS=cpu), or begin another run",
+        )
+    if jax.device_count() > 1 or jax.process_count() > 1:
+        return (
+            f"{jax.device_count()} devices that train together",
+            "train in one process on one device, or begin another run",
+        )
+    return None

@@ -1,11 +1,18 @@
-"""The state of the field: plain arrays, whichever engine makes its steps."""
+"""The state of the field: plain arrays, whichever engine makes its steps; in checkpoints, checked: compiled loops believe every
+index that they are given."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from console import UserError
+from training.exposure import GAINS
+from training.multires.field import VIEW_PARAMETERS, decoder_size, inputs_of
+from training.multires.levels import ALL_HASHED, FEATURES, HASHED_FROM, bricks_along, is_dense, make_levels
 
 
 class Box(NamedTuple):
@@ -47,3 +54,100 @@ class State:
     step_cells: float
     gains: np.ndarray | None = None
     kept: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)  # by an engine: derived, never saved
+
+
+# --- Checkpoints ------------------------------------------------------------------------------------------------------
+
+PARTS = ("values", "first", "second")
+MOST_SAMPLES = 1e6  # of a ray
+
+
+def saved(state: State, resolutions: tuple[int, ...]) -> dict[str, np.ndarray]:
+    """Named arrays, from which `restored` makes the state again."""
+    arrays: dict[str, np.ndarray] = {
+        "origin": state.box.origin, "cell": state.box.cell, "dims": state.box.dims, "codes": state.codes,
+        "updates": np.int64(state.updates), "samples_per_ray": np.float64(state.samples_per_ray),
+        "step_cells": np.float64(state.step_cells),
+    }  # type: ignore[dict-item]  # fmt: skip
+    for part in PARTS:
+        arrays[f"{part}.table"], arrays[f"{part}.parameters"] = getattr(state, part)
+    for resolution, present in zip(resolutions, state.bricks, strict=True):
+        if present is not None:
+            arrays[f"bricks.{resolution}"] = present
+    if state.gains is not None:
+        arrays["gains"] = state.gains
+    return {name: np.asarray(array, order="C") for name, array in arrays.items()}
+
+
+def restored(
+    arrays: Mapping[str, np.ndarray], resolutions: tuple[int, ...], side: int, photographs: int | None
+) -> State:
+    """The inverse of saved. side: of the occupancy grid. photographs: as many have gains; None where none are fitted.
+
+    UserError, naming the array, where one does not fit; KeyError where one is missing.
+    """
+    for name, shape, dtype in (
+        ("origin", (3,), np.float64), ("cell", (3,), np.float64), ("dims", (3,), np.int32), ("updates", (), np.int64),
+        ("codes", (side, side, side), np.uint8), ("samples_per_ray", (), np.float64), ("step_cells", (), np.float64),
+    ):  # fmt: skip
+        _require(arrays, name, shape, dtype)
+    _require_range(arrays, "cell", 1e-9, 1e9)
+    _require_range(arrays, "dims", 1, side)
+    _require_range(arrays, "updates", 0, 2**40)
+    _require_range(arrays, "samples_per_ray", 0.0, MOST_SAMPLES)
+    _require_range(arrays, "step_cells", 0.01, 2.0)
+    bricks = tuple(_bricks(arrays, resolution) for resolution in resolutions)
+    rows = make_levels(resolutions, bricks).total
+    parameters = decoder_size(inputs_of(len(resolutions))) + VIEW_PARAMETERS
+    for part in PARTS:
+        _require(arrays, f"{part}.table", (rows, FEATURES), np.float32)
+        _require(arrays, f"{part}.parameters", (parameters,), np.float32)
+    gains = None
+    if photographs is not None:
+        _require(arrays, "gains", (photographs, 3), np.float32)
+        _require_range(arrays, "gains", *(float(np.float32(limit)) for limit in GAINS))
+        gains = arrays["gains"]
+    return State(
+        box=Box(arrays["origin"], arrays["cell"], arrays["dims"]), bricks=bricks, codes=arrays["codes"],
+        values=Trainable(arrays["values.table"], arrays["values.parameters"]),
+        first=Trainable(arrays["first.table"], arrays["first.parameters"]),
+        second=Trainable(arrays["second.table"], arrays["second.parameters"]),
+        updates=int(arrays["updates"]), samples_per_ray=float(arrays["samples_per_ray"]),
+        step_cells=float(arrays["step_cells"]), gains=gains,
+    )  # fmt: skip
+
+
+def _bricks(arrays: Mapping[str, np.ndarray], resolution: int) -> np.ndarray | None:
+    name = f"bricks.{resolution}"
+    if name not in arrays:
+        return None
+    present = arrays[name]
+    if resolution > HASHED_FROM and np.array_equal(present, ALL_HASHED):
+        return ALL_HASHED
+    _require(arrays, name, (0,) if is_dense(resolution) else (len(present),), np.int32)
+    if len(present) and (
+        present[0] < 0 or present[-1] >= bricks_along(resolution) ** 3 or (np.diff(present) <= 0).any()
+    ):
+        raise _unfit(name, "bricks of the cube, in order", "others")
+    return present
+
+
+def _require(arrays: Mapping[str, np.ndarray], name: str, shape: tuple[int, ...], dtype: type) -> None:
+    array = arrays[name]
+    if array.shape != shape or array.dtype != dtype:
+        raise _unfit(name, f"{np.dtype(dtype)} {list(shape)}", f"{array.dtype} {list(array.shape)}")
+    if np.issubdtype(dtype, np.floating) and not np.isfinite(array).all():
+        raise _unfit(name, "finite numbers", "NaN or infinity")
+
+
+def _require_range(arrays: Mapping[str, np.ndarray], name: str, low: float, high: float) -> None:
+    array = arrays[name]
+    if array.min() < low or array.max() > high:
+        raise _unfit(name, f"{low:g} to {high:g}", f"{array.min():g} to {array.max():g}")
+
+
+def _unfit(name: str, expected: object, found: object) -> UserError:
+    return UserError(
+        f'array "{name}" does not fit', where="checkpoint", expected=expected, found=found,
+        remedy="the file is damaged, or belongs to another run or other photographs",
+    )  # fmt: skip

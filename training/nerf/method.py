@@ -22,10 +22,10 @@ from training.checkpoints import from_arrays, to_arrays
 from training.config import REAL_BATCH, SYNTHETIC_BATCH, NerfConfig, TrainConfig
 from training.dataset import RayDataset
 from training.devices import SPLIT, WHOLE, here, put_whole, split
-from training.losses import CHANNELS, cauchy_sparsity, mean_squared_error, psnr_of, squared_error
 from training.method import FieldOutput, Method, Rays, RenderOutput, ViewMlpParams
 from training.nerf.field import apply_field
 from training.nerf.render import NerfParams, Perturbation, draw_perturbation, init_nerf, render_rays
+from training.volume import CHANNELS, cauchy_sparsity, mean_squared_error, psnr_of, squared_error
 
 
 class NerfState(NamedTuple):

@@ -32,7 +32,7 @@ from training.posing.prepare import (
     stored,
 )
 from training.posing.rejection_report import report_rejections, require_enough, warn_left_out, warn_of_prepared
-from training.scenes.messages import notice
+from training.scenes.files import notice
 from training.scenes.read import has_poses
 from training.scenes.sources import MASKS, Source, require_source
 

@@ -11,7 +11,7 @@ from typing import Any
 from console import UserError
 from console.atomic import write_file
 from training.posing.prepare import IMAGES, Prepared
-from training.scenes.messages import few, notice
+from training.scenes.files import few, notice
 from training.scenes.sources import FEWEST, MASKS, Source
 
 TABLE, LEFT_OUT = "photographs.txt", "left_out.json"

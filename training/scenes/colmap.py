@@ -14,9 +14,8 @@ import numpy as np
 
 from console import UserError
 from training.scenes.colmap_files import Reconstruction, model_suffix, read_reconstruction
-from training.scenes.files import PICTURE_SUFFIXES, FileFinder, clean_name, is_hidden
+from training.scenes.files import PICTURE_SUFFIXES, FileFinder, clean_name, is_hidden, notice
 from training.scenes.llff import choose_factor, masks_folder, masks_of, picture_folders
-from training.scenes.messages import notice
 from training.scenes.photographs import moved, photograph_of, target_size, tell_turned
 from training.scenes.pictures import picture_size
 from training.scenes.pixels import may_be_transparent

@@ -1,4 +1,4 @@
-"""Files of a scene: which are photographs, and where those are that a description names, however the disk spells them.
+"""Files of a scene: which are photographs, and where those are that a description names, however the disk spells them; messages.
 
 Descriptions travel between systems and programs, which change slashes, case, accents, suffixes and the folders in front. A file
 is found by the strictest rule that leads to one file alone:
@@ -14,9 +14,12 @@ from __future__ import annotations
 import contextlib
 import os
 import unicodedata
+import warnings
 from collections import Counter
 from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
+
+from console import Notice
 
 READ_PICTURES = "PNG, JPEG, WebP, TIFF, BMP, AVIF, HEIC or OpenEXR"
 PICTURE_SUFFIXES = (
@@ -120,3 +123,26 @@ def find_masks(folder: Path, names: Sequence[str]) -> list[Path | None]:
 
 def _key(name: str) -> str:
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+
+
+# --- Messages ---------------------------------------------------------------------------------------------------------
+
+NAMED = 8  # names in a message
+
+
+def notice(where: Path | str | None, text: str, names: Sequence[str] | None = None) -> None:
+    """Warns of what was left out or repaired, with the first of the `names` that it concerns; not where there are none."""
+    if names is not None and not names:
+        return
+    words = text if where is None else f"{where}: {text}"
+    warnings.warn(Notice(f"{words} ({few(names)})" if names else words), stacklevel=3)
+
+
+def few(names: Sequence[str]) -> str:
+    """The first NAMED of some names; where there are more, how many."""
+    return ", ".join(names[:NAMED]) + (f", … ({len(names)} in all)" if len(names) > NAMED else "")
+
+
+def times(size: Sequence[int]) -> str:
+    """A size, (width, height) in pixels."""
+    return f"{size[0]}x{size[1]}"

@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from console import UserError
-from training.scenes.files import find_masks, visible_files
-from training.scenes.messages import notice
+from training.scenes.files import find_masks, notice, visible_files
 from training.scenes.photographs import photograph_of, target_size, tell_turned
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward, pose

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from console import UserError
-from training.scenes.messages import notice, times
+from training.scenes.files import notice, times
 from training.scenes.pictures import PictureLoader, is_turned, picture_size
 from training.scenes.scene import Camera, Photograph
 from training.scenes.space import Frame, poses_of

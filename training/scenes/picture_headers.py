@@ -21,8 +21,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from console import UserError
 from console.file_signature import HEAD_BYTES, sniff_type
 from training.scenes.deep_pictures import ORIENTATION, ExrHeader, TiffTags, exr_header, tiff_tags
-from training.scenes.files import READ_PICTURES, UNREAD_FORMATS
-from training.scenes.messages import times
+from training.scenes.files import READ_PICTURES, UNREAD_FORMATS, times
 
 warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")  # of tags that no picture needs
 Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack

@@ -17,7 +17,7 @@ from PIL import Image
 
 from console import UserError
 from training.scenes.deep_pictures import ExrHeader, decoded_exr, decoded_png, decoded_tiff
-from training.scenes.messages import times
+from training.scenes.files import times
 from training.scenes.picture_headers import LOSSY, SIDEWAYS, UNREADABLE, Header, decodable, read_header, short_reason
 
 BAND_PIXELS = 1 << 21  # that are shrunk at once: 32 MiB of floats

@@ -15,8 +15,7 @@ import numpy as np
 
 from console import UserError
 from console.memory import free_memory
-from training.memory import aligned
-from training.scenes.messages import notice, times
+from training.scenes.files import notice, times
 from training.scenes.pictures import PictureLoader, as_bytes
 from training.scenes.scene import Camera, Photograph
 
@@ -24,6 +23,7 @@ FILE_SHARE = 3  # pixels that take more than this part of the free memory, a thi
 DECODING = 24  # bytes for each pixel of a photograph while it is decoded
 ASSUMED_FREE = 4 << 30  # bytes, where the system does not tell
 TOGETHER = 1 << 24  # pixels that are tested at once
+ALIGNED = 64  # bytes: where arrays begin that JAX takes over on a processor (jnp.asarray) without copying them
 
 
 def pixel_counts(cameras: Sequence[Camera], row_step: int = 1) -> np.ndarray:
@@ -122,7 +122,9 @@ def _free() -> int:
 def _zeros(size: int, folder: Path | None) -> np.ndarray:
     """uint8 [size] zeros, in memory or in a file without a name."""
     if size <= _free() // FILE_SHARE:
-        return aligned((size,), np.uint8)
+        memory = np.zeros(size + ALIGNED, np.uint8)
+        start = -memory.ctypes.data % ALIGNED
+        return memory[start : start + size]
     failure, places = OSError(), [*([folder] if folder else []), Path(tempfile.gettempdir())]
     for place in places:
         try:

@@ -17,8 +17,7 @@ import numpy as np
 from console import Notice, UserError
 from training.scenes import colmap, llff, programs, transforms
 from training.scenes.files import PICTURE_SUFFIXES
-from training.scenes.rays import camera_rays, pixel_grid
-from training.scenes.scene import Scene, SceneOptions
+from training.scenes.scene import Scene, SceneOptions, camera_rays, pixel_grid
 from training.scenes.scene_options import UP, checked_box, checked_up, with_box
 
 MOST_OF_A_LENS = 1e7  # pixels, or a coefficient of its distortion; beyond, some pixels have no ray

@@ -13,10 +13,9 @@ import numpy as np
 
 from console import UserError
 from console.arguments import parse_numbers
-from training.scenes.messages import notice
+from training.scenes.files import notice
 from training.scenes.poses import normalised
-from training.scenes.rays import camera_rays, pixel_grid
-from training.scenes.scene import Box, Camera, Direction, Scene
+from training.scenes.scene import Box, Camera, Direction, Scene, camera_rays, pixel_grid
 
 AABB, UP = "--aabb", "--up"
 PROBES = 17  # pixels along each side of a picture whose rays are tried

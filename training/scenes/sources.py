@@ -17,8 +17,15 @@ from typing import Literal
 from console import UserError
 from console.file_signature import HEAD_BYTES, sniff_type
 from training.scenes import llff
-from training.scenes.files import PICTURE_SUFFIXES, READ_PICTURES, UNREAD_FORMATS, find_masks, is_hidden, visible_files
-from training.scenes.messages import few
+from training.scenes.files import (
+    PICTURE_SUFFIXES,
+    READ_PICTURES,
+    UNREAD_FORMATS,
+    few,
+    find_masks,
+    is_hidden,
+    visible_files,
+)
 
 FILM_HEAD_BYTES = 1024  # of a film that tell its container
 STILLS = (b"avif", b"avis", b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1", b"jxl ", b"crx ")

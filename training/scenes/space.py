@@ -25,8 +25,7 @@ from console import UserError
 from scenepack.constants import NDC_NEAR
 from training.scenes.lens import PERSPECTIVE, directions_at, projection_of
 from training.scenes.poses import axes_along, focus_point, mean_pose, upright_axes
-from training.scenes.rays import camera_rays, ndc_rays, pixel_grid, pixels_of
-from training.scenes.scene import Camera, Photograph
+from training.scenes.scene import Camera, Photograph, camera_rays, ndc_rays, pixel_grid, pixels_of
 
 # docs/format.md, "Coordinate frames": the pack's grid frame (y up) to a training frame whose z is up, and to NDC.
 WORLDSPACE_T_OPENGL = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)

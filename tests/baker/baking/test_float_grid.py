@@ -10,7 +10,7 @@ import pytest
 
 from baker.baking.bake import bake, bake_floats
 from baker.baking.config import BakeConfig
-from baker.baking.float_grid import FloatGrid
+from baker.baking.grid import FloatGrid
 from baker.reports.float_pictures import float_pictures
 from scenepack.blocks import block_copy
 from scenepack.pack import Pack

@@ -16,8 +16,7 @@ from baker.baking.supersample import lattice_of, supersample
 from baker.baking.work_folder import WorkFolder
 from console import Notice
 from scenepack import Pack, check_pack
-from scenepack.blocks import dense_from_pack, fill_atlas
-from scenepack.blocks import restore_padding
+from scenepack.blocks import dense_from_pack, fill_atlas, restore_padding
 from tests.baker.analytic import COLOUR, DENSITY, FEATURES, RADIUS, ball, culled, nothing
 from tests.scenepack.random_packs import BLENDER_FRAME
 

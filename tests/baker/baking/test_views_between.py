@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from baker.baking.views_between import with_views_between
+from baker.baking.passes import with_views_between
 from training.dataset import RayDataset
 
 

@@ -14,8 +14,8 @@ import pytest
 from baker.commands import evaluate as evaluate_command
 from baker.commands.pack import main
 from baker.reports import evaluation
-from baker.reports.codecs import measured
 from baker.reports.evaluation import evaluate, reading_of
+from baker.reports.tables import measured
 from scenepack import Pack, save_pack
 from tests.scenepack.helpers import small_pack
 from tests.scenepack.random_packs import random_pack

@@ -12,7 +12,6 @@ import pytest
 from PIL import Image
 
 from tests.training.reconstructions import FLIP, LENSES, SIZE, around, ball, write_colmap
-from training.scenes.camera_keys import read_camera
 from training.scenes.colmap_files import read_reconstruction
 from training.scenes.lens import (
     EQUIRECTANGULAR,
@@ -24,9 +23,9 @@ from training.scenes.lens import (
     projection_of,
     whole_lens,
 )
-from training.scenes.rays import camera_rays, pixels_of, shown_pixels
 from training.scenes.read import load_scene
-from training.scenes.scene import Camera, Photograph, Scene
+from training.scenes.scene import Camera, Photograph, Scene, camera_rays, pixels_of, shown_pixels
+from training.scenes.transforms import read_camera
 
 KEYS = {"q1": "k4", "q2": "k5", "q3": "k6", "s1": "sx1", "s2": "sy1", "f": "fl_x", "fx": "fl_x", "fy": "fl_y"}
 

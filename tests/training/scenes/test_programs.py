@@ -179,7 +179,7 @@ def in_scene(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("name", WRITERS)
 @pytest.mark.filterwarnings("ignore")
 def test_known_points_are_seen_where_the_export_says(tmp_path: Path, name: str):
-    from training.scenes.rays import pixels_of
+    from training.scenes.scene import pixels_of
 
     WRITERS[name](tmp_path)
     scene = load_scene(tmp_path)

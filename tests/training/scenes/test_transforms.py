@@ -14,8 +14,7 @@ from PIL import Image
 from console import Notice, UserError
 from tests.training.test_captures import circle, complaint, everyone
 from training.scenes import load_scene
-from training.scenes.rays import camera_rays
-from training.scenes.scene import Camera, Scene
+from training.scenes.scene import Camera, Scene, camera_rays
 from training.scenes.scene_options import require_rays
 from training.scenes.space import PointCloud, space_of_capture
 

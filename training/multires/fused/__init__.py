@@ -3,7 +3,7 @@
 vectors   SIMD operations for LLVM             network   the decoder's matrix products and activations
 corners   vertices around samples, by level    view_mlp  the deferred head over a chunk of rays
 march     samples of rays, wave by wave        chunk     a chunk of rays, forward and backward
-adam      gradients to table rows, and Adam    engine    training.multires.engines.Engine
+engine    training.multires.method.Engine, and Adam
 """
 
 from __future__ import annotations

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
+import os
 import shutil
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -61,3 +65,32 @@ def _enable_caching(dispatcher: Any) -> None:
     """In place of Numba's own, which raises where neither the installation nor the user's cache can be written."""
     with contextlib.suppress(RuntimeError):
         dispatcher._cache = _Cache(dispatcher.py_func)
+
+
+# --- Threads ----------------------------------------------------------------------------------------------------------
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Workers:
+    """count: threads, this one included."""
+
+    def __init__(self, count: int | None = None) -> None:
+        self.count = max(1, count or cores())
+        self._pool = ThreadPoolExecutor(self.count - 1) if self.count > 1 else None
+
+    def share(self, parts: int, work: Callable[[int, int], None]) -> None:
+        """Calls work(worker, part) for each part once, in order of parts as workers come free; returns when all are done."""
+        claimed = itertools.count()  # next() is atomic
+
+        def run(worker: int) -> None:
+            while (part := next(claimed)) < parts:
+                work(worker, part)
+
+        others = [self._pool.submit(run, worker) for worker in range(1, min(self.count, parts))] if self._pool else []
+        run(0)
+        for other in others:
+            other.result()

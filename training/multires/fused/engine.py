@@ -1,4 +1,4 @@
-"""training.multires.engines.Engine by the fused loops: one process, one machine, its processor's cores.
+"""training.multires.method.Engine by the fused loops: one process, one machine, its processor's cores.
 
 A step: chunks of rays give gradients of features at their samples; then each level adds these to its rows in the samples' order.
 So a run repeats itself to the last bit whatever the number of threads, and goes on from a checkpoint alike.
@@ -27,7 +27,6 @@ from training.multires.field import (
     shade,
     split_parameters,
 )
-from training.multires.fused.adam import EPSILON, NEW_1, NEW_2, move_marked
 from training.multires.fused.chunk import (
     CHUNK,
     Field,
@@ -40,9 +39,11 @@ from training.multires.fused.chunk import (
     smooth_chunk,
     train_chunk,
 )
+from training.multires.fused.compiled import Workers, kernel
 from training.multires.fused.corners import BLOCK, scatter
 from training.multires.fused.march import Grid, grid_of
 from training.multires.fused.rays import Batch, empty_batch, fill_batch, photographs_of, take_rays
+from training.multires.fused.vectors import FEATURES
 from training.multires.fused.view_mlp import (
     COLOUR,
     DISTORTION,
@@ -58,11 +59,33 @@ from training.multires.fused.view_mlp import (
 )
 from training.multires.fused.view_mlp import packed as packed_view_mlp
 from training.multires.fused.view_mlp import turned as turned_view_mlp
-from training.multires.fused.workers import Workers
 from training.multires.levels import HASHED, ROWS_OF_BRICK, Levels, absent_rows, make_levels
 from training.multires.occupancy import is_on, neighbouring_points
-from training.multires.settings import LARGEST_RAW, LEAST_LIGHT, Plan, Settings
+from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, LARGEST_RAW, LEAST_LIGHT, Plan, Settings
 from training.multires.state import State, Trainable
+
+MARKED = 64 * FEATURES  # floats of the rows that share a mark
+NEW_1, NEW_2, EPSILON = (np.float32(value) for value in (1 - ADAM_BETAS[0], 1 - ADAM_BETAS[1], ADAM_EPSILON))
+
+
+@kernel(error_model="numpy")
+def move_marked(values, first, second, gradient, marks, scale, rate, low, high):
+    """Moves the marked blocks low … high - 1 of flat arrays by gradient * scale, which is set to zero with its marks."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for block in range(low, high):
+        if marks[block] == 0:
+            continue
+        marks[block] = 0
+        start, end = block * MARKED, (block + 1) * MARKED
+        value, mean, square, slope = values[start:end], first[start:end], second[start:end], gradient[start:end]
+        for i in range(MARKED):
+            g = slope[i] * scale
+            seen = one if g != zero else zero
+            new_mean = mean[i] + seen * NEW_1 * (g - mean[i])
+            new_square = square[i] + seen * NEW_2 * (g * g - square[i])
+            mean[i], square[i], slope[i] = new_mean, new_square, zero
+            value[i] -= seen * rate * new_mean / (np.sqrt(new_square) + EPSILON)
+
 
 CHUNKS_TOGETHER = 4  # that a worker claims, and that share one sum of parameter gradients
 POINTS_TOGETHER = 4096  # that are queried together
@@ -72,7 +95,7 @@ PAIRS_TOGETHER = CHUNK * SPARE[1] // 2  # of points: as many as the smallest chu
 
 
 class FusedEngine:
-    """See training.multires.engines.Engine. threads: None for all cores."""
+    """See training.multires.method.Engine. threads: None for all cores."""
 
     def __init__(
         self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, threads: int | None = None

@@ -16,7 +16,7 @@ from scenepack.contraction import MOST_PIECES
 from training.dataset import NEWTON_STEPS, RayDataset
 from training.multires.fused.compiled import kernel
 from training.scenes.lens import PROJECTION, REACH, lens_functions
-from training.scenes.rays import NDC_NEAR
+from training.scenes.scene import NDC_NEAR
 
 LENS = lens_functions(compiled=njit(nogil=True))
 _undistort, _direction = LENS.undistort, LENS.direction

@@ -16,9 +16,8 @@ from typing import Literal
 
 import numpy as np
 
-from scenepack.blocks import fill_atlas
+from scenepack.blocks import fill_atlas, restore_padding
 from scenepack.pack import Pack
-from scenepack.blocks import restore_padding
 from training.scenes import Scene, load_scene
 from training.scenes.colmap import SparsePoints, sparse_points
 from training.scenes.scene import Direction, cameras_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from baker.baking.pictures import with_pictures
+from baker.baking.to_pack import with_pictures
 from scenepack import load_pack, save_pack
 from scenepack.pictures import PICTURE, has_picture, picture_of, picture_uri
 from tests.viewer.scenes import photographed
