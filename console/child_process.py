@@ -18,9 +18,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, BinaryIO
 
-ROOT = (
-    Path(__file__).resolve().parents[__name__.count(".")]
-)  # on the module path: a checkout, or a folder of installed packages
+# On the module path: a checkout, or a folder of installed packages.
+ROOT = Path(__file__).resolve().parents[__name__.count(".")]
 INSTALLED = ("site-packages", "dist-packages")
 POLITENESS = 10  # priority of a child whose parent must stay responsive
 LONGEST_LINE = 1 << 24  # bytes

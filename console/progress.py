@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, T
 from rich.progress import Progress as RichProgress
 from rich.text import Text
 
-from console.progress_protocol import Listener, Report, Reporter, in_words
+from console.progress_protocol import Report, Reporter, in_words
 
 LEAST_UPDATES, LEAST_S = 3, 5.0  # known of the work, before an estimate means something
 LATEST_S, LATEST_SHARE = 30.0, 0.5  # the latest part of the work, whose speed counts: the longer of the two
@@ -224,7 +224,7 @@ def progress(
     if quiet or _listeners:
         work = Progress(title, total, begun)
         if not quiet:
-            work.report_to(Listener(_listeners[-1]), stage or title)
+            work.report_to(Reporter(_listeners[-1]), stage or title)
         yield work
         return
     with _shown(title, total, begun) as work, _in_time(work):

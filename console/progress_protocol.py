@@ -91,20 +91,24 @@ def read_report(file: Path) -> Report | None:
 
 
 class Reporter:
-    """Keeps the file that SNERG_PROGRESS names up to date; does nothing where it is not set."""
+    """Calls on_report with each report; without it, keeps the file that SNERG_PROGRESS names up to date, if it is set."""
 
-    def __init__(self) -> None:
-        named = os.environ.get(PROGRESS)
-        self._file = Path(named) if named else None
+    def __init__(self, on_report: Callable[[Report], None] | None = None) -> None:
+        named = os.environ.get(PROGRESS) if on_report is None else None
+        self._on_report, self._file = on_report, Path(named) if named else None
         self._written = -WRITTEN_EVERY_S
 
     def tell(self, report: Report, *, at_once: bool = False) -> None:
         """Writes `report`, unless another was written a moment ago. A disk that refuses is no reason to stop the work."""
         now = time.monotonic()
-        if self._file is None or (not at_once and now - self._written < WRITTEN_EVERY_S):
+        if not at_once and now - self._written < WRITTEN_EVERY_S:
             return
-        if not at_once:  # what follows a first report at once is written as well
+        if not at_once or self._on_report is not None:  # what follows a first report at once is written as well
             self._written = now
+        if self._on_report is not None:
+            self._on_report(report)
+        if self._file is None:
+            return
         with contextlib.suppress(OSError), replacing(self._file, durable=False) as new:
             new.write_text(json.dumps(asdict(report)), encoding="utf-8")
 
@@ -113,19 +117,6 @@ class Reporter:
         if self._file is not None:
             last = read_report(self._file) or Report(prog, 0.0, 1.0)
             self.tell(replace(last, error=error, bug=bug), at_once=True)
-
-
-class Listener(Reporter):
-    """Calls a function with each report, in place of a file."""
-
-    def __init__(self, on_report: Callable[[Report], None]) -> None:
-        self._on_report, self._written_at = on_report, -WRITTEN_EVERY_S
-
-    def tell(self, report: Report, *, at_once: bool = False) -> None:
-        now = time.monotonic()
-        if at_once or now - self._written_at >= WRITTEN_EVERY_S:
-            self._written_at = now
-            self._on_report(report)
 
 
 @contextlib.contextmanager

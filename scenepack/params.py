@@ -27,8 +27,6 @@ AXES = ("width", "height", "depth")
 LAYERS = (0, 1, 2)
 INPUT_KEYS = ("input_width", "input_height", "input_focal")
 
-_ABSENT = object()
-
 
 def parse_params(data: bytes, where: str, note: Callable[[str], None]) -> tuple[Pack, str]:
     """The pack that the JSON text `data` describes, and the codec of its atlas.
@@ -94,19 +92,14 @@ class _Checker:
     def pack(self) -> tuple[Pack, str]:
         voxel_size = self.number("voxel_size")
         if not SMALLEST_VOXEL <= voxel_size <= LARGEST_VOXEL:
-            expected = f"world units, {SMALLEST_VOXEL:g} to {LARGEST_VOXEL:g}"
-            raise self.wrong(
-                "voxel_size", "is not positive" if voxel_size <= 0 else "is out of range", expected, voxel_size
-            )
+            what = "is not positive" if voxel_size <= 0 else "is out of range"
+            raise self.wrong("voxel_size", what, f"world units, {SMALLEST_VOXEL:g} to {LARGEST_VOXEL:g}", voxel_size)
         block_size = self.whole("block_size", 1024)
         x, y, z = (self.whole(f"grid_{axis}", MAX_GRID_SIDE) for axis in AXES)
         width, height, depth = (self.whole(f"atlas_{axis}", MAX_ATLAS_SIDE) for axis in AXES)
         if width * height * depth * 4 > MAX_ATLAS_BYTES:
-            raise UserError(
-                f"an atlas of {width} × {height} × {depth} voxels is too large",
-                where=self.where,
-                expected=f"at most {MAX_ATLAS_BYTES >> 30} GiB",
-            )
+            what = f"an atlas of {width} × {height} × {depth} voxels is too large"
+            raise UserError(what, where=self.where, expected=f"at most {MAX_ATLAS_BYTES >> 30} GiB")
         ndc = self.ndc()
         input_width, input_height, input_focal = self.input_camera(ndc)
         nothing = np.broadcast_to(np.uint8(0), (depth, height, width, 4))
@@ -133,9 +126,8 @@ class _Checker:
     def frame(self) -> np.ndarray:
         matrix = self.array("worldspace_T_opengl", (4, 4), np.float64)
         if np.max(np.abs(matrix)) > LARGEST_VOXEL:
-            raise UserError(
-                "worldspace_T_opengl is out of range", where=self.where, expected=f"at most {LARGEST_VOXEL:g}"
-            )
+            expected = f"at most {LARGEST_VOXEL:g}"
+            raise UserError("worldspace_T_opengl is out of range", where=self.where, expected=expected)
         # Relative to the lengths of its rows, so that a scaled frame is not taken for a singular one.
         lengths = np.linalg.norm(matrix[:3, :3], axis=1)
         if abs(np.linalg.det(matrix[:3, :3])) <= 1e-9 * np.prod(lengths) or matrix[3, 3] == 0:
@@ -143,10 +135,9 @@ class _Checker:
         return matrix
 
     def format(self) -> str:
-        value = self.raw.get("format", _ABSENT)
-        if value is _ABSENT:
+        value = self.raw.get("format", "png")
+        if "format" not in self.raw:
             self.note(f"{self.where}: format is missing; taken as png")
-            return "png"
         if not isinstance(value, str):
             raise self.wrong("format", "is not a name", "png", value)
         return value

@@ -76,14 +76,9 @@ def save_pack(
                     for name, data in files:
                         (new / name).write_bytes(data)
     except OSError as error:
-        busy = error.errno == errno.EBUSY
-        raise UserError(
-            f"the pack cannot be written: {error.strerror or error}",
-            where=path,
-            remedy="wait for it, or choose another place"
-            if busy
-            else "the old files are untouched; free some space, or choose another place",
-        ) from error
+        untouched = "the old files are untouched; free some space, or choose another place"
+        remedy = "wait for it, or choose another place" if error.errno == errno.EBUSY else untouched
+        raise UserError(f"the pack cannot be written: {error.strerror or error}", where=path, remedy=remedy) from error
 
 
 def check_target(path: Path) -> None:
@@ -145,21 +140,15 @@ def _require_replaceable(path: Path, as_zip: bool) -> None:
         try:
             open_files(path).close()
         except UserError as error:
-            raise UserError(
-                "holds something that is not a pack, so it is not replaced",
-                where=path,
-                remedy="remove it yourself, or choose another name",
-            ) from error
+            raise UserError("holds something that is not a pack, so it is not replaced", where=path,
+                            remedy="remove it yourself, or choose another name") from error  # fmt: skip
         return
     names = sorted(os.listdir(path))
     foreign = [name for name in names if not _PACK_FILE.fullmatch(name)]
     if names and (foreign or PARAMS_NAME not in names):
-        raise UserError(
-            "holds files that do not belong to a pack, so it is not replaced",
-            where=path,
-            found=f"{(foreign or names)[0]}" + (f" and {len(foreign) - 1} others" if len(foreign) > 1 else ""),
-            remedy="choose a new or empty folder",
-        )
+        found = (foreign or names)[0] + (f" and {len(foreign) - 1} others" if len(foreign) > 1 else "")
+        raise UserError("holds files that do not belong to a pack, so it is not replaced", where=path, found=found,
+                        remedy="choose a new or empty folder")  # fmt: skip
 
 
 def _files(
@@ -220,10 +209,8 @@ def _write_zip(path: Path, files: Iterator[tuple[str, bytes]]) -> None:
 
 def _plain(value: Any) -> Any:
     """NumPy values and paths in "snerg" as JSON."""
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    if isinstance(value, np.generic):
-        return value.item()
     if isinstance(value, Path):
         return str(value)
     raise TypeError(f"{type(value).__name__} in the pack's metadata is no JSON")

@@ -71,9 +71,8 @@ def writing(path: Path) -> Iterator[None]:
     except OSError as error:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         what, remedy = ("the disk is full", "free some space") if full else ("cannot be written", "make it writable")
-        raise UserError(
-            what, where=path, found=error.strerror, remedy=f"{remedy}, then continue with --resume"
-        ) from error
+        remedy += ", then continue with --resume"
+        raise UserError(what, where=path, found=error.strerror, remedy=remedy) from error
 
 
 def list_checkpoints(folder: Path) -> list[tuple[int, Path]]:

@@ -71,9 +71,7 @@ class RayDataset:
     pixels: jax.Array  # uint8 [P (padded to a multiple of D), C], stored along the mesh
     world_T_camera: jax.Array  # [V, 3, 4]
     intrinsics: jax.Array  # [V, 4] = fx, fy, cx, cy
-    distortion: (
-        jax.Array
-    )  # [V, LENS_SIZE + 1]: whole_lens of training.scenes.lens; rays that a lens does not show end at once
+    distortion: jax.Array  # [V, LENS_SIZE + 1]: whole_lens of training.scenes.lens
     first: jax.Array  # int32 [V]: the id of a view's first ray
     width: jax.Array  # int32 [V]
     facts: SceneFacts = field(repr=False)

@@ -268,8 +268,5 @@ class NothingThere(UserError):
 
 
 def _nothing_there(run: Run) -> UserError:
-    return NothingThere(
-        "the trained field contains nothing that its cameras see",
-        where=run.path,
-        remedy="train for more steps, then bake again",
-    )
+    return NothingThere("the trained field contains nothing that its cameras see", where=run.path,
+                        remedy="train for more steps, then bake again")  # fmt: skip

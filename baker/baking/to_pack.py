@@ -109,19 +109,14 @@ def describe_pack(pack: Pack, out: Path) -> str:
     x, y, z = pack.grid_size
     made = pack.metadata["provenance"]
     tuned = made.get("fine_tuning")
-    gain = (
-        f"; tuning {tuned['held_out_psnr_before']} -> {tuned['held_out_psnr_after']} dB on held-out training views"
-        if tuned and "held_out_psnr_after" in tuned
-        else f"; tuning {tuned['train_psnr_before']} -> {tuned['train_psnr_after']} dB on training pixels"
-        if tuned
-        else ""
-    )
-    counts, voxels = made["macroblocks"], made.get("voxels")
-    thinned = (
-        f", {voxels['after'] / 1e6:.1f} of {voxels['before'] / 1e6:.1f} million voxels shown with tau_weight or more"
-        if voxels
-        else ""
-    )
+    counts, voxels, gain, thinned = made["macroblocks"], made.get("voxels"), "", ""
+    if tuned:
+        prefix = "held_out" if "held_out_psnr_after" in tuned else "train"
+        where = "held-out training views" if prefix == "held_out" else "training pixels"
+        gain = f"; tuning {tuned[f'{prefix}_psnr_before']} -> {tuned[f'{prefix}_psnr_after']} dB on {where}"
+    if voxels:
+        millions = f"{voxels['after'] / 1e6:.1f} of {voxels['before'] / 1e6:.1f} million"
+        thinned = f", {millions} voxels shown with tau_weight or more"
     return (
         f"{out}: {x} x {y} x {z} voxels, {counts['kept']} of {counts['grid']} macroblocks ({counts['below_tau_alpha']} "
         f"fainter than tau_alpha and {counts['below_tau_vis']} seen with less than tau_vis are left out){thinned}{gain}; "

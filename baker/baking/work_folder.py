@@ -166,11 +166,8 @@ class WorkFolder:
         return handle
 
     def _refused(self, error: OSError) -> UserError:
-        return UserError(
-            f"its pieces cannot be written: {error.strerror or error}",
-            where=self.path,
-            remedy=f"free some space; then {AGAIN}",
-        )
+        return UserError(f"its pieces cannot be written: {error.strerror or error}", where=self.path,
+                         remedy=f"free some space; then {AGAIN}")  # fmt: skip
 
 
 def share_out(work: WorkFolder | None, pieces: Sequence[tuple[str, Callable[[], Arrays]]]) -> None:

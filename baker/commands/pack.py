@@ -82,11 +82,8 @@ def convert(
         raise UserError("is out of range", where="--png-level", expected="0 to 9", found=png_level)
     lossy = chosen_quality(codec_named(codec, "--codec"), quality) is not None  # now, not after the work is done
     if lossy and not force and out.exists() and pack.exists() and out.samefile(pack):
-        raise UserError(
-            f"{codec} is lossy, and would replace the pack that is converted",
-            where=out,
-            remedy="choose another --out, a lossless --codec (png, webp), or add --force",
-        )
+        raise UserError(f"{codec} is lossy, and would replace the pack that is converted", where=out,
+                        remedy="choose another --out, a lossless --codec (png, webp), or add --force")  # fmt: skip
     check_target(out)
     with open_pack(pack) as reader:
         before, stored = _read_all(reader), reader.files.stored_bytes
@@ -215,12 +212,8 @@ def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Pa
         print(f"{pack['path']}: {pack['codec']}, {pack['bytes'] / 1e6:.2f} MB")
     for view in (*result["views"], {"name": f"mean of {views} views", **result}):
         ssim = "" if view["ssim"] is None else f", SSIM {view['ssim']:.4f}"
-        same = (
-            "identical"
-            if view["worst"] == 0
-            else f"PSNR {view['psnr']:.2f} dB{ssim}, at most {view['worst']}/255 apart"
-        )
-        print(one_line(f"{view['name']}: {same}"))
+        apart = f"PSNR {view['psnr']:.2f} dB{ssim}, at most {view['worst']}/255 apart"
+        print(one_line(f"{view['name']}: {apart if view['worst'] else 'identical'}"))
 
 
 def _read(pack: Path) -> Pack:

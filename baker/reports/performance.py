@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import Any
 
 from baker.reports import paper_figures
-from baker.reports.fields import train_command
 from baker.reports.options import ReportOptions
 from baker.reports.pack_compare import stored_bytes
 from baker.reports.report_cache import Baked, Study
+from baker.reports.tables import against_command
 from console import Notice
 from scenepack import Pack, load_pack
 from viewer.benchmark.frames import sustained
@@ -52,7 +52,7 @@ def performance_table(study: Study) -> dict[str, Any]:
         if name in measured:
             row |= measured[name]
         elif name == "no-sparsity":
-            row["command"] = train_command(study.run, study.out, "no-sparsity", "--against")
+            row["command"] = against_command(study)
         else:
             row["command"] = "none: this field has no view MLP"
         printed = paper_figures.performance(study.kind, study.name, "ours" if name == "paper" else name)
@@ -66,19 +66,16 @@ def resolution_table(study: Study) -> dict[str, Any]:
     packs: dict[str, Pack] = {}
     for n in reversed(study.options.sides):
         for run in (study.run, study.without_sparsity):
-            row: Row = {
-                "row": f"{n}" if run is study.run else f"{n}, no L_s",
-                "resolution": n,
-                "sparsity": run is study.run,
-            }
-            row["label"] = f"{n}³{'' if run is study.run else ', no sparsity loss'}"
+            is_own = run is study.run
+            row: Row = {"row": f"{n}" if is_own else f"{n}, no L_s", "resolution": n, "sparsity": is_own}
+            row["label"] = f"{n}³{'' if is_own else ', no sparsity loss'}"
             if run is None:
-                row["command"] = train_command(study.run, study.out, "no-sparsity", "--against")
+                row["command"] = against_command(study)
             else:
                 baked = study.baked(preset, run, resolution=n)
                 packs[row["row"]] = load_pack(baked.path)
                 row |= _of_pack(study, baked, packs[row["row"]])
-            printed = paper_figures.RESOLUTION.get(n) if study.kind == "synthetic" and run is study.run else None
+            printed = paper_figures.RESOLUTION.get(n) if study.kind == "synthetic" and is_own else None
             named = None if printed is None else dict(zip(("psnr", "ssim", "lpips", "fps", "mb"), printed, strict=True))
             rows.append(row | {"paper": named, "release": None})
     first = next(iter(packs.values()))

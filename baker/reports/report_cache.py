@@ -92,35 +92,17 @@ class Study:
         changes: fields of BakeConfig that differ from the report's.
         """
         run, config = run or self.run, self.config(preset, **changes)
-        kept = self._kept(preset, run, config)
-        if kept is not None:
-            return kept
-        name = self._name(preset, run, config)
-        pack, note, key = self._packs / name, self._packs / f"{name}.json", _key(run, config)
+        name = f"{preset}-{config.resolution}-{config.quality}" + ("-no-sparsity" if run is self._against else "")
+        name += "-with-hidden" if config.keeps_hidden else ""
+        pack, note = self.out / "packs" / name, self.out / "packs" / f"{name}.json"
+        key, kept = work_key(run, config) | {"quality": config.quality}, _read(note)
+        if kept.get("key") == json.loads(json.dumps(key)) and pack.is_dir() and isinstance(kept.get("seconds"), dict):
+            return Baked(name, pack, key, kept["seconds"])
         note.unlink(missing_ok=True)  # first, so that no note ever tells of another pack
-        self._packs.mkdir(parents=True, exist_ok=True)
+        note.parent.mkdir(parents=True, exist_ok=True)
         seconds = bake_to(run, config, pack)
         write_file(note, json.dumps({"key": key, "seconds": seconds}, indent=2) + "\n")
         return Baked(name, pack, key, seconds)
-
-    @property
-    def _packs(self) -> Path:
-        return self.out / "packs"
-
-    def _name(self, preset: BakePreset, run: Run, config: BakeConfig) -> str:
-        return (
-            f"{preset}-{config.resolution}-{config.quality}"
-            + ("-no-sparsity" if run is self._against else "")
-            + ("-with-hidden" if config.keeps_hidden else "")
-        )
-
-    def _kept(self, preset: BakePreset, run: Run, config: BakeConfig) -> Baked | None:
-        name, key = self._name(preset, run, config), _key(run, config)
-        note, pack = _read(self._packs / f"{name}.json"), self._packs / name
-        same = (
-            note.get("key") == json.loads(json.dumps(key)) and pack.is_dir() and isinstance(note.get("seconds"), dict)
-        )
-        return Baked(name, pack, key, note["seconds"]) if same else None
 
     def score(self, baked: Baked, mask_of: Baked | None = None) -> Score:
         """psnr, ssim, lpips of a pack: means over the views, drawn by OpenGL, and `views`, each photograph's psnr.
@@ -170,10 +152,6 @@ class Study:
     def stem(self, view: int) -> str:
         """The file name, without suffix, of the pictures of a view."""
         return picture_stems(self.photographs)[view]
-
-
-def _key(run: Run, config: BakeConfig) -> dict[str, Any]:
-    return work_key(run, config) | {"quality": config.quality}
 
 
 def _read(note: Path) -> dict[str, Any]:

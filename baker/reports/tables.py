@@ -18,51 +18,34 @@ import jax
 
 from baker.baking.config import Quality
 from baker.reports import paper_figures
+from baker.reports.evaluation import evaluate
 from baker.reports.fields import OWN, label_of, row_of_run, train_command
 from baker.reports.figures import draw_sections, section, shares
-from baker.reports.pack_compare import stored_bytes
+from baker.reports.pack_compare import compare_packs, stored_bytes
 from baker.reports.report_cache import Baked, Score, Study
 from console import UserError
-from scenepack import Pack, open_pack
+from scenepack import Pack, load_pack, open_pack, save_pack
+from scenepack.codecs import chosen_quality, codec_named
 from scenepack.report import pack_facts
 from training.recorder import read_metrics
 from training.run import Run, load_run
 
 # Each codec as it comes, and what places them on one curve.
 LADDER: tuple[tuple[str, int | None], ...] = (
-    ("png", None),
-    ("webp", None),
-    ("jpeg", 98),
-    ("jpeg", None),
-    ("jpeg", 90),
-    ("h264", 92),
-    ("h264", None),
-    ("h264", 70),
-    ("avif", 90),
-    ("avif", None),
-    ("avif", 70),
-    ("avif", 60),
-)
+    ("png", None), ("webp", None), ("jpeg", 98), ("jpeg", None), ("jpeg", 90), ("h264", 92), ("h264", None), ("h264", 70),
+    ("avif", 90), ("avif", None), ("avif", 70), ("avif", 60),
+)  # fmt: skip
 VIEWS, SIZE = 8, (400, 400)
 
 
 def measured(
-    path: Path,
-    scene: Any,
-    split: str,
-    ladder: Sequence[tuple[str, int | None]],
-    folder: Path,
-    mask_of: Path | None = None,
-) -> Iterator[dict[str, Any]]:
-    """A row for each (codec, quality) of the ladder, written below `folder` and removed again. mask_of: see evaluate.
+    path: Path, scene: Any, split: str, ladder: Sequence[tuple[str, int | None]], folder: Path, mask_of: Path | None = None
+) -> Iterator[dict[str, Any]]:  # fmt: skip
+    """A row for each (codec, quality) of the ladder, written below `folder`: bytes on disk, PSNR, SSIM and LPIPS against the
+    photographs, PSNR against the pictures of the pack as it was, seconds to encode and to decode. mask_of: see evaluate.
 
     Codecs whose library is missing are left out with a line on stderr.
     """
-    from baker.reports.evaluation import evaluate
-    from baker.reports.pack_compare import compare_packs, stored_bytes
-    from scenepack import load_pack, save_pack
-    from scenepack.codecs import chosen_quality, codec_named
-
     pack = load_pack(path)
     for name, asked in ladder:
         try:
@@ -79,17 +62,9 @@ def measured(
         shown = evaluate(target, scene, split, mask_of=mask_of)
         against = compare_packs(path, target, VIEWS, SIZE)
         yield {
-            "codec": name,
-            "quality": quality,
-            "default": asked is None,
-            "bytes": stored_bytes(target),
-            "psnr": shown["psnr"],
-            "ssim": shown["ssim"],
-            "lpips": shown["lpips"],
-            "psnr_against_pack": against["psnr"],
-            "encode_s": decoding - encoding,
-            "decode_s": done - decoding,
-        }
+            "codec": name, "quality": quality, "default": asked is None, "bytes": stored_bytes(target), **_metrics(shown),
+            "psnr_against_pack": against["psnr"], "encode_s": decoding - encoding, "decode_s": done - decoding,
+        }  # fmt: skip
 
 
 Row = dict[str, Any]
@@ -111,17 +86,13 @@ OURS: Mapping[Quality, str] = {
 
 def quality_table(study: Study) -> dict[str, Any]:
     """Table 2: from trained fields to what is shown."""
-    rows = [field_row(study, name) for name in BEFORE]
-    if row_of_run(study.run.config) == OWN:
-        rows.append(_own_field_row(study))
+    rows = [field_row(study, name) for name in (*BEFORE, *own_row(study))]
     rows.append(_beside(study, {"row": "float", "label": SNERG["float"], **study.score_floats()}))
     rows.append(_baked_row(study, "8-bit", SNERG["8-bit"], study.baked("paper", quality="draft")))
     rows.append(_baked_row(study, "snerg", SNERG["snerg"], study.baked("paper")))
     rows.append(no_sparsity_row(study))
-    rows += [
-        _baked_row(study, f"ours-{own}", OURS[own], study.baked("snerg", quality=own))
-        for own in study.options.qualities
-    ]
+    for own in study.options.qualities:
+        rows.append(_baked_row(study, f"ours-{own}", OURS[own], study.baked("snerg", quality=own)))
     rows.append(field_row(study, "diffuse"))
     return {"resolution": study.resolution, "field": label_of(study.run.config, study.run.step), "rows": rows}
 
@@ -139,11 +110,9 @@ def storage_table(study: Study) -> dict[str, Any]:
         mask_of = None if study.mask is None else study.mask.path
         for row in measured(baked.path, study.scene, study.options.split, ladder, Path(folder), mask_of):
             lossless = row["quality"] is None
-            name = f"{row['codec']}{'' if lossless else ' ' + str(row['quality'])}"
-            key = row["codec"] if row["default"] else name
-            label = (
-                f"{'SNeRG' if preset == 'paper' else 'ours'} ({CODECS[row['codec']]}{', lossless' if lossless else ''})"
-            )
+            key = row["codec"] if row["default"] or lossless else f"{row['codec']} {row['quality']}"
+            whose = "SNeRG" if preset == "paper" else "ours"
+            label = f"{whose} ({CODECS[row['codec']]}{', lossless' if lossless else ''})"
             rows.append(_stored(study, {"row": key, "label": label, **row}))
     for name in ("jaxnerf-plus", "jaxnerf"):
         row = field_row(study, name)
@@ -176,33 +145,25 @@ def sparsity_table(study: Study) -> dict[str, Any]:
             "voxels": facts["voxels"], "alpha_histogram": facts["alpha_histogram"],
         })  # fmt: skip
     if study.options.against is None:
-        rows.append({"row": "without", "label": "no sparsity loss", "command": _against_command(study)})
+        rows.append({"row": "without", "label": "no sparsity loss", "command": against_command(study)})
     sections = [_sections(study.out, axis, packs) for axis in range(3)]
     return {"resolution": study.resolution, "rows": rows, "sections": sections}
 
 
 def field_row(study: Study, name: str, mask_of: Baked | None = None) -> Row:
-    """A row of a field that the paper has: scored, or with the command that would train it."""
-    row: Row = {"row": name, "label": paper_figures.NAMES[name]}
-    path = study.baselines.get(name)
-    if row_of_run(study.run.config) == name:
-        run: Run | None = study.run
-    elif path is not None:
-        run = load_run(path, scene_path=study.scene.path)
-    else:
-        run = None
-    if run is None:
-        row["command"] = train_command(study.run, study.out, name, "--baselines")
-    else:
-        row |= {"label": label_of(run.config, run.step), "seconds": trained_seconds(run)}
-        row |= study.score_field("field" if run is study.run else name, run, mask_of)
-    return _beside(study, row)
+    """A row of a field, by its key: scored, or with the command that would train it."""
+    is_own, path = row_of_run(study.run.config) == name, study.baselines.get(name)
+    if not is_own and path is None:
+        command = train_command(study.run, study.out, name, "--baselines")
+        return _beside(study, {"row": name, "label": paper_figures.NAMES[name], "command": command})
+    run = study.run if is_own or path is None else load_run(path, scene_path=study.scene.path)
+    row = {"row": name, "label": label_of(run.config, run.step), "seconds": trained_seconds(run)}
+    return _beside(study, row | study.score_field("field" if is_own else name, run, mask_of))
 
 
-def _own_field_row(study: Study) -> Row:
-    run = study.run
-    row = {"row": OWN, "label": label_of(run.config, run.step), "seconds": trained_seconds(run)}
-    return _beside(study, row | study.score_field("field", run))
+def own_row(study: Study) -> list[str]:
+    """The key of the run's row where the paper has no such field."""
+    return [OWN] if row_of_run(study.run.config) == OWN else []
 
 
 def _baked_row(study: Study, row: str, label: str, baked: Baked) -> Row:
@@ -214,12 +175,12 @@ def no_sparsity_row(study: Study) -> Row:
     """The paper's bake of the run without the sparsity loss."""
     run = study.without_sparsity
     if run is None:
-        row = {"row": "no-sparsity", "label": SNERG["no-sparsity"], "command": _against_command(study)}
-        return _beside(study, row)
+        return _beside(study, {"row": "no-sparsity", "label": SNERG["no-sparsity"], "command": against_command(study)})
     return _baked_row(study, "no-sparsity", SNERG["no-sparsity"], study.baked("paper", run))
 
 
-def _against_command(study: Study) -> str:
+def against_command(study: Study) -> str:
+    """What would train the run without the sparsity loss."""
     return train_command(study.run, study.out, "no-sparsity", "--against")
 
 
@@ -266,11 +227,7 @@ def _sections(out: Path, axis: int, packs: dict[str, Pack]) -> dict[str, Any]:
 def real_table(study: Study) -> dict[str, Any]:
     """Rows of fields and packs: psnr, ssim, lpips of whole pictures; `masked`: the same where the paper's pack is opaque."""
     paper, ours = study.baked("paper"), study.baked("snerg")
-    rows = [_masked_field(study, name, paper) for name in ("jaxnerf-plus", "deferred")]
-    if row_of_run(study.run.config) == OWN:
-        whole, masked = study.score_field("field", study.run), study.score_field("field", study.run, paper)
-        row = {"row": OWN, "label": label_of(study.run.config, study.run.step), **whole, "masked": _metrics(masked)}
-        rows.append(_beside(study, row))
+    rows = [_masked_field(study, name, paper) for name in ("jaxnerf-plus", "deferred", *own_row(study))]
     rows += [
         _beside(study, {"row": row, "label": label, **study.score(baked), "masked": _metrics(study.score(baked, paper)),
                         "bytes": stored_bytes(baked.path)})

@@ -28,9 +28,7 @@ class ErrorTerms(NamedTuple):
     """How the colours of rays are compared with photographs."""
 
     ndc: bool  # a forward-facing scene
-    by_opacity: (
-        bool  # errors are weighted by the pack's own opacity: photographs also show what lies outside of its box
-    )
+    by_opacity: bool  # errors weigh as much as the pack is opaque: photographs also show what lies outside of its box
 
 
 def over_background(

@@ -40,11 +40,8 @@ class AvifCodec(StreamCodec):
             frames = np.repeat(frames[..., None], 3, axis=-1)
             options = {"pixelformat": "yuv420"}
         level = min(max(quality + OFFSETS[part], 1), 99)
-        return bytes(
-            imagecodecs.avif_encode(
-                np.ascontiguousarray(frames), level=level, speed=SPEED, matrix=MATRIX, numthreads=THREADS, **options
-            )
-        )
+        options |= {"level": level, "speed": SPEED, "matrix": MATRIX, "numthreads": THREADS}
+        return bytes(imagecodecs.avif_encode(np.ascontiguousarray(frames), **options))
 
     def frames(self, data: bytes, shape: Shape, *, colour: bool) -> np.ndarray:
         self.check_film(data[: self.header_bytes], shape)
@@ -57,9 +54,8 @@ class AvifCodec(StreamCodec):
             raise CodecError("it is not an AVIF")
         found = (_numbers(head, b"stsz", 2)[1] if head[8:12] == b"avis" else 1, *_numbers(head, b"ispe", 2)[::-1])
         if found != shape:
-            raise CodecError(
-                f"it is {found[2]}×{found[1]} × {found[0]} frames, expected {shape[2]}×{shape[1]} × {shape[0]}"
-            )
+            expected = f"{shape[2]}×{shape[1]} × {shape[0]}"
+            raise CodecError(f"it is {found[2]}×{found[1]} × {found[0]} frames, expected {expected}")
 
 
 def _numbers(head: bytes, box: bytes, count: int) -> tuple[int, ...]:

@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image
 
 from console.file_signature import sniff_type
-from scenepack.codecs.base import CodecError
+from scenepack.codecs.base import CodecError, cut_off
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_BYTES = 33  # signature and the IHDR chunk
@@ -48,7 +48,7 @@ def image_name(part: str, group: int) -> str:
 def probe_png(head: bytes) -> ImageInfo:
     """Size and pixel layout from a PNG's first 33 bytes. CodecError for what is no PNG of 8 bits or fewer."""
     if len(head) < len(PNG_SIGNATURE):
-        raise CodecError("the file is empty" if not head else f"the file ends after {len(head)} bytes")
+        raise cut_off(head)
     if not head.startswith(PNG_SIGNATURE):
         raise CodecError(f"it is not a PNG but {sniff_type(head)}")
     if len(head) < PNG_HEADER_BYTES or head[12:16] != b"IHDR":

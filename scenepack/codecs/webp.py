@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import imagecodecs
 import numpy as np
 
@@ -34,19 +36,10 @@ class WebpCodec(PieceCodec):
             raise CodecError(f"it is {found[0]}×{found[1]} pixels, expected {expected[0]}×{expected[1]}")
 
     def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
-        return tuple(
-            bytes(
-                imagecodecs.webp_encode(
-                    np.ascontiguousarray(part[first:end].reshape(-1, *part.shape[2:])),
-                    level=EFFORT,
-                    lossless=True,
-                    method=METHOD,
-                )
-            )
-            for part in (rgba, features)
-            if part is not None
-            for first, end in _rows(part.shape)
-        )
+        parts = [part for part in (rgba, features) if part is not None]
+        pictures = [part[first:end].reshape(-1, *part.shape[2:]) for part in parts for first, end in _rows(part.shape)]
+        encode = partial(imagecodecs.webp_encode, level=EFFORT, lossless=True, method=METHOD)
+        return tuple(bytes(encode(np.ascontiguousarray(picture))) for picture in pictures)
 
     def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
         rgba, feature = (np.empty((*shape, 4), np.uint8) for _ in range(2))

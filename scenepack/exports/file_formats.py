@@ -108,17 +108,14 @@ def glb_parts(
         "scenes": [{"nodes": list(range(1 + len(cameras)))}],
         "nodes": [{"mesh": 0}, *(_camera_node(camera, i) for i, camera in enumerate(cameras))],
         "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0}]}],
-        "materials": [
-            {
-                "doubleSided": True,
-                "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0},
-                "extensions": {"KHR_materials_unlit": {}},
-            }
-        ],
+        "materials": [{
+            "doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0},
+            "extensions": {"KHR_materials_unlit": {}},
+        }],
         "buffers": [{"byteLength": offset}],
         "bufferViews": views,
         "accessors": accessors,
-    }
+    }  # fmt: skip
     if cameras:  # glTF forbids empty lists
         document["cameras"] = [_perspective(camera) for camera in cameras]
     text = json.dumps(document, separators=(",", ":")).encode()
@@ -148,13 +145,8 @@ def _linear(colours: np.ndarray) -> np.ndarray:
 SIGMA = 0.5  # of a Gaussian, in voxels
 SH_0 = 0.28209479177387814  # the spherical harmonic of degree 0
 MOST_OPACITY = 0.99
-COLUMNS: tuple[Column, ...] = tuple(
-    (name, "f4")
-    for name in (
-        *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
-        *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
-    )
-)
+_NAMES = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3"
+COLUMNS: tuple[Column, ...] = tuple((name, "f4") for name in _NAMES.split())
 
 
 def voxels_of(field: Field, least: float) -> tuple[np.ndarray, np.ndarray]:
@@ -216,13 +208,10 @@ def spz_bytes(values: Sequence[np.ndarray]) -> bytes:
     farthest, small, large = float(np.abs(positions).max()), float(sizes.min()), float(sizes.max())
     places = min(int(np.floor(np.log2(SPZ_LARGEST / max(farthest, 1e-9)))), 24)  # binary, after the point
     if places < 1 or small < SPZ_SIZES[0] or large > SPZ_SIZES[1]:
-        raise UserError(
-            "lengths do not fit into an .spz",
-            where="--scale",
-            expected="coordinates up to 4e+06, Gaussians of {:.2g} to {:.3g}".format(*np.exp(SPZ_SIZES)),
-            found=f"{farthest:.3g}, {np.exp(small):.2g} to {np.exp(large):.3g}",
-            remedy="choose another, or write a .ply",
-        )
+        expected = "coordinates up to 4e+06, Gaussians of {:.2g} to {:.3g}".format(*np.exp(SPZ_SIZES))
+        found = f"{farthest:.3g}, {np.exp(small):.2g} to {np.exp(large):.3g}"
+        raise UserError("lengths do not fit into an .spz", where="--scale", expected=expected, found=found,
+                        remedy="choose another, or write a .ply")  # fmt: skip
     fixed = np.rint(positions * 2.0**places).astype("<i4")
     header = struct.pack("<IIIBBBB", SPZ_MAGIC, SPZ_VERSION, len(positions), 0, places, 0, 0)
     parts = [

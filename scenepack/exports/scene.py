@@ -251,16 +251,10 @@ def _gltf_cameras(pack: Pack, export_frame: ExportFrame) -> list[GltfCamera]:
     """The cameras of the photographs, but for fisheyes and panoramas. Distortion of their lenses is left out."""
     near = export_frame.stretch * (pack.near or pack.voxel_size)
     return [
-        GltfCamera(
-            camera.name,
-            export_frame.pose(camera.world_T_camera),
-            2.0 * atan(0.5 * camera.height / camera.fy),
-            (camera.width * camera.fy) / (camera.height * camera.fx),
-            near,
-        )
-        for camera in photograph_cameras(pack)
-        if camera.is_perspective
-    ]
+        GltfCamera(one.name, export_frame.pose(one.world_T_camera), 2.0 * atan(0.5 * one.height / one.fy),
+                   (one.width * one.fy) / (one.height * one.fx), near)
+        for one in photograph_cameras(pack) if one.is_perspective
+    ]  # fmt: skip
 
 
 def placed(surface: Surface, export_frame: ExportFrame) -> Surface:
@@ -274,12 +268,8 @@ def scattered(surface: Surface, export: Export, export_frame: ExportFrame) -> tu
     sums = np.cumsum(face_areas(surface)) / export.spacing**2
     count = max(int(sums[-1]), 1)
     if count > MOST_POINTS:
-        raise UserError(
-            f"{count:,} points are too many",
-            where="--spacing",
-            expected=f"at most {MOST_POINTS:,}",
-            remedy="choose a larger one",
-        )
+        raise UserError(f"{count:,} points are too many", where="--spacing", expected=f"at most {MOST_POINTS:,}",
+                        remedy="choose a larger one")  # fmt: skip
     rng = np.random.default_rng(0)
     chosen = np.minimum(np.searchsorted(sums, np.arange(count) + rng.random(count)), len(sums) - 1)
     u, v = rng.random((2, count))

@@ -252,22 +252,16 @@ class _RenderingEngine(JaxEngine):
 
     def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
         found, remedy = self.problem
-        raise UserError(
-            "this run trains by the fused engine, which cannot be had here", where="--engine fused", found=found,
-            remedy=remedy,
-        )  # fmt: skip
+        what = "this run trains by the fused engine, which cannot be had here"
+        raise UserError(what, where="--engine fused", found=found, remedy=remedy)
 
 
 def _problem_of_fused() -> tuple[str, str] | None:
     """Why the fused engine cannot be had, and what helps."""
     if jax.default_backend() != "cpu":
-        return (
-            f"JAX has an accelerator, {jax.devices()[0].device_kind}",
-            "train on a processor (JAX_PLATFORMS=cpu), or begin another run",
-        )
+        found = f"JAX has an accelerator, {jax.devices()[0].device_kind}"
+        return found, "train on a processor (JAX_PLATFORMS=cpu), or begin another run"
     if jax.device_count() > 1 or jax.process_count() > 1:
-        return (
-            f"{jax.device_count()} devices that train together",
-            "train in one process on one device, or begin another run",
-        )
+        found = f"{jax.device_count()} devices that train together"
+        return found, "train in one process on one device, or begin another run"
     return None

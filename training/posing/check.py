@@ -102,11 +102,8 @@ class Verdict:
         ]
         if self.kind == WALK:
             closed = (self.matches[:ENDS, -ENDS:] > 0).any()
-            lines.append(
-                "the last match the first: the walk closes"
-                if closed
-                else "the last match none of the first: the walk is open"
-            )
+            ends = "the last match none of the first: the walk is open"
+            lines.append("the last match the first: the walk closes" if closed else ends)
         if self.moving > MUCH_MOVES:
             lines.append("much moves: leaves, people, reflections; or the photographs are blurred")
         return lines + [f"take again {name}: {why}" for name, why in self.retake.items()]
@@ -172,9 +169,8 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
             others = "1 other" if partners[index] == 1 else f"{partners[index]} others"
             weak[name] = f"overlaps with {others} only: take one between them"
         elif abs(exposure[index]) > EXPOSURE_JUMP:
-            exposed[name] = (
-                f"{abs(np.expm1(exposure[index])):.0%} {'brighter' if exposure[index] > 0 else 'darker'} than the others"
-            )
+            how = "brighter" if exposure[index] > 0 else "darker"
+            exposed[name] = f"{abs(np.expm1(exposure[index])):.0%} {how} than the others"
     quality = min(_median(sharp) / GOOD_SHARPNESS, 1.0) ** 0.5 * min(_median(overlap) / GOOD_OVERLAP, 1.0) ** 0.5
     quality *= len(files) / (len(files) + FEWEST)
     quality *= together.mean() / (1.0 + (_spread(exposure) / EXPOSURE_SPREAD) ** 2)

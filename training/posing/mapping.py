@@ -87,12 +87,16 @@ class Found:
     error: float = 0.0  # their mean distance in pixels from where they should be seen
 
 
-def reconstruct(task: Task, on_progress: OnProgress) -> Found:
-    """Features, matches, poses; the largest model, its lens fitted, is left in `task.work` / MODEL."""
+def _features_and_matches(task: Task, on_progress: OnProgress) -> None:
     pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)  # what goes wrong shows in what is found
     _begin_database(task)
     _extract(task, on_progress)
     _match(task, on_progress)
+
+
+def reconstruct(task: Task, on_progress: OnProgress) -> Found:
+    """Features, matches, poses; the largest model, its lens fitted, is left in `task.work` / MODEL."""
+    _features_and_matches(task, on_progress)
     found = _matches_found(task)
     models = [] if found.is_static else _map(task, on_progress)
     if not models:
@@ -116,17 +120,13 @@ class Pair:
     share: float  # of the features of the one that has fewer, that match as one scene does that stands still
     moving: float  # share of the matches that do not
     turned: bool  # the camera turned and did not move, or all lies in one plane
-    places: list[
-        list[float]
-    ]  # x, y in the first and x, y in the second picture of some features, as shares of width and height
+    # x, y in the first and x, y in the second picture of some features, as shares of width and height
+    places: list[list[float]]
 
 
 def matching_pairs(task: Task, on_progress: OnProgress) -> tuple[list[Pair], bool]:
     """Which pictures match, and whether the camera stands still before what turns."""
-    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
-    _begin_database(task)
-    _extract(task, on_progress)
-    _match(task, on_progress)
+    _features_and_matches(task, on_progress)
     found = []
     with _opened(task) as database:
         images = {image.image_id: image for image in database.read_all_images()}

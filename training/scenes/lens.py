@@ -57,24 +57,23 @@ class Model(NamedTuple):
         return fx, values.get("fy", fx), values["cx"], values["cy"]
 
 
-def _model(projection: int, parameters: str) -> Model:
-    return Model(projection, tuple(parameters.split()))
-
-
 MODELS = {
-    "SIMPLE_PINHOLE": _model(PERSPECTIVE, "f cx cy"),
-    "PINHOLE": _model(PERSPECTIVE, "fx fy cx cy"),
-    "SIMPLE_RADIAL": _model(PERSPECTIVE, "f cx cy k1"),
-    "RADIAL": _model(PERSPECTIVE, "f cx cy k1 k2"),
-    "OPENCV": _model(PERSPECTIVE, "fx fy cx cy k1 k2 p1 p2"),
-    "FULL_OPENCV": _model(PERSPECTIVE, "fx fy cx cy k1 k2 p1 p2 k3 q1 q2 q3"),
-    "SIMPLE_FISHEYE": _model(FISHEYE, "f cx cy"),
-    "FISHEYE": _model(FISHEYE, "fx fy cx cy"),
-    "SIMPLE_RADIAL_FISHEYE": _model(FISHEYE, "f cx cy k1"),
-    "RADIAL_FISHEYE": _model(FISHEYE, "f cx cy k1 k2"),
-    "OPENCV_FISHEYE": _model(FISHEYE, "fx fy cx cy k1 k2 k3 k4"),
-    "THIN_PRISM_FISHEYE": _model(FISHEYE, "fx fy cx cy k1 k2 p1 p2 k3 k4 s1 s2"),
-    "EQUIRECTANGULAR": _model(EQUIRECTANGULAR, "w h"),
+    name: Model(projection, tuple(parameters.split()))
+    for name, projection, parameters in (
+        ("SIMPLE_PINHOLE", PERSPECTIVE, "f cx cy"),
+        ("PINHOLE", PERSPECTIVE, "fx fy cx cy"),
+        ("SIMPLE_RADIAL", PERSPECTIVE, "f cx cy k1"),
+        ("RADIAL", PERSPECTIVE, "f cx cy k1 k2"),
+        ("OPENCV", PERSPECTIVE, "fx fy cx cy k1 k2 p1 p2"),
+        ("FULL_OPENCV", PERSPECTIVE, "fx fy cx cy k1 k2 p1 p2 k3 q1 q2 q3"),
+        ("SIMPLE_FISHEYE", FISHEYE, "f cx cy"),
+        ("FISHEYE", FISHEYE, "fx fy cx cy"),
+        ("SIMPLE_RADIAL_FISHEYE", FISHEYE, "f cx cy k1"),
+        ("RADIAL_FISHEYE", FISHEYE, "f cx cy k1 k2"),
+        ("OPENCV_FISHEYE", FISHEYE, "fx fy cx cy k1 k2 k3 k4"),
+        ("THIN_PRISM_FISHEYE", FISHEYE, "fx fy cx cy k1 k2 p1 p2 k3 k4 s1 s2"),
+        ("EQUIRECTANGULAR", EQUIRECTANGULAR, "w h"),
+    )
 }
 
 
@@ -82,9 +81,8 @@ class LensFunctions(NamedTuple):
     """Functions of arrays of any shape, or, compiled by Numba, of numbers. lens: such arrays, or numbers, of whole_lens."""
 
     distort: Callable[..., Any]  # (a, b, lens) -> (u, v)
-    undistort: Callable[
-        ..., Any
-    ]  # (u, v, lens, steps) -> (a, b, whether the lens shows them), by Newton's method from (u, v)
+    # (u, v, lens, steps) -> (a, b, whether the lens shows them), by Newton's method from (u, v)
+    undistort: Callable[..., Any]
     direction: Callable[..., Any]  # (a, b, projection) -> (x, y, z): of perspective z = -1, else of unit length
     ideal: Callable[..., Any]  # (x, y, z, projection) -> (a, b)
 

@@ -87,9 +87,8 @@ def _rows(path: Path) -> np.ndarray:
     except Exception as error:  # NumPy does not say which its reader raises
         raise UserError("not a NumPy file of numbers", where=path, found=str(error).split("\n")[0][:80]) from error
     if rows.ndim != 2 or rows.shape[1] != 17 or not 0 < rows.nbytes <= MOST_BYTES or rows.dtype.kind not in "fiu":
-        raise UserError(
-            "not an LLFF pose file", where=path, expected="[N, 17]", found=f"{rows.dtype} {list(rows.shape)}"[:80]
-        )
+        found = f"{rows.dtype} {list(rows.shape)}"[:80]
+        raise UserError("not an LLFF pose file", where=path, expected="[N, 17]", found=found)
     return np.array(rows, np.float64)
 
 

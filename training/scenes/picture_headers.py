@@ -64,9 +64,8 @@ def read_header(path: Path) -> Header:
     if not os.path.isfile(path):  # also where the system would not even look for such a name
         raise UserError("picture not found", where=path, remedy="the scene lists it; restore it or remove its frame")
     if (remedy := UNREAD_FORMATS.get(path.suffix.lower())) is not None:
-        raise UserError(
-            f"{path.suffix[1:].upper()} pictures are not read", where=path, expected=READ_PICTURES, remedy=remedy
-        )
+        what = f"{path.suffix[1:].upper()} pictures are not read"
+        raise UserError(what, where=path, expected=READ_PICTURES, remedy=remedy)
     try:
         with _Bounded(io.FileIO(path)) as file:
             kind = sniff_type(file.read(HEAD_BYTES))

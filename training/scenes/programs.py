@@ -63,12 +63,8 @@ class ExportFile:
         return numbers
 
     def number(self, values: Mapping[str, Any], key: str, default: float | None = None) -> float:
-        value = values.get(key, default)
-        return float(
-            self.numbers([None if isinstance(value, bool) else value], 1, f"{key} of {values.get('name', 'a camera')}")[
-                0
-            ]
-        )
+        value, what = values.get(key, default), f"{key} of {values.get('name', 'a camera')}"
+        return float(self.numbers([None if isinstance(value, bool) else value], 1, what)[0])
 
     def entry(self, values: Any, key: str, kind: type) -> Any:
         """The entry of an object under a key, of that type and not empty."""
@@ -151,12 +147,9 @@ def read_metashape(file: Path, _: object) -> Reconstruction:
             if label in cameras:
                 raise export.damaged("a label that comes twice", label)
             chunk_T_camera = export.numbers(written.split(), 16, f"transform of {label}").reshape(4, 4)
-            world_T_chunk = parts.get(camera.get("component_id"))
-            world_T_chunk = whole if world_T_chunk is None else world_T_chunk
-            world_T_camera = (
-                (np.eye(4) if world_T_chunk is None else world_T_chunk) @ chunk_T_camera @ OPENGL_FROM_OPENCV
-            )
-            cameras[label] = _camera(label, world_T_camera, sensor, export)
+            frames = (parts.get(camera.get("component_id")), whole, np.eye(4))
+            world_T_chunk = next(frame for frame in frames if frame is not None)
+            cameras[label] = _camera(label, world_T_chunk @ chunk_T_camera @ OPENGL_FROM_OPENCV, sensor, export)
     return export.reconstruction(cameras)
 
 
@@ -343,10 +336,10 @@ def _read_polycam(folder: Path, _: SizeOf) -> Reconstruction:
         export = ExportFile("Polycam", file)
         values = export.json(dict)
         matrix = [[export.number(values, f"t_{row}{column}") for column in range(4)] for row in range(3)]
-        width, height, fx, fy, cx, cy = (
-            export.number(values, key) for key in ("width", "height", "fx", "fy", "cx", "cy")
+        size, focal, centre = (
+            [export.number(values, key) for key in keys] for keys in (("width", "height"), ("fx", "fy"), ("cx", "cy"))
         )
-        cameras[file.stem] = export.camera(file.stem, matrix, (width, height), (fx, fy), (cx, cy))
+        cameras[file.stem] = export.camera(file.stem, matrix, size, focal, centre)
     return ExportFile("Polycam", folder).reconstruction(cameras)
 
 
@@ -485,14 +478,10 @@ def _read_bundler(file: Path, size_of: SizeOf) -> Reconstruction:
         f, k1, k2, *rest = take(15, f"camera {index}")
         if f == 0:
             continue  # it has no pose
-        world_T_camera = np.linalg.inv(
-            pose(_matrix(np.reshape(rest[:9], (3, 3)), np.array(rest[9:])), f"{file} {name}")
-        )
+        camera_T_world = pose(_matrix(np.reshape(rest[:9], (3, 3)), np.array(rest[9:])), f"{file} {name}")
         width, height = size = size_of(name)
-        coefficients = {"k1": float(k1), "k2": float(k2)}
-        cameras[name] = export.camera(
-            name, world_T_camera, size, [f], (width / 2, height / 2), coefficients=coefficients
-        )
+        cameras[name] = export.camera(name, np.linalg.inv(camera_T_world), size, [f], (width / 2, height / 2),
+                                      coefficients={"k1": float(k1), "k2": float(k2)})  # fmt: skip
         seen[name] = []
     table = np.zeros((points, 6)) if points * 12 <= length else None  # bytes that a point takes at least
     if table is None:

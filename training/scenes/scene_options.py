@@ -125,12 +125,8 @@ def recorded_options(stored: object) -> dict[str, Any]:
     """
     stored = stored if isinstance(stored, dict) else {}
     spherify, up = stored.get("spherify"), stored.get("up")
-    up = None if up is None else checked_up(up)
-    return {
-        "spherify": spherify if isinstance(spherify, bool) else None,
-        "masks": stored.get("masks") is True,
-        "up": up,
-    }
+    spherify = spherify if isinstance(spherify, bool) else None
+    return {"spherify": spherify, "masks": stored.get("masks") is True, "up": None if up is None else checked_up(up)}
 
 
 def axes_of(up: Direction) -> np.ndarray:

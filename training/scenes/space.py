@@ -279,15 +279,13 @@ def box_of_points(places: np.ndarray, weights: np.ndarray, reach: float, otherwi
 
 def _near_far(P: np.ndarray, points: PointCloud) -> tuple[float, float]:
     """Where rays begin and end: what photographs show lies between, with a margin."""
-    apart = [
-        np.linalg.norm(points.places[rows] - pose[:3, 3], axis=-1) for pose, rows in zip(P, points.seen, strict=True)
-    ]
+    shown = zip(P, points.seen, strict=True)
+    apart = [np.linalg.norm(points.places[rows] - pose[:3, 3], axis=-1) for pose, rows in shown]
     weights = [points.weights[rows] for rows in points.seen]
     low, high = _quantiles(np.concatenate(apart), np.concatenate(weights))
     # the camera that comes closest counts: cells this near to any camera are empty
-    low = min(
-        [_quantiles(d, w)[0] for d, w in zip(apart, weights, strict=True) if len(d) >= FEWEST_POINTS], default=low
-    )
+    seen = zip(apart, weights, strict=True)
+    low = min([_quantiles(d, w)[0] for d, w in seen if len(d) >= FEWEST_POINTS], default=low)
     return float(np.clip(0.7 * low, NEAREST, NEAR_360)), float(max(2.0 * high, NEAREST_FAR))
 
 

@@ -83,9 +83,8 @@ def read_camera(world_T_camera: np.ndarray, values: dict[str, Any], size: tuple[
     named = {name: number(values, key, where, 0.0) for name, key in keys.items()}
     named |= {"cx": number(values, "cx", where, width / 2), "cy": number(values, "cy", where, height / 2)}
     if model.projection != EQUIRECTANGULAR:
-        lengths = (
-            values if model.projection == PERSPECTIVE else {k: v for k, v in values.items() if k in ("fl_x", "fl_y")}
-        )
+        is_flat = model.projection == PERSPECTIVE
+        lengths = {key: value for key, value in values.items() if is_flat or key in ("fl_x", "fl_y")}
         named["fx"], named["fy"] = _focal_lengths(lengths, width, height, where)
     intrinsics = model.intrinsics(named, width, height)
     return Camera(world_T_camera, round(width), round(height), *intrinsics, model.lens(named))
@@ -139,8 +138,7 @@ NGP_SCALE, NGP_OFFSET = 0.33, 0.5  # instant-ngp's box has the side aabb_scale a
 
 OTHER_POSES = ("from_mitsuba", "from_na")  # instant-ngp: matrices of another convention
 UNREAD = {
-    "transform_matrix_start": "motion during the exposure",
-    "transform_matrix_end": "motion during the exposure",
+    **dict.fromkeys(("transform_matrix_start", "transform_matrix_end"), "motion during the exposure"),
     "rolling_shutter": "rolling shutter",
     "white_transparent": "white as transparent",
     "black_transparent": "black as transparent",
@@ -278,10 +276,9 @@ def _tell_unread(description: Path, document: dict, frames: Sequence[dict], pict
     for key in filter(document.get, OTHER_POSES):
         raise UserError(f'"{key}" is not read', where=description, expected="OpenGL camera-to-world matrices",
                         remedy="convert the matrices and remove the key")  # fmt: skip
-    used = {
-        key for values in (document, *frames) for key in UNREAD if values.get(key) is not None and np.any(values[key])
-    }
-    unread = [f'"{key}" ({meaning})' for key, meaning in UNREAD.items() if key in used]
+    texts = [document, *frames]
+    used = [key for key in UNREAD if any(text.get(key) is not None and np.any(text[key]) for text in texts)]
+    unread = [f'"{key}" ({UNREAD[key]})' for key in used]
     folders = {picture.parent for picture in pictures if picture is not None}
     if any(next(folder.glob("dynamic_mask_*"), None) is not None for folder in folders):
         unread.append("dynamic_mask_* (masks of what moves)")
