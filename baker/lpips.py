@@ -68,8 +68,8 @@ def vgg16(weights: Weights, x: jax.Array) -> list[jax.Array]:
     """The five tapped activations of VGG-16 for pictures [N, H, W, 3]."""
     layers, taps, index = weights["VGG16_0"], [], 0
     for block, convolutions in enumerate(VGG_LAYERS):
-        if block:
-            x = max_pool(x)
+        if block:  # maxima of 2 x 2 pixels
+            x = jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (1, 2, 2, 1), (1, 2, 2, 1), "VALID")
         for _ in range(convolutions):
             x = convolve(layers[f"Conv_{index}"], x)
             index += 1
@@ -82,11 +82,6 @@ def convolve(layer: Weights, x: jax.Array) -> jax.Array:
     layout = ("NHWC", "HWIO", "NHWC")
     out = jax.lax.conv_general_dilated(x, layer["kernel"], (1, 1), "SAME", dimension_numbers=layout)
     return jax.nn.relu(out + layer["bias"])
-
-
-def max_pool(x: jax.Array) -> jax.Array:
-    """Maxima of 2 x 2 pixels."""
-    return jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (1, 2, 2, 1), (1, 2, 2, 1), "VALID")
 
 
 class _ArraysOnly(pickle.Unpickler):

@@ -12,11 +12,10 @@ WINDOW, SIGMA = 11, 1.5
 C1, C2 = 0.01**2, 0.03**2
 
 
-def psnr(a: np.ndarray, b: np.ndarray, mask: np.ndarray | None = None) -> float:
-    """Peak signal-to-noise ratio in dB of the mean squared error over all pixels (or those of a mask [H, W])."""
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    """Peak signal-to-noise ratio in dB of the mean squared error over all pixels."""
     error = np.square(np.asarray(a, np.float64) - np.asarray(b, np.float64))
-    mse = error.mean() if mask is None else error[np.asarray(mask, bool)].mean()
-    return float(-10.0 * np.log10(max(mse, 1e-12)))
+    return float(-10.0 * np.log10(max(error.mean(), 1e-12)))
 
 
 def colours_matched(picture: np.ndarray, truth: np.ndarray, where: np.ndarray) -> np.ndarray:

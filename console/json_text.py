@@ -28,7 +28,9 @@ def parse_json(text: bytes | str, most: int = MOST_BYTES) -> Any:
         except UnicodeDecodeError:
             raise ValueError("no text" if text else "an empty file") from None
     try:
-        value = json.loads(text, parse_int=_whole)
+        value = json.loads(
+            text, parse_int=lambda digits: int(digits) if len(digits) <= _EXACT_DIGITS else float(digits)
+        )
     except json.JSONDecodeError as error:
         reason = f"{error.msg} at line {error.lineno} column {error.colno}" if text.strip() else "an empty file"
         raise ValueError(reason) from None
@@ -44,10 +46,6 @@ def read_json_file(path: Path, most: int = MOST_BYTES) -> Any:
         raise OSError(errno.EINVAL, "a device or a pipe, not a file", str(path))
     with open(path, "rb") as file:
         return parse_json(file.read(most + 1), most)
-
-
-def _whole(digits: str) -> int | float:
-    return int(digits) if len(digits) <= _EXACT_DIGITS else float(digits)
 
 
 def _require_plain(value: Any) -> None:

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from console.atomic import replacing
 from console.errors import UserError
 from console.streams import printable
@@ -69,17 +71,11 @@ def draw_plots(path: Path, plots: Sequence[Plot], size: tuple[int, int] = (720, 
     figure = Figure((width / DPI, height * len(plots) / DPI), DPI, facecolor=_rgb(PAPER))
     for number, plot in enumerate(reversed(plots)):  # matplotlib's own layout draws everything twice
         above = ABOVE + LEGEND_ROW * _legend_shape(plot.lines)[0]
-        place = (LEFT, number * height + BELOW, width - LEFT - RIGHT, height - BELOW - above)
-        _draw(figure.add_axes(_in_figure(place, width, height * len(plots))), plot)
+        place = np.array([LEFT, number * height + BELOW, width - LEFT - RIGHT, height - BELOW - above])
+        _draw(figure.add_axes(tuple(place / (np.array([width, height * len(plots)] * 2)))), plot)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as new:
         figure.savefig(new, format="png", dpi=SAVED_DPI, metadata={"Software": None})
-
-
-def _in_figure(place: tuple[float, ...], width: float, height: float) -> tuple[float, float, float, float]:
-    """left, bottom, width, height in pixels as shares of a figure."""
-    left, bottom, wide, high = place
-    return left / width, bottom / height, wide / width, high / height
 
 
 def _draw(axes: Axes, plot: Plot) -> None:

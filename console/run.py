@@ -72,7 +72,7 @@ def _run(
         _say(prog, f"interrupted{'; ' + str(interrupt) if str(interrupt) else ''}")
         return INTERRUPTED
     except Exception as error:
-        line = _mendable(error)
+        line = str(error) if isinstance(error, UserError) else refusal(error) or missing_extra(error)  # None for a bug
         Reporter().tell_failure(prog, line or traceback.format_exception_only(error)[-1].strip(), bug=line is None)
         if line is None or debug:
             traceback.print_exc()
@@ -84,11 +84,6 @@ def _run(
 
 def _say(prog: str, line: str) -> None:
     print(f"{prog}: {one_line(line)}", file=sys.stderr, flush=True)
-
-
-def _mendable(error: Exception) -> str | None:
-    """The line for an error that the user can correct, None for a bug."""
-    return str(error) if isinstance(error, UserError) else refusal(error) or missing_extra(error)
 
 
 def _parse(

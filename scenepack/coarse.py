@@ -55,7 +55,8 @@ def coarse_pack(pack: Pack, known: np.ndarray) -> Pack | None:
 
     rgba = np.zeros((len(planes), len(rows), len(columns), 4), np.uint8)
     features = None if pack.atlas_features is None else np.zeros_like(rgba)
-    gains = _gains(f)
+    alpha = np.arange(1, 256) / 255.0
+    gains = np.concatenate([[f], (1.0 - (1.0 - alpha) ** f) / alpha]).astype(np.float32)  # by 8-bit opacity
     for i, plane in enumerate(planes.tolist()):  # one by one, so that what is between stays in a processor's caches
         if plane < 0:
             continue
@@ -87,12 +88,6 @@ def _picked(plane: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndar
     """Voxels of a plane of the atlas, uint8 [H, W, 4], in these rows and columns."""
     whole = np.ascontiguousarray(plane).view(np.uint32)[..., 0]
     return whole[rows[:, None], columns][..., None].view(np.uint8)
-
-
-def _gains(f: int) -> np.ndarray:
-    """float32 [256]: by how much a premultiplied value grows, by its 8-bit opacity."""
-    alpha = np.arange(1, 256) / 255.0
-    return np.concatenate([[f], (1.0 - (1.0 - alpha) ** f) / alpha]).astype(np.float32)
 
 
 def _times(values: np.ndarray, gain: np.ndarray) -> np.ndarray:

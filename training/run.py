@@ -232,18 +232,14 @@ def read_description(path: Path) -> RunDescription:
             raise UserError("made by another version of snerg", where=file, expected=FORMAT, found=document["format"])
         os.fsencode(document["scene"])  # ValueError where it could be no path
         config = from_json(TrainConfig, document["config"], str(file))
-        options = _scene_options(document["scene_options"], str(file))
+        values = document["scene_options"]
+        options, box, up = SceneOptions(**{**values, "aabb": None, "up": None}), values.get("aabb"), values.get("up")
+        require_valid(options, str(file))
+        box, up = None if box is None else checked_box(box), None if up is None else checked_up(up)
+        options = replace(options, aabb=box, up=up)  # JSON knows no tuples
         return RunDescription(config, Path(document["scene"]), options, dict(document.get("provenance", {})))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UserError("the run's description is damaged", where=file, found=str(error)[:100]) from error
-
-
-def _scene_options(values: dict[str, Any], where: str) -> SceneOptions:
-    """Options from JSON, which knows no tuples."""
-    box, up = values.get("aabb"), values.get("up")
-    options = SceneOptions(**{**values, "aabb": None, "up": None})
-    require_valid(options, where)
-    return replace(options, aabb=None if box is None else checked_box(box), up=None if up is None else checked_up(up))
 
 
 def _provenance() -> dict[str, Any]:

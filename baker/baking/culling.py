@@ -97,19 +97,14 @@ def content_box(
             mass[axis] += np.bincount(cells[:, axis], alpha, minlength=counts[axis])
     if not mass[0].any():
         return None
-    found = np.array([_without_tails(m) for m in mass])
-    first, last = found[:, 0], found[:, 1] + 1
+    shares = [np.cumsum(m) / m.sum() for m in mass]
+    first, last = (np.array([np.searchsorted(share, tail) for share in shares]) for tail in (BOX_TAIL, 1 - BOX_TAIL))
+    last = last + 1
     grow = BOX_MARGIN + 0.5 * (BOX_GROWTH - 1) * (last - first)
     occupied = np.array([np.flatnonzero(m)[[0, -1]] for m in mass])
     first = np.maximum(first - grow, occupied[:, 0] - BOX_MARGIN)
     last = np.minimum(last + grow, occupied[:, 1] + 1 + BOX_MARGIN)
     return np.maximum(low + first * cell, low), np.minimum(low + last * cell, high)
-
-
-def _without_tails(mass: np.ndarray) -> tuple[int, int]:
-    """First and last cell of an axis between tails of BOX_TAIL of the mass each."""
-    share = np.cumsum(mass) / mass.sum()
-    return int(np.searchsorted(share, BOX_TAIL)), int(np.searchsorted(share, 1 - BOX_TAIL))
 
 
 def opaque_macroblocks(
@@ -155,17 +150,18 @@ def seen_macroblocks(
 ) -> Culling:
     """Culling by visibility: drops macroblocks that no training ray reaches with transmittance TAU_VIS."""
     cells = opacity.density > 0
-    name = f"{grid.resolution}_visibility"
-    bits = once(work, name, lambda: _seen(opacity.density, grid, dataset, tick))["bits"]
+
+    def look() -> Arrays:
+        return {"bits": np.packbits(best_transmittance(opacity.density, grid, dataset, tick) >= TAU_VIS)}
+
+    bits = once(work, f"{grid.resolution}_visibility", look)["bits"]
     seen = np.unpackbits(bits, count=cells.size).reshape(cells.shape).astype(bool)
     for _ in range(DILATION):
         seen = dilate(seen)
-    return opacity.culling(grid, opacity.opaque & _any_in_blocks(seen & cells, grid.block_size // grid.cell))
-
-
-def _any_in_blocks(cells: np.ndarray, per_block: int) -> np.ndarray:
+    per_block = grid.block_size // grid.cell
     z, y, x = (n // per_block for n in cells.shape)
-    return np.any(cells.reshape(z, per_block, y, per_block, x, per_block), axis=(1, 3, 5))
+    in_blocks = (seen & cells).reshape(z, per_block, y, per_block, x, per_block).any(axis=(1, 3, 5))
+    return opacity.culling(grid, opacity.opaque & in_blocks)
 
 
 def _opacity_of_layer(
@@ -190,11 +186,6 @@ def _opacity_of_layer(
             density[(slice(None), *at)] = np.where(alpha >= FAINTEST, values.mean(axis=(1, 3, 5)), 0)
         tick(len(part))
     return {"opaque": opaque, "density": density}
-
-
-def _seen(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: Tick | None) -> Arrays:
-    """Which cells a training ray reaches with transmittance TAU_VIS, as packed bits."""
-    return {"bits": np.packbits(best_transmittance(density, grid, dataset, tick) >= TAU_VIS)}
 
 
 # --- Visibility -------------------------------------------------------------------------------------------------------

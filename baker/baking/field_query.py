@@ -6,7 +6,6 @@ Local devices take batches in turn, each with a copy of the field; they work at 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import numpy as np
@@ -24,7 +23,12 @@ Occupied = Callable[[np.ndarray, np.ndarray], np.ndarray | None]
 def field_query(run: Run) -> FieldQuery:
     """A function from training-frame points [N, 3] to NumPy density [N], diffuse [N, 3], features [N, 4]."""
     devices = jax.local_devices()
-    states = [_moved(here(run.state), device) for device in devices] if len(devices) > 1 else [run.state]
+    states = [run.state]
+    if len(devices) > 1:
+        own = here(run.state)
+        states = [
+            jax.tree.map(lambda v, d=d: jax.device_put(v, d) if isinstance(v, jax.Array) else v, own) for d in devices
+        ]
 
     def ask(points: np.ndarray) -> FieldOutput:
         parts = []
@@ -52,10 +56,6 @@ def within(query: FieldQuery, box: np.ndarray) -> FieldQuery:
         return field._replace(density=np.where(inside, field.density, 0))  # type: ignore[arg-type]
 
     return ask
-
-
-def _moved(state: Any, device: Any) -> Any:
-    return jax.tree.map(lambda v: jax.device_put(v, device) if isinstance(v, jax.Array) else v, state)
 
 
 def _fetched(output: FieldOutput) -> FieldOutput:

@@ -139,10 +139,10 @@ def draw_report_plots(out: Path, tables: Mapping[str, Mapping[str, Any]]) -> Non
         lines = []
         for row in tables["sparsity"]["rows"]:
             if "alpha_histogram" in row:
-                share = alpha_shares(row["alpha_histogram"], row["voxels"]["stored"])
-                lines.append(
-                    Line(row["label"], [(i + 0.5) / ALPHA_BINS for i in range(ALPHA_BINS)], share, marked=True)
-                )
+                counts = np.concatenate([[0], np.asarray(row["alpha_histogram"])]).reshape(ALPHA_BINS, -1).sum(1)
+                share = (100 * counts / max(row["voxels"]["stored"], 1)).tolist()
+                middles = [(i + 0.5) / ALPHA_BINS for i in range(ALPHA_BINS)]
+                lines.append(Line(row["label"], middles, share, marked=True))
         draw_plots(out / "sparsity.png", [
             Plot(lines, "Opacity of stored voxels (alpha 0 left out)", "alpha", "% of stored voxels", "zero")
         ])  # fmt: skip
@@ -171,12 +171,6 @@ def _draw_storage(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     names = dict.fromkeys(row["codec"] for row in measured)
     lines = [_over([r for r in measured if r["codec"] == n], "mb", n, lambda r: r["psnr"]) for n in names]
     draw_plots(path, [Plot(lines, "Quality and size, by codec", "MB on disk", "PSNR (dB)", "data")])
-
-
-def alpha_shares(histogram: Sequence[int], stored: int) -> list[float]:
-    """Percent of the stored voxels whose alpha (1 … 255 of 255) is in each of ALPHA_BINS equal ranges."""
-    counts = np.concatenate([[0], np.asarray(histogram)]).reshape(ALPHA_BINS, -1).sum(1)
-    return (100 * counts / max(stored, 1)).tolist()
 
 
 def _over(rows: Iterable[Mapping[str, Any]], key: str, label: str, value: Callable[[Any], float]) -> Line:
@@ -243,11 +237,6 @@ def opacity_picture(rgba: np.ndarray, stored: np.ndarray) -> np.ndarray:
     return np.round(paper * (1 - ink) + np.array(INK, float) * ink).astype(np.uint8)
 
 
-def colour_picture(rgba: np.ndarray) -> np.ndarray:
-    """uint8 [rows, columns, 3]: the diffuse colours over white."""
-    return np.minimum(rgba[..., :3].astype(int) + 255 - rgba[..., 3:], 255).astype(np.uint8)
-
-
 def draw_sections(path: Path, cuts: Mapping[str, Section]) -> None:
     """Writes a PNG: a column for each section under its label; above its opacity, below its colours. Same scale for all."""
     require_plots()
@@ -261,7 +250,8 @@ def draw_sections(path: Path, cuts: Mapping[str, Section]) -> None:
     for (label, cut), opacity, colours in zip(cuts.items(), *rows, strict=True):
         opacity.set_title(label, loc="left", fontsize=9, parse_math=False)
         edges = (cut.low[0], cut.high[0]) if cut.upward else (cut.high[0], cut.low[0])
-        for axes, picture in ((opacity, opacity_picture(cut.rgba, cut.stored)), (colours, colour_picture(cut.rgba))):
+        over_white = np.minimum(cut.rgba[..., :3].astype(int) + 255 - cut.rgba[..., 3:], 255).astype(np.uint8)
+        for axes, picture in ((opacity, opacity_picture(cut.rgba, cut.stored)), (colours, over_white)):
             axes.imshow(picture, extent=(cut.low[1], cut.high[1], *edges))
             axes.set(xlim=(low[1], high[1]), ylim=(low[0], high[0])[:: 1 if cut.upward else -1], xticks=[], yticks=[])
     path.parent.mkdir(parents=True, exist_ok=True)

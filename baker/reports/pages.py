@@ -109,18 +109,13 @@ def _release(row: Row) -> str:
 
 def _to_fill(rows: Iterable[Row]) -> list[str]:
     """Below a table: the command for each row without a run."""
-    lacking = [row for row in rows if row.get("command")]
-    if not lacking:
-        return []
-    return ["", "Rows without a run, and what would make them:", ""] + [
-        f"- {row['label']}: {_as_code(row['command'])}" for row in lacking
-    ]
-
-
-def _as_code(command: str) -> str:
-    """A command of baker.reports.fields.train_command, and the option that it says to add then."""
-    first, then, option = command.partition("; then add ")
-    return f"`{first}`, then add `{option}`" if then else f"`{command}`"
+    lines = []
+    for row in rows:
+        if command := row.get(
+            "command"
+        ):  # of baker.reports.fields.train_command, and the option that it says to add then
+            lines.append(f"- {row['label']}: `{'`, then add `'.join(command.split('; then add '))}`")
+    return ["", "Rows without a run, and what would make them:", "", *lines] if lines else []
 
 
 def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
@@ -137,7 +132,9 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
         ])  # fmt: skip
     headings = ["", *SCORES, "against the field (dB)", "MB", "time", *THEIRS, "*release:* PSNR"]
     own = NO_SUCH_FIELD if table["field"].startswith(("multi-resolution field", "voxel field")) else ""
-    means = [_plain_label(row) for row in rows if row.get("paper") and paper_figures.only_means(row["row"])]
+    means = [
+        str(row["label"]).split(":")[0] for row in rows if row.get("paper") and paper_figures.only_means(row["row"])
+    ]
     lines = [
         f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. {own}".strip(), "",
         *_table(headings, cells), "",
@@ -153,11 +150,6 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
             "in brackets."
         )
     return lines
-
-
-def _plain_label(row: Row) -> str:
-    """A row's name without what is said of it."""
-    return str(row["label"]).split(":")[0]
 
 
 def _storage(table: Table, about: Mapping[str, Any]) -> list[str]:

@@ -52,7 +52,10 @@ def write_tables(study: Study, chosen: Sequence[str]) -> None:
         if name not in document["made"] or document["tables"].get(name) != made:  # else it was made by an earlier call
             document["made"][name] = provenance()
         document["tables"][name] = made
-        _write(study.out, document)  # now: what follows may take an hour
+        study.out.mkdir(parents=True, exist_ok=True)  # now: what follows may take an hour
+        draw_report_plots(study.out, document["tables"])
+        write_file(study.out / "report.json", json.dumps(document, indent=2) + "\n")
+        write_file(study.out / "report.md", report_text(document))
         print(f"{name}: in {study.out / 'report.md'}", flush=True)
 
 
@@ -139,10 +142,3 @@ def run_program(words: Sequence[str]) -> str:
         return subprocess.run(words, capture_output=True, text=True, timeout=30, check=True).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return ""
-
-
-def _write(out: Path, document: dict[str, Any]) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    draw_report_plots(out, document["tables"])
-    write_file(out / "report.json", json.dumps(document, indent=2) + "\n")
-    write_file(out / "report.md", report_text(document))

@@ -79,15 +79,11 @@ def _in_order(tables: Sequence[Sequence[Mapping[str, Any]]]) -> list[tuple[str, 
         for row in rows:
             place = next((i for i, (name, _) in enumerate(order) if name == row["row"]), None)
             if place is None:
-                order.insert(at, (row["row"], _general(row)))
+                own = "the field itself" if row["row"] == "field" else str(row["label"])  # not how long it was trained
+                order.insert(at, (row["row"], paper_figures.NAMES.get(row["row"], own)))
                 place = at
             at = place + 1
     return order
-
-
-def _general(row: Mapping[str, Any]) -> str:
-    """A label that holds for every scene: of a field, without its steps."""
-    return paper_figures.NAMES.get(row["row"], "the field itself" if row["row"] == "field" else str(row["label"]))
 
 
 def _printed(kind: paper_figures.Kind, scene: str, table: str, row: str, key: str) -> float | None:

@@ -49,12 +49,9 @@ class Pruned:
 
 
 def prune(
-    pack: Pack,
-    arriving: ArrivingTransmittance,
-    score: Callable[[Pack], float],
-    most_lost: float,
+    pack: Pack, arriving: ArrivingTransmittance, score: Callable[[Pack], float], most_lost: float,
     tau_weight: float = TAU_WEIGHT,
-) -> tuple[Pack, Pruned]:
+) -> tuple[Pack, Pruned]:  # fmt: skip
     """The pack without voxels that contribute less than tau_weight to every pixel, closed behind surfaces.
 
     score: PSNR (dB) of a pack; it may fall by most_lost. If it falls further, smaller thresholds (MILDER) are tried, and in the
@@ -66,19 +63,18 @@ def prune(
         if score(thinner) >= least:
             return thinner, pruned
         del thinner  # before the next takes its place
-    return pack, _untouched(pack)
-
-
-def _untouched(pack: Pack) -> Pruned:
     count = sum(int(np.count_nonzero(_data(pack, pack.atlas_rgba, block)[..., 3])) for block in _blocks(pack))
-    return Pruned(count, count, 0, 0.0)
+    return pack, Pruned(count, count, 0, 0.0)
 
 
 def _thinner(pack: Pack, arriving: ArrivingTransmittance, tau_weight: float) -> tuple[Pack, Pruned]:
     """The pack without its voxels that make up less than tau_weight, closed."""
     features = pack.atlas_features
     assert features is not None, "baking always stores features"
-    gain, blocks = _gains(tau_weight), _blocks(pack)
+    alpha, transmittance = np.arange(256)[:, None], np.arange(256)
+    stays = (alpha > 0) & (alpha * transmittance >= tau_weight * 255**2)
+    gain = (stays * closing_gain(alpha, transmittance)).astype(np.float32)  # [256, 256], 0 where a voxel is emptied
+    blocks = _blocks(pack)
     counts = np.array([_count(_data(pack, pack.atlas_rgba, block), arriving.at(block), gain) for block in blocks])
     before, after = counts.sum(0).tolist()
     kept = np.zeros(pack.occupied.shape, bool)
@@ -113,13 +109,6 @@ def closing_gain(alpha: np.ndarray, transmittance: np.ndarray) -> np.ndarray:
 def _data(pack: Pack, atlas: np.ndarray, block: tuple[int, ...]) -> np.ndarray:
     """The data voxels [bs, bs, bs, c] of a macroblock, a view into the atlas."""
     return block_copy(pack, atlas, block)[1:-1, 1:-1, 1:-1]
-
-
-def _gains(tau_weight: float) -> np.ndarray:
-    """float32 [256, 256]: what a voxel of an alpha and a transmittance is multiplied by; 0 where it is emptied."""
-    alpha, transmittance = np.arange(256)[:, None], np.arange(256)
-    stays = (alpha > 0) & (alpha * transmittance >= tau_weight * 255**2)
-    return (stays * closing_gain(alpha, transmittance)).astype(np.float32)
 
 
 @kernel

@@ -106,7 +106,8 @@ def glb_parts(
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
         "scenes": [{"nodes": list(range(1 + len(cameras)))}],
-        "nodes": [{"mesh": 0}, *(_camera_node(camera, i) for i, camera in enumerate(cameras))],
+        "nodes": [{"mesh": 0}, *({"name": camera.name, "camera": i, "matrix": camera.frame_T_camera.T.ravel().tolist()}
+                                 for i, camera in enumerate(cameras))],  # matrices by columns
         "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0}]}],
         "materials": [{
             "doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0},
@@ -117,21 +118,16 @@ def glb_parts(
         "accessors": accessors,
     }  # fmt: skip
     if cameras:  # glTF forbids empty lists
-        document["cameras"] = [_perspective(camera) for camera in cameras]
+        document["cameras"] = [
+            {"name": camera.name, "type": "perspective",
+             "perspective": {"yfov": camera.yfov, "aspectRatio": camera.aspect_ratio, "znear": camera.near}}
+            for camera in cameras
+        ]  # fmt: skip
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     head = struct.pack("<III", MAGIC, 2, 12 + 8 + len(text) + 8 + offset)
     binary = struct.pack("<II", offset, BINARY_CHUNK)
     return [head, struct.pack("<II", len(text), JSON_CHUNK), text, binary, *(array.tobytes() for array, *_ in arrays)]
-
-
-def _camera_node(camera: GltfCamera, number: int) -> dict[str, Any]:
-    return {"name": camera.name, "camera": number, "matrix": camera.frame_T_camera.T.ravel().tolist()}  # by columns
-
-
-def _perspective(camera: GltfCamera) -> dict[str, Any]:
-    lens = {"yfov": camera.yfov, "aspectRatio": camera.aspect_ratio, "znear": camera.near}
-    return {"name": camera.name, "type": "perspective", "perspective": lens}
 
 
 def _linear(colours: np.ndarray) -> np.ndarray:

@@ -16,14 +16,12 @@ import pytest
 from baker.commands.pack import main
 from console import UserError
 from scenepack import Pack, load_pack, save_pack
-from scenepack.blocks import restore_padding
-from scenepack.coarse import coarse_pack, factor_for, order_of_groups
+from scenepack.coarse import coarse_pack, factor_for
 from scenepack.codecs import CODECS
 from scenepack.codecs.quantisation import EXACT, steps_of
-from scenepack.codecs.streams import filled, pack_occupancy, premultiplied, unpack_occupancy, unpremultiply
+from scenepack.codecs.streams import pack_occupancy, unpack_occupancy
 from scenepack.piece_files import follows_grid
 from tests.scenepack.helpers import edit_json, images, read_json, same_pack, small_pack, smooth_pack, written
-from tests.scenepack.random_packs import random_pack
 from tests.told import told
 from tests.viewer.conftest import toy_pack
 
@@ -222,42 +220,6 @@ def test_convert_tells_in_one_line_what_it_cannot_do(
 # What codecs are made of: padding, straight colours, the continuation of voxels into empty space, occupancy
 
 
-def test_padding_is_restored_whatever_lies_there() -> None:
-    for seed in range(3):
-        source = random_pack(np.random.default_rng(seed), block_size=4, grid_blocks=(4, 3, 3), style="noise")
-        spoilt_atlas = source.atlas_rgba.copy()
-        for block in np.argwhere(source.occupied):
-            x, y, z = (int(i) * 6 for i in source.atlas_indices[tuple(block)])
-            copy = spoilt_atlas[z : z + 6, y : y + 6, x : x + 6]
-            data = copy[1:-1, 1:-1, 1:-1].copy()
-            copy[...] = 77
-            copy[1:-1, 1:-1, 1:-1] = data
-        restore_padding(spoilt_atlas, source.atlas_indices, source.block_size)
-        assert np.array_equal(spoilt_atlas, source.atlas_rgba)
-
-
-def test_straight_colours_come_back_and_nothing_outshines_its_alpha() -> None:
-    rng = np.random.default_rng(0)
-    alpha = (rng.integers(0, 256, (9, 20, 33)) * (rng.random((9, 20, 33)) < 0.3)).astype(np.uint8)
-    values = np.rint(rng.random((9, 20, 33, 3)) * alpha[..., None]).astype(np.uint8)
-    shown = unpremultiply(values, alpha, 0.0)
-    assert shown.shape == (9, 32, 48, 3)
-    back = premultiplied(shown, alpha)
-    assert np.abs(back.astype(int) - values).max() <= 1
-    smooth = premultiplied(unpremultiply(values, alpha, 8.0), alpha)
-    assert np.all(smooth <= alpha[..., None]) and not smooth[alpha == 0].any()
-    assert abs(smooth.sum() / values.sum() - 1) < 0.02, "smoothing moves colour about and loses none"
-
-
-def test_empty_voxels_continue_what_is_near_them() -> None:
-    alpha = np.zeros((16, 16, 32), np.uint8)
-    alpha[3:6, 4:9, 2:5] = 90
-    values = np.where(alpha > 0, 45, 0).astype(np.uint8)[..., None]
-    shown = unpremultiply(values, alpha, 8.0)
-    assert np.all(shown[:, :, :16] == 128) and np.all(shown[:, :, 16:] == 128)  # 45 / 90, and grey where nothing is
-    assert np.all(filled(alpha[..., None], alpha)[:, :, :16] == 90)
-
-
 def test_occupancy_comes_back_exactly_and_is_refused_at_another_size() -> None:
     occupied = np.random.default_rng(0).random((5, 6, 7)) < 0.3
     data = pack_occupancy(occupied)
@@ -304,12 +266,6 @@ def test_what_is_counted_in_steps_takes_fewer_bytes(
 
 
 # What can be seen of a pack before it is read to the end
-
-
-@pytest.mark.parametrize(("depth", "side"), [(32, 32), (64, 32), (36, 16), (8, 7)])
-def test_every_group_is_decoded_once(depth, side):
-    order, steps = order_of_groups(depth, side)
-    assert sorted(order) == list(range(-(-depth // 4))) and all(0 < step <= len(order) for step in steps)
 
 
 def test_the_coarse_pack_lies_where_the_whole_does():

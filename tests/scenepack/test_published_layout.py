@@ -7,7 +7,6 @@ code with it; only `save_pack` makes the pack.
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -126,13 +125,6 @@ def test_sizes_agree_with_one_another(published: Published) -> None:
     assert len(np.unique(used, axis=0)) == len(used)
 
 
-def test_colours_and_features_are_premultiplied(published: Published, options: dict[str, Any]) -> None:
-    rgba = published.atlas("rgba")
-    assert rgba[..., 3].any() and np.all(rgba[..., :3] <= rgba[..., 3:])
-    if not options.get("diffuse"):
-        assert np.all(published.atlas("feature") <= rgba[..., 3:])
-
-
 def test_an_index_is_x_y_z_and_leads_to_the_voxels_of_its_place_in_the_grid(tmp_path: Path) -> None:
     """A pack whose every data voxel tells its own place: x in red, y in green, z in blue, of 255."""
     size, blocks = 6, (3, 2, 4)
@@ -154,8 +146,3 @@ def test_an_index_is_x_y_z_and_leads_to_the_voxels_of_its_place_in_the_grid(tmp_
         # The voxel before the first is the neighbour's last, or nothing at the grid's edge.
         before = atlas[az, ay, ax - 1].tolist()
         assert before == ([bx * size - 1, by * size, bz * size, 255] if bx else [0, 0, 0, 0])
-
-
-def test_images_are_numbered_with_three_digits_from_zero(published: Published) -> None:
-    numbers = [int(m[1]) for name in published.names if (m := re.fullmatch(r"rgba_(\d{3})\.png", name))]
-    assert numbers == list(range(published.params["num_slices"]))

@@ -9,14 +9,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
-from jax.sharding import Mesh
 
 from tests.training.train_both import SHARED
 from training.checkpoints import list_checkpoints, read_checkpoint
-from training.devices import own_rows
 
 pytestmark = pytest.mark.slow
 
@@ -90,10 +87,3 @@ def test_two_processes_leave_the_files_of_one(trained: dict[str, Path], method: 
         read_checkpoint(list_checkpoints(trained[w] / method / "run" / "checkpoints")[-1][1]) for w in ("two", "one")
     )
     assert {n: a.shape for n, a in ours.items()} == {n: a.shape for n, a in theirs.items()}
-
-
-def test_rows_are_shared_out_evenly_and_padded() -> None:
-    from training.devices import AXIS, every_device
-
-    assert own_rows(1000, Mesh(np.array(jax.devices()[:1]), (AXIS,))) == (0, 1000)
-    assert own_rows(1001, every_device())[1] >= 1001

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -84,13 +82,6 @@ def test_shrinking_keeps_the_mean_of_premultiplied_colour_and_alpha():
         np.testing.assert_allclose(white, over_background(picture, (1, 1, 1)).mean((0, 1)), atol=1e-5)
 
 
-def test_colour_hidden_under_transparency_does_not_bleed_into_edges():
-    picture = np.zeros((2, 2, 4), np.float32)
-    picture[0, 0] = (1, 0, 0, 1)
-    picture[1, 1] = (0, 1, 0, 0)  # green, but invisible
-    np.testing.assert_allclose(shrink(picture, 1, 1)[0, 0], (1, 0, 0, 0.25))
-
-
 def test_any_range_of_the_pixels_of_many_pictures_can_be_loaded(procedural_scene: Scene, tmp_path):
     train = procedural_scene.splits["train"]
     pixels = load_pixels(train)
@@ -141,11 +132,6 @@ def test_a_picture_of_another_size_is_refused_with_both_sizes(copy: Path):
     Image.new("RGBA", (40, 48)).save(copy / "train" / "r_5.png")
     line = complaint(copy)
     assert "r_5.png" in line and "the shape of 48x48" in line and "found 40x48" in line
-
-
-def test_reading_scenes_needs_no_jax():
-    code = "import sys, training.scenes; sys.exit('jax' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
 def test_the_real_lego_scene_reads(real_data: Path):

@@ -13,12 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from scenepack.constants import VIEW_MLP_WIDTHS
 from training.config import PAPER, REAL_BATCH, SYNTHETIC_BATCH, TrainConfig
-from training.encoding import encode_points, encode_viewdirs, encoded_width
+from training.encoding import encode_viewdirs
 from training.nerf.method import learning_rate, make_optimizer, sparsity_of
 from training.view_mlp import apply_view_mlp, init_view_mlp
-from training.volume import alpha_of, cauchy_sparsity, composite, shade, squared_error, weights_of
+from training.volume import cauchy_sparsity, shade, weights_of
 
 depths = arrays(np.float32, (3, 7), elements=st.floats(0, 20, width=32))
 
@@ -32,16 +31,6 @@ def test_weights_and_what_remains_of_the_light_sum_to_one(optical):
     assert (np.asarray(weights) >= 0).all()
 
 
-def test_alpha_is_exact_for_small_arguments_too():
-    sigma = jnp.asarray([1e-6, 0.1, 3.0, 40.0])
-    np.testing.assert_allclose(alpha_of(sigma, 0.1), -np.expm1(-np.asarray(sigma, np.float64) * 0.1), rtol=1e-6)
-
-
-def test_composite_weighs_each_samples_values():
-    values = jnp.asarray([[[1.0, 0.0], [0.0, 2.0]]])
-    np.testing.assert_allclose(composite(jnp.asarray([[0.25, 0.5]]), values), [[0.25, 1.0]], rtol=1e-6)
-
-
 def test_shading_puts_the_background_behind_before_it_asks_the_view_mlp():
     view = init_view_mlp(jax.random.key(0))
     diffuse, features = jnp.asarray([[0.1, 0.2, 0.3]]), jnp.asarray([[0.1, 0.2, 0.3, 0.4]])
@@ -53,14 +42,6 @@ def test_shading_puts_the_background_behind_before_it_asks_the_view_mlp():
 
 
 # Loss terms, learning rate, clipping: against numbers worked out by hand
-
-
-def test_the_photometric_term_sums_channels_and_averages_rays():
-    rgb, target = (
-        jnp.asarray([[0.1, 0.2, 0.3], [1.0, 1.0, 1.0]]),
-        jnp.asarray([[0.0, 0.0, 0.0], [1.0, 0.5, 1.0]]),
-    )
-    assert float(squared_error(rgb, target)) == pytest.approx((0.01 + 0.04 + 0.09 + 0.25) / 2)
 
 
 def test_the_sparsity_term_is_log_1_plus_2_sigma_squared_summed_over_a_rays_samples():
@@ -134,18 +115,6 @@ def test_view_encoding_is_v_then_sines_frequency_major_then_the_same_shifted_by_
         for k in range(4):
             expected += [np.sin(2**k * component + shift) for component in v]
     np.testing.assert_allclose(encode_viewdirs(jnp.asarray(v)), expected, atol=1e-6)
-
-
-def test_encoded_widths_are_63_for_points_and_27_for_directions():
-    assert encode_points(jnp.zeros((5, 3))).shape == (5, 63) and encoded_width(3, 10) == 63
-    assert encode_viewdirs(jnp.zeros((2, 5, 3))).shape == (2, 5, 27) and encoded_width(3, 4) == 27
-
-
-def test_view_mlp_has_the_papers_883_parameters():
-    params = init_view_mlp(jax.random.key(0))
-    assert VIEW_MLP_WIDTHS == (34, 16, 16, 3)
-    assert [w.shape for w in params.weights] == [(34, 16), (16, 16), (16, 3)]
-    assert sum(leaf.size for leaf in jax.tree.leaves(params)) == 34 * 16 + 16 + 16 * 16 + 16 + 16 * 3 + 3 == 883
 
 
 def test_view_mlp_equals_the_same_arithmetic_written_out_in_numpy():

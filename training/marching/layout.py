@@ -45,7 +45,8 @@ class Cells(NamedTuple):
 
     def near_content(self, g: jax.Array) -> jax.Array:
         """bool [...]: False only where no cell within COARSE / 2 of g [..., 3] is on."""
-        return self.coarse[coarse_cell(g, self.coarse_dims)] > 0
+        cell = jnp.clip((g * (1.0 / COARSE)).astype(jnp.int32), 0, self.coarse_dims - 1)
+        return self.coarse[flat_index(cell, self.coarse_dims)] > 0
 
 
 Boxed = GridBox | Cells
@@ -59,11 +60,6 @@ def segments_across(dims: tuple[int, ...] | np.ndarray, step: float = 1.0) -> in
 def flat_index(cell: jax.Array, dims: jax.Array) -> jax.Array:
     """Flat index, x fastest, of integer cells [..., 3] in a box of dims [3]."""
     return (cell[..., 2] * dims[1] + cell[..., 1]) * dims[0] + cell[..., 0]
-
-
-def coarse_cell(g: jax.Array, coarse_dims: jax.Array) -> jax.Array:
-    """Flat index of the coarse occupancy cell of g [..., 3]."""
-    return flat_index(jnp.clip((g * (1.0 / COARSE)).astype(jnp.int32), 0, coarse_dims - 1), coarse_dims)
 
 
 def trilinear_weights(fraction: jax.Array) -> jax.Array:

@@ -56,12 +56,6 @@ def compact(mask: jax.Array, size: int) -> jax.Array:
     return jnp.full(size, mask.size, jnp.int32).at[jnp.where(mask, place, size)].set(index, mode="drop")
 
 
-def before_within(values: jax.Array) -> jax.Array:
-    """Exclusive running sums of int32 values [C, COARSE] over the whole list, row after row; exact, as integers are."""
-    rows = values.sum(1)
-    return (jnp.cumsum(rows) - rows)[:, None] + jnp.cumsum(values, axis=1) - values
-
-
 def march(cells: Cells, rays: GridRays, phase: jax.Array, sizes: MarchSizes, step: float) -> Samples:
     """The samples of N rays at start + (phase + k) step, k = 0, 1, …, that have support.
 
@@ -82,7 +76,10 @@ def march(cells: Cells, rays: GridRays, phase: jax.Array, sizes: MarchSizes, ste
     inside = (t < rays.end[ray]) & listed[:, None]
     fine = inside & cells.has_support(g)
 
-    place = before_within(fine.astype(jnp.int32))
+    ones, rows = fine.astype(jnp.int32), fine.astype(jnp.int32).sum(1)
+    place = (
+        (jnp.cumsum(rows) - rows)[:, None] + jnp.cumsum(ones, axis=1) - ones
+    )  # exclusive running sums, row after row
     total = place[-1, -1] + fine[-1, -1]
     padded = jnp.concatenate([place[:, 0], total[None]])  # samples before each coarse entry, and before the end
     first = padded[jnp.minimum(starts, sizes.coarse)]

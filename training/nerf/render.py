@@ -96,7 +96,9 @@ def render_rays(
     t = coarse_samples(jitter, rays.near, rays.far, config.coarse_samples, facts.disparity)
     coarse, coarse_sigma, weights = _render_model(params.coarse, rays, t, config, facts, noise)
     fine_t = fine_samples(fine_jitter, t, weights, config.fine_samples)
-    t, is_coarse = merge_samples(t, fine_t)
+    both = jnp.concatenate([t, fine_t], axis=-1)
+    order = jnp.argsort(both, axis=-1)
+    t, is_coarse = jnp.take_along_axis(both, order, axis=-1), order < t.shape[-1]
     fine, fine_sigma, _ = _render_model(params.fine, rays, t, config, facts, fine_noise)
     return Rendered(coarse, fine, coarse_sigma, jnp.where(is_coarse, fine_sigma, 0.0))
 
@@ -180,10 +182,3 @@ def inverse_cdf(jitter: jax.Array | None, edges: jax.Array, weights: jax.Array, 
     e0, e1 = jnp.take_along_axis(edges, bin_, -1), jnp.take_along_axis(edges, bin_ + 1, -1)
     within = jnp.clip((u - c0) / jnp.maximum(c1 - c0, 1e-8), 0.0, 1.0)
     return e0 + within * (e1 - e0)
-
-
-def merge_samples(coarse: jax.Array, fine: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Both sets sorted together, t [N, K + F], and which of them are coarse samples, bool [N, K + F]."""
-    both = jnp.concatenate([coarse, fine], axis=-1)
-    order = jnp.argsort(both, axis=-1)
-    return jnp.take_along_axis(both, order, axis=-1), order < coarse.shape[-1]

@@ -71,18 +71,13 @@ def with_matrix(frame: Any, film: Path) -> Any:
 
 def srgb_of(frame: Any, width: int) -> np.ndarray:
     """A frame with its matrix as uint8 [H, width, 3]."""
-    hdr = frame.color_trc if frame.color_trc in (PQ, HLG) else None
-    matrix = _gamut(frame.color_primaries, hdr is not None)
+    hdr, primaries = frame.color_trc if frame.color_trc in (PQ, HLG) else None, frame.color_primaries
+    matrix = SRGB_T_P3.astype(np.float32) if primaries == P3 else None  # None: sRGB's own primaries, and what is close
+    if primaries == BT2020 or (hdr is not None and primaries in UNSPECIFIED):
+        matrix = SRGB_T_BT2020.astype(np.float32)
     if hdr is None and matrix is None:
         return frame.to_ndarray(format="rgb24", width=width, height=frame.height)
     return _converted(frame.to_ndarray(format="rgb48le", width=width, height=frame.height), hdr, matrix)
-
-
-def _gamut(primaries: int, hdr: bool) -> np.ndarray | None:
-    """What brings light of these primaries to sRGB's; None for sRGB's own and what is close to it."""
-    if primaries == BT2020 or (hdr and primaries in UNSPECIFIED):
-        return SRGB_T_BT2020.astype(np.float32)
-    return SRGB_T_P3.astype(np.float32) if primaries == P3 else None
 
 
 def _converted(signal: np.ndarray, hdr: int | None, matrix: np.ndarray | None) -> np.ndarray:

@@ -329,12 +329,7 @@ def _matches_found(task: Task) -> Found:
             longest = max(sides[images[number].camera_id] for number in both)
             still += bool(np.median(np.linalg.norm(first - second, axis=-1)) < STILL * longest)
             pairs += 1
-    return Found(features, matched, (still, pairs), is_static_camera(still, pairs))
-
-
-def is_static_camera(still: int, matched: int) -> bool:
-    """Whether so many of the matching pairs stand still that it was not the camera that moved."""
-    return matched > 0 and still > MOST_STILL * matched
+    return Found(features, matched, (still, pairs), is_static=still > MOST_STILL * pairs)
 
 
 # --- poses ------------------------------------------------------------------------------------------------------------

@@ -143,14 +143,10 @@ def formats_of(path: Path) -> tuple[str, ...]:
 def decodable(path: Path) -> Iterator[Image.Image]:
     """`opened`, for decoding its pixels. OSError for a JPEG of so many scans that decoding would not end."""
     with opened(path) as image:
-        if isinstance(image, JpegImageFile) and (scans := _scans(path)) > MOST_SCANS:
+        # The marker stands nowhere else in compressed data; a thumbnail within has some more.
+        if isinstance(image, JpegImageFile) and (scans := path.read_bytes().count(SCAN)) > MOST_SCANS:
             raise OSError(f"it has {scans} scans; at most {MOST_SCANS} are read")
         yield image
-
-
-def _scans(path: Path) -> int:
-    """How many scans a JPEG has. The marker stands nowhere else in compressed data; a thumbnail within has some more."""
-    return path.read_bytes().count(SCAN)
 
 
 class _Bounded(io.BufferedReader):

@@ -124,11 +124,6 @@ METASHAPE_COEFFICIENTS = {
 # p1; fx = f + b1; cx and cy count from the middle of the picture (Metashape's manual, "Camera models").
 
 
-def is_metashape(head: bytes) -> bool:
-    """Whether the first bytes of an XML file are those of a document of Metashape."""
-    return b"<document" in head and b"<chunk" in head
-
-
 def read_metashape(file: Path, _: object) -> Reconstruction:
     """The cameras that have a pose, by label. UserError for anything else."""
     export = ExportFile("Metashape", file)
@@ -496,7 +491,8 @@ def _read_bundler(file: Path, size_of: SizeOf) -> Reconstruction:
 
 
 PROGRAMS = (
-    Program("Metashape", partial(_with_head, pattern="*.xml", says=is_metashape), read_metashape),
+    Program("Metashape", partial(_with_head, pattern="*.xml", says=lambda head: b"<document" in head and b"<chunk" in head),
+            read_metashape),
     Program("RealityCapture", partial(_with_head, pattern="*.csv", says=_is_realitycapture), _read_realitycapture),
     Program("Polycam", _files_with(("keyframes/corrected_cameras", "keyframes/cameras"), "*.json", b'"t_00"'),
             _read_polycam, ("keyframes/images",)),

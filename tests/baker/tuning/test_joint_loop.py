@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from baker.tuning.joint_loop import TILE, JointConfig, held_out_views, joint_tune, meeting, tiles_of
+from baker.tuning.joint_loop import TILE, JointConfig, joint_tune, meeting, tiles_of
 from baker.tuning.marcher import PackMarcher
 from baker.tuning.tuner import Tuner
 from scenepack import check_pack
@@ -19,11 +18,6 @@ from training.dataset import RayDataset
 pytestmark = pytest.mark.usefixtures("hardly_optimised")
 
 SAMPLES = 32_768
-
-
-def test_views_are_held_out_evenly(dataset: RayDataset) -> None:
-    assert np.flatnonzero(held_out_views(dataset, 4)).tolist() == [2, 6, 10]
-    assert not held_out_views(dataset, 0).any() and not held_out_views(dataset, dataset.views + 1).any()
 
 
 QUICK = JointConfig(passes=2, samples=SAMPLES, rate=20.0, density_rate=0.3, head_rate=1e-2, held_out=4, checks=3)
@@ -40,13 +34,6 @@ def test_rays_come_in_tiles_of_neighbouring_pixels_each_once(dataset: RayDataset
     row, column = np.divmod(rays.reshape(-1, TILE**2) - first[view], width[view])
     assert (np.ptp(view, 1) == 0).all() and (np.ptp(row, 1) == TILE - 1).all() and (np.ptp(column, 1) == TILE - 1).all()
     assert (np.diff(rays[:: TILE**2]) < 0).any(), "in random order"
-
-
-def test_tiles_at_the_edges_of_odd_pictures_are_smaller() -> None:
-    count = 7 * 5 + 9 * 6
-    pictures = SimpleNamespace(first=np.array([0, 35]), width=np.array([7, 9]), count=count)
-    tiles = tiles_of(pictures, np.array([True, True]), np.random.default_rng(0))  # type: ignore[arg-type]
-    assert len(tiles.numbers) == 2 * 2 + 3 * 2 and (np.sort(tiles.rays(0, 10)) == np.arange(count)).all()
 
 
 def test_only_rays_that_meet_content_are_taken_and_no_more_than_asked_for(dataset: RayDataset) -> None:

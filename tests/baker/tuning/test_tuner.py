@@ -7,15 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from baker.tuning import joint_loop
 from baker.tuning import tuner as tuner_module
-from baker.tuning.cells import BETAS, cells_of
+from baker.tuning.cells import BETAS
 from baker.tuning.gradients import CHUNK, work_for
-from baker.tuning.marcher import tables_of
 from baker.tuning.tuner import Tuner
 from scenepack import Pack, check_pack
 from scenepack.codecs.quantisation import EXACT, Steps
@@ -109,27 +107,7 @@ def test_a_move_too_small_to_change_a_byte_has_a_gradient_all_the_same(dataset: 
     assert np.mean(np.any(tuner.first != 0, axis=1)) > 0.2
 
 
-def test_pictures_are_compared_with_photographs_in_their_average_look(dataset: RayDataset) -> None:
-    gains = np.ones((dataset.views, 3), np.float32)
-    gains[:, 1] = np.linspace(0.6, 1.4, dataset.views)
-    corrected = dataset.in_average_look(gains)
-    tuner, ids = tuner_of(pack_of(), corrected)
-    some = drawn(ids, tuner)
-    expected = np.asarray(corrected.colours_at(jnp.asarray(some)))
-    assert np.abs(expected - np.asarray(dataset.colours_at(jnp.asarray(some)))).max() > 0.1
-    np.testing.assert_allclose(np.asarray(tuner._gather(some).target), expected, atol=1e-6)
-
-
 # --- cells, and what is stored ---
-
-
-@pytest.mark.parametrize("side", [1, 3, 4])
-def test_cells_are_cubes_of_the_grid_across_the_borders_of_macroblocks(side: int) -> None:
-    pack = pack_of(5)
-    cells, known = cells_of(pack, tables_of(pack), side), cells_of_atlas(pack, side)
-    found = np.zeros(known.size, int)
-    found[cells.places] = np.repeat(np.arange(len(cells.first) - 1), np.diff(cells.first))
-    assert np.array_equal(found.reshape(known.shape), known) and cells.count == known.max()
 
 
 @pytest.mark.parametrize("steps", [EXACT, COARSE, ALL_COARSE])

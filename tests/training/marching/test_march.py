@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.training.marching.grids import SHAPE, cells_of_grid, random_rays, random_voxels
+from tests.training.marching.grids import cells_of_grid, random_rays, random_voxels
 from training.marching.march import MarchSizes, march, transmittance
 from training.marching.rays import to_grid
 
@@ -51,13 +51,3 @@ def test_transmittance_is_the_running_product_of_each_ray(present: np.ndarray) -
         optical = taus[own]
         np.testing.assert_allclose(before[own], np.exp(np.cumsum(-optical) + optical), rtol=1e-4, atol=1e-6)
         np.testing.assert_allclose(behind[ray], np.exp(-optical.sum()), rtol=1e-4, atol=1e-6)
-
-
-def test_coarse_occupancy_never_hides_content(present: np.ndarray) -> None:
-    cells, rng = cells_of_grid(present), np.random.default_rng(2)
-    g = rng.random((4000, 3)) * np.array(SHAPE[::-1])
-    x, y, z = g.astype(int).T
-    occupied = present[z, y, x]
-    assert np.array_equal(np.asarray(cells.has_support(jnp.asarray(g, jnp.float32))), occupied) and occupied.any()
-    nearby = np.clip(g + rng.uniform(-1.999, 1.999, g.shape) / np.sqrt(3), 0, np.array(SHAPE[::-1]))
-    assert np.asarray(cells.near_content(jnp.asarray(nearby, jnp.float32)))[occupied].all()

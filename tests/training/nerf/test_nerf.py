@@ -13,8 +13,6 @@ from baker.metrics import psnr
 from training.checkpoints import named_leaves
 from training.config import PAPER, PRESETS, TINY, NerfConfig
 from training.dataset import make_dataset
-from training.encoding import encode_points
-from training.nerf.field import apply_field, init_field
 from training.nerf.method import NerfMethod
 from training.nerf.render import NerfParams, draw_perturbation, init_nerf, render_rays
 from training.recorder import render_photograph
@@ -93,30 +91,6 @@ def test_every_preset_learns_and_gradients_reach_every_parameter(procedural_scen
     picture = method.render(state, dataset.view_rays(procedural_scene.splits["test"][0].camera))
     assert np.isfinite(np.asarray(picture.rgb)).all() and picture.features.shape[-1] == 4
     assert (method.view_mlp(state) is not None) == (view == "deferred")
-
-
-def test_the_trunk_is_the_plain_mlp_with_its_skip(monkeypatch):
-    config = NerfConfig(depth=4, width=16, skip_after=1, matmul="float32")
-    params = init_field(jax.random.key(0), config)
-    points = jax.random.normal(jax.random.key(1), (50, 3))
-    encoded = x = encode_points(points)
-    for layer, (weight, bias) in enumerate(params.trunk):
-        x = jax.nn.relu(x @ weight + bias)
-        if layer == 1:
-            x = jnp.concatenate([x, encoded], -1)
-    raw = x @ params.head.weight + params.head.bias
-    out = apply_field(params, points, config)
-    np.testing.assert_allclose(out.density, jax.nn.relu(raw[:, 0]), atol=1e-5)
-    np.testing.assert_allclose(out.features, jax.nn.sigmoid(raw[:, 4:]), atol=1e-5)
-
-
-def test_density_is_never_negative_and_colours_and_features_stay_in_the_unit_range():
-    config = NerfConfig(depth=2, width=16, skip_after=0)
-    out = apply_field(init_field(jax.random.key(0), config), 5 * jax.random.normal(jax.random.key(1), (500, 3)), config)
-    assert out.density.shape == (500,) and out.diffuse.shape == (500, 3) and out.features.shape == (500, 4)
-    assert (np.asarray(out.density) >= 0).all() and (np.asarray(out.density) > 0).any()
-    for values in (out.diffuse, out.features):
-        assert float(values.min()) >= 0 and float(values.max()) <= 1
 
 
 @pytest.mark.slow

@@ -15,20 +15,6 @@ from training.nerf.render import coarse_samples, fine_samples, inverse_cdf, last
 NEAR, FAR = jnp.full(5, 2.0), jnp.full(5, 6.0)
 
 
-def test_coarse_samples_fall_one_to_each_interval_in_order():
-    t = np.asarray(coarse_samples(jax.random.uniform(jax.random.key(0), (5, 32)), NEAR, FAR, 32))
-    even = np.linspace(2, 6, 32)
-    assert (np.diff(t) >= 0).all() and t.min() >= 2 and t.max() <= 6
-    assert (np.abs(t - even) <= 0.5 * (even[1] - even[0]) + 1e-6).all()
-    assert np.abs(t - even).max() > 0  # jittered
-
-
-def test_without_jitter_coarse_samples_are_even_and_with_disparity_even_in_inverse_distance():
-    np.testing.assert_allclose(coarse_samples(None, NEAR, FAR, 5)[0], [2, 3, 4, 5, 6], rtol=1e-6)
-    inverse = 1 / np.asarray(coarse_samples(None, NEAR, FAR, 5, disparity=True)[0])
-    np.testing.assert_allclose(np.diff(inverse), np.diff(inverse)[0], rtol=1e-4)
-
-
 @pytest.mark.parametrize(
     ("ndc", "given", "expected"), [(True, None, [0.25, 0.0]), (False, None, 1e10), (True, 0.5, 0.5)]
 )

@@ -9,7 +9,6 @@ import pytest
 from PIL import Image, ImageFilter
 
 from tests.training.posing.rooms import texture
-from tools.pose_error import similarity
 from training.posing.photograph import read_photograph, sharpness, thumbnail
 from training.posing.prepare import blurred, repeated
 
@@ -63,11 +62,3 @@ def test_few_pictures_are_all_matched_and_of_many_those_that_look_alike(monkeypa
     assert len(pairs) <= mapping.how_many_pairs(count) and mapping.how_many_pairs(50) == len(all_pairs(50))
     assert len(pairs) < 0.6 * len(all_pairs(count)) and all(i < j for i, j in pairs)
     assert chosen_pairs([np.zeros((0, 128), np.uint8)] * 3)  # nothing to see, but neighbours
-
-
-def test_a_similarity_is_found_back():
-    rng = np.random.default_rng(1)
-    points, (R, _) = rng.normal(size=(9, 3)), np.linalg.qr(rng.normal(size=(3, 3)))
-    R *= np.linalg.det(R)
-    scale, found, t = similarity(points, 2.5 * points @ R.T + [1, 2, 3])
-    assert scale == pytest.approx(2.5) and np.allclose(found, R) and np.allclose(t, [1, 2, 3])
