@@ -21,22 +21,7 @@ from training.marching.layout import COARSE, Cells, coarse_occupancy, dilate, se
 from training.marching.march import MarchSizes, Samples, march, occupied_segments, until_complete
 from training.marching.rays import to_grid
 from training.method import Rays, RenderOutput
-from training.multires.field import (
-    Level,
-    Target,
-    activate,
-    composite,
-    decode,
-    decoder_size,
-    encode,
-    finished,
-    inputs_of,
-    loss,
-    seen_inputs,
-    shade,
-    split_parameters,
-    static_levels,
-)
+from training.multires import field
 from training.multires.levels import absent_rows, make_levels
 from training.multires.occupancy import is_on, neighbouring_points
 from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, Plan, Settings
@@ -60,7 +45,7 @@ class Lists(NamedTuple):
 class Constants(NamedTuple):
     """What a program is compiled for."""
 
-    levels: tuple[Level, ...]
+    levels: tuple[field.Level, ...]
     lists: Lists
     step_cells: float
     settings: Settings
@@ -97,7 +82,7 @@ def update(
 
 def draw(
     cells: Cells, dataset: RayDataset, key: jax.Array, step: jax.Array, constants: Constants
-) -> tuple[Samples, Target]:  # fmt: skip
+) -> tuple[Samples, field.Target]:  # fmt: skip
     """Samples of random training rays, and what these should show."""
     settings, rays = constants.settings, constants.lists.rays
     ray_key, phase_key, colour_key = jax.random.split(jax.random.fold_in(key, step), 3)
@@ -111,21 +96,21 @@ def draw(
 
 def sampled(
     cells: Cells, rays: Rays, colours: jax.Array, background: jax.Array, phase: jax.Array, constants: Constants
-) -> tuple[Samples, Target]:  # fmt: skip
+) -> tuple[Samples, field.Target]:  # fmt: skip
     """Samples of rays [N], with a phase [N] in steps, and their target."""
     in_grid = to_grid(cells, rays)
     samples = march(cells, in_grid, phase, constants.lists.sizes, constants.step_cells)
     side = cells.voxel[0] * constants.settings.resolution
-    return samples, Target(rays.viewdirs, colours, background, constants.step_cells * in_grid.length / side, side)
+    return samples, field.Target(rays.viewdirs, colours, background, constants.step_cells * in_grid.length / side, side)
 
 
 def loss_and_gradient(
-    values: Trainable, maps: jax.Array, samples: Samples, target: Target, pairs: jax.Array, constants: Constants
+    values: Trainable, maps: jax.Array, samples: Samples, target: field.Target, pairs: jax.Array, constants: Constants
 ) -> tuple[Trainable, dict[str, jax.Array]]:  # fmt: skip
     """The gradient of a batch's loss, and its metrics; jittable."""
 
     def loss_of(values: Trainable) -> tuple[jax.Array, dict[str, jax.Array]]:
-        return loss(
+        return field.loss(
             *values, constants.levels, maps, samples, target, pairs, jnp.float32(constants.step_cells),
             constants.lists.sizes, constants.settings,
         )  # fmt: skip
@@ -139,11 +124,11 @@ def adam(
 ) -> Optimised:  # fmt: skip
     """Adam; a feature without a gradient is left alone, moments included (DVGO's masked Adam)."""
     (values, first, second), (keep1, keep2) = optimised, ADAM_BETAS
-    inputs = inputs_of(len(constants.levels))
-    decoder = decoder_size(inputs)
+    inputs = field.inputs_of(len(constants.levels))
+    decoder = field.decoder_size(inputs)
     of_parameters = jnp.where(jnp.arange(gradient.parameters.size) < decoder, rates[1], rates[2])
     unseen = np.zeros(gradient.parameters.size, bool)  # weights of inputs that the view MLP does not have
-    unseen[decoder : decoder + 34 * 16] = np.repeat(~seen_inputs(constants.settings.octaves), 16)
+    unseen[decoder : decoder + 34 * 16] = np.repeat(~field.seen_inputs(constants.settings.octaves), 16)
 
     def move(value, slope, one, two, rate, seen):
         new_one = jnp.where(seen, one + (1 - keep1) * (slope - one), one)
@@ -232,7 +217,7 @@ class JaxEngine:
         ]
         return RenderOutput(*(jnp.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
-    def _derived(self, state: State) -> tuple[Cells, jax.Array, jax.Array, tuple[Level, ...]]:
+    def _derived(self, state: State) -> tuple[Cells, jax.Array, jax.Array, tuple[field.Level, ...]]:
         """Occupancy grid, maps, absent rows and levels of a state."""
         if state.kept.get("of") != (id(state.codes), id(state.bricks)):
             levels = make_levels(self.plan.resolutions, state.bricks)
@@ -240,7 +225,7 @@ class JaxEngine:
             for rows in absent_rows(levels):
                 absent[rows] = True
             arrays = cells_of(state, self.dataset.facts.contraction), jnp.asarray(levels.maps), jnp.asarray(absent)
-            state.kept = {"of": (id(state.codes), id(state.bricks)), "derived": (*arrays, static_levels(levels))}
+            state.kept = {"of": (id(state.codes), id(state.bricks)), "derived": (*arrays, field.static_levels(levels))}
         return state.kept["derived"]
 
     def _lists(self, state: State) -> Lists:
@@ -265,9 +250,9 @@ def _rounded(size: float) -> int:
 
 @partial(jax.jit, static_argnames="levels")
 def _values_at(
-    table: jax.Array, parameters: jax.Array, maps: jax.Array, points: jax.Array, levels: tuple[Level, ...]
+    table: jax.Array, parameters: jax.Array, maps: jax.Array, points: jax.Array, levels: tuple[field.Level, ...]
 ) -> jax.Array:  # fmt: skip
-    density, values = activate(decode(parameters, encode(table, levels, maps, points)))
+    density, values = field.activate(field.decode(parameters, field.encode(table, levels, maps, points)))
     return jnp.concatenate([density[:, None], values], axis=-1)
 
 
@@ -278,12 +263,12 @@ def _render_chunk(
     count, settings, background = rays.near.shape[0], constants.settings, jnp.asarray(constants.settings.background)
     blank = jnp.zeros((count, 3))
     samples, target = sampled(cells, rays, blank, blank, jnp.full(count, 0.5), constants)
-    x = encode(trained.table, constants.levels, maps, samples.g / settings.resolution)
-    density, values = activate(decode(trained.parameters, x))
-    gathered, *_ = composite(density, values, samples, target.step_lengths, count, constants.lists.sizes.per_ray)
-    view_mlp = split_parameters(trained.parameters, x.shape[1])[-1] if settings.has_view_mlp else None
-    output = shade(gathered, view_mlp, rays.viewdirs, background)
-    return finished(output, to_grid(cells, rays)), samples.complete
+    x = field.encode(trained.table, constants.levels, maps, samples.g / settings.resolution)
+    density, values = field.activate(field.decode(trained.parameters, x))
+    gathered, *_ = field.composite(density, values, samples, target.step_lengths, count, constants.lists.sizes.per_ray)
+    view_mlp = field.split_parameters(trained.parameters, x.shape[1])[-1] if settings.has_view_mlp else None
+    output = field.shade(gathered, view_mlp, rays.viewdirs, background)
+    return field.finished(output, to_grid(cells, rays)), samples.complete
 
 
 @partial(jax.jit, static_argnames=("segments", "step"))

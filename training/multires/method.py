@@ -22,19 +22,11 @@ from training.config import EngineName, TrainConfig
 from training.dataset import RayDataset
 from training.devices import agree, here
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
+from training.multires import levels
 from training.multires.field import initial_parameters, inputs_of, split_parameters
 from training.multires.fused.compiled import Workers
 from training.multires.hull import box_around, hull_codes
 from training.multires.jax_engine import JaxEngine
-from training.multires.levels import (
-    ALL_HASHED,
-    HASHED_FROM,
-    INITIAL,
-    absent_rows,
-    bricks_near,
-    make_levels,
-    moved_rows,
-)
 from training.multires.occupancy import boxes_meeting, is_on, visited
 from training.multires.settings import Plan, Settings, plan_of, settings_of
 from training.multires.state import State, Trainable, restored, saved
@@ -160,13 +152,13 @@ class MultiresMethod:
         bricks = tuple(
             None
             if not now
-            else ALL_HASHED
-            if contracted and resolution > HASHED_FROM
-            else bricks_near(occupied, resolution)
+            else levels.ALL_HASHED
+            if contracted and resolution > levels.HASHED_FROM
+            else levels.bricks_near(occupied, resolution)
             for resolution, now in zip(resolutions, due, strict=True)
         )
-        before, after = make_levels(resolutions, state.bricks), make_levels(resolutions, bricks)
-        source = moved_rows(before, after, state.bricks, bricks)
+        before, after = levels.make_levels(resolutions, state.bricks), levels.make_levels(resolutions, bricks)
+        source = levels.moved_rows(before, after, state.bricks, bricks)
         new = source < 0
         random = np.random.default_rng((self.config.seed, step, 2))
         for name in ("values", "first", "second"):
@@ -174,8 +166,8 @@ class MultiresMethod:
             table = np.asarray(here(part.table))[source] if len(part.table) else np.zeros((len(source), 4), np.float32)
             table[new] = 0.0
             if name == "values":
-                table[new] = random.uniform(-INITIAL, INITIAL, (int(new.sum()), 4))
-                for rows in absent_rows(after):
+                table[new] = random.uniform(-levels.INITIAL, levels.INITIAL, (int(new.sum()), 4))
+                for rows in levels.absent_rows(after):
                     table[rows] = 0.0
             setattr(state, name, part._replace(table=table))
         state.bricks = bricks

@@ -27,6 +27,7 @@ from training.multires.field import (
     shade,
     split_parameters,
 )
+from training.multires.fused import view_mlp as mlp
 from training.multires.fused.chunk import (
     CHUNK,
     Field,
@@ -44,21 +45,6 @@ from training.multires.fused.corners import BLOCK, scatter
 from training.multires.fused.march import Grid, grid_of
 from training.multires.fused.rays import Batch, empty_batch, fill_batch, photographs_of, take_rays
 from training.multires.fused.vectors import FEATURES
-from training.multires.fused.view_mlp import (
-    COLOUR,
-    DISTORTION,
-    METRICS,
-    PLACES,
-    RAYS,
-    SAMPLES,
-    SIZE,
-    SMOOTHNESS,
-    SPARSITY,
-    SQUARED,
-    make_shading,
-)
-from training.multires.fused.view_mlp import packed as packed_view_mlp
-from training.multires.fused.view_mlp import turned as turned_view_mlp
 from training.multires.levels import HASHED, ROWS_OF_BRICK, Levels, absent_rows, make_levels
 from training.multires.occupancy import is_on, neighbouring_points
 from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, LARGEST_RAW, LEAST_LIGHT, Plan, Settings
@@ -104,7 +90,7 @@ class FusedEngine:
         self.plan, self.settings, self.seed = plan, settings, seed
         self.workers = Workers(threads)
         self.inputs = inputs_of(len(plan.resolutions))
-        self.shading = [make_shading(CHUNK) for _ in range(self.workers.count)]
+        self.shading = [mlp.make_shading(CHUNK) for _ in range(self.workers.count)]
         self.scratch: list[Scratch] = []
         self._one_caller = threading.Lock()  # of those below that use `scratch`: a bake asks from many threads
         self._output: Output | None = None
@@ -178,7 +164,7 @@ class FusedEngine:
                 break
             self._spare *= 1.5  # all is done again: what chunks leave does not depend on their room
         scale = np.float32(
-            output.metrics[:, RAYS].sum() / max(len(pairs), 1)
+            output.metrics[:, mlp.RAYS].sum() / max(len(pairs), 1)
         )  # the mean over pairs, as others are over rays
 
         def smooth(worker: int, part: int) -> None:
@@ -214,7 +200,7 @@ class FusedEngine:
     def parameter_gradient(self, output: Output) -> np.ndarray:
         """The gradient [P] of the parameters, summed over rays."""
         total, decoder = output.gradient.sum(0), decoder_size(self.inputs)
-        return np.concatenate([total[:decoder], total[decoder:][PLACES]])
+        return np.concatenate([total[:decoder], total[decoder:][mlp.PLACES]])
 
     def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
         values = np.empty((len(points), 8), np.float32)
@@ -309,20 +295,20 @@ class FusedEngine:
 
     def metrics(self, state: State, output: Output) -> dict[str, Any]:
         sums = output.metrics.sum(0)
-        rays = max(sums[RAYS], 1.0)
-        spread = self.settings.distortion / self.settings.resolution * sums[DISTORTION] / rays
-        mse = sums[SQUARED] / (3 * rays)
-        sparsity = self.settings.sparsity * state.box.cell[0] * self.settings.resolution * sums[SPARSITY] / rays
+        rays = max(sums[mlp.RAYS], 1.0)
+        spread = self.settings.distortion / self.settings.resolution * sums[mlp.DISTORTION] / rays
+        mse = sums[mlp.SQUARED] / (3 * rays)
+        sparsity = self.settings.sparsity * state.box.cell[0] * self.settings.resolution * sums[mlp.SPARSITY] / rays
         metrics = {
-            "loss": (sums[COLOUR] + sums[SMOOTHNESS]) / rays + spread + sparsity,
+            "loss": (sums[mlp.COLOUR] + sums[mlp.SMOOTHNESS]) / rays + spread + sparsity,
             "mse": mse,
             "distortion": spread,
             "sparsity": sparsity,
-            "smoothness": sums[SMOOTHNESS] / rays,
+            "smoothness": sums[mlp.SMOOTHNESS] / rays,
         }
         if not np.isfinite(output.gradient).all():
             metrics["loss"] = np.nan
-        return metrics | {"psnr": -10 * np.log10(max(mse, 1e-12)), "rays": rays, "samples": sums[SAMPLES]}
+        return metrics | {"psnr": -10 * np.log10(max(mse, 1e-12)), "rays": rays, "samples": sums[mlp.SAMPLES]}
 
     def _numbers(self, state: State) -> Numbers:
         f, settings = np.float32, self.settings
@@ -337,9 +323,9 @@ class FusedEngine:
     def _field(self, state: State) -> Field:
         """A state's values as the loops have them."""
         flat, decoder = state.values.parameters, decoder_size(self.inputs)
-        view_mlp = packed_view_mlp(flat[decoder:])
+        view_mlp = mlp.packed(flat[decoder:])
         w0, b0, w1, *_ = split_parameters(flat, self.inputs)
-        turned = np.concatenate([w1.T.ravel(), w0.T.ravel(), np.zeros_like(b0), turned_view_mlp(view_mlp)])
+        turned = np.concatenate([w1.T.ravel(), w0.T.ravel(), np.zeros_like(b0), mlp.turned(view_mlp)])
         parameters = np.concatenate([flat[:decoder], view_mlp])
         return Field(self._derived(state)[1], state.values.table, parameters, turned, self.inputs)
 
@@ -351,7 +337,7 @@ class FusedEngine:
     def _make_room(self, room: int, chunks: int, parts: int, levels: int) -> Output:
         """An output for so many chunks, of at least this room each."""
         self._make_scratch(room, levels)
-        samples, parameters = chunks * (self.scratch[0].ray.size - BLOCK), decoder_size(self.inputs) + SIZE
+        samples, parameters = chunks * (self.scratch[0].ray.size - BLOCK), decoder_size(self.inputs) + mlp.SIZE
         if self._output is None or len(self._output.xs) < samples or len(self._output.slopes) < levels * samples * 4:
             whole = samples + samples // 4
             places = (np.empty(whole, np.float32) for _ in range(3))
@@ -361,5 +347,5 @@ class FusedEngine:
         kept = self._output
         return Output(
             np.zeros(chunks, np.int64), *(a[:samples] for a in kept[1:4]), kept.slopes[: levels * samples * 4],
-            np.zeros((chunks, METRICS)), np.zeros((parts, parameters), np.float32),
+            np.zeros((chunks, mlp.METRICS)), np.zeros((parts, parameters), np.float32),
         )  # fmt: skip
