@@ -34,18 +34,10 @@ _NOT_WRITTEN = {
 
 # What an installation may lack, by the name that is imported, and the extra of ours that brings it (pyproject.toml).
 _EXTRAS = {
-    "jax": "train",
-    "jaxlib": "train",
-    "matplotlib": "train",
-    "numba": "train",
-    "optax": "train",
-    "safetensors": "train",
-    "av": "video",
-    "pycolmap": "poses",
-    "OpenEXR": "export",
-    "skimage": "export",
+    "jax": "train", "jaxlib": "train", "matplotlib": "train", "numba": "train", "optax": "train",
+    "safetensors": "train", "av": "video", "pycolmap": "poses", "OpenEXR": "export", "skimage": "export",
     "fast_simplification": "export",
-}
+}  # fmt: skip
 _PURPOSES = {
     "train": "trains, bakes and measures",
     "video": "reads and writes films",

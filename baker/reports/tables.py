@@ -101,10 +101,7 @@ def storage_table(study: Study) -> dict[str, Any]:
     """Table 3: one pack written with every codec, the grid of floats above, and networks below."""
     preset = study.options.bake
     floats, baked = study.score_floats(), study.baked(preset)
-    rows = [
-        _stored(study, {"row": "float", "label": SNERG["float"], **floats}),
-        _stored(study, no_sparsity_row(study)),
-    ]
+    rows = [_stored(study, {"row": "float", "label": SNERG["float"], **floats}), _stored(study, no_sparsity_row(study))]
     ladder = [step for step in LADDER if not (study.options.quick and step[1] is not None)]
     with tempfile.TemporaryDirectory(prefix="snerg-codecs-") as folder:
         mask_of = None if study.mask is None else study.mask.path

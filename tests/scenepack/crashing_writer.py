@@ -1,9 +1,7 @@
-"""Run as a process by test_atomic_writing: writes packs until killed, or lets children die.
+"""Run as a process by test_atomic_writing: children die as if by kill -9 just before their first, second, … file system call.
 
-Usage: python -m tests.scenepack.crashing_writer TARGET SWAP MODE
-SWAP: "exchange" or "renames" (as where the system cannot exchange). MODE: "forever", or "each-step": a
-child dies as if by kill -9 just before its first, second, … file system call (write, flush, rename,
-delete).
+Usage: python -m tests.scenepack.crashing_writer TARGET SWAP
+SWAP: "exchange" or "renames" (as where the system cannot exchange).
 """
 
 from __future__ import annotations
@@ -43,13 +41,6 @@ def die_at(step: int) -> None:
     setattr(Path, "write_bytes", dying(Path.write_bytes))  # noqa: B010
 
 
-def write_forever(target: Path) -> None:
-    print("ready", flush=True)
-    while True:
-        for pack in PACKS:
-            save_pack(pack, target, png_level=0)
-
-
 def die_at_each_step(target: Path) -> None:
     """Prints a line for each step: the dead writer's status, which pack is found then, and whether all is
     tidy after the next writer. Forks here, in a process without the threads of a whole test run.
@@ -72,10 +63,9 @@ def die_at_each_step(target: Path) -> None:
 
 
 def main() -> None:
-    target, swap, mode = Path(sys.argv[1]), sys.argv[2], sys.argv[3]
-    if swap == "renames":
+    if sys.argv[2] == "renames":
         setattr(atomic, "exchange", lambda first, second: False)  # noqa: B010
-    {"forever": write_forever, "each-step": die_at_each_step}[mode](target)
+    die_at_each_step(Path(sys.argv[1]))
 
 
 if __name__ == "__main__":

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import random
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -22,38 +20,11 @@ OLD, NEW = PACKS
 ROOT = Path(__file__).parents[2]
 
 
-def hidden(folder: Path) -> list[str]:
-    return [name for name in os.listdir(folder) if name.startswith(".")]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("swap", "name"), [("exchange", "pack"), ("renames", "pack"), ("exchange", "pack.zip")])
-def test_a_kill_at_a_random_moment_leaves_the_old_pack_or_the_new_one(tmp_path: Path, swap: str, name: str) -> None:
-    target = written(tmp_path / name, OLD)
-    moments = random.Random(name + swap)
-    for _ in range(3):
-        child = subprocess.Popen(
-            [sys.executable, "-m", "tests.scenepack.crashing_writer", str(target), swap, "forever"],
-            stdout=subprocess.PIPE,
-            cwd=ROOT,
-        )
-        assert child.stdout is not None and child.stdout.readline() == b"ready\n"
-        time.sleep(moments.uniform(0, 0.15))
-        child.kill()
-        child.wait()
-        child.stdout.close()
-        found = load_pack(target)
-        assert same_pack(found, OLD) or same_pack(found, NEW)
-    save_pack(OLD, target, png_level=1)
-    assert same_pack(load_pack(target), OLD)
-    assert hidden(tmp_path) == []
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs os.fork")
 @pytest.mark.parametrize(("swap", "name"), [("exchange", "pack"), ("renames", "pack"), ("exchange", "pack.zip")])
 def test_a_kill_before_any_single_step_leaves_the_old_pack_or_the_new_one(tmp_path: Path, swap: str, name: str) -> None:
-    words = [sys.executable, "-m", "tests.scenepack.crashing_writer", str(tmp_path / name), swap, "each-step"]
+    words = [sys.executable, "-m", "tests.scenepack.crashing_writer", str(tmp_path / name), swap]
     output = subprocess.run(words, capture_output=True, text=True, check=True, cwd=ROOT).stdout
     lines = [line.split() for line in output.splitlines()]
     assert [status for status, *_ in lines] == [str(DIED)] * (len(lines) - 1) + ["0"]
@@ -69,7 +40,7 @@ def test_a_pack_set_aside_by_a_killed_writer_is_put_back_by_the_next_reader(tmp_
     dead = int(child.stdout)
     target.rename(tmp_path / f".pack.old-{dead}-0123abcd")
     assert same_pack(load_pack(target), OLD)
-    assert hidden(tmp_path) == []
+    assert os.listdir(tmp_path) == ["pack"]
 
 
 @pytest.mark.parametrize("name", ["pack", "pack.zip"])

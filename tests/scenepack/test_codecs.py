@@ -19,7 +19,6 @@ from scenepack import Pack, load_pack, save_pack
 from scenepack.coarse import coarse_pack, factor_for
 from scenepack.codecs import CODECS
 from scenepack.codecs.quantisation import EXACT, steps_of
-from scenepack.codecs.streams import pack_occupancy, unpack_occupancy
 from scenepack.piece_files import follows_grid
 from tests.scenepack.helpers import edit_json, images, read_json, same_pack, small_pack, smooth_pack, written
 from tests.told import told
@@ -218,15 +217,6 @@ def test_convert_tells_in_one_line_what_it_cannot_do(
 
 
 # What codecs are made of: padding, straight colours, the continuation of voxels into empty space, occupancy
-
-
-def test_occupancy_comes_back_exactly_and_is_refused_at_another_size() -> None:
-    occupied = np.random.default_rng(0).random((5, 6, 7)) < 0.3
-    data = pack_occupancy(occupied)
-    assert np.array_equal(unpack_occupancy(data, (5, 6, 7)), occupied)
-    for shape in ((5, 6, 9), (1, 2, 2)):
-        with pytest.raises(Exception, match="expected"):
-            unpack_occupancy(data, shape)
 
 
 # Values in coarse steps: a lossless codec counts them in steps, and loses nothing

@@ -11,10 +11,6 @@ def ndc_points(points: np.ndarray, width: float, height: float, focal: float, ne
     """World points [..., 3] (camera frame of the mean pose, z negative in front) in NDC space."""
     z = points[..., 2]
     return np.stack(
-        [
-            -2.0 * focal / width * points[..., 0] / z,
-            -2.0 * focal / height * points[..., 1] / z,
-            1.0 + 2.0 * near / z,
-        ],
+        [-2.0 * focal / width * points[..., 0] / z, -2.0 * focal / height * points[..., 1] / z, 1.0 + 2.0 * near / z],
         axis=-1,
     )

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from console import Notice, UserError
+from console import UserError
 from console.progress import Progress
 from console.progress_protocol import PROGRESS, read_report
 from tests.compiling import as_users_have_it
@@ -111,27 +111,6 @@ def test_a_killed_run_goes_back_to_its_checkpoint_and_repeats_what_was_lost(
         journal.write('{"step": 13, "los')  # cut off amid a line
     train(procedural_path, killed, MINUTE, resume=True)
     assert losses(killed) == losses(unbroken)
-
-
-@pytest.mark.slow
-def test_a_damaged_newest_checkpoint_costs_a_warning_and_some_steps(unbroken: Path, tmp_path: Path):
-    damaged = Path(shutil.copytree(unbroken, tmp_path / "damaged"))
-    path = damaged / "checkpoints" / "step_00000012.safetensors"
-    path.write_bytes(path.read_bytes()[:-100])
-    with pytest.warns(Notice, match="damaged"):
-        assert load_run(damaged).step == 8
-
-
-def test_a_loaded_run_renders_queries_and_knows_its_scene(unbroken: Path):
-    run = load_run(unbroken)
-    assert (
-        run.step == 12
-        and run.config == dataclasses.replace(MINUTE, engine="jax")
-        and len(run.scene.splits["train"]) == 12
-    )
-    rays = run.dataset.view_rays(run.scene.splits["test"][0].camera)
-    out = run.method.render(run.state, rays)
-    assert out.rgb.shape == (48 * 48, 3) and float(out.rgb.min()) >= 0 and float(out.rgb.max()) <= 1
 
 
 @pytest.mark.slow

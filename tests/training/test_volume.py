@@ -62,12 +62,6 @@ def test_sparsity_counts_the_coarse_samples_alone_of_both_fields():
     )
 
 
-def test_with_the_papers_192_samples_the_release_weighs_sparsity_64_times_less():
-    coarse, fine = jnp.ones((2, 192)), jnp.pad(jnp.ones((2, 192)), ((0, 0), (0, 384)))
-    release = dataclasses.replace(PAPER, sparsity_over_samples="release")
-    assert float(sparsity_of(coarse, fine, PAPER) / sparsity_of(coarse, fine, release)) == pytest.approx(64)
-
-
 @pytest.mark.parametrize(
     ("step", "rate"),
     [

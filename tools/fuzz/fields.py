@@ -6,21 +6,7 @@ import struct
 from collections.abc import Callable, Iterator
 
 Field = tuple[int, int, str]
-_HOLDERS = {
-    b"moov",
-    b"trak",
-    b"mdia",
-    b"minf",
-    b"stbl",
-    b"meta",
-    b"iprp",
-    b"ipco",
-    b"dinf",
-    b"edts",
-    b"stsd",
-    b"avc1",
-    b"av01",
-}
+_HOLDERS = set(b"moov trak mdia minf stbl meta iprp ipco dinf edts stsd avc1 av01".split())
 _SKIPPED = {b"meta": 4, b"stsd": 8, b"avc1": 78, b"av01": 78}  # before the boxes within
 _MOST_WORDS = 24  # of one box, chunk or segment
 

@@ -139,21 +139,9 @@ def _of_png(random: Random, file: str, data: bytes) -> Step:
     chunk = random.choice([0, 0, random.randrange(len(chunks))])
     payload = chunks[chunk][1]
     kinds = [
-        "IHDR",
-        "PLTE",
-        "tRNS",
-        "acTL",
-        "fcTL",
-        "iCCP",
-        "zTXt",
-        "iTXt",
-        "eXIf",
-        "gAMA",
-        "sBIT",
-        "IDAT",
-        "IEND",
+        "IHDR", "PLTE", "tRNS", "acTL", "fcTL", "iCCP", "zTXt", "iTXt", "eXIf", "gAMA", "sBIT", "IDAT", "IEND",
         "AAAA",
-    ]
+    ]  # fmt: skip
     size = random.choice((1, 4, 4))
     at = (
         random.randrange(0, max(len(payload) - size + 1, 1)) if chunk else random.choice((0, 0, 4, 4, 8, 9, 10, 11, 12))

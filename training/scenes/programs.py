@@ -110,14 +110,8 @@ class ExportFile:
 MOST_BYTES = 256 << 20
 MOST_SKEW = 1e-3  # b2, of the focal length: no lens here is skewed
 KINDS = {"frame": PERSPECTIVE, "fisheye": FISHEYE, "spherical": EQUIRECTANGULAR}
-METASHAPE_COEFFICIENTS = {
-    "k1": "k1",
-    "k2": "k2",
-    "k3": "k3",
-    "k4": "k4",
-    "p1": "p2",
-    "p2": "p1",
-}  # by our names: theirs
+# By our names: theirs.
+METASHAPE_COEFFICIENTS = {"k1": "k1", "k2": "k2", "k3": "k3", "k4": "k4", "p1": "p2", "p2": "p1"}
 
 
 # A camera's transform is chunk_T_camera, OpenCV axes. Metashape's lens model: k1 … k4 as everywhere, its p1, p2 are OpenCV's p2,

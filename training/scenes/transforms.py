@@ -44,24 +44,8 @@ KEYS = {
 }
 RATIONAL = {"q1": "k4", "q2": "k5", "q3": "k6"}
 ALL_COEFFICIENTS = [
-    "k1",
-    "k2",
-    "p1",
-    "p2",
-    "k3",
-    "k4",
-    "k5",
-    "k6",
-    "s1",
-    "s2",
-    "s3",
-    "s4",
-    "sx1",
-    "sy1",
-    "omega",
-    "xi",
-    "alpha",
-]
+    "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "sx1", "sy1", "omega", "xi", "alpha",
+]  # fmt: skip
 OTHER_LENSES = ("fisheye", "equirectangular", "latlong", "orthographic", "ftheta_p0", "ftheta_p1")
 FOCAL_KEYS = ("fl_x", "fl_y", "x_fov", "y_fov", "camera_angle_x", "camera_angle_y")
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baker.tuning.joint_loop import TILE, JointConfig, joint_tune, meeting, tiles_of
-from baker.tuning.marcher import PackMarcher
+from baker.tuning.joint_loop import JointConfig, joint_tune
 from baker.tuning.tuner import Tuner
 from scenepack import check_pack
 from scenepack.codecs.quantisation import Steps
@@ -21,30 +20,6 @@ SAMPLES = 32_768
 
 
 QUICK = JointConfig(passes=2, samples=SAMPLES, rate=20.0, density_rate=0.3, head_rate=1e-2, held_out=4, checks=3)
-
-
-@pytest.mark.slow
-def test_rays_come_in_tiles_of_neighbouring_pixels_each_once(dataset: RayDataset) -> None:
-    tiles = tiles_of(dataset, np.arange(dataset.views) < 3, np.random.default_rng(1))
-    rays = tiles.rays(0, len(tiles.numbers))
-    first, width = np.asarray(dataset.first), np.asarray(dataset.width)
-    assert (np.sort(rays) == np.arange(first[3])).all()
-    assert not width[0] % TILE, "so every tile is whole"
-    view = np.searchsorted(first, rays, side="right").reshape(-1, TILE**2) - 1
-    row, column = np.divmod(rays.reshape(-1, TILE**2) - first[view], width[view])
-    assert (np.ptp(view, 1) == 0).all() and (np.ptp(row, 1) == TILE - 1).all() and (np.ptp(column, 1) == TILE - 1).all()
-    assert (np.diff(rays[:: TILE**2]) < 0).any(), "in random order"
-
-
-def test_only_rays_that_meet_content_are_taken_and_no_more_than_asked_for(dataset: RayDataset) -> None:
-    marcher, tiles = (
-        PackMarcher(pack_of(), dataset),
-        tiles_of(dataset, np.ones(dataset.views, bool), np.random.default_rng(0)),
-    )
-    rays = tiles.rays(0, len(tiles.numbers))
-    hits = rays[marcher.meets(rays)]
-    assert 0 < len(hits) < len(rays) and (meeting(marcher, tiles, len(rays)) == hits).all()
-    assert (meeting(marcher, tiles, 100) == hits[:100]).all()
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 
 from baker.metrics import psnr
 from training.checkpoints import named_leaves
-from training.config import PAPER, PRESETS, TINY, NerfConfig
+from training.config import PRESETS, TINY, NerfConfig
 from training.dataset import make_dataset
 from training.nerf.method import NerfMethod
 from training.nerf.render import NerfParams, draw_perturbation, init_nerf, render_rays
@@ -52,21 +52,6 @@ def nerf_head(width: int) -> int:
 )
 def test_presets_of_the_papers_tables_have_the_parameters_counted_by_hand(preset: str, of_one_model: int):
     assert size_of(parameters(PRESETS[preset].nerf)) == 2 * of_one_model
-
-
-@pytest.mark.slow
-def test_presets_differ_from_the_paper_in_what_their_rows_name_and_in_nothing_else():
-    for name in ("jaxnerf", "jaxnerf-plus", "tinyview", "deferred", "diffuse", "no-sparsity"):
-        preset = PRESETS[name]
-        assert (preset.steps, preset.batch_size, preset.method) == (250_000, None, "nerf")
-        same = dataclasses.replace(preset.nerf, view="deferred")
-        assert name == "jaxnerf" or same == PAPER.nerf
-    jaxnerf = PRESETS["jaxnerf"].nerf
-    assert (jaxnerf.coarse_samples, jaxnerf.fine_samples, jaxnerf.width) == (64, 128, 256)
-    assert {name: p.nerf.view for name, p in PRESETS.items() if p.method == "nerf" and p.nerf.view != "deferred"} == {
-        "jaxnerf": "nerf", "jaxnerf-plus": "nerf", "tinyview": "tiny", "diffuse": "none",
-    }  # fmt: skip
-    assert PRESETS["no-sparsity"].sparsity_weight == 0 and PRESETS["deferred"].sparsity_weight == 1e-4
 
 
 @pytest.mark.slow

@@ -28,8 +28,8 @@ from training.posing.film import (  # noqa: E402
     tone_mapped,
 )
 
-BT601, BT709, BT2020 = 6, 1, 9  # matrices, as ITU-T H.273 numbers them
-UNSPECIFIED, LIMITED, FULL = 2, 1, 2
+BT709, BT2020 = 1, 9  # matrices, as ITU-T H.273 numbers them
+UNSPECIFIED, LIMITED = 2, 1
 P3 = 12
 SIZE = (96, 64)
 

@@ -164,7 +164,7 @@ def test_a_child_that_dies_is_told_with_its_log(tmp_path: Path, monkeypatch: pyt
 from training.posing import child_process
 def fill(request, on_progress): {full}
 child_process.SERVICES['reconstruct'] = fill
-child_process.serve()""",
+child_process.serve()"""
     )
     with pytest.raises(UserError, match="the disk is full"):
         child_process.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)

@@ -89,7 +89,3 @@ def test_a_mask_of_another_shape_is_refused_in_one_line(tmp_path: Path, size: tu
     Image.new("L", size).save(tmp_path / "m.png")
     with pytest.raises(UserError, match=rf"m\.png: the mask is of another size .*48x32, found {size[0]}x{size[1]}"):
         PictureLoader(photograph(tmp_path), SIZE, SIZE, tmp_path / "m.png").pixels()
-
-
-SQUARE = np.zeros((16, 16), np.uint8)
-SQUARE[4:12, 4:12] = 255

@@ -68,17 +68,9 @@ def cameras(scene: Scene) -> dict[str, Any]:
 # --- one camera model -------------------------------------------------------------------------------------------------
 
 LENS = {
-    "fl_x": 50.0,
-    "fl_y": 51.0,
-    "cx": 22.0,
-    "cy": 13.0,
-    "w": 40,
-    "h": 30,
-    "k1": 0.1,
-    "k2": -0.02,
-    "p1": 1e-3,
+    "fl_x": 50.0, "fl_y": 51.0, "cx": 22.0, "cy": 13.0, "w": 40, "h": 30, "k1": 0.1, "k2": -0.02, "p1": 1e-3,
     "p2": 2e-3,
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("write", [write_blender, write_capture])

@@ -19,14 +19,7 @@ from training.dataset import RayDataset
 from training.marching.layout import GridBox
 from training.marching.rays import to_grid
 from training.method import Rays, RenderOutput
-from training.multires.field import (
-    HIDDEN,
-    decoder_size,
-    finished,
-    inputs_of,
-    shade,
-    split_parameters,
-)
+from training.multires.field import HIDDEN, decoder_size, finished, inputs_of, shade, split_parameters
 from training.multires.fused import view_mlp as mlp
 from training.multires.fused.chunk import (
     CHUNK,

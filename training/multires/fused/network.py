@@ -12,12 +12,7 @@ import numpy as np
 
 from training.multires.field import HIDDEN, OUTPUTS
 from training.multires.fused.compiled import kernel
-from training.multires.fused.vectors import (
-    add_product_4x16,
-    add_product_8x8,
-    set_product_4x16,
-    set_product_8x8,
-)
+from training.multires.fused.vectors import add_product_4x16, add_product_8x8, set_product_4x16, set_product_8x8
 
 SAMPLES = 64  # that are decoded together: their activations stay in the first cache
 ANYTHING = np.float32(-np.inf)  # the least of an output that is not rectified
