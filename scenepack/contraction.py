@@ -24,12 +24,12 @@ def contract(points: Any, xp: ModuleType = np) -> Any:
     return xp.where(xp.abs(points) >= w, xp.sign(points) * (2.0 - 1.0 / w), points / w)
 
 
-def uncontract(points: Any, xp: ModuleType = np) -> Any:
+def uncontract(points: np.ndarray) -> np.ndarray:
     """The inverse of contract, for points [..., 3] with |u|∞ < 2."""
-    largest = xp.abs(points).max(-1, keepdims=True)
-    w = 1.0 / (2.0 - xp.maximum(largest, 1.0))
-    outer = (xp.abs(points) == largest) & (largest > 1.0)
-    return xp.where(outer, xp.sign(points) * w, points * w)
+    largest = np.abs(points).max(-1, keepdims=True)
+    w = 1.0 / (2.0 - np.maximum(largest, 1.0))
+    outer = (np.abs(points) == largest) & (largest > 1.0)
+    return np.where(outer, np.sign(points) * w, points * w)
 
 
 class Path(NamedTuple):

@@ -231,9 +231,9 @@ def ndc_warp(o: jax.Array, d: jax.Array, width: int, height: int, focal: float) 
     )
 
 
-def row_step_for(scene: Scene, split: str) -> int:
+def row_step_for(scene: Scene) -> int:
     """One row in how many becomes rays; a notice where it is not each."""
-    cameras = [photograph.camera for photograph in scene.splits[split]]
+    cameras = [photograph.camera for photograph in scene.splits["train"]]
     count, step = int(pixel_counts(cameras).sum()), 1
     while int(pixel_counts(cameras, step).sum()) > MOST_RAYS:
         step += 1
@@ -248,23 +248,15 @@ def row_step_for(scene: Scene, split: str) -> int:
     return step
 
 
-def make_dataset(
-    scene: Scene,
-    split: str = "train",
-    mesh: Mesh | None = None,
-    *,
-    folder: Path | None = None,
-    contracted: bool = False,
-) -> RayDataset:
-    """Decodes the photographs of a split and puts them on the devices (of all processes, unless a mesh is given).
+def make_dataset(scene: Scene, *, folder: Path | None = None, contracted: bool = False) -> RayDataset:
+    """Decodes the photographs to train on and puts them on the devices of all processes.
 
     folder: where pixels lie that take too much memory (see load_pixels). contracted: whether to contract space where the scene
     says that it may be. UserError where a picture is bad, in every process.
     """
-    mesh = mesh or every_device()
-    photographs = scene.splits[split]
+    mesh, photographs = every_device(), scene.splits["train"]
     cameras = [photograph.camera for photograph in photographs]
-    row_step = row_step_for(scene, split)
+    row_step = row_step_for(scene)
     sizes = pixel_counts(cameras, row_step)
     count = int(sizes.sum())
     low, high = own_rows(count, mesh)
@@ -273,7 +265,7 @@ def make_dataset(
         own = load_pixels(photographs, low, high, channels=channels, row_step=row_step, folder=folder)
     if channels == 4 and not anywhere(any_transparent(own[: max(count - low, 0)])):
         own, channels = without_alpha(own), 3
-    if split == "train" and channels == 4 and not anywhere(any_visible(own[: max(count - low, 0)])):
+    if channels == 4 and not anywhere(any_visible(own[: max(count - low, 0)])):
         why = "all masks hide everything" if scene.notes.get("masks") else "every pixel is transparent"
         raise UserError(f"there is nothing to see: {why}", where=scene.path, found=f"{len(cameras)} photographs",
                         remedy="check the photographs' alpha, or their masks")  # fmt: skip

@@ -33,13 +33,13 @@ from training.dataset import MOST_RAYS, RayDataset
 FOCAL_SCALE = 0.6  # of views between photographs: other cameras also show what lies just beyond their frames
 
 
-def with_views_between(dataset: RayDataset, neighbours: int = 1) -> RayDataset:
-    """The geometry of the photographs, and after them of a view midway between each and its nearest `neighbours`; no pixels.
+def with_views_between(dataset: RayDataset) -> RayDataset:
+    """The geometry of the photographs, and after them of a view midway between each and its nearest neighbour; no pixels.
 
     Such a view has the lens and size of one of its photographs, and FOCAL_SCALE times its focal lengths. Where there would be
     more rays than ids, there are none.
     """
-    photographs, poses = _midway(np.asarray(dataset.world_T_camera, np.float64), neighbours)
+    photographs, poses = _midway(np.asarray(dataset.world_T_camera, np.float64))
     first, width = np.asarray(dataset.first, np.int64), np.asarray(dataset.width, np.int64)
     rays = np.diff(np.append(first, dataset.count))[photographs]
     count = dataset.count + int(rays.sum())
@@ -58,7 +58,7 @@ def with_views_between(dataset: RayDataset, neighbours: int = 1) -> RayDataset:
     )
 
 
-def _midway(world_T_camera: np.ndarray, neighbours: int) -> tuple[np.ndarray, np.ndarray]:
+def _midway(world_T_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """One of the photographs int [B] and the pose [B, 3, 4] of a view between each pair of neighbours.
 
     A turn by an angle counts as much as a move by that many of the cameras' median distance from their middle.
@@ -71,8 +71,8 @@ def _midway(world_T_camera: np.ndarray, neighbours: int) -> tuple[np.ndarray, np
     for view, feature in enumerate(features):
         apart = np.linalg.norm(features - feature, axis=-1)
         apart[view] = np.inf
-        for other in np.argsort(apart, kind="stable")[: min(neighbours, len(features) - 1)]:
-            pairs.add((min(view, int(other)), max(view, int(other))))
+        if len(features) > 1:
+            pairs.add(tuple(sorted((view, int(apart.argmin())))))
     poses = np.empty((len(pairs), 3, 4))
     for pose, (view, other) in zip(poses, sorted(pairs), strict=True):
         both = Rotation.from_matrix(turns[[view, other]])

@@ -315,12 +315,10 @@ class PackMarcher:
         self.box = box_of(pack.min_xyz, pack.voxel_size, pack.grid_size, pack.contraction)
         self.found = [room_for_samples() for _ in range(self.workers.count)]
 
-    def meets(
-        self, ids: np.ndarray, pixel_offset: np.ndarray | None = None, on_share: OnShare | None = None
-    ) -> np.ndarray:
+    def meets(self, ids: np.ndarray, pixel_offset: np.ndarray | None = None) -> np.ndarray:
         """bool [N]: which rays have a sample with support."""
         meets = np.zeros(len(ids), bool)
-        self._over(ids, pixel_offset, meeting_rays, lambda _, low, high: meets[low:high], on_share)
+        self._over(ids, pixel_offset, meeting_rays, lambda _, low, high: meets[low:high])
         return meets
 
     def half_depths(self, ids: np.ndarray) -> np.ndarray:

@@ -90,9 +90,9 @@ def test_more_pixels_than_ids_are_thinned_out_by_rows_and_a_line_says_so(procedu
     many = (dataclasses.replace(photograph, camera=camera),) * 300
     scene = dataclasses.replace(procedural_scene, splits={"train": many})
     with pytest.warns(Notice, match=r"3,600,000,000 pixels .* one row in 2 .* --downscale 2"):
-        step = row_step_for(scene, "train")
+        step = row_step_for(scene)
     assert pixels.pixel_counts([p.camera for p in many], step).sum() == 1_800_000_000 < MOST_RAYS
-    assert row_step_for(procedural_scene, "train") == 1
+    assert row_step_for(procedural_scene) == 1
 
 
 def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_have(
