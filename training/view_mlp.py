@@ -1,6 +1,7 @@
-"""The view MLP of the deferred head (SNeRG section 4.2): one tiny network per ray, not per sample.
+"""Positional encoding of points and directions (NeRF section 5.1; SNeRG section 6), and the view MLP of the deferred head (SNeRG
+section 4.2): one tiny network per ray, not per sample.
 
-Input, 34 channels: encoded view direction (27, see training.encoding), accumulated diffuse colour with the background (3),
+Input, 34 channels: encoded view direction (27), accumulated diffuse colour with the background (3),
 accumulated features (4). Two hidden layers of 16 with ReLU; the output goes through a sigmoid and is the residual that is
 added to the diffuse colour (equation 7). Weights are input-major: x @ W + b.
 """
@@ -12,9 +13,28 @@ from itertools import pairwise
 import jax
 import jax.numpy as jnp
 
-from scenepack.constants import VIEW_MLP_WIDTHS
-from training.encoding import encode_viewdirs
+from scenepack.constants import VIEW_FREQUENCIES, VIEW_MLP_WIDTHS
 from training.method import ViewMlpParams
+
+POINT_DEGREES = 10  # sin(2^0 x) ... sin(2^9 x)
+
+
+def encode(x: jax.Array, degrees: int) -> jax.Array:
+    """Encodes x [..., D] to [..., D (1 + 2 degrees)]: x, then sin(2^k x) for each k, then sin(2^k x + pi/2) for each k. All of x,
+    y, z stand at one frequency, then at the next: the order that the pack's view MLP and the shader share."""
+    frequencies = 2.0 ** jnp.arange(degrees, dtype=x.dtype)
+    scaled = (x[..., None, :] * frequencies[:, None]).reshape(*x.shape[:-1], degrees * x.shape[-1])
+    return jnp.concatenate([x, jnp.sin(scaled), jnp.sin(scaled + 0.5 * jnp.pi)], axis=-1)
+
+
+def encode_points(points: jax.Array) -> jax.Array:
+    """gamma(p), [..., 3] -> [..., 63]."""
+    return encode(points, POINT_DEGREES)
+
+
+def encode_viewdirs(viewdirs: jax.Array) -> jax.Array:
+    """gamma(v) of unit directions in the training frame, [..., 3] -> [..., 27]."""
+    return encode(viewdirs, VIEW_FREQUENCIES)
 
 
 def init_view_mlp(key: jax.Array) -> ViewMlpParams:

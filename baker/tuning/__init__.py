@@ -2,7 +2,7 @@
 
 marcher      rays through a pack             cells, gradients, tuner, joint_loop   voxels and view MLP tuned together
 shading      accumulated rays as pictures    fine_tune                             the view MLP alone
-pruning, visibility_rays, occluded_voxels    voxels that no photograph shows
+pruning, occluded_voxels                     voxels that no photograph shows
 """
 
 from __future__ import annotations

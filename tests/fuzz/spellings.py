@@ -1,7 +1,7 @@
 """Scenes that mean the same and are written otherwise: in either layout of transforms, or COLMAP's, with names, keys, orders
 and numbers as programs on other systems write them. All must have the same rays, to 1e-5.
 
-`python -m tests.fuzz.spellings --count 10000 --seed 1` tries many; tests/fuzz/test_spellings.py some.
+`python -m tests.fuzz.spellings --count 10000 --seed 1` tries many; tests/fuzz/test_fuzz.py some.
 """
 
 from __future__ import annotations

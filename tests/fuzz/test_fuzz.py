@@ -13,6 +13,7 @@ import pytest
 
 from tests.fuzz.child import FINDING, OPENED, REFUSED
 from tests.fuzz.recipes import SUBJECTS, Source, findings, write_bases
+from tests.fuzz.spellings import trial
 from tests.fuzz.workers import Worker
 
 BUDGET = {"packs": 80, "scenes": 50, "settings": 100, "runs": 12}
@@ -92,3 +93,11 @@ def test_the_fuzzer_sees_what_breaks(code: str, key: str, breaking: Worker) -> N
 def breaking(bases: Path) -> Iterator[Worker]:
     with Worker("breaking", write_bases(bases, ("breaking",))) as worker:
         yield worker
+
+
+# Scenes written otherwise have the same rays; `python -m tests.fuzz.spellings` tries more
+
+
+@pytest.mark.filterwarnings("ignore::console.Notice")
+def test_a_scene_has_the_same_rays_however_it_is_written(tmp_path: Path):
+    assert {seed: found for seed in range(30) if (found := trial(seed, tmp_path / str(seed)))} == {}

@@ -9,6 +9,7 @@ import numpy as np
 import pycolmap
 from PIL import Image
 
+from scenepack.constants import NDC_NEAR
 from tests.training.test_captures import circle
 from training.scenes.poses import look_at
 
@@ -103,3 +104,12 @@ def _track(seen: Sequence[Sequence[int]]) -> pycolmap.Track:
     for image, place in seen:
         track.add_element(image, place)
     return track
+
+
+def ndc_points(points: np.ndarray, width: float, height: float, focal: float, near: float = NDC_NEAR) -> np.ndarray:
+    """World points [..., 3] (camera frame of the mean pose, z negative in front) in NDC space."""
+    z = points[..., 2]
+    return np.stack(
+        [-2.0 * focal / width * points[..., 0] / z, -2.0 * focal / height * points[..., 1] / z, 1.0 + 2.0 * near / z],
+        axis=-1,
+    )

@@ -10,8 +10,7 @@ import pycolmap
 import pytest
 
 from console import Notice, UserError
-from tests.training.ndc import ndc_points
-from tests.training.reconstructions import SIZE, around, ball, save_picture, side_by_side, write_colmap
+from tests.training.reconstructions import SIZE, around, ball, ndc_points, save_picture, side_by_side, write_colmap
 from tests.training.test_captures import complaint, everyone, write_transforms
 from training.scenes import load_scene
 from training.scenes.colmap_files import PARTS, read_reconstruction

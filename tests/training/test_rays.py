@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from console import Notice
-from tests.training.ndc import ndc_points
+from tests.training.reconstructions import ndc_points
 from training.dataset import make_dataset, ndc_warp
 from training.scenes import Camera, Photograph, Scene
 from training.scenes import scene as numpy_rays

@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from training.config import PAPER, REAL_BATCH, SYNTHETIC_BATCH, TrainConfig
-from training.encoding import encode_viewdirs
 from training.nerf.method import learning_rate, make_optimizer, sparsity_of
-from training.view_mlp import apply_view_mlp, init_view_mlp
+from training.view_mlp import apply_view_mlp, encode_viewdirs, init_view_mlp
 from training.volume import cauchy_sparsity, shade, weights_of
 
 depths = arrays(np.float32, (3, 7), elements=st.floats(0, 20, width=32))

@@ -18,7 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from scenepack.constants import TRANSMITTANCE_SHADED, VIEW_MLP_WIDTHS
-from training.encoding import VIEW_FREQUENCIES
 from training.marching.layout import blend, trilinear_weights
 from training.marching.march import MarchSizes, Samples, transmittance
 from training.marching.rays import GridRays
@@ -36,7 +35,7 @@ from training.multires.levels import (
     bricks_along,
 )
 from training.multires.settings import LARGEST_RAW, LEAST_LIGHT, Settings
-from training.view_mlp import apply_view_mlp
+from training.view_mlp import VIEW_FREQUENCIES, apply_view_mlp
 from training.volume import alpha_of
 
 HIDDEN, OUTPUTS = 64, 8

@@ -18,8 +18,8 @@ import jax.numpy as jnp
 
 from scenepack.constants import FEATURES, VIEW_FREQUENCIES
 from training.config import NerfConfig
-from training.encoding import POINT_DEGREES, encode_points, encode_viewdirs, encoded_width
 from training.method import FieldOutput
+from training.view_mlp import POINT_DEGREES, encode_points, encode_viewdirs
 
 CONDITION_WIDTH = 128  # channels of JAXNeRF's layer behind the viewing direction
 HEAD_OUTPUTS = {"deferred": 1 + 3 + FEATURES, "tiny": 1 + 3 + FEATURES, "none": 1 + 3, "nerf": 1}
@@ -47,7 +47,7 @@ class NerfHead(NamedTuple):
 
 def init_field(key: jax.Array, config: NerfConfig) -> FieldParams:
     """Glorot-uniform weights and zero biases (JAXNeRF)."""
-    encoded = encoded_width(3, POINT_DEGREES)
+    encoded = 3 * (1 + 2 * POINT_DEGREES)
     keys = jax.random.split(key, config.depth + 1)
     layers, width = [], encoded
     for layer in range(config.depth):
@@ -58,7 +58,7 @@ def init_field(key: jax.Array, config: NerfConfig) -> FieldParams:
 
 def init_nerf_head(key: jax.Array, width: int) -> NerfHead:
     """A head for a trunk of `width` channels."""
-    inputs = (width, width + encoded_width(3, VIEW_FREQUENCIES), CONDITION_WIDTH)
+    inputs = (width, width + 3 * (1 + 2 * VIEW_FREQUENCIES), CONDITION_WIDTH)
     sizes = zip(jax.random.split(key, 3), inputs, (width, CONDITION_WIDTH, 3), strict=True)
     return NerfHead(*(init_dense(*size) for size in sizes))
 

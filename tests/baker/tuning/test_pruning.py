@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baker.baking.grid import make_grid
-from baker.tuning import visibility_rays
+from baker.tuning import pruning
 from baker.tuning.marcher import PackMarcher
 from baker.tuning.occluded_voxels import HIDDEN, follow_neighbours, smooth_hidden
 from baker.tuning.pruning import CLOSED, ArrivingTransmittance, Pruned, arriving_transmittance, closing_gain, prune
@@ -133,10 +133,10 @@ def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_much_fin
 ) -> None:
     pack, surface = fine_ball(140)
     monkeypatch.setattr(
-        visibility_rays, "MOST_RAYS", 4000
+        pruning, "MOST_RAYS", 4000
     )  # fewer than a voxel of the surface has: as 1000³ of many photographs
     seen = surface[shown(pack, surface, scene)]
-    assert len(seen) > 4 * visibility_rays.MOST_RAYS, "this many voxels cannot all have a ray of their own"
+    assert len(seen) > 4 * pruning.MOST_RAYS, "this many voxels cannot all have a ray of their own"
     before = np.count_nonzero(dense_from_pack(pack)[0][..., 3])
     thinner, figures = emptied(pack, dataset, 0.0085)
     stays = dense_from_pack(thinner)[0][..., 3] > 0
@@ -144,8 +144,8 @@ def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_much_fin
     assert figures.voxels_before == before and figures.voxels_after < 0.8 * before, "what lies inside goes"
 
 
-def rays_of(pack: Pack, dataset) -> visibility_rays.VisibilityRays:
-    sight = visibility_rays.visibility_rays_of(PackMarcher(pack, dataset), dataset, seed=0)
+def rays_of(pack: Pack, dataset) -> pruning.VisibilityRays:
+    sight = pruning.visibility_rays_of(PackMarcher(pack, dataset), dataset, seed=0)
     assert sight is not None
     return sight
 
@@ -156,11 +156,9 @@ def test_rays_are_as_many_as_the_surface_in_view_asks_for_and_beyond_the_most_ea
     coarse, fine = (rays_of(fine_ball(side)[0], dataset) for side in (56, 112))
     assert 3 < len(fine.ids) / len(coarse.ids) < 5, "four times as many voxels of surface"
     assert coarse.reach == fine.reach == 1
-    monkeypatch.setattr(visibility_rays, "MOST_RAYS", len(fine.ids) // 9)
+    monkeypatch.setattr(pruning, "MOST_RAYS", len(fine.ids) // 9)
     fewer = rays_of(fine_ball(112)[0], dataset)
-    assert len(fewer.ids) < 1.2 * visibility_rays.MOST_RAYS and 6 <= fewer.reach <= 8, (
-        "three times as far apart: 9 voxels"
-    )
+    assert len(fewer.ids) < 1.2 * pruning.MOST_RAYS and 6 <= fewer.reach <= 8, "three times as far apart: 9 voxels"
 
 
 # What little light reaches is like its neighbour, and everything else is as it was

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ import numpy as np
 import pytest
 
 from baker.commands.pack import main
+from console import UserError
 from scenepack import Pack, save_pack
+from scenepack.exports import scene
 from scenepack.exports.field import Field, Frame
 from scenepack.exports.file_formats import COLUMNS, opacity_table
-from scenepack.exports.scene import Export, export_scene
+from scenepack.exports.scene import KINDS, Export, coarseness, export_scene, preview_geometry
 from scenepack.exports.surface import components, decimated, extract, smoothed
 from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.viewer.rendering.shapes import BALL, BLENDER_FRAME, NDC_FRAME, SKY, surroundings_pack
@@ -335,3 +338,50 @@ def test_what_cannot_be_is_told_in_one_line(
     line = capsys.readouterr().err.strip().splitlines()[-1]
     assert told in line
     assert not list(tmp_path.iterdir())
+
+
+# What is shown before an export is what is written, in coarser voxels where the grid is fine
+
+
+@pytest.fixture(scope="module")
+def alone() -> Pack:
+    return pack_of(ball_inside())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_preview_of_the_same_voxels_is_what_is_written(alone: Pack, tmp_path: Path, kind) -> None:
+    export = Export(kind, faces=2000)
+    drawn, file = preview_geometry(alone, export), tmp_path / "it.ply"
+    written = export_scene(alone, file, export)
+    assert (len(drawn.vertices), len(drawn.faces), drawn.coarser) == (written.points, written.faces, 1)
+    opened = trimesh.load(file, process=False)
+    assert np.allclose(opened.vertices, drawn.vertices, atol=1e-6)
+    if kind != "gaussians":
+        assert np.array_equal(
+            np.asarray(opened.visual.vertex_colors if kind == "mesh" else opened.colors)[:, :3], drawn.colours
+        )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_coarser_voxels_make_fewer_of_it_in_the_same_place(alone: Pack, kind, monkeypatch: pytest.MonkeyPatch) -> None:
+    fine = preview_geometry(alone, Export(kind, faces=None))
+    monkeypatch.setattr(scene, "MOST_CELLS", 21)
+    coarse = preview_geometry(alone, Export(kind, faces=None))
+    assert coarse.coarser == coarseness(alone) == 2 and len(coarse.vertices) < 0.5 * len(fine.vertices)
+    away = np.linalg.norm(coarse.vertices - CENTRE, axis=1)
+    if kind != "gaussians":
+        assert np.abs(away - RADIUS).max() < 2 * VOXEL
+        outward = (coarse.normals * (coarse.vertices - CENTRE)).sum(axis=1)
+        assert (outward > 0).mean() > 0.99
+    assert away.max() < RADIUS + 2 * VOXEL
+
+
+def test_nothing_is_told_and_whoever_is_told_may_stop_it(alone: Pack) -> None:
+    with pytest.raises(UserError, match="nothing to export"):
+        preview_geometry(alone, Export("mesh", crop=((0.9, 0.9, 0.9), (1.0, 1.0, 1.0))))
+
+    def stop(share: float, note: str) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        preview_geometry(alone, replace(Export("mesh"), level=0.5), stop)
