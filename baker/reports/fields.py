@@ -96,17 +96,14 @@ def _training(run: Run, preset: str) -> list[str]:
         batch = [] if config.batch_size is None else ["--batch-size", str(config.batch_size)]
         return ["--preset", preset, *sizes, "--steps", str(config.steps), *batch]
     if preset == "no-sparsity" and row_of(config) == OWN:
-        return ["--preset", _like(config), "--steps", str(config.steps), "--sparsity-weight", "0"]
+        # The preset whose field this is, however long it was trained; or the one that is nearest.
+        alike = (
+            name for name, preset in PRESETS.items()
+            if preset.method == config.method and getattr(preset, preset.method) == getattr(config, config.method)
+        )  # fmt: skip
+        like = next(alike, "normal" if config.method == "multires" else "small")
+        return ["--preset", like, "--steps", str(config.steps), "--sparsity-weight", "0"]
     return ["--preset", preset]
-
-
-def _like(config: TrainConfig) -> str:
-    """The preset whose field this is, however long it was trained; or the one that is nearest."""
-    alike = [
-        name for name, preset in PRESETS.items()
-        if preset.method == config.method and getattr(preset, preset.method) == getattr(config, config.method)
-    ]  # fmt: skip
-    return alike[0] if alike else "normal" if config.method == "multires" else "small"
 
 
 def _reading(run: Run) -> list[str]:
@@ -116,8 +113,5 @@ def _reading(run: Run) -> list[str]:
         words += ["--downscale", str(options.downscale)]
     words += ["--spherify"] if options.spherify else []
     words += ["--masks"] if options.masks else []
-    if options.aabb is not None:
-        words.append("--aabb=" + ",".join(f"{c:g}" for c in options.aabb))
-    if options.up is not None:
-        words.append("--up=" + ",".join(f"{c:g}" for c in options.up))
-    return words
+    given = {"aabb": options.aabb, "up": options.up}
+    return words + [f"--{name}=" + ",".join(f"{c:g}" for c in v) for name, v in given.items() if v is not None]

@@ -32,12 +32,12 @@ def compare_packs(first: Path, second: Path, views: int, size: tuple[int, int]) 
     cameras = orbit_path(packs[0], views, size=size)
     with progress("comparing", 2 * views) as bar:
         pictures = [_pictures(pack, cameras, bar.advance) for pack in packs]
-    rows = []
-    for i, (a, b) in enumerate(zip(*pictures, strict=True)):
-        rows.append({"name": f"view {i}", **difference(a, b)})
+    rows = [{"name": f"view {i}", **difference(a, b)} for i, (a, b) in enumerate(zip(*pictures, strict=True))]
     return {
-        "a": _described(first, packs[0]),
-        "b": _described(second, packs[1]),
+        **{
+            name: {"path": str(path), "bytes": stored_bytes(path), "codec": str(pack.params.get("format", "png"))}
+            for name, path, pack in zip("ab", (first, second), packs, strict=True)
+        },
         "width": size[0],
         "height": size[1],
         "psnr": float(np.mean([row["psnr"] for row in rows])),
@@ -66,7 +66,3 @@ def _pictures(pack: Pack, cameras: Sequence[ViewCamera], advance: Any) -> list[n
             pictures.append(renderer.render(camera))
             advance()
     return pictures
-
-
-def _described(path: Path, pack: Pack) -> dict[str, Any]:
-    return {"path": str(path), "bytes": stored_bytes(path), "codec": str(pack.params.get("format", "png"))}
