@@ -71,7 +71,7 @@ def serve() -> None:
         answer(title=title, done=done, total=total)
 
     try:
-        answer(result=SERVICES[request["service"]](request, on_progress))
+        answer(result=SERVICES[request.pop("service")](request, on_progress))
     except UserError as error:
         parts = {name: getattr(error, name) for name in ("what", "where", "expected", "found", "remedy")}
         answer(error={name: None if part is None else str(part) for name, part in parts.items()})
@@ -82,23 +82,26 @@ def serve() -> None:
         answer(error={"what": what})
 
 
-def _reconstruct(request: Mapping[str, Any], on_progress: OnProgress) -> dict[str, Any]:
-    from training.posing.mapping import Group, Task, reconstruct
+def _task(request: Mapping[str, Any]) -> Any:
+    """A mapping.Task of the request's values."""
+    from training.posing.mapping import Group, Task
 
-    groups = [Group(**group) for group in request["groups"]]
-    task = Task(Path(request["images"]), Path(request["work"]), request["names"], groups, request["seed"],
-                Path(request["masks"]), request["masked"])  # fmt: skip
+    paths = {name: Path(request[name]) for name in ("images", "work", "masks") if name in request}
+    return Task(**{**request, **paths, "groups": [Group(**group) for group in request["groups"]]})
+
+
+def _reconstruct(request: Mapping[str, Any], on_progress: OnProgress) -> dict[str, Any]:
+    from training.posing.mapping import reconstruct
+
+    task = _task(request)
     with one_at_a_time(task.work / LOCK):  # a child whose parent was killed may need a moment to notice
         return asdict(reconstruct(task, on_progress))
 
 
 def _matching_pairs(request: Mapping[str, Any], on_progress: OnProgress) -> dict[str, Any]:
-    from training.posing.mapping import Group, Task, matching_pairs
+    from training.posing.mapping import matching_pairs
 
-    groups = [Group(**group) for group in request["groups"]]
-    task = Task(Path(request["images"]), Path(request["work"]), request["names"], groups,
-                longest_side=request["longest_side"], most_features=request["most_features"])  # fmt: skip
-    pairs, is_static = matching_pairs(task, on_progress)
+    pairs, is_static = matching_pairs(_task(request), on_progress)
     return {"pairs": [asdict(pair) for pair in pairs], "is_static": is_static}
 
 

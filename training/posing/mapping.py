@@ -19,6 +19,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -223,8 +224,9 @@ def _match(task: Task, on_progress: OnProgress) -> None:
     with _opened(task) as database:
         number_of = {image.name: image.image_id for image in database.read_all_images()}
         numbers = [number_of[name] for name in task.names]
-        few = len(numbers) <= ALL_UP_TO
-        pairs = all_pairs(len(numbers)) if few else chosen_pairs(_largest_features(database, numbers))
+        pairs = list(combinations(range(len(numbers)), 2))
+        if len(numbers) > ALL_UP_TO:
+            pairs = chosen_pairs(_largest_features(database, numbers))
         todo = [(i, j) for i, j in pairs if not database.exists_two_view_geometry(numbers[i], numbers[j])]
     matching = pycolmap.FeatureMatchingOptions(use_gpu=False, num_threads=_threads())
     verifying = pycolmap.TwoViewGeometryOptions()
@@ -250,11 +252,6 @@ def _largest_features(database: Any, numbers: Sequence[int]) -> list[np.ndarray]
         scales = np.abs(np.linalg.det(keypoints[:, 2:6].reshape(-1, 2, 2))) if len(keypoints) else np.zeros(0)
         found.append(descriptors[np.argsort(-scales, kind="stable")[:LARGEST]])
     return found
-
-
-def all_pairs(count: int) -> list[tuple[int, int]]:
-    """Every two of `count` pictures."""
-    return [(i, j) for i in range(count) for j in range(i + 1, count)]
 
 
 def how_many_pairs(count: int) -> int:

@@ -130,12 +130,7 @@ def thumbnail(preview: np.ndarray) -> np.ndarray:
 
 def same_view(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether two thumbnails show the same from the same place."""
-    return difference(a, b) < SAME
-
-
-def difference(a: np.ndarray, b: np.ndarray) -> float:
-    """Root mean square difference of two thumbnails."""
-    return float(np.sqrt(np.mean((a - b) ** 2)))
+    return bool(np.sqrt(np.mean((a - b) ** 2)) < SAME)
 
 
 def shift(a: np.ndarray, b: np.ndarray) -> float:
