@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 HEAD_BYTES = 64  # enough for sniff_type
-# Where a signature stands, the signature, and the type.
+# Where a signature stands, the signature or several, and the type.
 _SIGNATURES = (
     (0, b"\x89PNG\r\n\x1a\n", "a PNG"),
     (0, b"\xff\xd8\xff", "a JPEG"),
     (0, b"GIF8", "a GIF"),
-    (0, b"%!PS", "PostScript"),
-    (0, b"\xc5\xd0\xd3\xc6", "PostScript"),
+    (0, (b"%!PS", b"\xc5\xd0\xd3\xc6"), "PostScript"),
     (0, b"%PDF", "a PDF"),
-    (0, b"II*\x00", "a TIFF"),
-    (0, b"MM\x00*", "a TIFF"),
-    (0, b"II+\x00", "a TIFF"),
-    (0, b"MM\x00+", "a TIFF"),
+    (0, (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+"), "a TIFF"),
     (0, b"BM", "a BMP"),
     (0, b"PK\x03\x04", "a ZIP archive"),
     (0, b"\x1f\x8b", "a gzip archive"),
@@ -22,8 +18,7 @@ _SIGNATURES = (
     (0, b"\x1aE\xdf\xa3", "a Matroska or WebM film"),
     (0, b"\x76\x2f\x31\x01", "an OpenEXR"),
     (0, b"8BPS", "a Photoshop file"),
-    (0, b"\xff\x0a", "a JPEG XL"),
-    (0, b"\0\0\0\x0cJXL ", "a JPEG XL"),
+    (0, (b"\xff\x0a", b"\0\0\0\x0cJXL "), "a JPEG XL"),
     (0, b"\0\0\0\x0cjP  ", "a JPEG 2000"),
     (0, b"#?RADIANCE", "a Radiance HDR"),
     (0, b"FUJIFILMCCD-RAW", "a Fujifilm raw photograph"),
@@ -31,10 +26,7 @@ _SIGNATURES = (
     (8, b"WEBP", "a WebP"),
     (8, b"AVI ", "an AVI film"),
     (4, b"ftypavi", "an AVIF"),
-    (4, b"ftyphei", "a HEIC"),
-    (4, b"ftyphev", "a HEIC"),
-    (4, b"ftypmif1", "a HEIC"),
-    (4, b"ftypmsf1", "a HEIC"),
+    (4, (b"ftyphei", b"ftyphev", b"ftypmif1", b"ftypmsf1"), "a HEIC"),
     (4, b"ftyp", "an MP4"),
 )
 _SHOWN = 24  # characters of text
@@ -46,8 +38,8 @@ def sniff_type(head: bytes) -> str:
         return "an empty file"
     if head[4:12] in (b"ftypmif1", b"ftypmsf1") and b"avif" in head[12:]:  # one container, and two codecs
         return "an AVIF"
-    for start, signature, name in _SIGNATURES:
-        if head[start:].startswith(signature):
+    for start, signatures, name in _SIGNATURES:
+        if head[start:].startswith(signatures):
             return name
     text = head[:_SHOWN].decode("utf-8", errors="ignore")
     if text.strip() and all(character.isprintable() or character in "\r\n\t" for character in text):

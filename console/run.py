@@ -47,39 +47,29 @@ def run_command(
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
     with lasting_output():
-        return _run(command, prog, description, words, debug, on_failure)
-
-
-def _run(
-    command: Command | Mapping[str, Command],
-    prog: str,
-    description: str | None,
-    words: Sequence[str],
-    debug: bool,
-    on_failure: Callable[[str, str], None] | None,
-) -> int:
-    try:
-        with plain_notices(prog), ending_with_stdin():
-            call = _parse(command, prog, description, words)
-            if not callable(call):
-                return call
-            result = call()
-            if is_dataclass(result) and callable(run := getattr(result, "run", None)):
-                result = run()
-            sys.stdout.flush()  # here, where a full disk is still caught
-        return result if isinstance(result, int) and not isinstance(result, bool) else DONE
-    except KeyboardInterrupt as interrupt:
-        _say(prog, f"interrupted{'; ' + str(interrupt) if str(interrupt) else ''}")
-        return INTERRUPTED
-    except Exception as error:
-        line = str(error) if isinstance(error, UserError) else refusal(error) or missing_extra(error)  # None for a bug
-        Reporter().tell_failure(prog, line or traceback.format_exception_only(error)[-1].strip(), bug=line is None)
-        if line is None or debug:
-            traceback.print_exc()
-        _say(prog, line or "this is a bug in snerg; please report the lines above")
-        if on_failure is not None:
-            on_failure(prog, line or f"This is a bug in snerg: {type(error).__name__}: {error}")
-        return BUG if line is None else USER_CAN_MEND
+        try:
+            with plain_notices(prog), ending_with_stdin():
+                call = _parse(command, prog, description, words)
+                if not callable(call):
+                    return call
+                result = call()
+                if is_dataclass(result) and callable(run := getattr(result, "run", None)):
+                    result = run()
+                sys.stdout.flush()  # here, where a full disk is still caught
+            return result if isinstance(result, int) and not isinstance(result, bool) else DONE
+        except KeyboardInterrupt as interrupt:
+            _say(prog, f"interrupted{'; ' + str(interrupt) if str(interrupt) else ''}")
+            return INTERRUPTED
+        except Exception as error:
+            # None for a bug
+            line = str(error) if isinstance(error, UserError) else refusal(error) or missing_extra(error)
+            Reporter().tell_failure(prog, line or traceback.format_exception_only(error)[-1].strip(), bug=line is None)
+            if line is None or debug:
+                traceback.print_exc()
+            _say(prog, line or "this is a bug in snerg; please report the lines above")
+            if on_failure is not None:
+                on_failure(prog, line or f"This is a bug in snerg: {type(error).__name__}: {error}")
+            return BUG if line is None else USER_CAN_MEND
 
 
 def _say(prog: str, line: str) -> None:
@@ -94,21 +84,16 @@ def _parse(
     tyro makes the call itself, and draws a box around complaints about arguments. So it is handed functions
     that only remember their arguments, and its box becomes one line.
     """
-
-    def parse() -> Callable[[], Any]:
-        if isinstance(command, Mapping):
-            functions = {name: _deferred(function) for name, function in command.items()}
-            return tyro.extras.subcommand_cli_from_dict(
-                functions, prog=prog, description=description, args=words, config=_FLAGS
-            )
-        return tyro.cli(_deferred(command), prog=prog, description=description, args=words, config=_FLAGS)
-
+    how: Any = {"prog": prog, "description": description, "args": words, "config": _FLAGS}
     box = io.StringIO()
     # Help is for the screen as it is; a complaint is read by us, so no line of it should be broken in two.
     screen = contextlib.nullcontext() if _HELP & set(words) else _wide_screen()
     try:
         with screen, contextlib.redirect_stderr(box):
-            return parse()
+            if isinstance(command, Mapping):
+                functions = {name: _deferred(function) for name, function in command.items()}
+                return tyro.extras.subcommand_cli_from_dict(functions, **how)
+            return tyro.cli(_deferred(command), **how)
     except SystemExit as stop:  # --help, or arguments that do not fit
         if stop.code in (None, DONE):
             return DONE
