@@ -31,7 +31,7 @@ from viewer.features.film.camera_path import CameraPath
 from viewer.features.film.filming import Filming
 from viewer.features.making.make_job import TrainingPreview
 from viewer.features.making.making import Making
-from viewer.features.making.sparse_preview import SparsePreview
+from viewer.features.making.review import SparsePreview
 from viewer.features.measuring.measure_tool import MeasureTool
 from viewer.features.opening.open_prompt import OpenPrompt, looks_like_path, path_in
 from viewer.features.opening.opening import Loading, Opening, OpenPack, OpenPacks

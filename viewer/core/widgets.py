@@ -54,8 +54,7 @@ def card(name: str, fonts: Fonts, title: str) -> Iterator[None]:
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(14), px(12)))
     imgui.begin_child(f"##card {name}", ImVec2(0, 0), flags)
     imgui.pop_style_var()
-    with font(fonts.bold, theme.SMALL), coloured(text=theme.MUTED):
-        imgui.text_unformatted(title.upper())
+    write(title.upper(), theme.MUTED, fonts.bold, theme.SMALL)
     imgui.dummy(ImVec2(0, px(1)))
     try:
         yield
@@ -64,11 +63,16 @@ def card(name: str, fonts: Fonts, title: str) -> Iterator[None]:
         imgui.dummy(ImVec2(0, px(2)))
 
 
+def write(text: str, colour: str = theme.TEXT, face: imgui.ImFont | None = None, size: float = 0.0) -> None:
+    """Text in a colour, another face (None: the same) and size (0: the same)."""
+    with font(face, size), coloured(text=colour):
+        imgui.text_unformatted(text)
+
+
 def label(text: str, width: float = LABEL_WIDTH) -> None:
     """The left side of a row; the control that follows gets the rest of the width."""
     imgui.align_text_to_frame_padding()
-    with coloured(text=theme.MUTED):
-        imgui.text_unformatted(text)
+    write(text, theme.MUTED)
     imgui.same_line(px(width))
     imgui.set_next_item_width(-1)
 
@@ -79,23 +83,19 @@ def figure(name: str, value: str, dot: str = "") -> None:
         at, half = imgui.get_cursor_screen_pos(), 0.5 * imgui.get_text_line_height()
         imgui.get_window_draw_list().add_circle_filled(ImVec2(at.x + px(4), at.y + half), px(4), theme.packed(dot))
         imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + px(15))
-    with coloured(text=theme.MUTED):
-        imgui.text_unformatted(name)
+    write(name, theme.MUTED)
     imgui.same_line()
-    width = imgui.calc_text_size(value).x
-    x = imgui.get_content_region_avail().x - width
+    x = imgui.get_content_region_avail().x - imgui.calc_text_size(value).x
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(0.0, x))
     imgui.text_unformatted(value)
 
 
 def headline(number: str, unit: str, fonts: Fonts) -> None:
     """A large number and its unit."""
-    with font(fonts.bold, 26.0):
-        imgui.text_unformatted(number)
+    write(number, face=fonts.bold, size=26.0)
     imgui.same_line(0, px(5))
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
-    with coloured(text=theme.MUTED):
-        imgui.text_unformatted(unit)
+    write(unit, theme.MUTED)
 
 
 def hint(text: str, colour: str = theme.FAINT) -> None:
@@ -107,8 +107,7 @@ def hint(text: str, colour: str = theme.FAINT) -> None:
 def paragraph(text: str, colour: str = theme.TEXT) -> None:
     """Text, wrapped."""
     imgui.push_text_wrap_pos(0.0)
-    with coloured(text=colour):
-        imgui.text_unformatted(text)
+    write(text, colour)
     imgui.pop_text_wrap_pos()
 
 
@@ -147,6 +146,14 @@ def segments(name: str, options: Sequence[str], current: str, titles: dict[str, 
                 picked = option
     imgui.pop_style_var()
     return picked
+
+
+def slider(
+    name: str, value: float, low: float, high: float, words: str, *, times: float = 1.0, flags: int = 0
+) -> float:
+    """A slider that shows `value` `times` larger, between low and high, as printf's `words` say; the new value."""
+    changed, moved = imgui.slider_float(f"##{name}", times * value, low, high, words, flags)
+    return moved / times if changed else value
 
 
 def switch(name: str, on: bool, title: str = "", title_width: float = LABEL_WIDTH) -> bool:
@@ -340,12 +347,14 @@ def corner_card(name: str, box: Box) -> Iterator[None]:
         imgui.end()
 
 
-def titled_button(title: str, button: str, fonts: Fonts) -> bool:
-    """The first row of such a card: a title, and a button at the right; whether that was pressed."""
+def titled_button(title: str, button: str, fonts: Fonts, note: str = "") -> bool:
+    """The first row of such a card: a title, a note behind it, and a button at the right; whether that was pressed."""
     width = px(BUTTON_WIDTH)
     imgui.align_text_to_frame_padding()
-    with font(fonts.bold, 16.0):
-        imgui.text_unformatted(title)
+    write(title, face=fonts.bold, size=16.0)
+    if note:
+        imgui.same_line(0, px(10))
+        write(note, theme.ACCENT)
     imgui.same_line()
     imgui.set_cursor_pos_x(imgui.get_window_width() - px(16) - width)
     return imgui.button(button, ImVec2(width, 0))

@@ -9,7 +9,7 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core.theme import Fonts
-from viewer.core.widgets import begin_modal, coloured, confirmed, font, main_button, paragraph, pressed_here, px
+from viewer.core.widgets import begin_modal, confirmed, font, main_button, paragraph, pressed_here, px, write
 from viewer.features.making import strips_panel
 from viewer.rendering.canvas import Canvas
 
@@ -24,8 +24,8 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
     if not begin_modal(NAME, size, 480, 0.45, padding=(24, 22)):
         return
     with font(fonts.bold, 18.0):
-        with coloured(text=theme.WARN if dialog.failed else theme.ACCENT):
-            imgui.text_unformatted(fa.ICON_FA_TRIANGLE_EXCLAMATION if dialog.failed else fa.ICON_FA_CIRCLE_INFO)
+        icon = fa.ICON_FA_TRIANGLE_EXCLAMATION if dialog.failed else fa.ICON_FA_CIRCLE_INFO
+        write(icon, theme.WARN if dialog.failed else theme.ACCENT)
         imgui.same_line(0, px(10))
         paragraph(dialog.title)
     imgui.dummy(ImVec2(0, px(2)))
@@ -42,7 +42,6 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
     if answer is not None:
         app.messages.dialogs.pop(0)
         imgui.close_current_popup()
-        app.touch()
         if answer:
             run(app, answer)
     imgui.end_popup()

@@ -8,8 +8,8 @@ after a click into a field belongs to the field, however slow the frames are.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from itertools import groupby
+from typing import NamedTuple
 
 from imgui_bundle import ImVec2, imgui
 
@@ -18,7 +18,7 @@ from viewer.app.commands import COMMANDS, run
 from viewer.core import theme
 from viewer.core.input import KeyPress, shown_keys
 from viewer.core.theme import Fonts
-from viewer.core.widgets import coloured, font, in_front, px
+from viewer.core.widgets import coloured, figure, in_front, px, write
 
 REPEATING = ("Z", "Y", "Num2", "Num4", "Num6", "Num8")  # undo, redo and turning go on while they are held
 
@@ -85,8 +85,7 @@ MOUSE_BOUNDED = (
 )
 
 
-@dataclass(frozen=True)
-class _Group:
+class _Group(NamedTuple):
     title: str
     rows: tuple[tuple[str, str], ...]
 
@@ -112,14 +111,10 @@ def _groups(app: App) -> list[_Group]:
 
 def _columns(groups: list[_Group], count: int) -> list[list[_Group]]:
     """The groups in their order, divided so that the longest column is as short as can be."""
-
-    def lines(column: list[_Group]) -> int:
-        return sum(len(group.rows) + 2 for group in column)
-
     if count == 1:
         return [groups]
     divided = ([groups[:cut], *_columns(groups[cut:], count - 1)] for cut in range(1, len(groups) - count + 2))
-    return min(divided, key=lambda columns: max(lines(column) for column in columns))
+    return min(divided, key=lambda columns: max(sum(len(group.rows) + 2 for group in column) for column in columns))
 
 
 def show(app: App, fonts: Fonts) -> None:
@@ -140,8 +135,7 @@ def show(app: App, fonts: Fonts) -> None:
     with coloured(window_bg=theme.PANEL):
         imgui.begin(NAME, None, flags)
     imgui.pop_style_var()
-    with font(fonts.bold, theme.LARGE):
-        imgui.text_unformatted("Keys and mouse")
+    write("Keys and mouse", face=fonts.bold, size=theme.LARGE)
     imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(px(8), px(4)))
     imgui.push_style_var(imgui.StyleVar_.cell_padding, ImVec2(px(10), 0))
     if imgui.begin_table("##columns", count, imgui.TableFlags_.sizing_stretch_same):
@@ -162,12 +156,6 @@ def show(app: App, fonts: Fonts) -> None:
 
 def _group(group: _Group, fonts: Fonts) -> None:
     imgui.dummy(ImVec2(0, px(1)))
-    with font(fonts.bold, theme.SMALL), coloured(text=theme.ACCENT):
-        imgui.text_unformatted(group.title.upper())
+    write(group.title.upper(), theme.ACCENT, fonts.bold, theme.SMALL)
     for keys, title in group.rows:
-        with coloured(text=theme.MUTED):
-            imgui.text_unformatted(title[:1].upper() + title[1:])
-        imgui.same_line()
-        space = imgui.get_content_region_avail().x - imgui.calc_text_size(keys).x
-        imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(0.0, space))
-        imgui.text_unformatted(keys)
+        figure(title[:1].upper() + title[1:], keys)

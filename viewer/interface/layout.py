@@ -247,7 +247,6 @@ def _turn(app: App, page: str, docked: bool) -> None:
         interface.closes(page)
     else:
         interface.opens(page)
-    app.touch()
 
 
 def show_pages(app: App, canvas: Canvas, where: Regions, fonts: Fonts) -> None:
@@ -279,7 +278,6 @@ def _page_over(app: App, canvas: Canvas, page: Page, where: Regions, fonts: Font
     imgui.end()
     if not still_open:
         app.interface.over = ""
-        app.touch()
 
 
 def _page(app: App, canvas: Canvas, page: Page, fonts: Fonts) -> None:
@@ -298,4 +296,3 @@ def _page(app: App, canvas: Canvas, page: Page, fonts: Fonts) -> None:
     imgui.end()
     if not still_open:
         app.interface.closes(page.id)
-        app.touch()

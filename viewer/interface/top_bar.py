@@ -9,11 +9,11 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.commands import run
+from viewer.app.commands import COMMANDS, run
 from viewer.core import theme
 from viewer.core.input import shown_keys
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, Entry, coloured, elided, font, more_button, px
+from viewer.core.widgets import Box, Entry, coloured, elided, font, more_button, px, write
 from viewer.interface import layout
 from viewer.rendering.canvas import Canvas
 
@@ -23,6 +23,14 @@ NAME = 220.0  # a longer name is cut short before anything else has to go
 PACKS = "##packs"
 SHORTEST_NAME, LEAST_BUTTONS = 72.0, 2
 FRAMES = "0000 fps"  # as wide as it gets
+START_ICONS = {"help": fa.ICON_FA_KEYBOARD, "full-screen": fa.ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER}  # of commands
+ICONS = {
+    "open": fa.ICON_FA_FOLDER_OPEN,
+    "save": fa.ICON_FA_CAMERA,
+    "home": fa.ICON_FA_HOUSE,
+    "frame": fa.ICON_FA_EXPAND,
+}
+ICONS |= START_ICONS
 
 
 @dataclass(frozen=True)
@@ -88,19 +96,10 @@ def show(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
 
 
 def _entries(app: App) -> list[Entry]:
-    entries = [
-        (fa.ICON_FA_FOLDER_OPEN, "open", "Open", "Ctrl+O", True),
-        (fa.ICON_FA_CAMERA, "save", "Save the picture", "Ctrl+S", True),
-        (fa.ICON_FA_HOUSE, "home", "Back to the first view", "R", True),
-        (fa.ICON_FA_EXPAND, "frame", "Show the whole scene", "F", True),
-        (fa.ICON_FA_KEYBOARD, "help", "Keys and mouse", "?", False),
-        (fa.ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER, "full-screen", "Full screen", "F11", False),
-    ]
-    shown = [
-        Entry(f"top {command}", icon, title, partial(run, app, command), shown_keys(keys))
-        for icon, command, title, keys, needs_scene in entries
-        if app.scene is not None or not needs_scene
-    ]
+    shown = []
+    for name, icon in (ICONS if app.scene is not None else START_ICONS).items():
+        keys = min(COMMANDS[name].keys, key=len)
+        shown.append(Entry(f"top {name}", icon, COMMANDS[name].title, partial(run, app, name), shown_keys(keys)))
     if app.scene is not None and app.open_packs.packs:
         title = f"{len(app.open_packs.packs) + 1} packs are open"
         ask = partial(setattr, app.open_packs, "show_list", True)
@@ -138,8 +137,7 @@ def _logo(fonts: Fonts, word: bool) -> None:
         draw.add_rect_filled(ImVec2(left, top), ImVec2(left + s, top + s), theme.packed(code, alpha), px(2))
     if word:
         imgui.set_cursor_pos(ImVec2(px(MARK), px(14)))
-        with font(fonts.bold, 17.0):
-            imgui.text_unformatted("snerg")
+        write("snerg", face=fonts.bold, size=17.0)
 
 
 def _name(app: App, where: Plan) -> None:
@@ -156,8 +154,7 @@ def _name(app: App, where: Plan) -> None:
         return
     imgui.same_line(0, px(GAP))
     imgui.set_cursor_pos_y(px(16))
-    with font(None, theme.SMALL), coloured(text=theme.FAINT if app.scene.whole else theme.WARN):
-        imgui.text_unformatted(state_of(app))
+    write(state_of(app), theme.FAINT if app.scene.whole else theme.WARN, size=theme.SMALL)
 
 
 def state_of(app: App) -> str:
@@ -176,5 +173,4 @@ def _speed(app: App, right: float, fonts: Fonts) -> None:
         width = imgui.calc_text_size(text).x
         imgui.same_line()
         imgui.set_cursor_pos(ImVec2(right - width, px(16)))
-        with coloured(text=theme.ACCENT):
-            imgui.text_unformatted(text)
+        write(text, theme.ACCENT)

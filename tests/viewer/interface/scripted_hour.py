@@ -61,7 +61,7 @@ class Hour:
         self.random, self.folder, self.ctx = random.Random(seed), folder, ctx
         survey.MEASURES = False
         self.app = App()
-        self.app.making.start = lambda host: self.app.making.dismiss(host)
+        self.app.making.start = lambda host: self.app.making.dismiss()
         self.app.making.check_photographs = lambda host: None
         self.ui = OffscreenUi(ctx, self.app, size=SIZES[0])
         self.done: Counter[str] = Counter()
@@ -212,7 +212,7 @@ class Hour:
         app.opening.cancel(app)
         app.file_request = app.open_prompt = None
         if app.making.plan is not None:
-            app.making.dismiss(app)
+            app.making.dismiss()
         app.messages.dialogs.clear()
         app.open_packs.packs.clear()
         app.close()

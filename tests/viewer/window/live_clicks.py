@@ -25,7 +25,7 @@ from tests.viewer.window.places import PLACES, WITHOUT_SCENE, Scenes, child
 from tests.viewer.window.widgets_seen import Seen, Watch, inside
 from viewer.app.application import App
 from viewer.core import command_process
-from viewer.features.making import make_plan, making, photograph_check
+from viewer.features.making import make_plan, making, survey
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.survey import Survey
 from viewer.features.opening import opening
@@ -63,7 +63,7 @@ def scenes(watched, tmp_path_factory) -> Iterator[Scenes]:
         )  # clicks are looked at here, not pictures
         patch.setattr(making, "CommandProcess", lambda *_: child())
         patch.setattr(command_process, "CommandProcess", lambda *_: child())
-        patch.setattr(photograph_check.webbrowser, "open", lambda address: True)
+        patch.setattr(survey.webbrowser, "open", lambda address: True)
         patch.setattr(make_plan, "trainer_missing", lambda: False)  # nothing is trained here
         read = opening.load_pack
 
@@ -102,7 +102,7 @@ class Hand:
         """A new app in the window, with that on the screen."""
         window, canvas = self.window, self.window.canvas
         window.app.making.job = None
-        window.app.making.stop_check(window.app)
+        window.app.making.end_check()
         window.app.sharing.end()
         window.app.opening.cancel(window.app)
         if window.app.filming.export is not None:

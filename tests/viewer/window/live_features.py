@@ -29,7 +29,7 @@ from viewer.core import widgets
 from viewer.core.pose import project, shortest_turn
 from viewer.features.camera import panel as camera_panel
 from viewer.features.crop import crop
-from viewer.features.making import photograph_check
+from viewer.features.making import survey
 from viewer.features.making.make_plan import Plan
 from viewer.window.window import Window
 
@@ -429,7 +429,7 @@ def test_photographs_are_checked_from_the_dialog_and_the_page_opens_in_the_brows
     watched, start_page, other_client, xdotool, tmp_path, monkeypatch
 ):
     window, opened = start_page, []
-    monkeypatch.setattr(photograph_check.webbrowser, "open", lambda address: opened.append(address) or True)
+    monkeypatch.setattr(survey.webbrowser, "open", lambda address: opened.append(address) or True)
     write_photographs(tmp_path / "attic")
     other_client("drop", tmp_path / "attic")
     wait(window, lambda: not window.app.making.busy)

@@ -22,8 +22,7 @@ from viewer.features.export.exporting import Writing
 from viewer.features.export.sharing import Server
 from viewer.features.making.make_job import MakeJob
 from viewer.features.making.make_plan import Plan
-from viewer.features.making.review import Review
-from viewer.features.making.sparse_preview import SparsePreview
+from viewer.features.making.review import Review, SparsePreview
 from viewer.features.opening.session import Seen, Session
 from viewer.interface.layout import PAGES
 

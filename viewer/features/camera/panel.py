@@ -58,7 +58,6 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             picked = segments("up", list(UP_AXES), rig.table.up)
             if picked:
                 rig.set_up(picked)
-                app.touch()
     with card("where", fonts, "Position"):
         matrix = rig.matrix
         eye, ahead = matrix[:3, 3], -matrix[:3, 2]
@@ -117,10 +116,8 @@ class AxisGizmo:
             self._travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
             if self._travelled >= px(CLICK):
                 rig.orbit(io.mouse_delta.x / box[3], io.mouse_delta.y / box[3])
-                app.touch()
         if imgui.is_item_deactivated() and self._travelled < px(CLICK) and under is not None:
             rig.look_from(axis_of(under))
-            app.touch()
 
 
 def axis_of(end: int) -> np.ndarray:

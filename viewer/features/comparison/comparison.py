@@ -62,7 +62,6 @@ class Comparison:
         self.other = self.other_path = None
         if self.against == "pack":
             self.stop()
-        app.touch()
 
     @property
     def other_side(self) -> bool:

@@ -10,7 +10,21 @@ from viewer.app.frame import other_layers
 from viewer.core import theme
 from viewer.core.screen import draw_layers
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, card, chip, chip_size, elided, figure, font, headline, hint, label, px, segments
+from viewer.core.widgets import (
+    Box,
+    card,
+    chip,
+    chip_size,
+    elided,
+    figure,
+    font,
+    headline,
+    hint,
+    label,
+    px,
+    segments,
+    slider,
+)
 from viewer.features.opening.open_prompt import ask_to_open
 from viewer.rendering.canvas import Canvas
 
@@ -24,13 +38,9 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
         picked = segments("how", list(HOW), comparison.how, HOW)
         if picked in ("wipe", "flip", "difference"):
             comparison.how = picked
-            app.touch()
         if comparison.how == "difference":
             label("Amplified")
-            changed, value = imgui.slider_float("##gain", comparison.gain, 1.0, 32.0, "%.0f ×")
-            if changed:
-                comparison.gain = value
-                app.touch()
+            comparison.gain = slider("gain", comparison.gain, 1.0, 32.0, "%.0f ×")
         elif comparison.how == "wipe":
             hint("Drag the edge in the picture.")
         if comparison.against == "photograph":
@@ -43,7 +53,6 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
                 hint("Compared with the copy in the pack.")
         if imgui.button("End comparison", ImVec2(-1, 0)):
             comparison.drop_other(app) if comparison.against == "pack" else comparison.stop()
-            app.touch()
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:

@@ -46,7 +46,6 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             picked = segments("tool", crop.TOOLS, app.crop_tool, TITLES)
             if picked in crop.TOOLS:
                 app.crop_tool = picked
-                app.touch()
             hint(HINTS[app.crop_tool])
             _faces(app, pack)
             imgui.begin_disabled(app.settings.crop == crop.whole(pack))

@@ -26,14 +26,14 @@ from viewer.features.making.make_job import (
     rejected_photographs_of,
 )
 from viewer.features.making.make_plan import Plan, Subject
-from viewer.features.making.photograph_check import PhotographCheck
-from viewer.features.making.review import Review
-from viewer.features.making.sparse_preview import Kind, SparsePreview, read_sparse_preview
+from viewer.features.making.review import Kind, Review, SparsePreview, read_sparse_preview
+from viewer.features.making.survey import PhotographCheck
 
 if TYPE_CHECKING:
     from viewer.app.application import App
 
 POLL_EVERY_S = 0.2
+AGAIN = (("OK", ""), ("Try again", "make-again"))  # buttons
 PARTING_S = 30.0  # for the process to save, where the program ends and there is no window to wait in
 
 
@@ -79,43 +79,34 @@ class Making:
             app.messages.dialogs.append(Dialog("One scene at a time", text))
             return
         plan = Plan.of(subject, path)
-        self._forget()
+        self.dismiss()
         self.plan, self._surveyed = plan, False
-        app.touch()
 
     def again(self, app: App) -> None:
         """Asks once more about what could not be made."""
         if self.failed is not None and self.job is None:
             self.plan, self.failed = self.failed, None
             self.plan.choose(self.plan.out)
-        app.touch()
 
     @property
     def busy(self) -> bool:
         """Whether something goes on that tick should look at now and then."""
         survey = None if self.plan is None else self.plan.survey
-        waits = (
-            self.job is not None or self.reading is not None or self.review is not None or self._rejected is not None
-        )
+        waits = any(each is not None for each in (self.job, self.reading, self.review, self._rejected))
         checks = self.check is not None and self.check.running
         return waits or checks or (survey is not None and (survey.busy or not self._surveyed))
 
-    def _forget(self) -> None:
-        self._end_check()
+    def dismiss(self) -> None:
+        """Closes the question."""
+        self.end_check()
         if self.plan is not None and self.plan.survey is not None:
             self.plan.survey.close()
         self.plan = None
 
-    def dismiss(self, app: App) -> None:
-        """Closes the question."""
-        self._forget()
-        app.touch()
-
     def ask_for_photographs(self, app: App) -> None:
         """Asks for photographs, or for a run."""
-        app.file_request = FileRequest(
-            "A scene's photographs, or a training run", "folder", lambda path: app.drop([path])
-        )
+        what = "A scene's photographs, or a training run"
+        app.file_request = FileRequest(what, "folder", lambda path: app.drop([path]))
 
     def ask_where(self, app: App) -> None:
         """Asks for another folder for the results."""
@@ -125,26 +116,20 @@ class Making:
 
         def then(path: Path) -> None:
             plan.choose(path / plan.out.name if path.is_dir() and any(path.iterdir()) else path)
-            app.touch()
 
         app.file_request = FileRequest("Where to save the scene", "folder", then, start=existing_folder(plan.out))
 
     def check_photographs(self, app: App) -> None:
         """Begins to check the plan's photographs, instead of what was found before."""
         if self.plan is not None and self.plan.can_be_checked:
-            self._end_check()
+            self.end_check()
             try:
-                self.check = PhotographCheck(self.plan)
+                self.check = PhotographCheck(self.plan.source, self.plan.out)
             except UserError as error:
                 app.messages.fail("The photographs cannot be checked", error)
-        app.touch()
 
-    def stop_check(self, app: App) -> None:
+    def end_check(self) -> None:
         """Gives the check up."""
-        self._end_check()
-        app.touch()
-
-    def _end_check(self) -> None:
         if self.check is not None:
             self.check.close()
         self.check = None
@@ -168,7 +153,7 @@ class Making:
             return
         plan.poses_only = plan.bare is not None and plan.attempt is None
         self._begin(app, plan)
-        self._forget()
+        self.dismiss()
         self.review = self.sparse_preview = None
         if plan.has_points and not plan.poses_only:
             self.reading = SparsePreviewJob(plan)
@@ -193,9 +178,7 @@ class Making:
             self._begin(app, plan)
         except UserError as error:
             self.failed = plan
-            app.messages.fail(
-                f"{plan.name} could not be made", error, buttons=(("OK", ""), ("Try again", "make-again"))
-            )
+            app.messages.fail(f"{plan.name} could not be made", error, AGAIN)
 
     def leave(self, app: App) -> None:
         """Nothing is trained now; the poses stay in their folder."""
@@ -203,7 +186,6 @@ class Making:
             app.messages.say(f"The camera poses of {self.review.plan.name} are kept; make it again to continue")
         self._uncut(app)
         self.review = None
-        app.touch()
 
     def _uncut(self, app: App) -> None:
         if self.sparse_preview_shown(app):
@@ -212,10 +194,10 @@ class Making:
     def choose_kind(self, app: App, kind: Kind) -> None:
         """In the review: what the scene is taken for."""
         if self.review is not None and kind != self.review.kind:
-            self.review.choose(kind)
+            self.review.hold()
+            self.review.kind = kind
             if self.sparse_preview_shown(app):
                 app.set(crop=self.review.box_in_grid())
-        app.touch()
 
     def pick_ground(self, app: App, x: float, y: float) -> None:
         """In the review: the ground was clicked on at a point of the viewport (window units from its corner)."""
@@ -229,7 +211,6 @@ class Making:
             app.messages.say(up, "warning")
         else:
             self.set_up(app, up)
-        app.touch()
 
     def set_up(self, app: App, up: Direction | None) -> None:
         """In the review: another direction is up; None for the cameras' own. The points are read again."""
@@ -237,7 +218,6 @@ class Making:
             self._uncut(app)
             self.reading = SparsePreviewJob(replace(self.review.plan, up=up), review=True, before=self.review)
             self.review = None
-        app.touch()
 
     def show_points(self, app: App) -> None:
         """Shows the points and cameras of what is being made."""
@@ -255,10 +235,8 @@ class Making:
         if self.training_preview is None or self.job is None:
             return
         kept = None if self.training_preview_shown(app) else self._kept_camera(app)
-        plan = self.job.plan
-        app.show_training_preview(
-            self.training_preview, plan.preview_file, f"{plan.name}: {self.training_preview.description}"
-        )
+        plan, preview = self.job.plan, self.training_preview
+        app.show_training_preview(preview, plan.preview_file, f"{plan.name}: {preview.description}")
         if kept is not None:
             kept()
 
@@ -297,20 +275,16 @@ class Making:
             if self.sparse_preview is None:  # too few points to see anything
                 self._begin(app, replace(reading.plan, poses_only=False))
                 return
-            self._begin_review(reading, self.sparse_preview)
+            if (earlier := reading.before) is None:
+                self._rejected = rejected_photographs_of(reading.plan.out)
+                self.review = Review(reading.plan, self.sparse_preview, self._rejected)
+            else:
+                self.review = Review(reading.plan, self.sparse_preview, earlier.rejected, until=None)
+                self.review.kind = earlier.kind if earlier.kind in self.review.kinds else self.review.kind
         of_before = before is not None and app.scene is not None and app.scene.pack is before.pack
         if self.sparse_preview is not None and (app.scene is None or of_before):
             self.show_points(app)
         app.touch()
-
-    def _begin_review(self, reading: SparsePreviewJob, sparse_preview: SparsePreview) -> None:
-        before = reading.before
-        if before is None:
-            self._rejected = rejected_photographs_of(reading.plan.out)
-        self.review = Review(reading.plan, sparse_preview, self._rejected if before is None else before.rejected)
-        if before is not None:
-            self.review.hold()
-            self.review.kind = before.kind if before.kind in self.review.kinds else self.review.kind
 
     def _kept_camera(self, app: App) -> Callable[[], None] | None:
         """What puts the camera where it is now among the points, or in what is trained so far, once something better is shown."""
@@ -334,7 +308,6 @@ class Making:
             self.job.child.kill()
         else:
             self.job.child.stop()
-        app.touch()
 
     def ask_to_quit(self, app: App) -> None:
         """Quits, but asks first where a scene is being made."""
@@ -358,7 +331,7 @@ class Making:
 
     def end(self) -> None:
         """The program ends: no child outlives it."""
-        self._forget()
+        self.dismiss()
         if self.job is not None:
             self.job.child.end(PARTING_S)
             self.job = None
@@ -402,7 +375,6 @@ class Making:
             self.failed = job.plan
             self._rejected = rejected_photographs_of(job.plan.out) if job.plan.poses_only else None
             text = f"{job.child.error_line()}\n\nThe full log is in {job.plan.log}"
-            buttons = (("OK", ""), ("Try again", "make-again"))
-            app.messages.fail(f"{name} could not be made", text, buttons=buttons, rejected=self._rejected)
+            app.messages.fail(f"{name} could not be made", text, AGAIN, rejected=self._rejected)
         if self.quit_after:
             app.quitting = True

@@ -11,7 +11,6 @@ from viewer.core.theme import Fonts
 from viewer.core.widgets import (
     begin_modal,
     cancel_or,
-    coloured,
     confirmed,
     elided_start,
     font,
@@ -23,10 +22,11 @@ from viewer.core.widgets import (
     segments,
     switch,
     tip,
+    write,
 )
-from viewer.features.making import check_panel, strips_panel, survey
+from viewer.features.making import strips_panel, survey
 from viewer.features.making.make_plan import RESOLUTIONS, Plan
-from viewer.features.making.survey import OFFERED
+from viewer.features.making.survey import OFFERED, result_lines
 from viewer.rendering.canvas import Canvas
 
 NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
@@ -44,7 +44,7 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
     if plan.survey is not None and plan.survey.preview is not None:
         strips_panel.show_preview(canvas, plan.survey.preview)
     if plan.can_be_checked:
-        check_panel.show(app, plan, fonts)
+        _check(app, plan, fonts)
     imgui.dummy(ImVec2(0, px(6)))
     problem = plan.problem()
     surveying = plan.survey is not None and not plan.survey.finished
@@ -61,43 +61,71 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
 
 def _heading(plan: Plan, fonts: Fonts) -> None:
     with font(fonts.bold, theme.LARGE):
-        with coloured(text=theme.ACCENT):
-            imgui.text_unformatted(fa.ICON_FA_WAND_MAGIC_SPARKLES)
+        write(fa.ICON_FA_WAND_MAGIC_SPARKLES, theme.ACCENT)
         imgui.same_line(0, px(12))
         verb = "Make" if plan.subject == "scene" else "Bake"
         imgui.text_unformatted(f"{verb} {plan.name} into a scene to fly through")
     survey = plan.survey
     if survey is None:
-        text = "A training run. Baking turns it into voxels that are drawn in real time."
-    elif not survey.finished:
-        text = "Reading the photographs…"
-    else:
-        text = survey.text
-    if text:
+        paragraph("A training run. Baking turns it into voxels that are drawn in real time.", theme.MUTED)
+    elif text := survey.text if survey.finished else "Reading the photographs…":
         paragraph(text, theme.MUTED)
+
+
+def _check(app: App, plan: Plan, fonts: Fonts) -> None:
+    """The row that checks the photographs: the button, how far the check is, or what it found."""
+    check = app.making.check
+    imgui.dummy(ImVec2(0, px(2)))
+    if check is not None and check.running:
+        if imgui.button("Stop##check", ImVec2(px(86), 0)):
+            app.making.end_check()
+        imgui.same_line()
+        imgui.align_text_to_frame_padding()
+        report = check.report
+        write("Starting the check…" if report is None else f"{report.title.capitalize()}, {report.share:.0%}")
+        imgui.progress_bar(report.share if report is not None else 0.0, ImVec2(-1, px(6)), "")
+        return
+    assert plan.survey is not None
+    imgui.begin_disabled(plan.survey.busy)
+    if imgui.button(f"{fa.ICON_FA_MAGNIFYING_GLASS}  Check photographs", ImVec2(px(190), 0)):
+        app.making.check_photographs(app)
+    imgui.end_disabled()
+    what = "Sharpness, overlap and exposure, and which photographs to take again"
+    tip("Once the time is measured" if plan.survey.busy else what)
+    if check is not None and check.error:
+        hint(check.error, theme.WARN)
+    elif check is not None and check.result is not None:
+        imgui.same_line()
+        if imgui.button(f"{fa.ICON_FA_ARROW_UP_RIGHT_FROM_SQUARE}  Open the page", ImVec2(px(150), 0)):
+            check.open_page()
+        tip(f"All photographs, and which of them match, in the browser: {check.page}")
+        imgui.same_line()
+        imgui.align_text_to_frame_padding()
+        write(f"Quality {check.result['score']:.0f} of 100", face=fonts.bold)
+        imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(px(8), px(3)))
+        for text, warns in result_lines(check.result):
+            hint(text, theme.WARN if warns else theme.MUTED)
+        imgui.pop_style_var()
 
 
 def _choices(app: App, plan: Plan) -> None:
     """Preset, size and what else there is to choose; none of it where an earlier attempt is gone on with."""
     if plan.subject == "run":
-        _label("Voxels")
-        now = str(plan.resolution or RESOLUTIONS[1])
-        picked = segments(
-            "voxels", [str(side) for side in RESOLUTIONS], now, {s: f"{s}³" for s in map(str, RESOLUTIONS)}
-        )
-        if picked:
+        label("Voxels", LABELS)
+        titles = {str(side): f"{side}³" for side in RESOLUTIONS}
+        if picked := segments("voxels", list(titles), str(plan.resolution or RESOLUTIONS[1]), titles):
             plan.resolution = int(picked)
         _indented("More voxels show finer detail but take more memory and time. Baking 1000³ needs 5 GB.")
         return
     if plan.attempt is not None:
         return
-    _label("How")
+    label("How", LABELS)
     picked = segments("preset", list(OFFERED), plan.preset, {name: preset.title for name, preset in OFFERED.items()})
     plan.preset = picked or plan.preset
     _indented(OFFERED[plan.preset].advice if plan.preset in OFFERED else plan.preset)
     survey = plan.survey
     assert survey is not None
-    _label("Photographs")
+    label("Photographs", LABELS)
     titles = {"": AUTOMATIC} | {str(k): f"{width} px" for k, (width, _) in survey.sizes.items()}
     picked = segments("downscale", ["", *map(str, survey.choices)], str(plan.downscale or ""), titles)
     if picked is not None:
@@ -106,14 +134,14 @@ def _choices(app: App, plan: Plan) -> None:
     _indented(f"Trained on {size[0]} × {size[1]} pixels each." if size else "")
     _indented(what_it_needs(plan, max(size)) if size else "")
     if survey.forward:
-        _label("360° capture")
+        label("360° capture", LABELS)
         plan.spherify = switch("spherify", plan.spherify)
     if plan.masked:
-        _label("Cut out")
+        label("Cut out", LABELS)
         plan.masks = switch("masks", plan.cut_out)
         tip("Keep only what the masks show")
     elif survey.masks:
-        _label("Cut out")
+        label("Cut out", LABELS)
         hint("Not possible: some photographs of this size have no mask.")
 
 
@@ -131,10 +159,6 @@ def what_it_needs(plan: Plan, side: int) -> str:
     return f"Takes about {strips_panel.roughly(seconds)} as measured on this computer, {needs}."
 
 
-def _label(text: str) -> None:
-    label(text, LABELS)
-
-
 def _indented(text: str, colour: str = theme.FAINT) -> None:
     if text:
         imgui.indent(px(LABELS) - px(PADDING))
@@ -144,7 +168,7 @@ def _indented(text: str, colour: str = theme.FAINT) -> None:
 
 def _where(app: App, plan: Plan, remarks: bool) -> None:
     imgui.dummy(ImVec2(0, px(2)))
-    _label("Where")
+    label("Where", LABELS)
     width = imgui.get_content_region_avail().x - px(92)
     imgui.text_unformatted(elided_start(str(plan.out), width - px(8)))
     tip(str(plan.out))
@@ -170,7 +194,7 @@ def _answer(app: App, plan: Plan, possible: bool) -> None:
     if cancelled or wanted:
         imgui.close_current_popup()
     if cancelled:
-        app.making.dismiss(app)
+        app.making.dismiss()
     elif wanted:
         try:
             app.making.start(app)

@@ -13,7 +13,6 @@ from viewer.core import theme
 from viewer.core.theme import Fonts
 from viewer.core.widgets import (
     Box,
-    coloured,
     corner_card,
     font,
     half_width,
@@ -24,6 +23,8 @@ from viewer.core.widgets import (
     segments,
     switch,
     tip,
+    titled_button,
+    write,
 )
 from viewer.features.making import strips_panel
 from viewer.features.making.make_job import MakeJob
@@ -40,7 +41,10 @@ def show_job(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
         canvas.drop_image(PICTURE)
         return
     with corner_card("##job", box):
-        _job_head(app, job, fonts)
+        note = f"{job.figures[-1]:.1f} dB" if job.figures else ""
+        if titled_button(job.plan.name, "Stop now" if job.stopping else "Stop", fonts, note):
+            app.making.stop(app)
+        tip("Stop without saving" if job.stopping else "Finished work is kept. Make the scene again to continue.")
         if app.making.sparse_preview is not None and not app.making.sparse_preview_shown(app):
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", ImVec2(-1, px(28))):
                 app.making.show_points(app)
@@ -56,34 +60,16 @@ def show_job(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
         hint(_status_text(job))
 
 
-def _job_head(app: App, job: MakeJob, fonts: Fonts) -> None:
-    word = "Stop now" if job.stopping else "Stop"
-    width = px(86)
-    imgui.align_text_to_frame_padding()
-    with font(fonts.bold, 16.0):
-        imgui.text_unformatted(job.plan.name)
-    if job.figures:
-        imgui.same_line(0, px(10))
-        with coloured(text=theme.ACCENT):
-            imgui.text_unformatted(f"{job.figures[-1]:.1f} dB")
-    imgui.same_line()
-    imgui.set_cursor_pos_x(imgui.get_window_width() - px(16) - width)
-    if imgui.button(word, ImVec2(width, 0)):
-        app.making.stop(app)
-    tip("Stop without saving" if job.stopping else "Finished work is kept. Make the scene again to continue.")
-
-
 def _training_preview(app: App) -> None:
     """What is trained so far: shown, or to be shown."""
     making = app.making
     if making.training_preview is None:
         return
+    name = making.training_preview.description
     if making.training_preview_shown(app):
-        hint(
-            f"You see a {making.training_preview.description}. It is small and coarse; a newer one takes its place by itself."
-        )
+        hint(f"You see a {name}. It is small and coarse; a newer one takes its place by itself.")
     else:
-        if imgui.button(f"{fa.ICON_FA_EYE}  Show the {making.training_preview.description}", ImVec2(-1, px(28))):
+        if imgui.button(f"{fa.ICON_FA_EYE}  Show the {name}", ImVec2(-1, px(28))):
             making.show_training_preview(app)
         tip("Fly around in what is trained so far")
 
@@ -123,32 +109,23 @@ def _stages(job: MakeJob) -> None:
     for i, name in enumerate(job.plan.stages, 1):
         if i > 1:
             imgui.same_line(0, px(8))
-            with coloured(text=theme.FAINT):
-                imgui.text_unformatted(fa.ICON_FA_CHEVRON_RIGHT)
+            write(fa.ICON_FA_CHEVRON_RIGHT, theme.FAINT)
             imgui.same_line(0, px(8))
-        if job.plan.subject == "run" and i == 1:
-            with coloured(text=theme.GOOD):
-                imgui.text_unformatted(f"{fa.ICON_FA_CHECK}  Trained")
-            continue
-        done, now = job.stage > i, job.stage == i
-        with coloured(text=theme.GOOD if done else theme.TEXT if now else theme.FAINT):
-            imgui.text_unformatted(f"{fa.ICON_FA_CHECK}  {name}" if done else name)
+        trained = job.plan.subject == "run" and i == 1
+        if trained or job.stage > i:
+            write(f"{fa.ICON_FA_CHECK}  {'Trained' if trained else name}", theme.GOOD)
+        else:
+            write(name, theme.TEXT if job.stage == i else theme.FAINT)
 
 
 def _status_text(job: MakeJob) -> str:
     """How far it is, in words."""
     if job.stopping:
-        saving = (
-            "Stopping: saving a checkpoint…" if job.plan.stages[max(job.stage, 1) - 1] == "Training" else "Stopping…"
-        )
-        return "Ending…" if job.child.killed else saving
+        training = job.plan.stages[max(job.stage, 1) - 1] == "Training"
+        return "Ending…" if job.child.killed else f"Stopping{': saving a checkpoint' if training else ''}…"
     report = job.report
     if report is None:
-        return (
-            "Starting: reading the photographs…"
-            if job.plan.bare
-            else "Starting: reading the photographs and compiling…"
-        )
+        return f"Starting: reading the photographs{'' if job.plan.bare else ' and compiling'}…"
     if report.stage == "training":
         parts = [f"Step {report.done:,.0f} of {report.total:,.0f}"]
     else:
@@ -189,15 +166,11 @@ def show_review(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
 
 def _head(review: Review, fonts: Fonts) -> None:
     with font(fonts.bold, 16.0):
-        with coloured(text=theme.GOOD):
-            imgui.text_unformatted(fa.ICON_FA_CHECK)
+        write(fa.ICON_FA_CHECK, theme.GOOD)
         imgui.same_line(0, px(8))
         imgui.text_unformatted(review.plan.name)
-    sparse_preview = review.sparse_preview
-    hint(
-        f"{sparse_preview.photographs} photographs have a camera pose, with {len(sparse_preview.points.places):,} points.",
-        theme.MUTED,
-    )
+    count, points = review.sparse_preview.photographs, len(review.sparse_preview.points.places)
+    hint(f"{count} photographs have a camera pose, with {points:,} points.", theme.MUTED)
 
 
 def _choices(app: App, review: Review, shown: bool) -> None:
@@ -218,9 +191,8 @@ def _choices(app: App, review: Review, shown: bool) -> None:
         review.show_box(app, on)
         if on:
             app.interface.opens("crop")
-    hint(
-        "Drag the dots on its faces, or type numbers on the Crop page." if on else "Switch it on to see and change it."
-    )
+    usage = "Drag the dots on its faces, or type numbers on the Crop page."
+    hint(usage if on else "Switch it on to see and change it.")
 
 
 def _upright(app: App, review: Review) -> None:

@@ -1,28 +1,219 @@
-"""Between the poses and the training: the points and cameras are looked at, and the box or the kind of scene may be changed.
+"""Review between the poses and the training: the points and cameras are looked at; box, kind of scene and up may be changed.
 
 Who is away does not hold it up: after a while it goes on by itself, unless something was touched.
+
+The points and cameras are a pack that is shown like any other. Each point is a voxel of its colour, in a grid around the box
+that is trained. So the camera, the frusta of the photographs and the crop box work as on a finished pack.
+
+Notation: M points and N eyes of cameras, float64 [., 3], in one frame.
 """
 
 from __future__ import annotations
 
 import time
+import warnings
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from scenepack.blocks import fill_atlas, restore_padding
 from scenepack.pack import Pack
-from training.scenes.scene import Box, Direction
+from training.scenes import Scene, load_scene
+from training.scenes.colmap import SparsePoints, sparse_points
+from training.scenes.scene import Box, Direction, cameras_of
 from training.scenes.scene_options import composed
-from viewer.core.pose import triple
+from training.scenes.space import FARTHEST, HALF_SIDE, box_of_points, looks_inwards
+from viewer.core.pose import Pose, Turntable, project, triple
+from viewer.core.tasks import Task
+from viewer.features.camera.orbit_camera import DEFAULT_FOV
 from viewer.features.crop import crop
 from viewer.features.making.make_job import RejectedPhotographs
 from viewer.features.making.make_plan import Plan
-from viewer.features.making.sparse_preview import Kind, SparsePreview, normal_at, point_under
+from viewer.features.photographs.photographs import shots_of
 from viewer.rendering.camera import ViewCamera
 
 if TYPE_CHECKING:
     from viewer.app.application import App
+
+SIDE = 450  # voxels of the grid's longest side
+BLOCK_SIZE = 6  # data voxels: points are far apart, and a macroblock holds few
+AROUND = 1.5  # of the box that is trained: what lies around it is shown, too, to choose another box by
+FEWEST = 20  # points that show something
+FROM_OUTSIDE = 1.15  # of the distance at which a ball around all cameras fills the picture's height
+MOST = 0.9  # of the points are seen from there
+MOST_OUTSIDE = 0.5  # of the points may lie outside of the box that is trained; else the grid reaches to these, too
+ASIDE, ELEVATION = 35.0, 24.0  # degrees, from behind the cameras
+Kind = Literal["subject", "room", "forward"]
+
+
+@dataclass(frozen=True)
+class SparsePreview:
+    """pack: the points and cameras. scene: read as seen from all around, which shows forward-facing ones best, too. points: in
+    its training frame. kind: found from the poses. boxes: by kind, the box [2, 3] that fits it, training frame; a
+    forward-facing scene has none.
+    """
+
+    pack: Pack
+    scene: Scene
+    points: SparsePoints
+    kind: Kind
+    boxes: Mapping[Kind, np.ndarray]
+
+    @property
+    def photographs(self) -> int:
+        """How many have a pose."""
+        return sum(len(split) for split in self.scene.splits.values())
+
+    def places_in_grid(self) -> np.ndarray:
+        """The points float64 [M, 3] in the pack's grid frame."""
+        grid_T_training = np.linalg.inv(self.pack.worldspace_T_opengl)
+        return self.points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
+
+    def eyes(self) -> np.ndarray:
+        """Where the cameras stand, float64 [N, 3], training frame."""
+        return np.stack([p.camera.world_T_camera[:3, 3] for split in self.scene.splits.values() for p in split])
+
+    def overview(self) -> Pose:
+        """From where points and cameras are seen from outside."""
+        places = self.places_in_grid()
+        eyes = np.stack([shot.view.position for shot in shots_of(self.pack)])
+        middle = 0.5 * (eyes.mean(0) + np.median(places, axis=0))
+        reach = max(
+            np.linalg.norm(eyes - middle, axis=-1).max(), np.quantile(np.linalg.norm(places - middle, axis=-1), MOST)
+        )
+        azimuth, _ = Turntable().angles(eyes.mean(0) - middle + np.array([0.0, 0.0, 1e-6]))
+        distance = FROM_OUTSIDE * max(float(reach), 1e-6) / np.sin(np.radians(DEFAULT_FOV / 2))
+        return Pose(triple(middle), azimuth + ASIDE, ELEVATION, distance)
+
+
+def read_sparse_preview(
+    folder: Path, spherify: bool | None = None, masks: bool = False, up: Direction | None = None
+) -> Task[SparsePreview | None]:
+    """Reads the scene in a folder in a thread; None if there are too few points.
+
+    spherify, masks, up: as training.scenes.SceneOptions has them.
+    """
+
+    def read() -> SparsePreview | None:
+        try:
+            with warnings.catch_warnings():  # what the reader has to say is said where training reads the scene
+                warnings.simplefilter("ignore")
+                forward = not spherify and load_scene(folder).ndc
+                scene = load_scene(folder, spherify=True, masks=masks, up=up)
+            points = sparse_points(scene)
+            if points is None or len(points.places) < FEWEST:
+                return None
+            provenance = {"scene": str(folder.resolve()), "spherify": True, "masks": masks}
+            pack = points_pack(scene, points).with_metadata(provenance=provenance, cameras=cameras_of(scene))
+            kind, boxes = _kinds(scene, points)
+            return SparsePreview(pack, scene, points, "forward" if forward else kind, boxes)
+        except Exception:  # the command that trains on the same folder says what is wrong with it
+            return None
+
+    return Task(read)
+
+
+def _kinds(scene: Scene, points: SparsePoints) -> tuple[Kind, dict[Kind, np.ndarray]]:
+    """What cameras that stand around look at, and the boxes that go with a subject and with a room."""
+    poses = np.stack([p.camera.world_T_camera for split in scene.splits.values() for p in split])
+    kind: Kind = "subject" if looks_inwards(poses) else "room"
+    reaches: dict[Kind, float] = {"subject": HALF_SIDE, "room": FARTHEST}
+    boxes: dict[Kind, np.ndarray] = {
+        name: box_of_points(points.places, points.tracks, reach, scene.aabb) for name, reach in reaches.items()
+    }
+    boxes[kind] = scene.aabb
+    return kind, {name: box for name, box in boxes.items() if _within(points.places, box).sum() >= FEWEST}
+
+
+def _within(points: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Which points [M, 3] lie in a box [2, 3]: bool [M]."""
+    return ((points > box[0]) & (points < box[1])).all(axis=-1)
+
+
+def points_pack(scene: Scene, points: SparsePoints) -> Pack:
+    """The points that lie in or around the scene's box, each a voxel; a diffuse pack. ValueError where none does."""
+    grid_T_training = np.linalg.inv(scene.worldspace_T_opengl)
+    box = scene.aabb
+    if _within(points.places, box).mean() < MOST_OUTSIDE:
+        far = box_of_points(points.places, points.tracks, FARTHEST, box)
+        box = np.stack([np.minimum(box[0], far[0]), np.maximum(box[1], far[1])])
+    corners = (box @ grid_T_training[:3, :3].T) + grid_T_training[:3, 3]
+    low, high = corners.min(0), corners.max(0)
+    margin = 0.5 * (AROUND - 1) * (high - low)
+    low, high = low - margin, high + margin
+    voxel_size = float((high - low).max()) / SIDE
+    blocks = np.ceil((high - low) / (voxel_size * BLOCK_SIZE)).astype(int)
+    places = points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
+    voxels = np.floor((places - low) / voxel_size).astype(int)
+    inside = ((voxels >= 0) & (voxels < blocks * BLOCK_SIZE)).all(axis=1)
+    if not inside.any():
+        raise ValueError("no point lies in the box")
+    voxels, colours = voxels[inside][:, ::-1], points.colours[inside]  # z, y, x
+    kept = np.zeros(tuple(blocks[::-1]), bool)
+    kept[tuple((voxels // BLOCK_SIZE).T)] = True
+    indices, rgba, _ = fill_atlas(_macroblocks(voxels, colours), kept, BLOCK_SIZE)
+    restore_padding(rgba, indices, BLOCK_SIZE)
+    x, y, z = (int(count) * BLOCK_SIZE for count in blocks)
+    return Pack(
+        voxel_size=voxel_size, min_xyz=low, grid_size=(x, y, z), block_size=BLOCK_SIZE, atlas_indices=indices,
+        atlas_rgba=rgba, atlas_features=None, view_mlp=None, worldspace_T_opengl=scene.worldspace_T_opengl,
+    )  # fmt: skip
+
+
+def _macroblocks(voxels: np.ndarray, colours: np.ndarray) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
+    """Place (z, y, x) and content uint8 [bs, bs, bs, 8] of each macroblock with points: voxels [M, 3] (z, y, x)."""
+    places, of = np.unique(voxels // BLOCK_SIZE, axis=0, return_inverse=True)
+    order = np.argsort(of.ravel(), kind="stable")
+    ends = np.searchsorted(of.ravel()[order], np.arange(len(places) + 1))
+    for number, place in enumerate(places.tolist()):
+        rows = order[ends[number] : ends[number + 1]]
+        content = np.zeros((BLOCK_SIZE,) * 3 + (8,), np.uint8)
+        content[tuple((voxels[rows] % BLOCK_SIZE).T)] = np.concatenate(
+            [colours[rows], np.full((len(rows), 1), 255, np.uint8), np.zeros((len(rows), 4), np.uint8)], axis=1
+        )
+        yield tuple(place), content
+
+
+# --- The ground among the points ---
+
+REACH = 24.0  # pixels between the mouse and a point that it means
+NEIGHBOURS = 40  # points around that tell a plane; fewer than FEWEST_NEIGHBOURS tell none
+FEWEST_NEIGHBOURS = 8
+ROUNDS, KEPT = 4, 0.7  # fits, each to this share of the points that lie nearest to the plane before
+FLATTEST = 0.35  # how thick points may be, of their lesser breadth, to be a plane
+
+
+def point_under(camera: ViewCamera, points: np.ndarray, x: float, y: float) -> int | None:
+    """The nearest to the camera of the points (grid frame) within REACH of pixel (x, y); None where there is none."""
+    pixels, before = project(camera, points)
+    near = before & (np.linalg.norm(pixels - (x, y), axis=-1) <= REACH)
+    if not near.any():
+        return None
+    away = np.linalg.norm(points - camera.position, axis=-1)
+    return int(np.argmin(np.where(near, away, np.inf)))
+
+
+def normal_at(points: np.ndarray, index: int, eyes: np.ndarray) -> np.ndarray | None:
+    """The unit normal [3], towards the cameras, of the plane about one of the points; None where there is no plane."""
+    order = np.argsort(np.linalg.norm(points - points[index], axis=-1), kind="stable")
+    around = points[order[:NEIGHBOURS]]
+    if len(around) < FEWEST_NEIGHBOURS:
+        return None
+    some, spread, axes, middle = around, np.zeros(3), np.eye(3), around.mean(0)
+    for _ in range(ROUNDS):  # what stands on the ground is not of it
+        middle = some.mean(0)
+        _, spread, axes = np.linalg.svd(some - middle, full_matrices=False)
+        off = np.abs((around - middle) @ axes[2])
+        some = around[np.argsort(off, kind="stable")[: max(int(KEPT * len(around)), FEWEST_NEIGHBOURS)]]
+    if spread[2] > FLATTEST * max(spread[1], 1e-12):
+        return None
+    return axes[2] if ((eyes - middle) @ axes[2]).mean() > 0 else -axes[2]
+
+
+# --- Review ---
 
 WAIT_S = 60.0
 SAME = 1e-6  # of the box's extent: a face that was not moved
@@ -60,19 +251,14 @@ class Review:
     @property
     def kinds(self) -> tuple[Kind, ...]:
         """What the scene may be taken for. Only what looks forward to the reader can be forward-facing."""
-        around: tuple[Kind, ...] = ("subject", "room")
-        around = tuple(kind for kind in around if kind in self.sparse_preview.boxes)
-        return (*around, "forward") if self.sparse_preview.kind == "forward" else around
+        sparse = self.sparse_preview
+        every: tuple[Kind, ...] = ("subject", "room", "forward")
+        return tuple(kind for kind in every if kind in sparse.boxes or kind == sparse.kind == "forward")
 
     def show_box(self, app: App, on: bool = True) -> None:
         """Cuts the points to the box that will be trained, so that its faces can be dragged; or shows them all."""
         self.hold()
         app.set(crop=self.box_in_grid() if on else None)
-
-    def choose(self, kind: Kind) -> None:
-        """Takes the scene for a subject or a room, with the box that fits, or for forward-facing, which has none."""
-        self.hold()
-        self.kind = kind
 
     def up_at(self, camera: ViewCamera, x: float, y: float) -> Direction | str:
         """What is up (for the plan), where the ground is clicked on at a pixel; or in words, why that is impossible."""
@@ -87,7 +273,11 @@ class Review:
     def box_in_grid(self) -> crop.Box | None:
         """Crop box for the chosen kind of scene, clipped to the point grid; None if forward-facing."""
         box = self.sparse_preview.boxes.get(self.kind)
-        return None if box is None else in_grid(self.sparse_preview.pack, box)
+        if box is None:
+            return None
+        low, high = crop.whole(self.sparse_preview.pack)
+        corners = np.clip(_turned(box, np.linalg.inv(self.sparse_preview.pack.worldspace_T_opengl)), low, high)
+        return triple(corners[0]), triple(corners[1])
 
     def decided(self, cut: crop.Box | None) -> Plan:
         """The plan as it is trained, with what was chosen. cut: the box that the points are cut to, None for no other."""
@@ -106,22 +296,10 @@ class Review:
         if not moved.any() and given is self.sparse_preview.scene.aabb:
             return None
         # A face that was not moved stays where the reader has it, be that beyond the points' grid.
-        whole = np.where(moved, np.asarray(cut), _turned(given, np.linalg.inv(_frame(self.sparse_preview.pack))))
-        x0, y0, z0, x1, y1, z1 = (
-            float(f"{value:.4g}") for value in _turned(whole, _frame(self.sparse_preview.pack)).ravel()
-        )
+        frame = self.sparse_preview.pack.worldspace_T_opengl
+        whole = np.where(moved, np.asarray(cut), _turned(given, np.linalg.inv(frame)))
+        x0, y0, z0, x1, y1, z1 = (float(f"{value:.4g}") for value in _turned(whole, frame).ravel())
         return x0, y0, z0, x1, y1, z1
-
-
-def in_grid(pack: Pack, box: np.ndarray) -> crop.Box:
-    """A box [2, 3] of the training frame as the crop box of a pack, within its content."""
-    low, high = crop.whole(pack)
-    corners = np.clip(_turned(box, np.linalg.inv(_frame(pack))), low, high)
-    return triple(corners[0]), triple(corners[1])
-
-
-def _frame(pack: Pack) -> np.ndarray:
-    return np.asarray(pack.worldspace_T_opengl, np.float64)
 
 
 def _turned(box: np.ndarray, to_T_from: np.ndarray) -> np.ndarray:

@@ -9,8 +9,7 @@ from console.progress import duration
 from viewer.core import theme
 from viewer.core.widgets import hint, px
 from viewer.features.making.make_job import Box, RejectedPhotographs
-from viewer.features.making.photograph_check import few_with_reasons
-from viewer.features.making.survey import BarePreview
+from viewer.features.making.survey import BarePreview, few_with_reasons
 from viewer.rendering.canvas import Canvas
 
 HEIGHT, GAP, ROUNDING, BAR = 64.0, 5.0, 4.0, 12.0

@@ -32,6 +32,7 @@ from viewer.core.widgets import (
     px,
     segments,
     switch,
+    write,
 )
 from viewer.features.measuring.measure_tool import PAGE, LengthFormat, angle, lengths
 from viewer.rendering.canvas import Canvas
@@ -90,11 +91,9 @@ def _list(app: App, words: LengthFormat) -> None:
             imgui.push_id(i)
             if imgui.selectable(f"{TITLES[measurement.kind]} {i + 1}", i == measure_tool.selected)[0]:
                 measure_tool.selected = None if i == measure_tool.selected else i
-                app.touch()
             imgui.pop_id()
             imgui.same_line(px(86))
-            with coloured(text=theme.MUTED):
-                imgui.text_unformatted(elided(words.measurement(measurement), width - px(80)))
+            write(elided(words.measurement(measurement), width - px(80)), theme.MUTED)
         imgui.end_child()
         _actions(app)
         hint("Drag a point in the picture to move it. Delete removes what is selected.")

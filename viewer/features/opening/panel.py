@@ -26,11 +26,11 @@ from viewer.core.widgets import (
     coloured,
     elided,
     elided_start,
-    font,
     hint,
     in_front,
     main_button,
     px,
+    write,
 )
 from viewer.features.opening.open_prompt import OpenPrompt, browse, choose, expanded
 
@@ -102,8 +102,7 @@ class FileDialogs:
         opening = not imgui.is_popup_open(TITLE)
         if not begin_modal(TITLE, size, 540, 0.4, padding=(24, 22)):
             return
-        with font(fonts.bold, 18.0):
-            imgui.text_unformatted(self._request.title)
+        write(self._request.title, face=fonts.bold, size=18.0)
         if opening:
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
@@ -160,8 +159,7 @@ class OpenDialog:
         imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, 0.86 * size.y))
         if not begin_modal(NAME, size, WIDTH, 0.12, pivot=0.0, padding=(24, 20)):
             return
-        with font(fonts.bold, 18.0):
-            imgui.text_unformatted("Compare with" if open_prompt.other else "Open")
+        write("Compare with" if open_prompt.other else "Open", face=fonts.bold, size=18.0)
         what = "A pack: a folder or a .zip." if open_prompt.other else "A pack, photographs, a film or a training run."
         hint(f"{what} Type a path, or a part of one that you opened lately.")
         entered = self._field(open_prompt, opening)
@@ -273,10 +271,8 @@ def show_start_page(app: App, fonts: Fonts) -> None:
     imgui.set_cursor_pos(ImVec2(left, top))
     imgui.begin_group()
     _logo(left)
-    with font(fonts.bold, theme.HUGE):
-        imgui.text_unformatted("snerg")
-    with coloured(text=theme.MUTED):
-        imgui.text_unformatted("Fly through scenes made from photographs.")
+    write("snerg", face=fonts.bold, size=theme.HUGE)
+    write("Fly through scenes made from photographs.", theme.MUTED)
     imgui.dummy(ImVec2(0, px(14)))
     if app.demo is not None and main_button(f"{fa.ICON_FA_PLAY}  Open the demo scene", column):
         app.open(app.demo)
@@ -286,12 +282,10 @@ def show_start_page(app: App, fonts: Fonts) -> None:
         _button(app, f"{fa.ICON_FA_CLOCK_ROTATE_LEFT}  Continue with {title}", "last-session", column)
     _button(app, f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Make a scene from photographs…", "make", column)
     imgui.dummy(ImVec2(0, px(2)))
-    with coloured(text=theme.FAINT):
-        imgui.text_unformatted("or drop or paste a pack, a folder of photographs or a film")
+    write("or drop or paste a pack, a folder of photographs or a film", theme.FAINT)
     if recent:
         imgui.dummy(ImVec2(0, px(16)))
-        with font(fonts.bold, theme.SMALL), coloured(text=theme.MUTED):
-            imgui.text_unformatted("RECENT")
+        write("RECENT", theme.MUTED, fonts.bold, theme.SMALL)
         for path in recent:
             _recent(app, path, column)
     imgui.end_group()

@@ -67,7 +67,6 @@ def _rays(app: App) -> None:
     tip("Counts in a small picture of the view, once the camera rests")
     if on != app.costs.enabled:
         app.costs.switch(on)
-        app.touch()
     costs = app.costs.costs
     if not app.costs.enabled:
         hint("How many voxels each ray fetches, and how often it jumps over empty space.")

@@ -17,7 +17,7 @@ from viewer.core import theme
 from viewer.core.files import FileRequest, existing_folder
 from viewer.core.pose import FRUSTUM_EDGES, project
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, card, coloured, font, half_width, hint, label, px, segments, switch, tip
+from viewer.core.widgets import Box, card, coloured, half_width, hint, label, px, segments, slider, switch, tip, write
 from viewer.features.comparison.panel import compare_controls
 from viewer.features.photographs.photographs import Photographs, Thumbnails
 from viewer.rendering.canvas import Canvas
@@ -25,7 +25,6 @@ from viewer.rendering.canvas import Canvas
 ROW, THUMBNAIL = 46.0, 54.0
 SMALLEST_LIST = 4.3  # rows
 FOLDER_HEIGHT, MORE_WORDS = 136.0, 32.0  # of what lies below the list; and where the photographs are elsewhere
-LOGARITHMIC = imgui.SliderFlags_.logarithmic
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
@@ -36,18 +35,20 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             hint("This pack has no camera poses. Packs made by snerg-make have them.")
         return
     with card("cameras", fonts, "Cameras"):
-        on = switch("frusta", gallery.frusta, "Show in the scene")
-        if on != gallery.frusta:
-            gallery.frusta = on
-            app.touch()
+        gallery.frusta = switch("frusta", gallery.frusta, "Show in the scene")
         if len(photographs.splits) > 1:
             options = ["", *photographs.splits]
             picked = segments("split", options, gallery.split_shown, {"": "all"})
             if picked is not None:
                 gallery.split_shown, gallery.reveal = picked, True
-                app.touch()
         if gallery.frusta and comparison.against != "photograph":
-            _look_of_frusta(app)
+            label("Size")
+            gallery.frusta_size = slider(
+                "size", gallery.frusta_size, 25.0, 400.0, "%.0f %%", times=100, flags=imgui.SliderFlags_.logarithmic
+            )
+            label("Opacity")
+            gallery.frusta_opacity = slider("opacity", gallery.frusta_opacity, 0.0, 100.0, "%.0f %%", times=100)
+            tip("Of the photographs in the scene; at 0 only their outlines are drawn")
     if comparison.against == "photograph":
         compare_controls(app, fonts, "Compare with the photograph")
     bottom = imgui.get_window_pos().y + imgui.get_window_height()
@@ -69,21 +70,6 @@ def _where(photographs: Photographs) -> str:
         return "These copies came with the pack. Choose the folder of the scene to use its own files."
     there = f" They were in {photographs.folder}." if photographs.folder else ""
     return f"The photographs are not on this computer.{there} Choose their folder to see them here."
-
-
-def _look_of_frusta(app: App) -> None:
-    gallery = app.gallery
-    label("Size")
-    changed, value = imgui.slider_float("##size", 100 * gallery.frusta_size, 25.0, 400.0, "%.0f %%", LOGARITHMIC)
-    if changed:
-        gallery.frusta_size = value / 100
-        app.touch()
-    label("Opacity")
-    changed, value = imgui.slider_float("##opacity", 100 * gallery.frusta_opacity, 0.0, 100.0, "%.0f %%")
-    tip("Of the photographs in the scene; at 0 only their outlines are drawn")
-    if changed:
-        gallery.frusta_opacity = value / 100
-        app.touch()
 
 
 def _list_title(app: App) -> str:
@@ -291,6 +277,5 @@ def _tooltip(app: App, index: int, sheet: int | None) -> None:
         scale = px(PREVIEW) / max(w, h)
         imgui.image(imgui.ImTextureRef(sheet), ImVec2(scale * w, scale * h), *uv)
     imgui.text_unformatted(shot.name)
-    with font(None, theme.SMALL), coloured(text=theme.MUTED):
-        imgui.text_unformatted(f"{shot.split}   click to go there")
+    write(f"{shot.split}   click to go there", theme.MUTED, size=theme.SMALL)
     imgui.end_tooltip()

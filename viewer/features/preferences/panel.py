@@ -10,7 +10,7 @@ from viewer.core import theme
 from viewer.core.input import GAMEPAD_BUTTONS, MOUSE_BUTTONS
 from viewer.core.state import SCALES
 from viewer.core.theme import THEMES, Fonts
-from viewer.core.widgets import card, choice, coloured, figure, font, hint, label, paragraph, px, segments, switch
+from viewer.core.widgets import card, choice, figure, font, hint, label, paragraph, px, segments, slider, switch, write
 from viewer.rendering.canvas import Canvas
 
 STICKS = (
@@ -33,7 +33,6 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         picked = choice("scale", [str(scale) for scale in SCALES], str(interface.scale), titles)
         if picked:
             interface.scale = float(picked)
-            app.touch()
         hint("Ctrl+Plus, Ctrl+Minus and Ctrl+0 do the same.")
         interface.axes_shown = switch("axes", interface.axes_shown, "Axes")
     with card("controllers", fonts, "Gamepad and 3D mouse"):
@@ -43,9 +42,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         if not usable:
             hint("None is connected. Gamepads and SpaceMouse devices are found when they are plugged in.")
         label("Dead zone")
-        changed, value = imgui.slider_float("##dead zone", 100 * app.controllers.dead_zone, 0.0, 50.0, "%.0f %%")
-        if changed:
-            app.controllers.dead_zone = 0.01 * value
+        app.controllers.dead_zone = slider("dead zone", app.controllers.dead_zone, 0.0, 50.0, "%.0f %%", times=100)
         for rows, buttons, shown in (
             (STICKS, GAMEPAD_BUTTONS, any(state.gamepad for state in usable)),
             (CAP, MOUSE_BUTTONS, any(state.mouse for state in usable)),
@@ -72,7 +69,6 @@ def show_log(app: App, canvas: Canvas, fonts: Fonts) -> None:
         app.clipboard.set("\n".join(f"{line.clock} {line.level}: {line.text}" for line in lines))
     for line in reversed(lines):
         imgui.dummy(ImVec2(0, px(1)))
-        with font(fonts.mono, theme.SMALL), coloured(text=theme.FAINT):
-            imgui.text_unformatted(line.clock)
+        write(line.clock, theme.FAINT, fonts.mono, theme.SMALL)
         with font(None, theme.SMALL + 1):
             paragraph(line.text, COLOURS[line.level])

@@ -41,7 +41,7 @@ def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
     app.making.copy_command(app)
     assert app.clipboard.get() == f"snerg-make {scene} --out {plan.out} --preset full --downscale 2"
     assert "--no-view" in plan.command()
-    app.making.dismiss(app)
+    app.making.dismiss()
     assert app.making.plan is None and not app.messages.dialogs
 
 
@@ -165,7 +165,7 @@ def test_found_poses_are_gone_on_with_where_the_folder_of_the_results_is_dropped
     assert plan.has_points and ("camera poses in this folder are used" in plan.attempt_text()) == there
     app.drop([out / "scene"])
     assert app.making.plan.source == out / "scene", "a scene like any other"
-    app.making.dismiss(app)
+    app.making.dismiss()
 
 
 @pytest.mark.parametrize("place", ["file/pack", "/proc/nope/pack"])

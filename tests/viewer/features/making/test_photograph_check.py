@@ -13,8 +13,8 @@ from tests.training.posing.rooms import cameras, photograph
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.features.making.test_making import gone, live
 from viewer.app.application import App
-from viewer.features.making import photograph_check
-from viewer.features.making.photograph_check import result_lines
+from viewer.features.making import survey
+from viewer.features.making.survey import result_lines
 
 COUNT, DARK = 9, 4
 
@@ -52,20 +52,20 @@ def test_a_check_shows_its_progress_and_then_what_it_found(asked: App, tmp_path:
     assert lines[0].startswith(f"{COUNT} photographs, ") and lines[-1].startswith(
         f"1 differently exposed: p{DARK}.png ("
     )
-    monkeypatch.setattr(photograph_check.webbrowser, "open", lambda address: opened.append(address))  # and finds none
+    monkeypatch.setattr(survey.webbrowser, "open", lambda address: opened.append(address))  # and finds none
     check.open_page()
     live(asked, lambda: "No browser was found" in asked.messages.toast)
     assert opened == [check.page.as_uri()]
-    making.dismiss(asked)
+    making.dismiss()
     assert making.check is None
 
 
 def test_a_check_that_is_stopped_or_whose_dialog_is_closed_leaves_nothing(asked: App, tmp_path: Path):
-    for stop in (asked.making.stop_check, asked.making.dismiss):
+    for stop in (asked.making.end_check, asked.making.dismiss):
         asked.making.check_photographs(asked)
         pid = asked.making.check._process.child.pid
         live(asked, lambda: asked.making.check.report is not None, 120.0)
-        stop(asked)
+        stop()
         assert asked.making.check is None
         live(asked, lambda pid=pid: gone(pid) and not list((tmp_path / "temporary").glob("snerg-ch*")), 60.0)
     assert not (tmp_path / "shed-snerg").exists() and not asked.messages.dialogs
@@ -80,4 +80,4 @@ def test_a_check_that_fails_says_why_in_one_line(asked: App, tmp_path: Path):
 
 
 def test_names_beyond_the_first_few_are_counted():
-    assert photograph_check.few_with_reasons({f"{i}.jpg": "blurred" for i in range(5)}).endswith("and 2 more")
+    assert survey.few_with_reasons({f"{i}.jpg": "blurred" for i in range(5)}).endswith("and 2 more")

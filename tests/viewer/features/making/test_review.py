@@ -23,8 +23,7 @@ from viewer.features.making import make_plan
 from viewer.features.making import review as review_module
 from viewer.features.making.make_job import RejectedPhotographs
 from viewer.features.making.make_plan import Plan
-from viewer.features.making.review import Review
-from viewer.features.making.sparse_preview import SparsePreview, normal_at, read_sparse_preview
+from viewer.features.making.review import Review, SparsePreview, normal_at, read_sparse_preview
 
 FAKE = Path(__file__).with_name("fake_make.py")
 

@@ -137,7 +137,7 @@ def test_the_question_opens_what_is_chosen_and_remembers_scenes(app, shelf, pack
     (shelf / "plain" / "transforms.json").write_text('{"frames": []}')
     app.drop([shelf / "plain"])
     assert app.making.plan is not None and app.preferences.recent_packs() == [(shelf / "plain").resolve()]
-    app.making.dismiss(app)
+    app.making.dismiss()
 
 
 def test_a_pasted_path_opens_and_a_wrong_one_is_told(app, pack, pack_folder, tmp_path):
