@@ -48,26 +48,19 @@ OnProgress = Callable[[int, int], None]
 OnPreview = Callable[[Pack], None]
 
 
-def load_pack(
-    path: Path,
-    *,
-    on_progress: OnProgress | None = None,
-    on_preview: OnPreview | None = None,
-    on_begin: OnPreview | None = None,
-) -> Pack:
+def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: OnPreview | None = None) -> Pack:
     """Reads a pack, a folder or one .zip of it, completely.
 
     on_progress(done, total) is called in this thread after each of `total` images, and on_preview(pack) a few times
-    before the end, with the same scene in coarser voxels (scenepack.coarse); on_begin(pack) before the first image, with its
-    atlas still to be filled. Raises UserError where the pack cannot be opened; warns with PackWarning where it is untidy. A
-    folder that is replaced meanwhile is read anew.
+    before the end, with the same scene in coarser voxels (scenepack.coarse). Raises UserError where the pack cannot be opened;
+    warns with PackWarning where it is untidy. A folder that is replaced meanwhile is read anew.
     """
     path = Path(path)
     for _ in range(3):
         before = _identity(path)
         try:
             with open_pack(path) as reader:
-                pack = reader.read(on_progress, on_preview, on_begin)
+                pack = reader.read(on_progress, on_preview)
         except UserError:
             if before is None or _identity(path) == before:
                 raise
@@ -144,12 +137,7 @@ class PackReader:
     def close(self) -> None:
         self.files.close()
 
-    def read(
-        self,
-        on_progress: OnProgress | None = None,
-        on_preview: OnPreview | None = None,
-        on_begin: OnPreview | None = None,
-    ) -> Pack:
+    def read(self, on_progress: OnProgress | None = None, on_preview: OnPreview | None = None) -> Pack:
         """The whole pack; see load_pack."""
         depth, height, width = self.outline.atlas_rgba.shape[:3]
         whole = (self._groups * PLANES_PER_IMAGE, height, width, 4)
@@ -161,8 +149,6 @@ class PackReader:
             raise UserError(f"its atlas does not fit in memory ({error})", where=self.files.path) from error
         features = atlas[FEATURE][:depth] if FEATURE in atlas else None
         pack = replace(self.outline, atlas_rgba=atlas[RGBA][:depth], atlas_features=features)
-        if on_begin is not None:
-            on_begin(pack)
         known = np.full(depth, self._pieces is not None)  # of pieces: where nothing has arrived there are zeros
         groups, steps = order_of_groups(depth, pack.padded_block_size)
         if self._pieces:

@@ -22,7 +22,6 @@ from viewer.rendering.layers import depth_along_axis
 from viewer.rendering.opengl import GpuClock, free_framebuffer, new_framebuffer, read_pixels
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings, of_picture
-from viewer.rendering.software_rasteriser.texture_preallocation import SharedContext, TexturePreallocator
 from viewer.rendering.targets import MARGIN, Box, Difference, Drawn, Layer, Sheet, SheetTexture, Target, with_margin
 
 if TYPE_CHECKING:
@@ -34,16 +33,10 @@ BLEND_S = 0.08  # in which a tile of it appears over the quick picture, so that 
 
 
 class Canvas:
-    """Draws the open pack. ctx: of the window, or an offscreen one. shared_context: see TexturePreallocator."""
+    """Draws the open pack. ctx: of the window, or an offscreen one."""
 
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        retired: list[moderngl.Texture] | None = None,
-        shared_context: SharedContext | None = None,
-    ) -> None:
+    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture] | None = None) -> None:
         self.ctx = ctx
-        self._preallocator = TexturePreallocator(ctx, shared_context)
         self.renderer: Renderer | None = None
         self._coming: Renderer | None = None  # a finer one, shown once all of it has arrived
         self._retired = [] if retired is None else retired
@@ -74,14 +67,10 @@ class Canvas:
 
     # Packs and pixels
 
-    def preallocate(self, pack: Pack | None) -> None:
-        """Begins to allocate textures for a pack that is still being read; None gives them up."""
-        self._preallocator.make(pack)
-
     def show(self, pack: Pack | None) -> None:
         """Uploads another pack. UserError, with the old one kept, where it does not fit."""
         self._drop_coming()
-        renderer = None if pack is None else self._arriving(pack)
+        renderer = None if pack is None else Renderer(self.ctx, pack, at_once=False)
         if self.renderer is not None:
             self.renderer.release()
         self.renderer = renderer
@@ -89,12 +78,9 @@ class Canvas:
 
     def refine(self, pack: Pack) -> None:
         """Uploads a finer version of the open pack and shows it once it is complete."""
-        coming = self._arriving(pack)
+        coming = Renderer(self.ctx, pack, at_once=False)
         self._drop_coming()
         self._coming = coming
-
-    def _arriving(self, pack: Pack) -> Renderer:
-        return Renderer(self.ctx, pack, at_once=False, preallocated=self._preallocator.now)
 
     def _drop_coming(self) -> None:
         if self._coming is not None:
@@ -256,7 +242,6 @@ class Canvas:
         """Frees textures that are not needed. Call before a frame's panels are built: lists built already may name them."""
         while self._retired:
             self._retired.pop().release()
-        self._preallocator.sweep()
 
     def forget(self) -> None:
         """Begins anew with the next draw, after one that failed."""
@@ -335,7 +320,6 @@ class Canvas:
         self.gpu_ms, self.scene_ms = self.clock.time(lambda: renderer.render(target, camera, settings, viewport))
 
     def release(self) -> None:
-        self._preallocator.release()
         self.show_other(None)
         self._drop_coming()
         for name in list(self._images):

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import product
 from math import inf
-from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
@@ -19,9 +18,6 @@ import numpy as np
 from console import UserError
 from scenepack.blocks import atlas_from_volume, block_copy, grid_block_counts
 from scenepack.pack import Pack
-
-if TYPE_CHECKING:
-    from viewer.rendering.software_rasteriser.texture_preallocation import PreallocatedTexture
 
 OR_HALF = "or measure it at half resolution: --allow-half"  # the remedy of commands that have this option
 
@@ -44,12 +40,10 @@ class Limits:
 
 
 class Uploader:
-    """Creates textures, counts their bytes and checks every allocation. preallocated: used where its size fits."""
+    """Creates textures, counts their bytes and checks every allocation."""
 
-    def __init__(
-        self, ctx: moderngl.Context, limits: Limits | None = None, preallocated: PreallocatedTexture | None = None
-    ) -> None:
-        self.ctx, self.bytes, self.limits, self.preallocated = ctx, 0, limits or Limits.of(ctx), preallocated
+    def __init__(self, ctx: moderngl.Context, limits: Limits | None = None) -> None:
+        self.ctx, self.bytes, self.limits = ctx, 0, limits or Limits.of(ctx)
         self.made: list[moderngl.Texture | moderngl.Texture3D] = []
         while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
             pass
@@ -77,8 +71,7 @@ class Uploader:
         """An uninitialised 3D texture of size (x, y, z)."""
         bytes_ = int(np.prod(size, dtype=np.int64)) * channels * int(dtype[-1])
         self._refuse_more_than_fits(what, bytes_)
-        texture = self.preallocated.take(size, channels) if self.preallocated is not None and dtype == "f1" else None
-        texture = texture or self.ctx.texture3d(size, channels, alignment=1, dtype=dtype)
+        texture = self.ctx.texture3d(size, channels, alignment=1, dtype=dtype)
         self.made.append(texture)
         self.check(f"the {what} texture", bytes_)
         self.bytes += bytes_

@@ -17,7 +17,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
 from math import ceil, inf
-from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
@@ -32,9 +31,6 @@ from viewer.rendering.software_rasteriser import (
     private_memory,
     software_draws,
 )
-
-if TYPE_CHECKING:
-    from viewer.rendering.software_rasteriser.texture_preallocation import PreallocatedTexture
 
 MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
 SHOWN_EVERY_S = 0.02  # while a pack arrives
@@ -170,8 +166,8 @@ class AtlasWriter:
         self.near: np.ndarray | None = None
         self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * self.block  # in the pack's atlas, (x, y, z)
         self.slots = tightest_atlas(len(self.places), self.block, uploader.limits.max_side, beside)
-        self.size = atlas_size(self.slots, self.block, beside)
         nx, ny, nz = self.slots
+        self.size = nx * beside * self.block, ny * self.block, nz * self.block  # voxels (x, y, z)
         self.textures: list[tuple[str, moderngl.Texture3D, tuple[Part, ...]]] = []
         self._layer_of = np.arange(len(self.places)) // (nx * ny)  # of each macroblock, in the grid's order
         self._arrived = np.zeros(nz, bool)  # layers of slots
@@ -229,36 +225,24 @@ class AtlasWriter:
         self.uploader.check(f"the {name} texture", int(np.prod(self.size, dtype=np.int64)) * volume.shape[3])
 
 
-def atlas_size(slots: Triple, block: int, parts: int) -> Triple:
-    """Voxels (x, y, z) of an atlas of `slots` macroblocks of `block` voxels a side, `parts` of them side by side in x."""
-    return slots[0] * parts * block, slots[1] * block, slots[2] * block
-
-
 def features_stored(pack: Pack) -> bool:
     """Whether the GPU holds the features of `pack`."""
     return pack.atlas_features is not None and pack.view_mlp is not None
 
 
 def upload(
-    ctx: moderngl.Context,
-    pack: Pack,
-    layout: str,
-    limits: Limits | None = None,
-    *,
-    at_once: bool = True,
-    preallocated: PreallocatedTexture | None = None,
+    ctx: moderngl.Context, pack: Pack, layout: str, limits: Limits | None = None, *, at_once: bool = True
 ) -> GpuScene:
     """Puts `pack` on the GPU for the marchers of `layout`, "exact" or "paper". NoRoomError where it does not fit.
 
-    at_once: fill the textures, too; otherwise GpuScene.arrive does it, and what is there can be drawn meanwhile. preallocated:
-    the texture made ahead for it.
+    at_once: fill the textures, too; otherwise GpuScene.arrive does it, and what is there can be drawn meanwhile.
     """
     if layout == "exact" and features_stored(pack):
         try:
-            return _uploaded(Uploader(ctx, limits, preallocated), pack, layout, True, at_once)
+            return _uploaded(Uploader(ctx, limits), pack, layout, True, at_once)
         except NoRoomError:  # as two textures it may fit
             pass
-    return _uploaded(Uploader(ctx, limits, preallocated), pack, layout, False, at_once)
+    return _uploaded(Uploader(ctx, limits), pack, layout, False, at_once)
 
 
 def _uploaded(uploader: Uploader, pack: Pack, layout: str, features_beside: bool, at_once: bool) -> GpuScene:

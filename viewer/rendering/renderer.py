@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import moderngl
 
@@ -24,9 +24,6 @@ from viewer.rendering.settings import MARCHERS, MODES, RenderSettings
 from viewer.rendering.shader_source import assemble, glsl_reciprocals, view_mlp_biases, view_mlp_weights
 from viewer.rendering.skip_grid import CELL
 from viewer.rendering.supersampling import Supersampling
-
-if TYPE_CHECKING:
-    from viewer.rendering.software_rasteriser.texture_preallocation import PreallocatedTexture
 
 GL_FRAMEBUFFER_SRGB = 0x8DB9
 GL_DEPTH_CLAMP = 0x864F
@@ -54,10 +51,10 @@ class Renderer:
     """A pack on the GPU and the programs that draw it. Textures of a marcher are uploaded when it is first asked for.
 
     ctx: an OpenGL 3.3 context, current. marcher: uploaded first. limits: of the GPU, by default what the driver says.
-    at_once: fill its textures now; otherwise arrive() does, bit by bit, and what has arrived is drawn. preallocated: made
-    ahead. A pack that does not fit is shown at half resolution, or half of that, with a Notice; `pack` is what is
-    shown. NoRoomError where not even a pack of less than LEAST_HALVED voxels a side would fit, and at once without
-    allow_half: figures of a pack must not be those of another.
+    at_once: fill its textures now; otherwise arrive() does, bit by bit, and what has arrived is drawn. A pack that does not fit
+    is shown at half resolution, or half of that, with a Notice; `pack` is what is shown. NoRoomError where not even a pack of
+    less than LEAST_HALVED voxels a side would fit, and at once without allow_half: figures of a pack must not be those of
+    another.
     """
 
     def __init__(
@@ -69,7 +66,6 @@ class Renderer:
         *,
         at_once: bool = True,
         allow_half: bool = True,
-        preallocated: PreallocatedTexture | None = None,
     ) -> None:
         self.ctx, self._limits = ctx, limits
         self._scenes: dict[str, GpuScene] = {}
@@ -79,9 +75,7 @@ class Renderer:
         refused: NoRoomError | None = None
         while not self._scenes:
             try:
-                self._scenes[_layout(marcher)] = upload(
-                    ctx, self.pack, _layout(marcher), limits, at_once=at_once, preallocated=preallocated
-                )
+                self._scenes[_layout(marcher)] = upload(ctx, self.pack, _layout(marcher), limits, at_once=at_once)
             except NoRoomError as error:
                 refused = refused or error
                 if not allow_half or max(self.pack.grid_size) < LEAST_HALVED:

@@ -31,7 +31,6 @@ from viewer.interface.ui import SystemClipboard, Ui
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.opengl import free_framebuffer, opengl_refusal, read_pixels, version_at
 from viewer.rendering.software_rasteriser import finish
-from viewer.window.glfw_parts import SecondContext, controllers_now, text_of
 from viewer.window.shutdown import notices_logged
 
 import glfw  # isort: skip  (after imgui_bundle)
@@ -94,11 +93,9 @@ class Window:
         self.ctx = moderngl.create_context(require=330)
         while self.ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
             pass
-        self._second = SecondContext(glfw, self.handle)
-        self.canvas = Canvas(self.ctx, shared_context=self._second.for_a_thread)
+        self.canvas = Canvas(self.ctx)
         app.canvas = self.canvas
         self._listen()
-        self.read_controllers: Callable[[], list[ControllerState]] = lambda: controllers_now(glfw)
         self.ui = Ui(ctypes.cast(self.handle, ctypes.c_void_p).value or 0)
         self.ui.keyboard.local_name = _local_name
         app.clipboard = SystemClipboard()
@@ -184,7 +181,7 @@ class Window:
             app.touch()
         now = time.monotonic()
         seconds = min(now - self._last, LONGEST_STEP_S)
-        app.controllers.update(app, self.read_controllers(), seconds, lambda command: run(app, command))
+        app.controllers.update(app, controllers_now(), seconds, lambda command: run(app, command))
         app.tick(seconds)
         self._last = now
         ui = self.ui
@@ -306,7 +303,6 @@ class Window:
         self.app.end_processes()
         self.app.canvas = None
         self.canvas.close()
-        self._second.close()
         self.ui.release()
         self.ctx.release()
         glfw.destroy_window(self.handle)
@@ -317,6 +313,31 @@ class Window:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def controllers_now(glfw: Any = glfw) -> list[ControllerState]:
+    """What the gamepads and other joysticks of this computer say at this moment."""
+    found = []
+    for number in range(glfw.JOYSTICK_1, glfw.JOYSTICK_LAST + 1):
+        if not glfw.joystick_present(number):
+            continue
+        state = glfw.get_gamepad_state(number) if glfw.joystick_is_gamepad(number) else None
+        if state is not None:
+            name, axes, buttons = glfw.get_gamepad_name(number), tuple(state.axes), state.buttons
+        else:
+            name = glfw.get_joystick_name(number)  # arrays come with how many they hold
+            axes, buttons = (
+                tuple(float(values[i]) for i in range(count))
+                for values, count in (glfw.get_joystick_axes(number), glfw.get_joystick_buttons(number))
+            )
+        pressed = tuple(bool(button) for button in buttons)
+        found.append(ControllerState(_text_of(name), axes, pressed, gamepad=state is not None))
+    return found
+
+
+def _text_of(value: Any) -> str:
+    """A string of GLFW's, which its bindings give as bytes at times."""
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
 
 
 def _version_at_hand() -> str:
@@ -351,7 +372,7 @@ def _local_name(place: str) -> str:
 def _open(size: tuple[int, int]):
     """An OpenGL 3.3 core window, its context current."""
     complaints: list[str] = []
-    glfw.set_error_callback(lambda _code, text: complaints.append(text_of(text)))
+    glfw.set_error_callback(lambda _code, text: complaints.append(_text_of(text)))
     glfw.ERROR_REPORTING = False
     if not glfw.init():
         raise NoDisplay(f"no window can be opened: {complaints[-1] if complaints else 'GLFW does not start'}")

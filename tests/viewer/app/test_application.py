@@ -21,15 +21,12 @@ class FakeCanvas:
     gpu_bytes = 0
 
     def __init__(self, refuse: str = "") -> None:
-        self.shown, self.refuse, self.preallocated = [], refuse, []
+        self.shown, self.refuse = [], refuse
 
     def show(self, pack):
         if self.refuse:
             raise UserError(self.refuse)
         self.shown.append(pack)
-
-    def preallocate(self, pack):
-        self.preallocated.append(pack)
 
     def refine(self, pack):
         self.shown[-1] = pack

@@ -22,7 +22,7 @@ from viewer.core.input import (
     Y,
     shaped,
 )
-from viewer.window.glfw_parts import controllers_now
+from viewer.window.window import controllers_now
 
 NEUTRAL = (0.0, 0.0, 0.0, 0.0, -1.0, -1.0)
 

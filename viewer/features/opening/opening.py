@@ -45,7 +45,6 @@ class Loading(Task[None]):
         self.images = (0, 0)  # how many are decoded, and of how many
         self.pack: Pack | None = None
         self.preview: Pack | None = None  # what can be shown already; another object whenever there is more to see
-        self.begun: Pack | None = None  # the pack before its images are decoded, to preallocate
         self.error: Exception | None = None  # a UserError or a bug's exception; None also where it was cancelled
         self.notes: list[str] = []  # what was repaired meanwhile
         super().__init__(self._read)
@@ -59,9 +58,7 @@ class Loading(Task[None]):
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                pack = load_pack(
-                    self.path, on_progress=self._progress, on_preview=self._more_to_see, on_begin=self._begin
-                )
+                pack = load_pack(self.path, on_progress=self._progress, on_preview=self._more_to_see)
                 work_out_ahead(pack)
             self.notes = [str(warning.message) for warning in caught]
             self.pack = None if self.cancelled else pack
@@ -71,9 +68,6 @@ class Loading(Task[None]):
             self.error = UserError("not enough memory to open the pack", where=self.path, found=str(error) or None)
         except Exception as error:  # shown in a dialog; the program goes on
             self.error = error
-
-    def _begin(self, pack: Pack) -> None:
-        self.begun = pack
 
     def _more_to_see(self, pack: Pack) -> None:
         work_out_ahead(pack)
@@ -100,7 +94,6 @@ class Opening:
     then: Then | None = None  # called once it is shown
     noted: set[tuple[Path, str]] = field(default_factory=set)  # which notes of which pack were shown
     _share_shown: float = -1.0
-    _preallocated_for: Loading | None = None
 
     def start(self, app: App, path: Path, *, other: bool = False, then: Then | None = None) -> None:
         self.cancel(app)
@@ -126,7 +119,6 @@ class Opening:
             app.touch(1)
         try:
             if not loading.finished:
-                self._preallocate(app, loading)
                 self._take_preview(app, loading)
                 return
             app.touch()
@@ -138,8 +130,6 @@ class Opening:
             if loading.pack is not None:
                 self._show_whole(app, loading.pack, loading.path)
                 self._tell_notes(app, loading)
-            if app.canvas is not None:
-                app.canvas.preallocate(None)  # what was not used is given up
         except Exception as error:  # a dialog, and the program goes on
             loading.cancel()
             self.loading = None
@@ -157,12 +147,6 @@ class Opening:
             rest = [f"… and {more} more. See the Log page."] if more > 0 else []
             head = f"{name_of(loading.path)} is open. Some of its files are not as expected:"
             app.messages.show_toast("\n".join([head, *shown, *rest]), "warning")
-
-    def _preallocate(self, app: App, loading: Loading) -> None:
-        wanted = loading.begun is not None and not self.other
-        if wanted and self._preallocated_for is not loading and app.canvas is not None:
-            app.canvas.preallocate(loading.begun)
-            self._preallocated_for = loading
 
     def _take_preview(self, app: App, loading: Loading) -> None:
         """Shows the part that was read, unless a whole scene is open: that stays until the new one is complete."""
@@ -189,8 +173,6 @@ class Opening:
 
     @staticmethod
     def _drop_unfinished(app: App) -> None:
-        if app.canvas is not None:
-            app.canvas.preallocate(None)
         if app.scene is not None and not app.scene.whole:
             app.close()
 
