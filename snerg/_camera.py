@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
+    from scenepack.cameras import PhotographCamera
     from scenepack.pack import Pack
     from training.scenes.scene import Camera as SceneCamera
     from viewer.rendering.camera import ViewCamera
@@ -152,7 +153,7 @@ def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross
 
 
-def camera_of(camera: SceneCamera, name: str, split: str) -> Camera:
+def camera_of(camera: SceneCamera | PhotographCamera, name: str, split: str) -> Camera:
     """The camera of a photograph."""
     lens = camera.fx, camera.fy, camera.cx, camera.cy
     return Camera(camera.world_T_camera, *lens, camera.width, camera.height, camera.distortion, "world", name, split)

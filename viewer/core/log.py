@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 KEPT_LINES = 500
 TOAST_S, READING_S, LONGEST_TOAST_S = 4.0, 0.05, 20.0  # at least; more for each letter of a warning; at most
 BUG = "This is a bug in snerg"
+Buttons = tuple[tuple[str, str], ...]  # labels and command ids
+OK: Buttons = (("OK", ""),)
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Dialog:
 
     title: str
     text: str
-    buttons: tuple[tuple[str, str], ...] = (("OK", ""),)  # labels and command ids
+    buttons: Buttons = OK
     failed: bool = True  # what was wanted did not come about; False where it is only good to know
     rejected: RejectedPhotographs | None = None  # photographs that are shown with it
 
@@ -90,11 +92,7 @@ class Messages:
         return self._toast_seen != before
 
     def fail(
-        self,
-        title: str,
-        error: BaseException | str,
-        buttons: tuple[tuple[str, str], ...] = (("OK", ""),),
-        rejected: RejectedPhotographs | None = None,
+        self, title: str, error: BaseException | str, buttons: Buttons = OK, rejected: RejectedPhotographs | None = None
     ) -> None:
         """Opens a dialog, and logs it. A bug of ours is called one, with its traceback in the log."""
         text = error if isinstance(error, str) else in_plain_words(error)
@@ -110,12 +108,10 @@ class Messages:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", Notice)
             yield
-        for warning in caught:
-            if issubclass(warning.category, Notice):
-                text = str(warning.message)
-                self.log(text, "warning")
-                if dialog:
-                    self.dialogs.append(Dialog("Shown with less detail", text[:1].upper() + text[1:], failed=False))
+        for text in (str(warning.message) for warning in caught if issubclass(warning.category, Notice)):
+            self.log(text, "warning")
+            if dialog:
+                self.dialogs.append(Dialog("Shown with less detail", text[:1].upper() + text[1:], failed=False))
 
     @property
     def toast_left(self) -> float:
@@ -149,8 +145,7 @@ class CrashLog:
 
     def __init__(self, folder: Path) -> None:
         self.path: Path | None = folder / f"{RUNNING}{os.getpid()}.log"
-        self._file: TextIO | None = None
-        self._ended = False
+        self._file: TextIO | None = None  # while it is written
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._file = open(self.path, "w", encoding="utf-8", errors="replace")  # noqa: SIM115  (for as long as it runs)
@@ -162,7 +157,7 @@ class CrashLog:
 
     def add(self, text: str) -> None:
         """Writes a line and flushes it, so that it outlasts the process."""
-        if self._file is None or self._ended:
+        if self._file is None:
             return
         try:
             if self._file.tell() > MOST_BYTES:  # after a long session only the end matters
@@ -189,11 +184,11 @@ class CrashLog:
         return self.path
 
     def _close(self) -> None:
-        if self._file is not None and not self._ended:
-            self._ended = True
+        if self._file is not None:
             faulthandler.disable()
             with contextlib.suppress(OSError):
                 self._file.close()
+            self._file = None
 
 
 def versions() -> str:

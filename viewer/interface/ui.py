@@ -16,7 +16,6 @@ from viewer.app.application import App
 from viewer.core import theme
 from viewer.core.input import Keyboard, KeyPress
 from viewer.core.state import Clipboard
-from viewer.core.system_fonts import load_fonts
 from viewer.core.tasks import Task
 from viewer.core.theme import Fonts
 from viewer.core.widgets import in_front
@@ -72,7 +71,7 @@ class Ui:
             imgui.backends.glfw_init_for_opengl(window, True)
         imgui.backends.opengl3_init(GLSL_VERSION)
         missing = self.fonts.missing if window is not None else ""
-        self._font_search = Task(lambda: load_fonts(missing)) if missing else None
+        self._font_search = Task(lambda: theme.load_fonts(missing)) if missing else None
         self.plots = implot.create_context()
         self.file_dialogs = FileDialogs(native=None if window is not None else False)
         self.open_dialog = OpenDialog(self.file_dialogs.native)

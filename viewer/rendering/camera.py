@@ -12,6 +12,7 @@ from math import cos, radians, sin, tan
 
 import numpy as np
 
+from scenepack.cameras import PhotographCamera
 from scenepack.pack import Pack
 from training.scenes.lens import Lens, directions_at
 from training.scenes.scene import Camera
@@ -76,7 +77,7 @@ class ViewCamera:
         return cls(grid_T_camera, focal, focal, 0.5 * width, 0.5 * height, width, height)
 
     @classmethod
-    def from_scene_camera(cls, pack: Pack, camera: Camera) -> ViewCamera:
+    def from_scene_camera(cls, pack: Pack, camera: Camera | PhotographCamera) -> ViewCamera:
         """The view of a photograph's camera, distorted as its lens did; its rays begin where those of training did."""
         grid_T_camera = np.linalg.inv(pack.worldspace_T_opengl) @ np.asarray(camera.world_T_camera, np.float64)
         size = int(camera.width), int(camera.height)

@@ -12,9 +12,9 @@ from imgui_bundle import imgui
 from PIL import Image
 
 from scenepack import save_pack
-from viewer.core import system_fonts
+from viewer.core import theme
 from viewer.core.log import Dialog
-from viewer.core.system_fonts import FontFile, chosen_fonts, find_fonts
+from viewer.core.theme import FontFile, chosen_fonts, find_fonts
 
 JAPANESE = "日本棚"
 
@@ -26,7 +26,7 @@ def needs_japanese() -> None:
     listed = subprocess.run(
         ["fc-list", ":charset=65e5 68da", "file"], capture_output=True, text=True, timeout=60
     ).stdout
-    if not any(line.rstrip(": ").endswith(system_fonts.SUFFIXES) for line in listed.splitlines()):
+    if not any(line.rstrip(": ").endswith(theme.SUFFIXES) for line in listed.splitlines()):
         pytest.skip("no font with Japanese letters is installed (such as fonts-noto-cjk or fonts-droid-fallback)")
 
 

@@ -165,7 +165,6 @@ class MeasureTool:
         if self.draft:
             app.scene.rig.remember()
         self.tool, self.draft = tool, ()
-        app.touch()
 
     def toggle(self, app: App) -> None:
         """Starts measuring and opens the page, or stops."""
@@ -189,7 +188,6 @@ class MeasureTool:
             self._place(app, app.annotations.current.measurements[index].points[point])
         else:
             self.selected = index
-            app.touch()
 
     def _place(self, app: App, point: Point) -> None:
         if app.scene is None or self.draft[-1:] == (point,):  # a double click
@@ -202,7 +200,6 @@ class MeasureTool:
         self.draft = (*self.draft, point)
         if self.tool in ("point", "angle") and len(self.draft) == LEAST_POINTS[self.tool]:
             self._keep(app)
-        app.touch()
 
     def finish(self, app: App) -> bool:
         """Ends the line that is being drawn; False where there is none yet."""
@@ -210,7 +207,6 @@ class MeasureTool:
             return False
         app.scene.rig.remember()
         self._keep(app)
-        app.touch()
         return True
 
     def _keep(self, app: App) -> None:
@@ -228,7 +224,6 @@ class MeasureTool:
         if self.draft:
             app.scene.rig.remember()
             self.draft = self.draft[:-1]
-            app.touch()
         elif self.selected is not None:
             self.remove(app, self.selected)
 
@@ -249,7 +244,6 @@ class MeasureTool:
         before = annotations.measurements[index]
         points = (*before.points[:point], triple(hit.point), *before.points[point + 1 :])
         app.annotations.current = annotations.with_measurement(index, replace(before, points=points))
-        app.touch()
 
     def remove(self, app: App, index: int) -> None:
         annotations = app.annotations.current

@@ -11,22 +11,21 @@ lets the whole sheet fit into LARGEST_SHEET pixels a side, so that memory is bou
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
 
 from console import UserError
-from scenepack.cameras import label_of, photograph_cameras
+from scenepack.cameras import PhotographCamera, label_of, photograph_cameras
 from scenepack.pack import Pack
 from scenepack.pictures import has_picture, picture_of
 from training.scenes import load_scene
 from training.scenes.pictures import PictureLoader
-from training.scenes.scene import Camera, Photograph
+from training.scenes.scene import Photograph
 from training.scenes.scene_options import recorded_options
 from viewer.core.pose import frustum_points
 from viewer.core.tasks import Task
@@ -40,17 +39,16 @@ LONGEST_SIDE = 1600  # pixels; larger photographs are shown smaller
 
 @dataclass(frozen=True)
 class Shot:
-    """One photograph's camera, in the training frame; view: as the renderer wants it; entry: all the pack says of it."""
+    """One photograph's camera, in the training frame; view: as the renderer wants it."""
 
     name: str
     split: str
-    camera: Camera
+    camera: PhotographCamera
     view: ViewCamera
-    entry: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def has_copy(self) -> bool:
-        return has_picture(self.entry)
+        return has_picture(self.camera.entry)
 
 
 class Photographs:
@@ -116,7 +114,7 @@ class Photographs:
 
     def copy(self, index: int) -> np.ndarray:
         """The small copy of a shot, uint8 [h, w, 3]. UserError where there is none."""
-        picture = picture_of(self.shots[index].entry)
+        picture = picture_of(self.shots[index].camera.entry)
         if picture is None:
             raise UserError("the pack's copy of the photograph cannot be decoded", where=self.shots[index].name)
         return picture
@@ -155,23 +153,16 @@ class Photographs:
     def _read(self, folder: Path) -> None:
         scene = load_scene(folder, **recorded_options(self._provenance))
         found: dict[tuple[str, str], Photograph] = {}
-        for split, photographs in scene.splits.items():
-            for photograph in photographs:
-                name = label_of(photograph.name)
-                found[(split, name)] = photograph
-                found.setdefault(("", name), photograph)
+        for split, photograph in ((split, each) for split, some in scene.splits.items() for each in some):
+            found[(split, label_of(photograph.name))] = photograph
+            found.setdefault(("", label_of(photograph.name)), photograph)
         self.background, self._found = scene.background, found
 
 
 def shots_of(pack: Pack) -> list[Shot]:
     """The cameras in the pack's metadata; entries that make no sense are left out."""
-    shots = []
-    for found in photograph_cameras(pack):
-        lens = (found.fx, found.fy, found.cx, found.cy, found.distortion)
-        camera = Camera(found.world_T_camera, found.width, found.height, *lens)
-        view = ViewCamera.from_scene_camera(pack, camera)
-        shots.append(Shot(found.name, found.split, camera, view, found.entry))
-    return shots
+    views = ((camera, ViewCamera.from_scene_camera(pack, camera)) for camera in photograph_cameras(pack))
+    return [Shot(camera.name, camera.split, camera, view) for camera, view in views]
 
 
 def psnr(a: np.ndarray, b: np.ndarray) -> float:
@@ -269,22 +260,19 @@ class Gallery:
             return
         shot = self.photographs.shots[index]
         app.scene.rig.hold(shot.view, remember=True)
-        if self.split_shown not in ("", shot.split):
+        if self.split_shown != shot.split:
             self.split_shown = ""
         self.chosen, self.reveal = index, True
         app.comparison.stop()
-        app.touch()
         if self.photographs.has_picture(index):  # else its place is all there is to see
             app.comparison.with_photograph(self.photographs.pixels(index))
 
     def step(self, app: App, by: int) -> None:
         """Chooses the next listed photograph, or the previous one."""
-        visible = self.visible()
-        if not visible:
-            return
-        first = 0 if by > 0 else -1
-        place = visible.index(self.chosen) + by if self.chosen in visible else first
-        self.stand_in(app, visible[place % len(visible)])
+        if visible := self.visible():
+            first = 0 if by > 0 else -1
+            place = visible.index(self.chosen) + by if self.chosen in visible else first
+            self.stand_in(app, visible[place % len(visible)])
 
     def tick(self, app: App) -> None:
         """Reads thumbnails while they are visible and redraws when they arrive."""
