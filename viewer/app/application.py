@@ -192,12 +192,6 @@ class App:
             self.turn_to(self.open_packs.packs.pop())
         self.touch()
 
-    def end_processes(self) -> None:
-        """Ends the processes that make a scene, export or share one, and hold a picture for the clipboard."""
-        self.making.end()
-        self.exporting.end()
-        self.sharing.end()
-
     def quit(self) -> None:
         """Ends the program in the next turn of its loop, without a question."""
         self.quitting = True

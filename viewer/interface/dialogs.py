@@ -10,7 +10,7 @@ from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core.theme import Fonts
 from viewer.core.widgets import begin_modal, confirmed, font, main_button, paragraph, pressed_here, px, write
-from viewer.features.making import strips_panel
+from viewer.features.making.panel import show_rejected
 from viewer.rendering.canvas import Canvas
 
 NAME = "##dialog"
@@ -32,7 +32,7 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
     paragraph(dialog.text, theme.MUTED)
     if dialog.rejected is not None:
         imgui.dummy(ImVec2(0, px(2)))
-        strips_panel.show_rejected(canvas, dialog.rejected)
+        show_rejected(canvas, dialog.rejected)
     imgui.dummy(ImVec2(0, px(6)))
     answer = _buttons(dialog.buttons)
     if answer is None and pressed_here(imgui.Key.escape):

@@ -300,7 +300,8 @@ class Window:
         return glfw.get_platform() == glfw.PLATFORM_X11
 
     def close(self) -> None:
-        self.app.end_processes()
+        for part in (self.app.making, self.app.exporting, self.app.sharing):
+            part.end()
         self.app.canvas = None
         self.canvas.close()
         self.ui.release()

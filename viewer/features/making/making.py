@@ -134,12 +134,6 @@ class Making:
             self.check.close()
         self.check = None
 
-    def _tick_check(self, app: App) -> None:
-        if self.check is not None and self.check.poll():
-            app.touch(2)
-        if self.check is not None and self.check.no_browser():
-            app.messages.say(f"No browser was found. The page is {self.check.page}", "warning")
-
     def copy_command(self, app: App) -> None:
         """Puts the command line that does the same on the clipboard, for another machine, say."""
         if self.plan is not None:
@@ -351,7 +345,11 @@ class Making:
         if now - self._looked < POLL_EVERY_S:
             return
         self._looked = now
-        self._tick_check(app)
+        if (check := self.check) is not None:
+            if check.poll():
+                app.touch(2)
+            if check.no_browser():
+                app.messages.say(f"No browser was found. The page is {check.page}", "warning")
         if job is None:
             return
         status = job.child.poll()

@@ -26,7 +26,7 @@ from viewer.core.widgets import (
     titled_button,
     write,
 )
-from viewer.features.making import strips_panel
+from viewer.features.making import panel
 from viewer.features.making.make_job import MakeJob
 from viewer.features.making.review import Review
 from viewer.rendering.canvas import Canvas
@@ -153,7 +153,7 @@ def show_review(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
     with corner_card("##review", box):
         _head(review, fonts)
         if review.rejected is not None:
-            strips_panel.show_rejected(canvas, review.rejected)
+            panel.show_rejected(canvas, review.rejected)
         shown = app.making.sparse_preview_shown(app)
         if not shown:
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points", ImVec2(-1, px(30))):

@@ -52,7 +52,7 @@ class BarePreview(JsonTask):
     names: of the pictures read so far, in order.
     sheet, boxes: their thumbnails; see viewer.rendering.targets.Sheet.
     aside: reasons for rejected pictures, by name; None before they are known.
-    seconds: estimated time by stage; None before there is one.
+    seconds: estimated time for finding the poses, by stage; None before there is one.
     error: why reading stopped early; "" if it did not.
     """
 
@@ -100,11 +100,6 @@ class BarePreview(JsonTask):
     def used(self) -> int | None:
         """How many pictures would be used; None before it is known."""
         return None if self.count is None or self.aside is None else self.count - len(self.aside)
-
-    @property
-    def seconds_in_all(self) -> float | None:
-        """An estimate for finding the poses; None before there is one."""
-        return None if self.seconds is None else sum(self.seconds.values())
 
 
 # --- Time, memory and disk ---
