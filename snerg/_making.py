@@ -237,9 +237,7 @@ def bake(
     config = config if resolution is None else replace(config, resolution=resolution)
     config.check()
     with _reporting(on_progress):
-        loaded = (
-            run._loaded if isinstance(run, Run) and run._loaded else load_run(run.path if isinstance(run, Run) else run)
-        )
+        loaded = run._loaded or load_run(run.path) if isinstance(run, Run) else load_run(run)
         if resolution is None:
             config = replace(config, resolution=default_resolution(method, loaded))
         bake_to(loaded, config, Path(out), codec, last=not isinstance(run, Run), say=lambda line: None)

@@ -7,7 +7,7 @@ import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from snerg._camera import Camera, Frame, camera_of, camera_of_view, view_of
 from snerg._errors import SnergError, with_snerg_errors
@@ -148,10 +148,9 @@ class Scene:
         from viewer.rendering.opengl import current_context
         from viewer.rendering.settings import MOST_SAMPLES, RenderSettings
 
-        if mode not in ("normal", "depth", "normals", "alpha", "features"):
-            raise SnergError(
-                "is no mode", where="mode", expected="normal, depth, normals, alpha or features", found=mode
-            )
+        if mode not in get_args(Mode):
+            modes = "normal, depth, normals, alpha or features"
+            raise SnergError("is no mode", where="mode", expected=modes, found=mode)
         if not 1 <= samples <= MOST_SAMPLES:
             raise SnergError("is out of range", where="samples", expected=f"1 to {MOST_SAMPLES}", found=samples)
         if camera is None:

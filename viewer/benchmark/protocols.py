@@ -110,12 +110,8 @@ def given_distance(text: str) -> float | None:
     except ValueError:
         number = 0.0
     if not (isfinite(number) and 0 < number < 1e6):
-        raise UserError(
-            "is not a distance",
-            where="--distance",
-            expected="auto, paper, content or a positive number",
-            found=repr(text),
-        )
+        expected = "auto, paper, content or a positive number"
+        raise UserError("is not a distance", where="--distance", expected=expected, found=repr(text))
     return number
 
 

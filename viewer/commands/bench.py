@@ -56,12 +56,8 @@ def figures(
     for other in others:
         statistics = {**other.statistics(), "gpu_bytes": measurement.gpu_bytes[other.name]}
         if systems:
-            result["against"] = {
-                "systems": [ours.name, other.name],
-                **statistics,
-                **other.ratio_to(ours),
-                "psnr": shown.get(other.name),
-            }
+            names, psnr = [ours.name, other.name], shown.get(other.name)
+            result["against"] = {"systems": names, **statistics, **other.ratio_to(ours), "psnr": psnr}
         elif other.name == "paper":
             psnr = measurement.psnr["paper"]
             psnr = psnr if isfinite(psnr) else None  # JSON knows no infinity
@@ -269,9 +265,8 @@ def _systems(path: Path, pack: Pack, against: Path, marchers: tuple[str, str]) -
     """Two packs of one scene, each with a marcher of its own."""
     other = load_pack(against)
     if other.ndc != pack.ndc:
-        raise UserError(
-            "cannot be seen by the same cameras: one of the packs is forward-facing", where=f"--against {against}"
-        )
+        what = "cannot be seen by the same cameras: one of the packs is forward-facing"
+        raise UserError(what, where=f"--against {against}")
     names = [f"{each.resolve().name}, {marcher}" for each, marcher in zip((path, against), marchers, strict=True)]
     if names[0] == names[1]:
         names[1] += ", again"

@@ -31,9 +31,8 @@ def temporary_folder(prefix: str) -> Path:
     except OSError as error:
         words, remedy = not_written(error)
         known = isinstance(error, FileNotFoundError) and refusal(error)
-        raise UserError(
-            known or f"no temporary folder can be made: {words}", remedy=None if known else remedy
-        ) from error
+        what = known or f"no temporary folder can be made: {words}"
+        raise UserError(what, remedy=None if known else remedy) from error
 
 
 class CommandProcess:

@@ -179,16 +179,10 @@ def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera
     """A photograph's camera, lens included, for another picture size: the whole photograph fits, centred."""
     width, height = size
     scale = min(width / camera.width, height / camera.height)
-    return replace(
-        camera,
-        fx=camera.fx * scale,
-        fy=camera.fy * scale,
-        cx=0.5 * width + scale * (camera.cx - 0.5 * camera.width),
-        cy=0.5 * height + scale * (camera.cy - 0.5 * camera.height),
-        width=width,
-        height=height,
-        near=near,
-    )
+    cx = 0.5 * width + scale * (camera.cx - 0.5 * camera.width)
+    cy = 0.5 * height + scale * (camera.cy - 0.5 * camera.height)
+    lens = {"fx": camera.fx * scale, "fy": camera.fy * scale, "cx": cx, "cy": cy}
+    return replace(camera, width=width, height=height, near=near, **lens)
 
 
 # --- From the grid frame to the picture: points, frusta, boxes, and dragging along an axis ---

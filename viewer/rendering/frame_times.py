@@ -37,16 +37,9 @@ class Contender:
     def statistics(self) -> dict[str, float]:
         """Mean, standard deviation, percentiles (ms) and frames per second of the mean."""
         times = np.asarray(self.ms)
-        p50, p95, p99 = (float(v) for v in np.percentile(times, (50, 95, 99)))
+        percentiles = {f"ms_p{share}": float(np.percentile(times, share)) for share in (50, 95, 99)}
         mean = float(times.mean())
-        return {
-            "ms_mean": mean,
-            "ms_std": float(times.std()),
-            "ms_p50": p50,
-            "ms_p95": p95,
-            "ms_p99": p99,
-            "fps": 1000.0 / mean,
-        }
+        return {"ms_mean": mean, "ms_std": float(times.std()), **percentiles, "fps": 1000.0 / mean}
 
     def ratio_to(self, first: Contender) -> dict[str, float]:
         """How many times `first`'s frame time ours is: of the medians, and between which most pairs of frames lie."""

@@ -117,10 +117,9 @@ def half_resolution(pack: Pack) -> Pack:
     def read_box(low: Triple, high: Triple) -> tuple[np.ndarray, np.ndarray | None]:
         rgba = _means(pack, pack.atlas_rgba, low, high)
         gain = 2.0 - rgba[..., 3:] / 255.0
-        features = None
-        if pack.atlas_features is not None:
-            features = _quantised(_means(pack, pack.atlas_features, low, high) * gain)
-        return _quantised(rgba * gain), features
+        if pack.atlas_features is None:
+            return _quantised(rgba * gain), None
+        return _quantised(rgba * gain), _quantised(_means(pack, pack.atlas_features, low, high) * gain)
 
     indices, rgba, features = atlas_from_volume(read_box, grid_size, pack.block_size, occupied)
     if pack.atlas_features is not None and features is None:

@@ -139,10 +139,8 @@ class Window:
         if action == glfw.PRESS:
             keyboard.down(place)
         name = _name(key, scancode) or place
-        control, super_, shift, alt = (
-            bool(modifiers & bit) for bit in (glfw.MOD_CONTROL, glfw.MOD_SUPER, glfw.MOD_SHIFT, glfw.MOD_ALT)
-        )
-        command = holds_command(name, control, super_)
+        command = holds_command(name, bool(modifiers & glfw.MOD_CONTROL), bool(modifiers & glfw.MOD_SUPER))
+        shift, alt = bool(modifiers & glfw.MOD_SHIFT), bool(modifiers & glfw.MOD_ALT)
         self.ui.pressed(KeyPress(name, command, shift, alt, repeat=action == glfw.REPEAT))
 
     def _character(self, _: object, code: int) -> None:

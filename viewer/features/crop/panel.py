@@ -151,11 +151,11 @@ def _projection(camera: ViewCamera, radius: float) -> gizmo.Matrix16:
         matrix[0, 0], matrix[0, 3] = 2 * camera.fx / camera.width, 2 * camera.cx / camera.width - 1
         matrix[1, 1], matrix[1, 3] = 2 * camera.fy / camera.height, 1 - 2 * camera.cy / camera.height
         matrix[2, 2], matrix[2, 3], matrix[3, 3] = -2 / (far - near), -(far + near) / (far - near), 1.0
-        return gizmo.Matrix16(_columns(matrix))
-    matrix[0, 0], matrix[0, 2] = 2 * camera.fx / camera.width, 1 - 2 * camera.cx / camera.width
-    matrix[1, 1], matrix[1, 2] = 2 * camera.fy / camera.height, 2 * camera.cy / camera.height - 1
-    matrix[2, 2], matrix[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)
-    matrix[3, 2] = -1.0
+    else:
+        matrix[0, 0], matrix[0, 2] = 2 * camera.fx / camera.width, 1 - 2 * camera.cx / camera.width
+        matrix[1, 1], matrix[1, 2] = 2 * camera.fy / camera.height, 2 * camera.cy / camera.height - 1
+        matrix[2, 2], matrix[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)
+        matrix[3, 2] = -1.0
     return gizmo.Matrix16(_columns(matrix))
 
 

@@ -73,9 +73,8 @@ class Plan:
             source = _photographs_of(path / POSED)
             return cls("scene", source, path, survey=Survey(source))
         if subject == "scene":
-            return cls(
-                "scene", path, _beside(path, f"{path.stem if is_film(path) else path.name}-snerg"), survey=Survey(path)
-            )
+            name = path.stem if is_film(path) else path.name
+            return cls("scene", path, _beside(path, f"{name}-snerg"), survey=Survey(path))
         if (path / "run").is_dir() and not (path / "config.json").is_file():  # snerg-make's DIR
             scene = _description(path / "run")["scene"]
             if scene and Path(scene).is_dir():

@@ -83,9 +83,8 @@ def _picture(canvas: Canvas, job: MakeJob) -> None:
     high = wide * height / width
     low = ImVec2(at.x + wide, at.y + high)
     texture = imgui.ImTextureRef(canvas.image(PICTURE, job.picture))
-    imgui.get_window_draw_list().add_image_rounded(
-        texture, at, low, ImVec2(0, 0), ImVec2(1, 1), theme.packed("#ffffff"), px(6)
-    )
+    whole, draw = (ImVec2(0, 0), ImVec2(1, 1)), imgui.get_window_draw_list()
+    draw.add_image_rounded(texture, at, low, *whole, theme.packed("#ffffff"), px(6))
     imgui.dummy(ImVec2(wide, high))
 
 

@@ -81,9 +81,8 @@ class SparsePreview:
         places = self.places_in_grid()
         eyes = np.stack([shot.view.position for shot in shots_of(self.pack)])
         middle = 0.5 * (eyes.mean(0) + np.median(places, axis=0))
-        reach = max(
-            np.linalg.norm(eyes - middle, axis=-1).max(), np.quantile(np.linalg.norm(places - middle, axis=-1), MOST)
-        )
+        away = np.linalg.norm(places - middle, axis=-1)
+        reach = max(np.linalg.norm(eyes - middle, axis=-1).max(), np.quantile(away, MOST))
         azimuth, _ = Turntable().angles(eyes.mean(0) - middle + np.array([0.0, 0.0, 1e-6]))
         distance = FROM_OUTSIDE * max(float(reach), 1e-6) / np.sin(np.radians(DEFAULT_FOV / 2))
         return Pose(triple(middle), azimuth + ASIDE, ELEVATION, distance)
@@ -120,11 +119,11 @@ def _kinds(scene: Scene, points: SparsePoints) -> tuple[Kind, dict[Kind, np.ndar
     """What cameras that stand around look at, and the boxes that go with a subject and with a room."""
     poses = np.stack([p.camera.world_T_camera for split in scene.splits.values() for p in split])
     kind: Kind = "subject" if looks_inwards(poses) else "room"
-    reaches: dict[Kind, float] = {"subject": HALF_SIDE, "room": FARTHEST}
     boxes: dict[Kind, np.ndarray] = {
-        name: box_of_points(points.places, points.tracks, reach, scene.aabb) for name, reach in reaches.items()
+        "subject": box_of_points(points.places, points.tracks, HALF_SIDE, scene.aabb),
+        "room": box_of_points(points.places, points.tracks, FARTHEST, scene.aabb),
+        kind: scene.aabb,
     }
-    boxes[kind] = scene.aabb
     return kind, {name: box for name, box in boxes.items() if _within(points.places, box).sum() >= FEWEST}
 
 

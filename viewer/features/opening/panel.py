@@ -107,17 +107,15 @@ class FileDialogs:
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
         with coloured(frame_bg=theme.BASE):
-            entered, self._text = imgui.input_text_with_hint(
-                "##typed", "Path", self._text, imgui.InputTextFlags_.enter_returns_true
-            )
-        hint("Or drop it on the window." if self._request.kind != "save" else "An existing file is replaced.")
-        cancelled, chosen = cancel_or("Save" if self._request.kind == "save" else "Open", 104, 24)
-        chosen = chosen or entered
-        if cancelled or chosen:
+            flags = imgui.InputTextFlags_.enter_returns_true
+            entered, self._text = imgui.input_text_with_hint("##typed", "Path", self._text, flags)
+        saves = self._request.kind == "save"
+        hint("An existing file is replaced." if saves else "Or drop it on the window.")
+        cancelled, chosen = cancel_or("Save" if saves else "Open", 104, 24)
+        if cancelled or chosen or entered:
             imgui.close_current_popup()
+            self._end(app, "" if cancelled else self._text.strip())
         imgui.end_popup()
-        if cancelled or chosen:
-            self._end(app, self._text.strip() if chosen and not cancelled else "")
 
 
 # --- Open prompt ---
@@ -237,9 +235,8 @@ class OpenDialog:
 def _line(open_prompt: OpenPrompt, path: Path, picked: bool, number: int) -> bool:
     at, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
     with coloured(header_hovered=theme.CONTROL, header_active=theme.CONTROL_HOT):
-        pressed = imgui.selectable(
-            f"##line {number}", picked, imgui.SelectableFlags_.no_auto_close_popups, ImVec2(width, px(LINE))
-        )[0]
+        flags = imgui.SelectableFlags_.no_auto_close_popups
+        pressed = imgui.selectable(f"##line {number}", picked, flags, ImVec2(width, px(LINE)))[0]
     kind = open_prompt.kind(path)
     icon, note = KINDS["film" if kind == "pictures" and path.is_file() else kind]
     draw, middle = imgui.get_window_draw_list(), at.y + px(6)

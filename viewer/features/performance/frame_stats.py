@@ -81,14 +81,9 @@ class RayCosts:
         samples, jumps = counts[..., 0][hit], counts[..., 1][hit]
         if not len(samples):
             samples = jumps = np.zeros(1)
-        return cls(
-            float(samples.mean()),
-            int(samples.max()),
-            float(jumps.mean()),
-            int(jumps.max()),
-            float(hit.mean()),
-            (counts.shape[1], counts.shape[0]),
-        )
+        size = counts.shape[1], counts.shape[0]
+        figures = float(samples.mean()), int(samples.max()), float(jumps.mean()), int(jumps.max())
+        return cls(*figures, float(hit.mean()), size)
 
 
 @dataclass
