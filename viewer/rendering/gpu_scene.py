@@ -166,8 +166,8 @@ class AtlasWriter:
         self.near: np.ndarray | None = None
         self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * self.block  # in the pack's atlas, (x, y, z)
         self.slots = tightest_atlas(len(self.places), self.block, uploader.limits.max_side, beside)
+        self.size = atlas_size(self.slots, self.block, beside)
         nx, ny, nz = self.slots
-        self.size = nx * beside * self.block, ny * self.block, nz * self.block  # voxels (x, y, z)
         self.textures: list[tuple[str, moderngl.Texture3D, tuple[Part, ...]]] = []
         self._layer_of = np.arange(len(self.places)) // (nx * ny)  # of each macroblock, in the grid's order
         self._arrived = np.zeros(nz, bool)  # layers of slots
@@ -223,6 +223,11 @@ class AtlasWriter:
                 volume[:, to_y : to_y + size, to_x : to_x + size] = block
         texture.write(volume, viewport=(0, 0, layer * size, width, height, size), alignment=1)
         self.uploader.check(f"the {name} texture", int(np.prod(self.size, dtype=np.int64)) * volume.shape[3])
+
+
+def atlas_size(slots: Triple, block: int, parts: int) -> Triple:
+    """Voxels (x, y, z) of an atlas of `slots` macroblocks of `block` voxels a side, `parts` of them side by side in x."""
+    return slots[0] * parts * block, slots[1] * block, slots[2] * block
 
 
 def features_stored(pack: Pack) -> bool:
