@@ -61,10 +61,6 @@ class Keyboard:
     def up(self, place: str) -> None:
         self.held.discard(place)
 
-    def leave(self) -> None:
-        """The window has lost the keyboard: nothing is held any more."""
-        self.held, self._tapped = set(), set()
-
     def axis(self, plus: str, minus: str) -> float:
         """1, 0 or -1: which of two keys is held, or was tapped since the last frame."""
         active = self.held | self._tapped

@@ -76,7 +76,7 @@ def show(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
     with font(None, theme.SMALL):
         details = imgui.calc_text_size(texts[1]).x
     with font(fonts.bold, theme.SMALL):
-        speed = imgui.calc_text_size(FRAMES).x if app.scene is not None and app.times.drawn else 0.0
+        speed = imgui.calc_text_size(FRAMES).x if app.scene is not None and app.times.frame_ms else 0.0
     where = plan(box[2], px(1), (imgui.calc_text_size(texts[0]).x, details, speed), len(entries))
     _logo(fonts, where.word)
     if where.name > 0:

@@ -7,7 +7,6 @@ training.posing writes the list beside the poses, or in its working folder if it
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -39,7 +38,6 @@ class MakeJob:
 
     plan: Plan
     child: CommandProcess
-    started: float = field(default_factory=time.monotonic)
     report: Report | None = None  # the last progress that the process reported
     figures: list[float] = field(default_factory=list)  # PSNR (dB) during training
     picture: np.ndarray | None = None  # a held-out photograph beside its rendering, uint8 [h, w, 3]
@@ -92,7 +90,6 @@ class TrainingPreview:
 
     pack: Pack
     steps: int  # done
-    of_steps: int  # in all; 0 if unknown
 
     @property
     def description(self) -> str:
@@ -135,7 +132,7 @@ class TrainingPreviewFile:
                 pack = load_pack(self.file)
             made: Any = pack.metadata.get("provenance")
             work_out_ahead(pack)
-            return TrainingPreview(pack, int(made["steps"]), int(made.get("of_steps", 0)))
+            return TrainingPreview(pack, int(made["steps"]))
         except Exception:  # gone meanwhile, or none of ours: the next will do, and the pack in the end
             return None
 

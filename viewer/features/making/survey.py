@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from console import Notice, UserError
+from console import UserError
 from console.json_text import read_json_file
 from console.progress_protocol import Report
 from training.scenes import Scene, load_scene
@@ -194,7 +194,6 @@ class Survey(Task[None]):
         self.error: Exception | None = None
         self.text = ""
         self.kind = ""
-        self.notes: list[str] = []
         self.sizes: dict[int, tuple[int, int]] = {}
         self.automatic: dict[str, int] = {}
         self.forward = False
@@ -242,22 +241,17 @@ class Survey(Task[None]):
                 self._look_at_bare(self.bare)
                 self.text = " ".join([self.text, *(f"{note}." for note in self.bare.notes)])
                 return
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
                 scene = load_scene(self.path)
-            self.notes = [str(warning.message) for warning in caught if issubclass(warning.category, Notice)]
-            self.automatic = {
-                name: suggested_downscale(self.path, preset.longest_side)
-                for name, preset in OFFERED.items()
-                if preset.longest_side is not None
-            }
-            for downscale in {*DOWNSCALES, *self.automatic.values()}:
-                with contextlib.suppress(UserError), warnings.catch_warnings():
-                    warnings.simplefilter("ignore")
-                    self.sizes[downscale] = _size(load_scene(self.path, downscale=downscale))
-                    if scene.kind in MASKED_KINDS:
-                        load_scene(self.path, downscale=downscale, masks=True)
-                        self.masked.add(downscale)
+                sides = {name: side for name, preset in OFFERED.items() if (side := preset.longest_side) is not None}
+                self.automatic = {name: suggested_downscale(self.path, side) for name, side in sides.items()}
+                for downscale in {*DOWNSCALES, *self.automatic.values()}:
+                    with contextlib.suppress(UserError):
+                        self.sizes[downscale] = _size(load_scene(self.path, downscale=downscale))
+                        if scene.kind in MASKED_KINDS:
+                            load_scene(self.path, downscale=downscale, masks=True)
+                            self.masked.add(downscale)
             self.masks = self.masks or bool(self.masked)
             self.forward, self.kind = scene.ndc, scene.kind
             width, height = _size(scene)

@@ -40,13 +40,11 @@ class FrameStats:
         self.scene_ms: deque[float] = deque(maxlen=KEPT)  # drawing the picture, wall clock
         self.gpu_ms: deque[float] = deque(maxlen=KEPT)  # the same by the GPU's timer; NaN where it is unreliable
         self.frame_ms: deque[float] = deque(maxlen=KEPT)  # from frame to frame while frames follow one another
-        self.drawn = 0
 
     def add(self, scene_ms: float, frame_ms: float, gpu_ms: float | None = None) -> None:
         self.scene_ms.append(scene_ms)
         self.gpu_ms.append(float("nan") if gpu_ms is None else gpu_ms)
         self.frame_ms.append(frame_ms)
-        self.drawn += 1
 
     def summary(self) -> FrameSummary:
         """Statistics of the frames; zeros before the first."""
