@@ -16,13 +16,7 @@ import numpy as np
 
 from console import UserError
 from scenepack.pack import Pack
-from viewer.rendering.camera import (
-    ORBIT_ELEVATION,
-    ViewCamera,
-    content_box,
-    forward_facing_path,
-    orbit_path,
-)
+from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, forward_facing_path, orbit_path
 
 FITTED = "content"  # the word of --distance for the orbit that shows all of the content
 
@@ -89,12 +83,13 @@ def flight(
     if pack.ndc:
         return Flight(protocol, fov, size, forward_facing_path(pack, frames, fov, size), None, None)
     assert chosen.distance is not None, "only forward-facing cameras do not orbit"
-    number = given_distance(distance)
-    if number is not None:
-        return Flight(protocol, fov, size, _around_origin(pack, frames, fov, size, number), number, "given")
-    if distance == "paper" or (distance == "auto" and _within(pack, chosen.distance)):
-        cameras = _around_origin(pack, frames, fov, size, chosen.distance)
-        return Flight(protocol, fov, size, cameras, chosen.distance, "paper")
+    number, named = given_distance(distance), "given"
+    if number is None and (distance == "paper" or (distance == "auto" and _within(pack, chosen.distance))):
+        number, named = chosen.distance, "paper"
+    if number is not None:  # about the grid's y axis, so far from the training frame's origin, which is looked at
+        turns, origin = (360.0 * i / frames for i in range(frames)), _origin(pack)
+        cameras = [ViewCamera.orbit(pack, turn, ORBIT_ELEVATION, number, fov, size, origin) for turn in turns]
+        return Flight(protocol, fov, size, cameras, number, named)
     low, high = content_box(pack)
     cameras = orbit_path(pack, frames, fov, size)
     far = float(np.linalg.norm(cameras[0].position - 0.5 * (low + high)))
@@ -124,9 +119,3 @@ def _within(pack: Pack, distance: float) -> bool:
     """Whether all content lies nearer to the origin than so, so that no camera of the orbit stands in it."""
     low, high = content_box(pack) - _origin(pack)
     return bool(np.linalg.norm(np.maximum(np.abs(low), np.abs(high))) < distance)
-
-
-def _around_origin(pack: Pack, frames: int, fov: float, size: tuple[int, int], distance: float) -> list[ViewCamera]:
-    """One turn about the grid's y axis, so far from the training frame's origin, which is looked at."""
-    turns, origin = [360.0 * i / frames for i in range(frames)], _origin(pack)
-    return [ViewCamera.orbit(pack, turn, ORBIT_ELEVATION, distance, fov, size, origin) for turn in turns]

@@ -6,7 +6,6 @@ pieces apart from the rest, as training leaves in empty space, would push the ca
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import radians, tan
 
 import numpy as np
@@ -96,28 +95,19 @@ def filling_distance(local: np.ndarray, fov: float, aspect: float, *, orthograph
     return max(float((across if orthographic else across + local[:, 2]).max()), 1e-6)
 
 
-def orbit_distance(
-    pack: Pack, azimuths: Sequence[float], elevation: float, fov_degrees: float, size: tuple[int, int]
-) -> tuple[np.ndarray, float]:
-    """The point to circle (float64 [3], grid frame) and the distance from which no view of an orbit cuts anything off.
-
-    azimuths, elevation: degrees, as ViewCamera.orbit takes them. fov_degrees: vertical. size: width, height in pixels.
-    """
-    points = outline(pack)
-    middle = middle_of(points)
-    distances = []
-    for azimuth in azimuths:
-        axes = ViewCamera.orbit(pack, azimuth, elevation, 1.0, middle=middle).grid_T_camera[:3, :3]
-        distances.append(filling_distance((points - middle) @ axes, fov_degrees, size[0] / size[1]))
-    return middle, max(distances)
-
-
 def filling_orbit(
     pack: Pack, frames: int, fov_degrees: float, size: tuple[int, int], first: float = 0.0
 ) -> list[ViewCamera]:
-    """One turn that fills the pictures (of forward-facing packs, orbit_path). first: azimuth of the first view, degrees."""
+    """One turn in which no view cuts anything off (of forward-facing packs, orbit_path).
+
+    fov_degrees: vertical. size: width, height in pixels. first: azimuth of the first view, degrees, as ViewCamera.orbit takes it.
+    """
     if pack.ndc:
         return orbit_path(pack, frames, fov_degrees, size)
     azimuths = [first + 360.0 * i / frames for i in range(frames)]
-    middle, distance = orbit_distance(pack, azimuths, ORBIT_ELEVATION, fov_degrees, size)
+    points = outline(pack)
+    middle, distance = middle_of(points), 0.0
+    for azimuth in azimuths:
+        axes = ViewCamera.orbit(pack, azimuth, ORBIT_ELEVATION, 1.0, middle=middle).grid_T_camera[:3, :3]
+        distance = max(distance, filling_distance((points - middle) @ axes, fov_degrees, size[0] / size[1]))
     return [ViewCamera.orbit(pack, turn, ORBIT_ELEVATION, distance, fov_degrees, size, middle) for turn in azimuths]
