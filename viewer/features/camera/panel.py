@@ -27,8 +27,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             run(app, ("home", "frame")[pressed])
         if not rig.bounded:
             for views in (("front", "right", "top"), ("back", "left", "bottom")):
-                picked = segments(f"axis {views[0]}", list(views), "", {view: view.capitalize() for view in views})
-                if picked:
+                if picked := segments(f"axis {views[0]}", list(views), "", {view: view.capitalize() for view in views}):
                     run(app, picked)
             label("Projection")
             now = "orthographic" if rig.orthographic else "perspective"
@@ -55,8 +54,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         if not rig.bounded:
             near_plane(app)
             label("Up")
-            picked = segments("up", list(UP_AXES), rig.table.up)
-            if picked:
+            if picked := segments("up", list(UP_AXES), rig.table.up):
                 rig.set_up(picked)
     with card("where", fonts, "Position"):
         matrix = rig.matrix

@@ -80,9 +80,8 @@ def _faces(app: App, pack: Pack) -> None:
     for face, (axis, side) in enumerate(crop.FACES):
         assert app.settings.crop is not None and app.scene is not None
         label(f"{'xyz'[axis]} {'from' if side == 0 else 'to'}")
-        before = app.settings.crop
-        value = before[side][axis]
-        changed, value = imgui.slider_float(f"##face{face}", value, outer[0][axis], outer[1][axis], "%.3f")
+        before, ends = app.settings.crop, (outer[0][axis], outer[1][axis])
+        changed, value = imgui.slider_float(f"##face{face}", before[side][axis], *ends, "%.3f")
         if imgui.is_item_activated():
             app.scene.rig.remember()
         if changed:

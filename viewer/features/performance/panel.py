@@ -40,8 +40,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         app.interface.v_sync = switch("v-sync", app.interface.v_sync, "V-sync")
         tip("Limit the frame rate to that of the screen")
     with card("marcher", fonts, "Marcher"):
-        picked = segments("marcher", MARCHERS, app.settings.marcher, MARCHER_TITLES)
-        if picked:
+        if picked := segments("marcher", MARCHERS, app.settings.marcher, MARCHER_TITLES):
             app.set(marcher=picked)
         hint(MARCHER_HINTS[app.settings.marcher])
     with card("spread", fonts, "Spread"):

@@ -25,13 +25,11 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     interface = app.interface
     with card("look", fonts, "Look"):
         label("Theme")
-        picked = segments("theme", THEMES, interface.theme, {theme: theme.capitalize() for theme in THEMES})
-        if picked:
+        if picked := segments("theme", THEMES, interface.theme, {name: name.capitalize() for name in THEMES}):
             app.set_theme(picked)
         label("Interface")
         titles = {str(scale): f"{100 * scale:.0f} %" for scale in (*SCALES, interface.scale)}
-        picked = choice("scale", [str(scale) for scale in SCALES], str(interface.scale), titles)
-        if picked:
+        if picked := choice("scale", [str(scale) for scale in SCALES], str(interface.scale), titles):
             interface.scale = float(picked)
         hint("Ctrl+Plus, Ctrl+Minus and Ctrl+0 do the same.")
         interface.axes_shown = switch("axes", interface.axes_shown, "Axes")
