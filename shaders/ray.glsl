@@ -6,7 +6,9 @@
 //   box_min, box_max: the grid, or the part of it that a crop box leaves;
 //   training_R_camera: for the view direction of the view MLP.
 //   ORTHOGRAPHIC: parallel rays; fx and fy are pixels per voxel. Never together with NDC or DISTORTION.
-//   NDC: training_camera, ndc_scale, voxel_R_ndc, voxel_t_ndc; see ndc_ray. DISTORTION: lens, lens_reach; see undistorted.
+//   DISTORTION: lens, lens_reach; see undistorted. eye_offset (voxels): of a panorama, how far to the right of the camera each ray
+//   begins, across the direction of its column, so that two such pictures are a stereo pair in all directions.
+//   NDC: training_camera, ndc_scale, voxel_R_ndc, voxel_t_ndc; see ndc_ray.
 //   CONTRACTED: the ray is that of space; path.glsl makes rays of the grid of it, one a piece.
 #ifndef TINY
 #define TINY 1e-8
@@ -75,6 +77,7 @@ bool ndc_ray(vec3 direction, float nearest, out vec3 origin, out vec3 warped, ou
 #ifdef DISTORTION
 // A lens as training/scenes/lens.py has it: k1, k2, p1, p2; k3, k4, q1, q2; q3, s1, s2 and the projection. Image coordinates, y down.
 uniform vec4 lens[3];
+uniform float eye_offset;
 uniform float lens_reach;  // how far from the axis the model holds, image coordinates; see viewer/rendering/ray_frame.py
 #define LENS_FISHEYE 1.0
 #define LENS_EQUIRECTANGULAR 2.0
@@ -125,7 +128,8 @@ Ray camera_ray(vec2 fragment) {
     vec2 image = (pixel - intrinsics.zw) / intrinsics.xy;
     bool runs = true;
 #ifdef DISTORTION
-    vec3 in_camera = through_lens(undistorted(image, runs));
+    image = undistorted(image, runs);
+    vec3 in_camera = through_lens(image);
 #elif defined(ORTHOGRAPHIC)
     vec3 in_camera = vec3(0.0, 0.0, -1.0);
 #else
@@ -134,6 +138,9 @@ Ray camera_ray(vec2 fragment) {
     float first = max(near_plane / max(-in_camera.z, TINY), ray_near);
     ray.viewdir = normalize(training_R_camera * in_camera);
     vec3 origin = camera_position;
+#ifdef DISTORTION
+    if (lens[2].w == LENS_EQUIRECTANGULAR) origin += grid_R_camera * (eye_offset * vec3(cos(image.x), 0.0, sin(image.x)));
+#endif
 #ifdef ORTHOGRAPHIC
     origin += grid_R_camera * vec3(image.x, -image.y, 0.0);
 #endif

@@ -30,12 +30,17 @@ DESCRIPTION = "Renders pictures of a pack without a display: one view, an orbit,
 DEFAULT_SIZE, DEFAULT_FOV = "800x800", 39.0
 FIRST_AZIMUTH = 30.0  # degrees, of the one picture that is made where no pose is given
 TRANSPARENT = "transparent"
-EXCLUDING = (("--eye", "--orbit", "--scene"), ("--ortho-height", "--scene"), ("--ortho-height", "--fov"))
-NEEDING = {"--target": "--eye", "--up": "--eye", "--index": "--scene"}
+Projection = Literal["perspective", "equirectangular", "vr180"]
+ACROSS = {"equirectangular": 360, "vr180": 180}  # degrees that the width of a picture spans; its height spans 180
+PANORAMA_HEIGHT = 1024  # pixels
+EXCLUDING = (
+    ("--eye", "--orbit", "--scene"), ("--ortho-height", "--scene"), ("--fov", "--projection", "--ortho-height"),
+)  # fmt: skip
+NEEDING = {"--target": "--eye", "--up": "--eye", "--index": "--scene", "--eye-distance": "--projection"}
 MAY_BE_NEGATIVE = ("--eye", "--target", "--up", "--crop")
 
 
-View = tuple[str, ViewCamera]  # of a picture to make: its file name without suffix, and the camera
+View = tuple[str, tuple[ViewCamera, ...]]  # a picture's file name without suffix, and its camera, or those of two eyes
 
 
 def render(
@@ -58,6 +63,8 @@ def render(
     format: Literal["png", "exr"] = "png",
     near: float = 0.0,
     ortho_height: float | None = None,
+    projection: Projection = "perspective",
+    eye_distance: float | None = None,
     crop: str | None = None,
     surroundings: bool = True,
     samples: int = 1,
@@ -85,6 +92,9 @@ def render(
         format: Type of the files in a folder. A view is one .exr with all modes, or a .png for each mode.
         near: Hide everything closer than this along the optical axis, in grid units.
         ortho_height: Render without perspective, and show this many grid units from the top of the picture to the bottom.
+        projection: perspective, equirectangular (a 360° picture, twice as wide as high) or vr180 (half of it, for both eyes).
+            Such pictures are level; their middle is where the camera looks.
+        eye_distance: Render a stereo picture, of eyes so many grid units apart: left above right, or side by side in vr180.
         crop: Show only the box x0,y0,z0,x1,y1,z1 of the grid frame.
         surroundings: Show what lies beyond the inner cube of an unbounded scene.
         samples: Rays along each side of a pixel: 4 averages 4 x 4 rays per pixel (anti-aliasing).
@@ -92,7 +102,8 @@ def render(
     """
     asked = {
         "--eye": eye, "--target": target, "--up": up, "--orbit": orbit, "--scene": scene, "--index": index, "--fov": fov,
-        "--ortho-height": ortho_height,
+        "--ortho-height": ortho_height, "--eye-distance": eye_distance,
+        "--projection": None if projection == "perspective" else projection,
     }  # fmt: skip
     _check_choice({option: value for option, value in asked.items() if value is not None})
     if not 1 <= fps <= MOST_FPS:
@@ -111,39 +122,50 @@ def render(
     )
     passes = passes_for(parse_modes(mode), settings, transparent=transparent, exr=exr)
     _check_passes(passes, out, kind, exr)
-    pixels = parse_size(size) if size else None
+    pixels = _size(size, projection)
+    if eye_distance is not None and exr:
+        raise UserError("holds one picture, not those of two eyes", where=out, remedy="name a .png or an .mp4")
     if kind:
         check_results(out)
     else:
         check_results(folder=out)
     loaded = load_pack(pack)
+    if loaded.ndc and (ortho_height is not None or projection != "perspective"):
+        raise UserError("is a forward-facing pack, which has a perspective view alone", where=pack)
+    shape = pixels or parse_size(DEFAULT_SIZE)
     if scene is not None:
         views = _photograph_views(loaded, scene, split, index, downscale, pixels)
     elif orbit is not None:
-        path = filling_orbit(loaded, orbit, fov or DEFAULT_FOV, pixels or parse_size(DEFAULT_SIZE))
-        views = [(f"{i:04d}", camera) for i, camera in enumerate(path)]
+        path = filling_orbit(loaded, orbit, fov or DEFAULT_FOV, shape)
+        views: list[View] = [(f"{i:04d}", (camera,)) for i, camera in enumerate(path)]
     else:
-        views = [("view", _posed(loaded, eye, target, up, fov or DEFAULT_FOV, pixels or parse_size(DEFAULT_SIZE)))]
+        views = [("view", (_posed(loaded, eye, target, up, fov or DEFAULT_FOV, shape),))]
     if ortho_height is not None:
-        if loaded.ndc:
-            raise UserError("is a forward-facing pack, which has no orthographic view", where=pack)
-        views = [(name, camera.as_orthographic(ortho_height)) for name, camera in views]
+        views = [(name, (camera.as_orthographic(ortho_height),)) for name, (camera,) in views]
+    if projection != "perspective" and pixels:
+        upwards = parse_point(up, "--up") if up else (0.0, 1.0, 0.0)
+        places = (0.0,) if eye_distance is None else (-0.5 * eye_distance, 0.5 * eye_distance)
+        views = [
+            (name, tuple(camera.as_panorama(pixels, upwards, ACROSS[projection], place) for place in places))
+            for name, (camera,) in views
+        ]
     if kind in (PNG, EXR) and len(views) > 1:
         raise UserError(
             f"cannot hold {len(views)} pictures",
             where=out,
             remedy="name a folder or an .mp4, or choose one with --index",
         )
-    if len({(camera.width, camera.height) for _, camera in views}) > 1 and kind == ".mp4":
+    if len({(camera.width, camera.height) for _, (camera, *_) in views}) > 1 and kind == ".mp4":
         raise UserError("the photographs differ in size", where=scene, remedy="choose one with --size")
     with _written_by_us_alone(out), OffscreenRenderer(loaded, marcher) as renderer:
+        drawn = _drawn(renderer, views, passes, beside=projection == "vr180")
         if kind == ".mp4":
-            write_film(out, (pictures[0] for _, pictures in _drawn(renderer, views, passes)), fps)
+            write_film(out, (pictures[0] for _, pictures in drawn), fps)
             print(out)
             return
         if kind == "":
             out.mkdir(exist_ok=True)
-        for (name, camera), pictures in _drawn(renderer, views, passes):
+        for (name, (camera, *_)), pictures in drawn:
             files = [out if kind else out / f"{name}.{format}"]
             if exr:
                 write_exr(files[0], passes, pictures, camera, renderer.pack)
@@ -178,11 +200,27 @@ def _check_choice(given: Mapping[str, Any]) -> None:
             raise UserError(f"needs {needed}", where=option)
     if given.get("--orbit", 1) < 1:
         raise UserError("needs at least one view", where="--orbit", found=given["--orbit"])
-    fov, height = given.get("--fov", DEFAULT_FOV), given.get("--ortho-height", 1.0)
+    fov, height, between = (given.get(option, 1.0) for option in ("--fov", "--ortho-height", "--eye-distance"))
     if not 0.1 <= fov < 179:
         raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
     if not 0 < height < FARTHEST:
         raise UserError("is not a height", where="--ortho-height", expected="grid units above 0", found=height)
+    if not 0 < between < FARTHEST:
+        raise UserError("is not a distance", where="--eye-distance", expected="grid units above 0", found=between)
+    if given.get("--projection") == "vr180" and "--eye-distance" not in given:
+        raise UserError("needs --eye-distance", where="--projection vr180")
+
+
+def _size(text: str | None, projection: Projection) -> tuple[int, int] | None:
+    """Width and height of a picture of one eye, as asked for; None where that is left to the views, in perspective."""
+    across = ACROSS.get(projection)
+    if across is None:
+        return parse_size(text) if text else None
+    width, height = parse_size(text) if text else (PANORAMA_HEIGHT * across // 180, PANORAMA_HEIGHT)
+    if width * 180 != height * across:
+        expected = "as wide as high, for each eye" if across == 180 else "twice as wide as high, for each eye"
+        raise UserError(f"is not the shape of --projection {projection}", where="--size", expected=expected, found=text)
+    return width, height
 
 
 def _kind_of(out: Path) -> str:
@@ -236,7 +274,7 @@ def _photograph_views(
         if index is not None and number != index:
             continue
         camera = ViewCamera.from_scene_camera(pack, photograph.camera)
-        views.append((name, camera.resized(*size) if size else camera))
+        views.append((name, (camera.resized(*size) if size else camera,)))
     return views
 
 
@@ -252,12 +290,18 @@ def _check_passes(passes: list[Pass], out: Path, kind: str, exr: bool) -> None:
 
 
 def _drawn(
-    renderer: OffscreenRenderer, views: list[View], passes: list[Pass]
+    renderer: OffscreenRenderer, views: list[View], passes: list[Pass], *, beside: bool
 ) -> Iterator[tuple[View, list[np.ndarray]]]:
     with progress("rendering", len(views)) as bar:
         for view in views:
             draws = [renderer.render_raw if each.floats else renderer.render for each in passes]
-            yield view, [draw(view[1], each.settings) for draw, each in zip(draws, passes, strict=True)]
+            yield (
+                view,
+                [
+                    np.concatenate([draw(camera, each.settings) for camera in view[1]], axis=int(beside))
+                    for draw, each in zip(draws, passes, strict=True)
+                ],
+            )
             bar.advance()
 
 

@@ -8,13 +8,13 @@ in the scene before the warp, and the grid frame is that scene's frame with worl
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from math import cos, radians, sin, tan
+from math import cos, pi, radians, sin, tan
 
 import numpy as np
 
 from scenepack.cameras import PhotographCamera
 from scenepack.pack import Pack
-from training.scenes.lens import Lens, directions_at
+from training.scenes.lens import EQUIRECTANGULAR, MODELS, Lens, directions_at, projection_of
 from training.scenes.scene import Camera
 
 ORBIT_ELEVATION = 30.0  # degrees above the horizon
@@ -41,6 +41,7 @@ class ViewCamera:
     distortion: Lens = (0.0, 0.0, 0.0, 0.0)  # as in training.scenes.scene.Camera
     ray_near: float = 0.0  # rays begin so far from the camera (Pack.near)
     orthographic: bool = False
+    eye_offset: float = 0.0  # of a panorama: how far to the right of the camera each ray begins, grid units
 
     @classmethod
     def look_at(
@@ -114,6 +115,31 @@ class ViewCamera:
         scale = self.height / height
         middle = 0.5 * self.width, 0.5 * self.height
         return replace(self, fx=scale, fy=scale, cx=middle[0], cy=middle[1], distortion=(0.0,) * 4, orthographic=True)
+
+    def as_panorama(
+        self,
+        size: tuple[int, int],
+        up: tuple[float, float, float] | np.ndarray = (0.0, 1.0, 0.0),
+        across: float = 360.0,
+        eye_offset: float = 0.0,
+    ) -> ViewCamera:
+        """The equirectangular camera at the same place, level, whose middle is where this one looks.
+
+        size: width, height in pixels. up: grid frame. across: degrees that the width spans; the height spans 180.
+        """
+        up = np.asarray(up, np.float64)
+        back = self.grid_T_camera[:3, 2]
+        level = back - (back @ up) / (up @ up) * up
+        if np.linalg.norm(level) < 1e-6:  # straight up or down: the picture's upper edge tells what lies ahead
+            level = -np.sign(back @ up) * self.grid_T_camera[:3, 1]
+        camera = self.look_at(self.position, self.position - level, up, size=size, mirrored=self.mirrored)
+        focal = {"fx": size[0] / radians(across), "fy": size[1] / pi}
+        lens = MODELS["EQUIRECTANGULAR"].lens({})
+        return replace(camera, **focal, near=self.near, distortion=lens, ray_near=self.ray_near, eye_offset=eye_offset)
+
+    @property
+    def is_panorama(self) -> bool:
+        return projection_of(self.distortion) == EQUIRECTANGULAR
 
     def resized(self, width: int, height: int) -> ViewCamera:
         """The same view as a picture of another size."""

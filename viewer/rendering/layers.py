@@ -20,7 +20,10 @@ FULL = 1.0 - TRANSMITTANCE_STOP  # the opacity at which a ray ends
 
 
 def depth_along_axis(raw: np.ndarray, camera: ViewCamera, pack: Pack) -> np.ndarray:
-    """Mean depth, float32 [h, w], of a raw picture of mode depth: along the optical axis (z-depth), grid units; 0 for nothing."""
+    """Mean depth, float32 [h, w], of a raw picture of mode depth: along the optical axis (z-depth), grid units; 0 for nothing.
+
+    Of a panorama, which has no one axis, the distance from the camera.
+    """
     alpha = raw[..., 3:].astype(np.float64)
     points = raw[..., :3] / np.maximum(alpha, SEEN)
     frame_T_camera = camera.grid_T_camera
@@ -29,7 +32,8 @@ def depth_along_axis(raw: np.ndarray, camera: ViewCamera, pack: Pack) -> np.ndar
     else:
         points = pack.min_xyz + pack.voxel_size * points
     camera_T_frame = np.linalg.inv(frame_T_camera)
-    depth = -(points @ camera_T_frame[2, :3] + camera_T_frame[2, 3])
+    local = points @ camera_T_frame[:3, :3].T + camera_T_frame[:3, 3]
+    depth = np.linalg.norm(local, axis=-1) if camera.is_panorama else -local[..., 2]
     return np.where(raw[..., 3] >= SEEN, depth, 0.0).astype(np.float32)
 
 

@@ -66,7 +66,10 @@ class RayFrame:
         """
         pack = self.pack
         box_min, box_max = self.box(settings)
-        near, voxels = max(camera.near, settings.near), 1.0 if pack.ndc else 1.0 / pack.voxel_size
+        near, ray_near = max(camera.near, settings.near), camera.ray_near
+        if camera.is_panorama:  # which has no one axis
+            near, ray_near = 0.0, max(near, ray_near)
+        voxels = 1.0 if pack.ndc else 1.0 / pack.voxel_size
         position = (camera.position - pack.min_xyz) / pack.voxel_size
         focal = camera.fx, camera.fy
         if camera.orthographic:  # pixels per voxel
@@ -81,7 +84,8 @@ class RayFrame:
             "grid_R_camera": camera.grid_T_camera[:3, :3],
             "camera_position": position,
             "near_plane": near * voxels,
-            "ray_near": camera.ray_near * voxels,
+            "ray_near": ray_near * voxels,
+            "eye_offset": camera.eye_offset * voxels,
             "box_min": box_min,
             "box_max": box_max,
             "atlas_min": self._inner[0],

@@ -52,6 +52,30 @@ def test_an_orbit_as_a_folder_and_as_a_film(folder: str, tmp_path: Path) -> None
     assert (tmp_path / "turn.mp4").stat().st_size > 500
 
 
+def test_360_degrees_as_a_picture_and_two_eyes_as_stereo(folder: str, tmp_path: Path) -> None:
+    pose = ["--eye", "0.1,-0.2,0.1", "--target", "1,-0.2,0.4"]
+    eyes = ["--eye-distance", "0.2"]
+    shapes = {"one": ("equirectangular", 64, []), "above": ("equirectangular", 64, eyes), "beside": ("vr180", 32, eyes)}
+    seen = {}
+    for name, (projection, width, more) in shapes.items():
+        out = tmp_path / f"{name}.png"
+        words = ["--projection", projection, "--size", f"{width}x32", *more]
+        assert render.main([folder, "--out", str(out), *pose, *words]) == 0
+        seen[name] = picture(out).astype(int)
+    assert [each.shape[:2] for each in seen.values()] == [(32, 64), (64, 64), (32, 64)]
+    left, right = seen["above"][:32], seen["above"][32:]
+    assert np.abs(left - right).mean() > 1 and np.abs(left - seen["one"]).mean() < np.abs(left - right).mean()
+    assert np.array_equal(seen["beside"][:, :32], left[:, 16:48])  # the half that lies ahead
+    assert np.array_equal(seen["beside"][:, 32:], right[:, 16:48])
+
+
+def test_forward_facing_packs_have_no_360_pictures(
+    ndc_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert render.main([ndc_folder, "--out", str(tmp_path / "a.png"), "--projection", "equirectangular"]) == 2
+    assert "perspective view alone" in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
 def test_forward_facing_packs_render_without_a_pose(ndc_folder: str, tmp_path: Path) -> None:
     assert render.main([ndc_folder, "--out", str(tmp_path / "a.png"), "--fov", "50", *SMALL]) == 0
     assert picture(tmp_path / "a.png").std() > 5
@@ -89,6 +113,11 @@ def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(folder: str, tmp
         ["--out", "a.png", "--crop", "1,2,3"],
         ["--out", "a.png", "--scene", "nowhere"],
         ["--out", "a.png", "--samples", "17"],
+        ["--out", "a.png", "--projection", "equirectangular", "--size", "64x64"],
+        ["--out", "a.png", "--projection", "equirectangular", "--fov", "40"],
+        ["--out", "a.png", "--projection", "vr180"],
+        ["--out", "a.png", "--eye-distance", "0.1"],
+        ["--out", "a.exr", "--projection", "equirectangular", "--eye-distance", "0.1"],
     ],
 )
 def test_bad_arguments_are_status_2_and_one_line(

@@ -354,6 +354,22 @@ def test_a_view_is_saved_in_several_modes_and_as_exr(film_page, watched, xdotool
     assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 
+def test_a_view_is_saved_as_a_360_picture(film_page, watched, xdotool, tmp_path):
+    window, app = film_page, film_page.app
+    press(watched, xdotool, "##panorama")
+    wait(window, lambda: app.filming.size == (4096, 2048))
+    app.filming.set_size(128, 2048)
+    pump(window)
+    press(watched, xdotool, "Save this view…")
+    type_path(window, xdotool, tmp_path / "around.png")
+    wait(window, (tmp_path / "around.png").exists)
+    around = app.scene.rig.camera((128, 64)).as_panorama((128, 64))
+    assert np.array_equal(np.asarray(Image.open(tmp_path / "around.png")), window.canvas.snapshot(around, app.settings))
+    press(watched, xdotool, "##panorama")
+    wait(window, lambda: app.filming.size == (1920, 1080))
+    assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
+
+
 def test_another_program_pastes_the_picture_that_was_copied(window, xdotool, other_client, tmp_path):
     app = window.app
     for mode in ("normal", "diffuse"):  # the second takes the place of the first

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 Size = tuple[int, int]  # width, height in pixels
 SIZES: dict[str, Size] = {"Full HD": (1920, 1080), "4K": (3840, 2160), "Square": (1080, 1080), "Small": (640, 360)}
+PANORAMA_SIZES: dict[str, Size] = {"4K": (4096, 2048), "8K": (8192, 4096), "Small": (1024, 512)}
 STEP_S = 0.02  # of a frame's time that an export takes
 TURNTABLE_KEYS = 8
 LARGEST_SIDE = 16384
@@ -36,6 +37,7 @@ STILL_MODES: dict[Mode, str] = {
     "diffuse": "Diffuse colour",
 }  # besides the picture
 COPY = Path("the clipboard")
+KEPT = ("size", "panorama", "fps", "samples", "besides", "transparent")
 SAMPLES = {"Off": 1, "2 × 2": 2, "4 × 4": 4}  # rays per pixel
 
 
@@ -48,6 +50,7 @@ class Filming:
     time: float = 0.0  # seconds along the path
     playing: bool = False
     size: Size = SIZES["Full HD"]  # of stills and films
+    panorama: bool = False  # they show all directions, level (equirectangular), twice as wide as high
     fps: float = 30.0
     samples: int = 1  # rays along each side of a pixel; see RenderSettings
     besides: tuple[Mode, ...] = ()  # modes that a still is saved in besides the one that is shown
@@ -56,9 +59,25 @@ class Filming:
 
     def of_another_scene(self) -> Filming:
         """What stays when another scene is opened: how stills and films are written."""
-        return Filming(
-            size=self.size, fps=self.fps, samples=self.samples, besides=self.besides, transparent=self.transparent
-        )
+        return Filming(**{name: getattr(self, name) for name in KEPT})
+
+    def set_panorama(self, on: bool) -> None:
+        """Stills and films show all directions from now on, or what the camera sees."""
+        self.panorama = on
+        self.size = next(iter((PANORAMA_SIZES if on else SIZES).values()))
+
+    def set_size(self, width: int, height: int) -> None:
+        """Pixels of stills and films, within what is possible; of a panorama the side that was changed counts."""
+        width, height = (min(max(side, 16), LARGEST_SIDE) for side in (width, height))
+        if self.panorama:
+            height = width // 2 if width != self.size[0] else min(height, LARGEST_SIDE // 2)
+            width = 2 * height
+        self.size = width, height
+
+    def _view(self, app: App, camera: ViewCamera) -> ViewCamera:
+        """What is written of what `camera` sees."""
+        assert app.scene is not None
+        return camera.as_panorama(self.size, app.scene.rig.table.axes[1]) if self.panorama else camera
 
     def add(self, app: App) -> None:
         """Makes the present view a keyframe, after the selected one."""
@@ -150,10 +169,12 @@ class Filming:
     def still(self, app: App, target: Path, camera: ViewCamera | None = None) -> None:
         """Starts to write a camera's view, by default the present one at `size`."""
         seen = app.camera() if camera is None else None
-        if seen is not None:
+        if self.panorama and app.scene is not None:
+            camera = view_camera(app.scene.rig.matrix, app.fov, self.size, app.settings.near)
+        elif seen is not None:
             camera = fitted(seen, self.size, seen.near)  # its height stays, or its width in a narrower one
         if camera is not None:
-            self._start(app, [camera], target, still=True)
+            self._start(app, [self._view(app, camera)], target, still=True)
 
     def ask_for_still(self, app: App) -> None:
         name = f"{app.scene.name}.png" if app.scene is not None else "picture.png"
@@ -172,13 +193,15 @@ class Filming:
             raise UserError("the path has no keyframes yet", remedy="add some, or make a turntable")
         near = app.settings.near
         cameras = [view_camera(matrix, fov, self.size, near) for matrix, fov in self.path.sample(self.fps)]
-        self._start(app, cameras, target)
+        self._start(app, [self._view(app, camera) for camera in cameras], target)
 
     def _start(self, app: App, cameras: list[ViewCamera], target: Path, *, still: bool = False) -> None:
         if self.export is not None:
             raise UserError("another export is still running", remedy="cancel it or wait for it")
         if app.canvas is None or app.scene is None:
             return
+        if self.panorama and app.scene.rig.bounded:
+            raise UserError("a forward-facing pack has no 360° pictures")
         if not app.scene.whole:
             raise UserError("the scene is still being read", remedy="wait until it is complete")
         side = max(app.resolution.tile_side() // self.samples, SMALLEST_TILE)

@@ -32,7 +32,7 @@ from viewer.core.widgets import (
 )
 from viewer.features.bookmarks.panel import changed_by_buttons, row
 from viewer.features.film.film_export import films_possible
-from viewer.features.film.filming import LARGEST_SIDE, SAMPLES, SIZES, STILL_MODES, Filming
+from viewer.features.film.filming import PANORAMA_SIZES, SAMPLES, SIZES, STILL_MODES, Filming
 from viewer.rendering.canvas import Canvas
 
 LIST_HEIGHT = 180.0
@@ -105,15 +105,19 @@ def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
 
 
 def _size(filming: Filming) -> None:
-    current = next((name for name, size in SIZES.items() if size == filming.size), "")
-    picked = segments("sizes", list(SIZES), current)
+    panorama = switch("panorama", filming.panorama, "360°")
+    tip("All directions around the camera (equirectangular), level, twice as wide as high")
+    if panorama != filming.panorama:
+        filming.set_panorama(panorama)
+    sizes = PANORAMA_SIZES if filming.panorama else SIZES
+    current = next((name for name, size in sizes.items() if size == filming.size), "")
+    picked = segments("sizes", list(sizes), current)
     if picked:
-        filming.size = SIZES[picked]
+        filming.size = sizes[picked]
     label("Pixels")
     changed, value = imgui.input_int2("##pixels", list(filming.size))
     if changed:
-        width, height = (min(max(int(v), 16), LARGEST_SIDE) for v in value[:2])
-        filming.size = width, height
+        filming.set_size(*value[:2])
     label("Frames / s")
     changed, fps = imgui.slider_float("##fps", filming.fps, 10.0, 60.0, "%.0f")
     if changed:

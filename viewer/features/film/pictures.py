@@ -27,6 +27,7 @@ PICTURE = "rgb"  # what the mode `normal` is called in lists and file names
 COUNTED = ("samples", "jumps")  # modes whose numbers come from RenderSettings.counts, in this order
 EXR, PNG = ".exr", ".png"
 DEPTH_MEANS = "z-depth: distance along the optical axis, in units of the grid frame; 0 where there is nothing"
+DISTANCE_MEANS = "distance from the camera, in units of the grid frame; 0 where there is nothing"
 NORMALS_MEAN = "unit vectors in the grid frame (y up), away from the surface; 0 where there is nothing"
 
 
@@ -151,7 +152,7 @@ def _said(passes: Sequence[Pass], camera: ViewCamera) -> dict[str, object]:
         **{name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")},
     }
     names = {each.name for each in passes}
-    said |= {"Z": DEPTH_MEANS} if "depth" in names else {}
+    said |= {"Z": DISTANCE_MEANS if camera.is_panorama else DEPTH_MEANS} if "depth" in names else {}
     said |= {"N": NORMALS_MEAN} if "normals" in names else {}
     if PICTURE in names:
         background = next(each.settings for each in passes if each.name == PICTURE)
