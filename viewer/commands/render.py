@@ -19,7 +19,7 @@ from scenepack import Pack, load_pack
 from training.scenes import picture_stems
 from viewer.benchmark.frames import Photographs
 from viewer.core.pose import FARTHEST
-from viewer.features.film.film_export import MOST_FPS, films_possible, require_video, write_film
+from viewer.features.film.film_export import FILMS, MOST_FPS, films_possible, require_video, write_film
 from viewer.features.film.pictures import EXR, PNG, Pass, parse_modes, passes_for, require_exr, write_exr, write_pngs
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 from viewer.rendering.framing import filling_orbit
@@ -74,7 +74,7 @@ def render(
 
     Args:
         pack: Folder or .zip of a baked scene.
-        out: FILE.png or FILE.exr for one view, a folder for several, FILE.mp4 for a film.
+        out: FILE.png or FILE.exr for one view, a folder for several, FILE.mp4, FILE.webp or FILE.gif for a film.
         eye: Position of the camera, x,y,z in the grid frame (y up).
         target: Point that the camera looks at, x,y,z in the grid frame. The default is the centre of the content.
         up: Up direction of the camera. The default is 0,1,0.
@@ -124,7 +124,7 @@ def render(
     _check_passes(passes, out, kind, exr)
     pixels = _size(size, projection)
     if eye_distance is not None and exr:
-        raise UserError("holds one picture, not those of two eyes", where=out, remedy="name a .png or an .mp4")
+        raise UserError("holds one picture, not those of two eyes", where=out, remedy="name a .png or a film")
     if kind:
         check_results(out)
     else:
@@ -153,13 +153,13 @@ def render(
         raise UserError(
             f"cannot hold {len(views)} pictures",
             where=out,
-            remedy="name a folder or an .mp4, or choose one with --index",
+            remedy="name a folder or a film, or choose one with --index",
         )
-    if len({(camera.width, camera.height) for _, (camera, *_) in views}) > 1 and kind == ".mp4":
+    if len({(camera.width, camera.height) for _, (camera, *_) in views}) > 1 and kind in FILMS:
         raise UserError("the photographs differ in size", where=scene, remedy="choose one with --size")
     with _written_by_us_alone(out), OffscreenRenderer(loaded, marcher) as renderer:
         drawn = _drawn(renderer, views, passes, beside=projection == "vr180")
-        if kind == ".mp4":
+        if kind in FILMS:
             write_film(out, (pictures[0] for _, pictures in drawn), fps)
             print(out)
             return
@@ -224,11 +224,12 @@ def _size(text: str | None, projection: Projection) -> tuple[int, int] | None:
 
 
 def _kind_of(out: Path) -> str:
-    """ ".png", ".exr", ".mp4" or "" for a folder. UserError for other suffixes, and for films where they cannot be made."""
+    """ ".png", ".exr", a suffix of FILMS, or "" for a folder. UserError for other suffixes, and films without PyAV."""
     suffix = "" if out.is_dir() else out.suffix.lower()
-    if suffix not in ("", PNG, EXR, ".mp4"):
-        raise UserError("is not a supported file type", where=out, expected="FILE.png, FILE.exr, FILE.mp4 or a folder")
-    if suffix == ".mp4":
+    if suffix not in ("", PNG, EXR, *FILMS):
+        expected = "FILE.png, FILE.exr, FILE.mp4, FILE.webp, FILE.gif or a folder"
+        raise UserError("is not a supported file type", where=out, expected=expected)
+    if suffix in FILMS:
         require_video()
     if suffix == "" and out.exists() and not out.is_dir():
         raise UserError("is a file, not a folder", where=out)
@@ -282,10 +283,10 @@ def _check_passes(passes: list[Pass], out: Path, kind: str, exr: bool) -> None:
     """UserError where the files cannot hold what was asked for."""
     if exr:
         require_exr()
-    if kind in (PNG, ".mp4") and len(passes) > 1:
+    if kind in (PNG, *FILMS) and len(passes) > 1:
         names = ",".join(each.name for each in passes)
         raise UserError("cannot hold several modes", where=out, found=names, remedy="name a folder or an .exr")
-    if kind == ".mp4" and (exr or passes[0].floats):
+    if kind in FILMS and (exr or passes[0].floats):
         raise UserError("a film has no transparent background and no numbers", where=out, remedy="name a folder")
 
 

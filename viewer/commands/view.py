@@ -65,7 +65,8 @@ class View:
         photograph: Photograph whose camera to use: its name, or the start or end of its name.
         look: How to compare the picture with the photograph or the other pack.
         path: Camera path to load, as nerfstudio's viewer saves it (JSON).
-        export: Write a .png of the view, or the camera path as .mp4 or into a new folder. Without a path, a turntable.
+        export: Write a .png of the view, or the camera path as .mp4, .webp, .gif or into a new folder. Without a path,
+            a turntable.
         export_size: Size of the export, WIDTHxHEIGHT in pixels, for example 1920x1080.
         page: Page of the side panel to open.
         size: Window size in screen units, for example 1280x800. The default is the last size.

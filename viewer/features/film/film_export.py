@@ -11,6 +11,7 @@ import importlib.util
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,12 @@ from viewer.rendering.settings import RenderSettings, of_picture
 
 MOST_FPS = 1000
 THREADS = 8  # of the encoder, on any computer: what it writes depends on their number
+FILMS: dict[str, tuple[str, str, dict[str, str]]] = {  # encoder, its pixels, and its options, by suffix
+    ".mp4": ("libx264", "yuv420p", {"crf": "17", "preset": "medium"}),
+    ".webp": ("libwebp_anim", "bgra", {"quality": "90"}),
+    ".gif": ("gif", "pal8", {}),
+}
+ENDLESS = {"loop": "0"}  # of .webp and .gif
 
 
 def require_video() -> None:
@@ -33,7 +40,7 @@ def require_video() -> None:
     try:
         import av  # noqa: F401
     except ImportError as error:
-        raise UserError("writing an .mp4 needs PyAV", remedy="pip install 'snerg[video]', or name a folder") from error
+        raise UserError("writing a film needs PyAV", remedy="pip install 'snerg[video]', or name a folder") from error
 
 
 def films_possible() -> bool:
@@ -41,10 +48,10 @@ def films_possible() -> bool:
 
 
 class FilmWriter:
-    """An H.264 film, written aside until finish(). UserError where PyAV is not installed or a side is odd.
+    """A film as H.264, or an animation that repeats as WebP or GIF, by the file's suffix; written aside until finish().
 
-    The same pictures give a film that shows the same, to the last bit; but of pictures of 48 x 32 pixels, the encoder makes
-    either of two films, given the very same frames.
+    UserError where PyAV is not installed, or a side of H.264 is odd. The same pictures give a film that shows the same, to the
+    last bit; but of pictures of 48 x 32 pixels, the encoder of H.264 makes either of two films, given the very same frames.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], fps: int) -> None:
@@ -54,22 +61,45 @@ class FilmWriter:
 
         if min(size) < 2:
             raise UserError("a film needs at least 2 × 2 pixels", where=path)
-        if size[0] % 2 or size[1] % 2:
+        suffix = path.suffix.lower()
+        codec, pixels, options = FILMS[suffix]
+        if suffix == ".mp4" and (size[0] % 2 or size[1] % 2):
             raise UserError("H.264 needs an even width and height", where=path, found=f"{size[0]}x{size[1]}")
         self._av, self.aside = av, Replacement(path, alone=True)
         try:
-            self._container = av.open(str(self.aside.path), "w", format="mp4")
-            self._stream = self._container.add_stream("libx264", rate=fps, options={"crf": "17", "preset": "medium"})
+            repeats = {} if suffix == ".mp4" else ENDLESS
+            self._container = av.open(str(self.aside.path), "w", format=suffix[1:], options=repeats)
+            self._stream = self._container.add_stream(codec, rate=fps, options=options)
+            self._palettes = self._palette_graph(size, fps) if suffix == ".gif" else None
         except BaseException:
             self.aside.discard()
             raise
+        self._frames = 0
         self._stream.width, self._stream.height = size
-        self._stream.pix_fmt = "yuv420p"
+        self._stream.pix_fmt = pixels
         self._stream.codec_context.thread_count = THREADS
+
+    def _palette_graph(self, size: tuple[int, int], fps: int):
+        """What gives each frame the 256 colours that suit it best; a regular dither, which does not flicker."""
+        graph = self._av.filter.Graph()
+        source = graph.add_buffer(width=size[0], height=size[1], format="rgb24", time_base=Fraction(1, fps))
+        both, use = graph.add("split"), graph.add("paletteuse", "new=1:dither=bayer:bayer_scale=3")
+        colours, sink = graph.add("palettegen", "stats_mode=single"), graph.add("buffersink")
+        source.link_to(both)
+        both.link_to(use, 0, 0)
+        both.link_to(colours, 1, 0)
+        colours.link_to(use, 0, 1)
+        use.link_to(sink)
+        graph.configure()
+        return graph
 
     def add(self, picture: np.ndarray) -> None:
         """Appends a picture, uint8 [height, width, 3]."""
         frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
+        if self._palettes is not None:
+            frame.pts, self._frames = self._frames, self._frames + 1
+            self._palettes.vpush(frame)
+            frame = self._palettes.vpull()
         self._container.mux(self._stream.encode(frame))
 
     def finish(self) -> None:
@@ -86,11 +116,12 @@ class FilmWriter:
 
 
 def write_film(path: Path, pictures: Iterable[np.ndarray], fps: int) -> None:
-    """Encodes pictures (uint8 [h, w, 3], of one size) without an odd last row or column; the file appears when it is whole."""
+    """Encodes pictures (uint8 [h, w, 3], of one size), .mp4 without an odd last row or column; appears when it is whole."""
+    step = 2 if path.suffix.lower() == ".mp4" else 1
     writer: FilmWriter | None = None
     try:
         for picture in pictures:
-            height, width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
+            height, width = (side // step * step for side in picture.shape[:2])
             if writer is None:
                 writer = FilmWriter(path, (width, height), fps)
             writer.add(picture[:height, :width])
@@ -105,7 +136,7 @@ def write_film(path: Path, pictures: Iterable[np.ndarray], fps: int) -> None:
 # --- Pictures and films written to disk while the window stays alive ---
 
 Snapshot = Callable[[ViewCamera, RenderSettings], np.ndarray]
-FILM_SUFFIX, STILL_SUFFIX = ".mp4", ".png"
+STILL_SUFFIX = ".png"
 CENTRES = 256  # to a pixel, that principal points are rounded to: GPUs then hold them exactly, whatever a tile's corner
 
 
@@ -124,7 +155,7 @@ class Export:
 
     cameras: list[ViewCamera]  # one a frame
     settings: RenderSettings
-    target: Path  # a .png or .exr (one frame), an .mp4, or a folder for numbered PNGs
+    target: Path  # a .png or .exr (one frame), a film, or a folder for numbered PNGs
     snapshot: Snapshot
     fps: float = 30.0
     tile_side: int = 256  # pixels a side of what is rendered at once; it changes no pixel
@@ -201,7 +232,7 @@ class Export:
         if self.put is not None or self.layers is not None or suffix == STILL_SUFFIX:
             return None
         self.target.parent.mkdir(parents=True, exist_ok=True)
-        if suffix == FILM_SUFFIX:
+        if suffix in FILMS:
             return FilmWriter(self.target, (camera.width, camera.height), round(self.fps))
         return _Sequence(self.target)
 

@@ -188,7 +188,7 @@ class Filming:
             self._start(app, [camera], COPY)
 
     def film(self, app: App, target: Path) -> None:
-        """Starts to write the path: an .mp4, or a folder of PNGs."""
+        """Starts to write the path: a film, or a folder of PNGs."""
         if not self.path.keyframes:
             raise UserError("the path has no keyframes yet", remedy="add some, or make a turntable")
         near = app.settings.near

@@ -31,7 +31,7 @@ from viewer.core.widgets import (
     two_buttons,
 )
 from viewer.features.bookmarks.panel import changed_by_buttons, row
-from viewer.features.film.film_export import films_possible
+from viewer.features.film.film_export import FILMS, films_possible
 from viewer.features.film.filming import PANORAMA_SIZES, SAMPLES, SIZES, STILL_MODES, Filming
 from viewer.rendering.canvas import Canvas
 
@@ -162,7 +162,9 @@ def _export(app: App, filming: Filming) -> None:
     width = half_width()
     imgui.begin_disabled(not films_possible())
     if imgui.button(f"{fa.ICON_FA_FILM}  Film…", ImVec2(width, 0)):
-        app.file_request = FileRequest("Save the film", "save", lambda p: filming.film(app, p), (".mp4",), "flight.mp4")
+        app.file_request = FileRequest(
+            "Save the film", "save", lambda p: filming.film(app, p), tuple(FILMS), "flight.mp4"
+        )
     imgui.end_disabled()
     imgui.same_line()
     if imgui.button(f"{fa.ICON_FA_IMAGES}  Pictures…", ImVec2(width, 0)):

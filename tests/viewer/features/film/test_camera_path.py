@@ -144,6 +144,21 @@ def test_a_film_holds_every_frame(filming_app, tmp_path):
         assert sum(1 for _ in film.decode(video=0)) == 32
 
 
+@pytest.mark.skipif(not films_possible(), reason="PyAV is not installed: pip install 'snerg[video]'")
+@pytest.mark.parametrize(("suffix", "worst"), [(".webp", 12), (".gif", 30)])
+def test_an_animation_shows_the_pictures_for_their_time_and_repeats(tmp_path, suffix, worst):
+    y, x = np.mgrid[:45, :63] / 64.0
+    waves = [np.stack([x, y, 0.5 + 0.5 * np.sin(9 * x + i)], axis=-1) for i in range(12)]
+    pictures = [np.rint(255 * wave).astype(np.uint8) for wave in waves]
+    write_film(tmp_path / f"film{suffix}", pictures, 20)
+    with Image.open(tmp_path / f"film{suffix}") as film:
+        assert film.size == (63, 45) and film.n_frames == 12 and film.info["loop"] == 0
+        for i, picture in enumerate(pictures):
+            film.seek(i)
+            off = np.abs(np.asarray(film.convert("RGB")).astype(int) - picture)
+            assert film.info["duration"] == 50 and off.mean() < worst / 4 and np.percentile(off, 99) < worst
+
+
 def test_a_cancelled_export_leaves_nothing(filming_app, tmp_path):
     app = filming_app
     for name in ("frames", *(["film.mp4"] if films_possible() else [])):
