@@ -10,6 +10,9 @@
 // Inputs: background; depth_range: distances shown white and black; cost_scale: the count shown brightest.
 
 #include "colour_map.glsl"
+#ifdef LOOK
+#include "look.glsl"
+#endif
 
 uniform vec3 background;
 uniform vec2 depth_range;
@@ -72,9 +75,13 @@ vec3 grid_normal(Ray ray, Marched marched) {
 
 vec3 displayed_colour(Ray ray, Marched marched) {
     float alpha = 1.0 - marched.transmittance;
-#if MODE == MODE_NORMAL
-    return diffuse_colour(marched) + residual(ray, marched);
-#elif MODE == MODE_DIFFUSE || MODE == MODE_ATLAS
+#if MODE == MODE_NORMAL || MODE == MODE_DIFFUSE
+    vec3 colour = diffuse_colour(marched) + residual(ray, marched);
+#ifdef LOOK
+    colour = with_look(colour, marched.transmittance * background, alpha);
+#endif
+    return colour;
+#elif MODE == MODE_ATLAS
     return diffuse_colour(marched);
 #elif MODE == MODE_FEATURES
     return marched.features.rgb;

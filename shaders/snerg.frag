@@ -14,6 +14,7 @@
 //   RAW              defined to write numbers with opacity instead of a colour; see display.glsl
 //   OVER_BACKGROUND  1 where the mode shows the background, else 0
 //   BACKDROP         defined where something is seen behind the scene instead of the plain background; see backdrop.glsl
+//   LOOK             defined where colours are shown with a look; see look.glsl
 //   RAW_COUNTS       defined to write samples fetched, steps over empty space and opacity instead of a colour
 //   BLOCK_SIZE, PADDED_BLOCK_SIZE, SLOT_WIDTH  data voxels per macroblock side, B, and atlas voxels to the next in x
 // Every length below is in voxels and every position in the grid, [0, grid size], unless said otherwise.

@@ -307,6 +307,11 @@ class App:
         else:
             self.messages.say("There is no path on the clipboard", "warning")
 
+    @property
+    def picture_settings(self) -> RenderSettings:
+        """The settings of what is looked at and exported, and not measured: with the look that is kept with the scene."""
+        return replace(self.settings, look=self.annotations.current.look)
+
     def set(self, **fields: object) -> None:
         changed = replace(self.settings, **fields)  # type: ignore[arg-type]
         if changed != self.settings:

@@ -31,9 +31,9 @@ def draw_frame(app: App, canvas: Canvas) -> None:
 
 
 def _draw(app: App, canvas: Canvas) -> Drawn | None:
-    comparison, settings = app.comparison, app.settings
-    if comparison.against == "photograph":  # which has the plain background
-        settings = replace(settings, backdrop=None)
+    comparison, settings = app.comparison, app.picture_settings
+    if comparison.against == "photograph":  # which has neither
+        settings = replace(settings, backdrop=None, look=None)
     scene = app.viewport.camera, settings, app.resolution
     before = unfinished(app, canvas)
     shown: list[Canvas] = [canvas]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,6 +26,7 @@ from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 from viewer.rendering.framing import filling_orbit
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import MOST_SAMPLES, Marcher, RenderSettings
+from viewer.web.description import annotations_of
 
 DESCRIPTION = "Renders pictures of a pack without a display: one view, an orbit, or the views of photographs."
 DEFAULT_SIZE, DEFAULT_FOV = "800x800", 39.0
@@ -67,6 +69,7 @@ def render(
     eye_distance: float | None = None,
     crop: str | None = None,
     surroundings: bool = True,
+    look: bool = False,
     samples: int = 1,
     fps: int = 30,
 ) -> None:
@@ -97,6 +100,7 @@ def render(
         eye_distance: Render a stereo picture, of eyes so many grid units apart: left above right, or side by side in vr180.
         crop: Show only the box x0,y0,z0,x1,y1,z1 of the grid frame.
         surroundings: Show what lies beyond the inner cube of an unbounded scene.
+        look: Show colours with the exposure, white balance and saturation that the viewer keeps with the pack.
         samples: Rays along each side of a pixel: 4 averages 4 x 4 rays per pixel (anti-aliasing).
         fps: Frames per second of a film.
     """
@@ -132,6 +136,9 @@ def render(
     loaded = load_pack(pack)
     if loaded.ndc and (ortho_height is not None or projection != "perspective"):
         raise UserError("is a forward-facing pack, which has a perspective view alone", where=pack)
+    if look:
+        kept = annotations_of(loaded, pack).look
+        passes = [replace(each, settings=replace(each.settings, look=kept)) for each in passes]
     shape = pixels or parse_size(DEFAULT_SIZE)
     if scene is not None:
         views = _photograph_views(loaded, scene, split, index, downscale, pixels)

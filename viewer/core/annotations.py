@@ -1,4 +1,4 @@
-"""Annotations of a scene: its scale, measurements and bookmarks; their JSON, and where they are saved.
+"""Annotations of a scene: its scale, look, measurements and bookmarks; their JSON, and where they are saved.
 
 Points are in the pack's grid frame (y up; in forward-facing packs, before the warp). Lengths are in grid units.
 The JSON is untrusted.
@@ -14,7 +14,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -28,6 +28,7 @@ from scenepack.pack import Pack
 from scenepack.writer import metadata_writable, write_metadata
 from viewer.core.pose import FARTHEST, UP_AXES
 from viewer.core.tasks import Autosave
+from viewer.rendering.settings import LOOKS, Look
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -84,6 +85,7 @@ class Annotations:
     scale: Scale = Scale()
     measurements: tuple[Measurement, ...] = ()
     bookmarks: tuple[Bookmark, ...] = ()
+    look: Look | None = None  # None: colours as they are
 
     def with_measurement(self, index: int, measurement: Measurement | None) -> Annotations:
         """With another one in the place of `index` (one behind the last adds it); without it where there is none."""
@@ -107,6 +109,7 @@ def annotations_to_json(annotations: Annotations) -> dict[str, Any]:
         "scale": {"factor": annotations.scale.factor, "unit": annotations.scale.unit},
         "measurements": [{"kind": m.kind, "points": [list(p) for p in m.points]} for m in annotations.measurements],
         "bookmarks": [bookmark_to_json(view) for view in annotations.bookmarks],
+        **({} if annotations.look is None else {"look": asdict(annotations.look)}),
     }
 
 
@@ -134,7 +137,8 @@ def annotations_from_json(document: Any, complain: Callable[[str], None] | None 
         return tuple(each for each in found if each is not None)
 
     scale = part(_scale, entries.get("scale", {}), Scale())
-    return Annotations(scale, listed("measurements", _measurement), listed("bookmarks", bookmark_from_json))
+    look = part(_look, entries.get("look", {}), None)
+    return Annotations(scale, listed("measurements", _measurement), listed("bookmarks", bookmark_from_json), look)
 
 
 def object_from_json(value: Any, what: str = "marks") -> Mapping[str, Any]:
@@ -176,6 +180,12 @@ def _scale(value: Any) -> Scale:
     if unit not in UNITS:
         raise ValueError("scale: expected a unit such as m, cm, mm, in or ft")
     return Scale(number_from_json(entries.get("factor", 1.0), *SCALES, "scale"), unit)
+
+
+def _look(value: Any) -> Look | None:
+    entries = object_from_json(value, "look")
+    known = {name: number_from_json(entries[name], *LOOKS[name], f"look's {name}") for name in LOOKS if name in entries}
+    return Look(**known) if known else None
 
 
 def _measurement(value: Any) -> Measurement:

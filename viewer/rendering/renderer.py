@@ -20,7 +20,7 @@ from viewer.rendering.gpu_memory import Limits, NoRoomError, half_resolution
 from viewer.rendering.gpu_scene import GpuScene, features_stored, upload
 from viewer.rendering.opengl import Drawing
 from viewer.rendering.ray_frame import RayFrame
-from viewer.rendering.settings import MARCHERS, MODES, RenderSettings
+from viewer.rendering.settings import MARCHERS, MODES, Look, RenderSettings
 from viewer.rendering.shader_source import assemble, glsl_reciprocals, view_mlp_biases, view_mlp_weights
 from viewer.rendering.skip_grid import CELL
 from viewer.rendering.supersampling import Supersampling
@@ -30,6 +30,7 @@ GL_DEPTH_CLAMP = 0x864F
 SHADED_MODES = ("normal", "view-dependent")
 NORMAL_REACH = 1.0  # voxels; see shaders/composite.glsl
 LEAST_HALVED = 64  # voxels along the grid's longest side; smaller packs are not halved
+MODES_WITH_LOOK = ("normal", "diffuse")
 MODES_OVER_BACKGROUND = ("normal", "diffuse", "macroblocks", "atlas")  # the others are black where there is nothing
 
 
@@ -212,7 +213,7 @@ class Renderer:
     def _rays(self, settings: RenderSettings, camera: ViewCamera) -> Drawing:
         ablated, lens = settings.view_mlp_per_sample, any(camera.distortion)
         key = (settings.marcher, settings.mode, settings.counts, settings.raw, ablated, lens, camera.orthographic)
-        key += (_style(settings),)
+        key += (_style(settings), settings.look is None)
         if key not in self._drawings:
             scene = self.scene(settings.marcher)
             defines = shader_defines(
@@ -240,6 +241,7 @@ class Renderer:
             "content_max": scene.content_max,
             "background": settings.background,
             "cost_scale": settings.cost_scale,
+            **look_uniforms(settings.look),
             **_backdrop_uniforms(settings, camera),
         }
 
@@ -292,6 +294,7 @@ def shader_defines(
         "COUNT_COST": counting,
         "RAW_COUNTS": settings.counts,
         "RAW": settings.raw,
+        "LOOK": settings.look is not None and mode in MODES_WITH_LOOK,
         "OVER_BACKGROUND": int(mode in MODES_OVER_BACKGROUND),
         **_backdrop_defines(settings),
     }
@@ -309,6 +312,11 @@ def shades_hull_alone(pack: Pack, settings: RenderSettings) -> bool:
     """Whether only pixels that see the hull of all content are shaded, where no lens bends the rays."""
     straight = not pack.ndc and pack.contraction is None
     return settings.marcher == "exact" and settings.mode != "atlas" and straight
+
+
+def look_uniforms(look: Look | None) -> dict[str, Any]:
+    """Of shaders/look.glsl."""
+    return {} if look is None else {"look_gain": look.gain, "look_saturation": look.saturation}
 
 
 BACKDROPS = {"gradient": 1, "checker": 2}

@@ -37,6 +37,32 @@ class Backdrop:
 
 
 @dataclass(frozen=True)
+class Look:
+    """How colours are shown, in linear light; Look() leaves them as they are."""
+
+    exposure: float = 0.0  # stops
+    temperature: float = 0.0  # stops of red over blue: above 0 is warmer
+    tint: float = 0.0  # stops of red and blue over green: above 0 is magenta
+    saturation: float = 1.0  # 0 is grey
+
+    @property
+    def gain(self) -> tuple[float, float, float]:
+        """Factors of red, green and blue. White balance keeps the luminance of greys."""
+        warm, magenta = 2.0 ** (0.5 * self.temperature), 2.0 ** (0.5 * self.tint)
+        red, green, blue = warm * magenta, 1.0 / magenta, magenta / warm
+        scale = 2.0**self.exposure / (0.2126 * red + 0.7152 * green + 0.0722 * blue)
+        return scale * red, scale * green, scale * blue
+
+
+LOOKS = {
+    "exposure": (-4.0, 4.0),
+    "temperature": (-1.0, 1.0),
+    "tint": (-1.0, 1.0),
+    "saturation": (0.0, 2.0),
+}  # least, most
+
+
+@dataclass(frozen=True)
 class RenderSettings:
     """How to draw a pack; every field may change from frame to frame, some at the price of compiling a shader."""
 
@@ -44,6 +70,7 @@ class RenderSettings:
     marcher: Marcher = "exact"  # exact, the paper's baseline, or brute: every sample taken, for verification
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)  # colour behind everything, sRGB in [0, 1]
     backdrop: Backdrop | None = None  # seen behind everything instead; the view MLP is given `background` all the same
+    look: Look | None = None  # of the scene's colours, not of what lies behind it; None where anything is measured
     near: float = 0.0  # nothing closer along the optical axis is shown, grid units; the larger of this and the camera's
     crop: Corners | None = None  # of a box in the grid frame outside of which nothing is shown
     surroundings: bool = True  # whether what lies beyond the inner cube of a contracted pack is shown

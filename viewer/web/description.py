@@ -35,11 +35,12 @@ from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.renderer import (
     LEAST_HALVED,
     MODES_OVER_BACKGROUND,
+    look_uniforms,
     shader_defines,
     shades_hull_alone,
     view_mlp_text,
 )
-from viewer.rendering.settings import RenderSettings
+from viewer.rendering.settings import Look, RenderSettings
 from viewer.rendering.shader_source import assemble_es, define_lines, glsl_reciprocals
 from viewer.rendering.skip_grid import skip_grid_of
 from viewer.web.atlas_stream import BLOCKS_A_CHUNK, compressed_chunks, has_copied_padding
@@ -115,7 +116,7 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
         "ndc": pack.ndc,
         "contracted": pack.contraction is not None,
         "levels": described,
-        "shaders": _shaders(pack),
+        "shaders": _shaders(pack, annotations.look),
         "camera": _camera(pack, content.pose, annotations),
         "path": _path(content.path),
         "measurements": [{"points": m.points, "text": words.measurement(m)} for m in annotations.measurements],
@@ -187,11 +188,12 @@ def _slots(count: int, block: int, parts: int) -> Triple:
     raise UserError("the pack is too large for a web page", remedy="bake it at a lower resolution")
 
 
-def _shaders(pack: Pack) -> dict[str, Any]:
-    """Texts by file name; the #define lines of each mode, and those that show a gradient behind the scene."""
+def _shaders(pack: Pack, look: Look | None) -> dict[str, Any]:
+    """Texts by file name; the #define lines of each mode, and those that show a gradient behind the scene; uniforms of a look."""
     features, generated = features_stored(pack), view_mlp_text(pack)
     unused = ["march_paper.glsl", "march_brute.glsl", "march_atlas.glsl", "view_mlp_textures.glsl"]
     unused += [] if pack.contraction is not None else ["path.glsl"]
+    unused += [] if look is not None else ["look.glsl"]
     texts = {
         name: assemble_es(name)
         for name in ("fullscreen.vert", "content_hull.vert", "content_hull.frag", "backdrop.frag")
@@ -204,17 +206,18 @@ def _shaders(pack: Pack) -> dict[str, Any]:
         return define_lines(shader_defines(pack, settings, sizes={}, features_beside=features)).splitlines(True)
 
     modes = {
-        mode: lines(RenderSettings(mode=mode))  # type: ignore[arg-type]
+        mode: lines(RenderSettings(mode=mode, look=look))  # type: ignore[arg-type]
         for mode in MODES
         if features or mode not in ("features", "view-dependent")
     }
     common = [line for line in modes["normal"] if all(line in each for each in modes.values())]
-    behind = lines(RenderSettings(backdrop=shown))
+    behind = lines(RenderSettings(backdrop=shown, look=look))
     return {
         "texts": texts,
         "common": "".join(common),
         "modes": {mode: "".join(line for line in each if line not in common) for mode, each in modes.items()},
         "backdrop": "".join(line for line in behind if line not in modes["normal"]),
+        "look": look_uniforms(look),
         "backdropColours": [shown.first, shown.second],
         "overBackground": [mode for mode in modes if mode in MODES_OVER_BACKGROUND],
     }

@@ -25,12 +25,14 @@ from viewer.core.annotations import (
     file_for,
 )
 from viewer.features.measuring.measure_tool import LengthFormat, angle, as_csv, as_text, lengths
+from viewer.rendering.settings import Look
 
 LINE = Measurement("line", ((0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (3.0, 4.0, 2.0)))
 ANGLE = Measurement("angle", ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 1.0, 0.0)))
 POINT = Measurement("point", ((0.5, -0.25, 0.125),))
 VIEW = Bookmark("The façade", (0.0, 1.0, 4.0), (0.0, 0.0, 0.0), "z", 40.0)
-ANNOTATIONS = Annotations(Scale(2.5, "m"), (LINE, ANGLE, POINT), (VIEW, replace(VIEW, name="Top")))
+LOOK = Look(0.5, -0.2, 0.1, 1.5)
+ANNOTATIONS = Annotations(Scale(2.5, "m"), (LINE, ANGLE, POINT), (VIEW, replace(VIEW, name="Top")), LOOK)
 
 
 def test_lengths_and_angles():
@@ -70,6 +72,7 @@ def test_json_comes_back_as_it_was():
      ("measurements", [{"kind": "line", "points": [[0, 0, 0]]}], "2 points"),
      ("measurements", [{"kind": "area", "points": []}], "a line"),
      ("measurements", [{"kind": "point", "points": [[0, 0, float("nan")]]}], "number"),
+     ("look", {"exposure": 9}, "exposure"), ("look", ["grey"], "look"),
      ("bookmarks", [{"name": 3, "eye": [0, 0, 1], "target": [0, 0, 1]}], "same point"),
      ("bookmarks", [{"eye": [0, 0, 1], "target": [0, 0, 0], "up": ["y"]}], "axis"),
      ("bookmarks", [{"eye": [0, 0, 1], "target": [0, 0, 0], "fov": 300}], "fov")],

@@ -14,12 +14,13 @@ from tests.viewer.rendering.golden_variants import camera_for
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.web.browser import Browser
 from tests.viewer.web.conftest import page_picture
+from viewer.core.annotations import Annotations
 from viewer.core.files import demo_pack
 from viewer.features.display.display import backdrop
 from viewer.rendering.camera import ViewCamera, forward_facing_path
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import RenderSettings
-from viewer.web.description import MODES
+from viewer.rendering.settings import Look, RenderSettings
+from viewer.web.description import MODES, PageContent
 
 SIZE = (160, 120)
 DIFFERS, SHARE = 2, 0.001  # of 255; of the channels that may differ by more
@@ -94,6 +95,13 @@ def test_every_mode_of_every_kind_of_pack_looks_the_same(
         inner = RenderSettings(surroundings=False)
         page = page_picture(browser, camera, f"{{surroundings: false, {WHITE}}}")
         assert_same(page, renderer.render(camera, inner), f"{name}, inner cube")
+    look = Look(0.7, 0.4, -0.2, 1.3)
+    again = show(pack, PageContent("A scene", annotations=Annotations(look=look)))
+    for mode in ("normal", "depth"):
+        expected = renderer.render(camera, RenderSettings(mode=mode, look=look))
+        assert_same(
+            page_picture(again, camera, f"{{mode: '{mode}', {WHITE}}}"), expected, f"{name}, {mode} with a look"
+        )
     assert not browser.problems
 
 

@@ -370,6 +370,32 @@ def test_a_view_is_saved_as_a_360_picture(film_page, watched, xdotool, tmp_path)
     assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 
+def test_colours_are_changed_exported_and_taken_back(film_page, watched, xdotool, tmp_path):
+    window, app = film_page, film_page.app
+    app.interface.page = "view"
+    pump(window)
+    before = window.canvas.snapshot(app.camera().resized(96, 64), app.picture_settings)
+    press(watched, xdotool, "##exposure")
+    xdotool("mousedown", 1)
+    pump(window)
+    xdotool("mousemove_relative", 70, 0)
+    wait(window, lambda: app.annotations.current.look is not None and app.annotations.current.look.exposure > 0.5)
+    xdotool("mouseup", 1)
+    look = app.annotations.current.look
+    xdotool("mousemove", 200, 300, "key", "ctrl+s")
+    type_path(window, xdotool, tmp_path / "bright.png")
+    wait(window, (tmp_path / "bright.png").exists)
+    brighter = np.asarray(Image.open(tmp_path / "bright.png")).astype(int)
+    assert brighter.mean() > before.mean() + 1 and app.settings.look is None
+    xdotool("key", "ctrl+z", "key", "ctrl+z")  # the drag, and the click
+    wait(window, lambda: app.annotations.current.look is None)
+    xdotool("key", "ctrl+y", "key", "ctrl+y")
+    wait(window, lambda: app.annotations.current.look == look)
+    press(watched, xdotool, "Colours as they are")
+    wait(window, lambda: app.annotations.current.look is None)
+    assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
+
+
 def test_another_program_pastes_the_picture_that_was_copied(window, xdotool, other_client, tmp_path):
     app = window.app
     for mode in ("normal", "diffuse"):  # the second takes the place of the first

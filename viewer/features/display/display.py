@@ -5,9 +5,10 @@ The plain background goes through the view MLP, which knows only the one that it
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from viewer.rendering.settings import MODES, Backdrop
+from viewer.rendering.settings import MODES, Backdrop, Look
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -37,6 +38,14 @@ def backdrop(style: str, theme: str) -> Backdrop | None:
         return None
     first, second = (tuple(min(grey * tint, 1.0) for tint in TINT) for grey in greys)
     return Backdrop("checker" if style == "checker" else "gradient", first, second)  # type: ignore[arg-type]
+
+
+def set_look(app: App, **changes: float) -> None:
+    """Changes the look; remember() beforehand."""
+    annotations = app.annotations.current
+    look = replace(annotations.look or Look(), **changes)
+    app.annotations.current = replace(annotations, look=None if look == Look() else look)
+    app.touch()
 
 
 def modes_for(app: App) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from imgui_bundle import ImVec2, imgui
@@ -11,10 +11,11 @@ from viewer.app.application import App
 from viewer.core import theme
 from viewer.core.theme import Fonts
 from viewer.core.widgets import card, choice, figure, font, hint, label, px, segments, switch, tip
-from viewer.features.display.display import BACKGROUNDS, PLAIN, modes_for
+from viewer.features.display.display import BACKGROUNDS, PLAIN, modes_for, set_look
 from viewer.features.performance import panel as performance_panel
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.ray_frame import RayFrame
+from viewer.rendering.settings import LOOKS, Look
 from viewer.rendering.shader_source import colour_stops
 
 MODE_WORDS = {  # the title of each mode, and what it shows
@@ -52,6 +53,8 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             if shown != app.settings.surroundings:
                 app.set(surroundings=shown)
             tip("What lies beyond the inner cube of an unbounded scene")
+    with card("look", fonts, "Colour"):
+        _look(app)
     with card("resolution", fonts, "Resolution"):
         picked = segments("rest", list(RESOLUTIONS), str(app.resolution.rest_scale), RESOLUTIONS)
         if picked:
@@ -69,6 +72,24 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         performance_panel.rolling(app.times, app.resolution.target_ms, px(84))
         width, height = canvas.drawn_size
         figure("Pixels drawn", f"{width} × {height}")
+
+
+def _look(app: App) -> None:
+    look = app.annotations.current.look or Look()
+    for name, (least, most) in LOOKS.items():
+        label(name.capitalize())
+        changed, value = imgui.slider_float(f"##{name}", getattr(look, name), least, most, "%.2f")
+        if imgui.is_item_activated() and app.scene is not None:
+            app.scene.rig.remember()
+        if changed:
+            set_look(app, **{name: value})
+    imgui.begin_disabled(look == Look())
+    if imgui.button("Colours as they are", ImVec2(-1, 0)):
+        app.annotations.change(app, replace(app.annotations.current, look=None))
+    imgui.end_disabled()
+    hint(
+        "Of the scene, not of its background; kept with the pack. Comparisons with photographs show colours as they are."
+    )
 
 
 def _background(app: App) -> None:

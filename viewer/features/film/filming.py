@@ -205,7 +205,7 @@ class Filming:
         if not app.scene.whole:
             raise UserError("the scene is still being read", remedy="wait until it is complete")
         side = max(app.resolution.tile_side() // self.samples, SMALLEST_TILE)
-        settings = replace(app.settings, samples=self.samples)
+        settings = replace(app.picture_settings, samples=self.samples)
         layers = None
         exr = target.suffix.lower() == EXR
         if still and (exr or self.besides or self.transparent):

@@ -224,11 +224,12 @@ def place(rig: OrbitCamera, view: Bookmark, *, orthographic: bool) -> None:
 
 
 def joined(own: Annotations, other: Annotations) -> Annotations:
-    """Marks of both; the scale is `own` where that says anything."""
+    """Marks of both; scale and look are `own` where those say anything."""
     scale = own.scale if own.scale != Scale() else other.scale
     measurements = tuple(each for each in other.measurements if each not in own.measurements)
     bookmarks = tuple(each for each in other.bookmarks if each not in own.bookmarks)
-    return Annotations(scale, own.measurements + measurements, own.bookmarks + bookmarks)
+    look = own.look or other.look
+    return Annotations(scale, own.measurements + measurements, own.bookmarks + bookmarks, look)
 
 
 # The one that was open last

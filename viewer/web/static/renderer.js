@@ -166,7 +166,7 @@ export class Renderer {
     const position = scaled(subtract(view.eye, scene.minXyz), 1 / scene.voxelSize);
     const [low, high] = settings.surroundings === false ? scene.innerBox : scene.box;
     const fixed = {};
-    for (const [name, value] of Object.entries(scene.uniforms)) fixed[name] = columnMajor(value);
+    for (const [name, value] of Object.entries({ ...scene.uniforms, ...scene.shaders.look })) fixed[name] = columnMajor(value);
     return {
       ...fixed,
       viewport_origin: [0, 0],
