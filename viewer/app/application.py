@@ -29,6 +29,7 @@ from viewer.features.export.exporting import Exporting
 from viewer.features.export.sharing import Sharing
 from viewer.features.film.camera_path import CameraPath
 from viewer.features.film.filming import Filming
+from viewer.features.film.kiosk import Kiosk
 from viewer.features.making.make_job import TrainingPreview
 from viewer.features.making.making import Making
 from viewer.features.making.review import SparsePreview
@@ -60,6 +61,7 @@ class App:
     interface: Interface = field(default_factory=Interface)
     viewport: Viewport = field(default_factory=Viewport)
     filming: Filming = field(default_factory=Filming)
+    kiosk: Kiosk | None = None  # the window shows the scene by itself
     comparison: Comparison = field(default_factory=Comparison)
     gallery: Gallery = field(default_factory=Gallery)
     annotations: AnnotationStore = field(default_factory=AnnotationStore)
@@ -207,7 +209,7 @@ class App:
 
     def drop(self, paths: list[Path]) -> None:
         """Handles files dropped on the window: opens a pack or session; offers to make a scene or run into one."""
-        if not paths:
+        if not paths or self.kiosk is not None:
             return
         try:
             self._drop(paths[0])
@@ -242,6 +244,8 @@ class App:
         if self.scene is not None and self.scene.rig.update(seconds):
             self.touch(2)
         self.filming.tick(self, seconds)
+        if self.kiosk is not None:
+            self.kiosk.tick(self)
         self.gallery.tick(self)
         self.annotations.tick(self)
         self.views.tick(self)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from viewer.app.application import App
 from viewer.features.display.display import next_mode
+from viewer.features.film import kiosk
 from viewer.features.opening.open_prompt import ask_to_open, browse
 
 STEP_DEGREES = 15.0  # of a key that turns
@@ -27,6 +28,8 @@ class Command:
     needs_scene: bool = True
 
     def enabled(self, app: App) -> bool:
+        if app.kiosk is not None and self.id not in kiosk.COMMANDS:
+            return False
         return app.scene is not None or not self.needs_scene
 
 

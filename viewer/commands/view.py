@@ -28,6 +28,7 @@ from viewer.core.state import name_of
 from viewer.desktop import desktop_entry
 from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.comparison.comparison import How
+from viewer.features.film.kiosk import Kiosk
 from viewer.features.making import survey
 from viewer.features.opening import session
 from viewer.features.preferences import preferences
@@ -69,6 +70,8 @@ class View:
             a turntable.
         export_size: Size of the export, WIDTHxHEIGHT in pixels, for example 1920x1080.
         page: Page of the side panel to open.
+        kiosk: Full screen, without panels: play the camera path, the bookmarks or a turn, and again a minute after somebody moved
+            the camera. Ctrl+Q quits.
         size: Window size in screen units, for example 1280x800. The default is the last size.
         frames: For scripts: draw this many frames, wait until the picture is sharp, and quit.
         screenshot: For scripts: before quitting, save the window with its panels as this PNG. Implies --frames 1.
@@ -95,6 +98,7 @@ class View:
     export: Path | None = None
     export_size: str | None = None
     page: PageName | None = None
+    kiosk: bool = False
     size: str | None = None
     frames: int | None = None
     screenshot: Path | None = None
@@ -158,6 +162,9 @@ class View:
         page = self.page or self._page()
         if page is not None:
             app.interface.opens(page)
+        if self.kiosk:
+            app.kiosk = Kiosk()
+            app.kiosk.prepare(app)
         if self.look is not None:
             app.comparison.how = self.look
         if self.pack is not None and kind_of(self.pack) in ("scene", "run", "pictures", "session"):
@@ -247,8 +254,8 @@ def _check_pose(text: str) -> None:
 
 
 def _check_has_pack(view: View) -> None:
-    for name in ("pose", "compare", "photographs", "photograph", "path", "export"):
-        if getattr(view, name) is not None:
+    for name in ("pose", "compare", "photographs", "photograph", "path", "export", "kiosk"):
+        if getattr(view, name) not in (None, False):
             raise UserError("needs a pack", where=f"--{name}", expected=f"snerg-view PACK --{name} …")
 
 

@@ -39,6 +39,8 @@ def show(app: App, canvas: Canvas, box: Box, fonts: Fonts, gizmo: CropGizmo, axe
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
     app.viewport.camera = app.camera()
     draw_frame(app, canvas)
+    if app.kiosk is not None and app.filming.playing:
+        imgui.set_mouse_cursor(imgui.MouseCursor_.none)
     flags = imgui.WindowFlags_.no_background  # the frame is cleared with that colour, and to fill it again takes time
     if app.scene is not None:
         flags |= imgui.WindowFlags_.no_scroll_with_mouse  # the wheel is the camera's
@@ -225,7 +227,7 @@ def _corner(app: App, box: Box) -> None:
 def _toast(app: App, box: Box) -> None:
     """What was said just now, at the foot of the picture, in as many lines as it takes; a stripe marks a warning."""
     text, warning = app.messages.toast, app.messages.toast_level != "info"
-    if app.messages.toast_left <= 0:
+    if app.messages.toast_left <= 0 or app.kiosk is not None:
         return
     draw, room = imgui.get_window_draw_list(), min(px(TOAST_WIDTH), box[2] - px(64))
     size = imgui.calc_text_size(text, wrap_width=room)

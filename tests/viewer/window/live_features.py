@@ -23,7 +23,7 @@ from PIL import Image
 from tests.training.posing.conftest import COUNT, write_photographs
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.conftest import missing
-from tests.viewer.window.living import press, pump, wait
+from tests.viewer.window.living import press, pump, type_path, wait
 from viewer.app.application import App
 from viewer.core import widgets
 from viewer.core.pose import project, shortest_turn
@@ -42,7 +42,6 @@ KEYCODE = {"Q": 24, "W": 25, "E": 26, "A": 38, "S": 39, "D": 40, "M": 58, "Z": 5
 NUMBER_BLOCK = {"1": 87, "2": 88, "3": 89, "4": 83, "5": 84, "6": 85, "7": 79, "8": 80, "9": 81}  # evdev's keycodes
 
 FAKE = Path(__file__).parents[1] / "features" / "making" / "fake_make.py"
-LARGE = (1240, 860)
 
 
 @pytest.fixture
@@ -308,26 +307,6 @@ def test_a_session_is_saved_and_opened_again(window, xdotool, tmp_path):
     assert not again.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 
-def type_path(window: Window, xdotool, path: Path) -> None:
-    """Types a path into the dialog that asks for one."""
-    wait(window, lambda: window.app.file_request is not None)
-    pump(window)
-    xdotool("key", "ctrl+a", "type", "--delay", 1, str(path))
-    pump(window)
-    xdotool("key", "Return")
-    wait(window, lambda: window.app.file_request is None)
-
-
-@pytest.fixture
-def film_page(window):
-    glfw.set_window_size(window.handle, *LARGE)
-    wait(window, lambda: glfw.get_window_size(window.handle) == LARGE)
-    window.app.interface.page = "film"
-    window.app.filming.size = (96, 64)
-    pump(window)
-    return window
-
-
 def test_a_view_is_saved_in_several_modes_and_as_exr(film_page, watched, xdotool, tmp_path):
     window, app = film_page, film_page.app
     for name in ("##transparent", "##depth", "##normals"):
@@ -351,48 +330,6 @@ def test_a_view_is_saved_in_several_modes_and_as_exr(film_page, watched, xdotool
     radius = app.scene.rig.goal.distance
     assert 0.3 * radius < np.median(depth[depth > 0]) < 1.5 * radius
     assert json.loads(file.header()["snerg"])["fx"] > 0
-    assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
-
-
-def test_a_view_is_saved_as_a_360_picture(film_page, watched, xdotool, tmp_path):
-    window, app = film_page, film_page.app
-    press(watched, xdotool, "##panorama")
-    wait(window, lambda: app.filming.size == (4096, 2048))
-    app.filming.set_size(128, 2048)
-    pump(window)
-    press(watched, xdotool, "Save this view…")
-    type_path(window, xdotool, tmp_path / "around.png")
-    wait(window, (tmp_path / "around.png").exists)
-    around = app.scene.rig.camera((128, 64)).as_panorama((128, 64))
-    assert np.array_equal(np.asarray(Image.open(tmp_path / "around.png")), window.canvas.snapshot(around, app.settings))
-    press(watched, xdotool, "##panorama")
-    wait(window, lambda: app.filming.size == (1920, 1080))
-    assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
-
-
-def test_colours_are_changed_exported_and_taken_back(film_page, watched, xdotool, tmp_path):
-    window, app = film_page, film_page.app
-    app.interface.page = "view"
-    pump(window)
-    before = window.canvas.snapshot(app.camera().resized(96, 64), app.picture_settings)
-    press(watched, xdotool, "##exposure")
-    xdotool("mousedown", 1)
-    pump(window)
-    xdotool("mousemove_relative", 70, 0)
-    wait(window, lambda: app.annotations.current.look is not None and app.annotations.current.look.exposure > 0.5)
-    xdotool("mouseup", 1)
-    look = app.annotations.current.look
-    xdotool("mousemove", 200, 300, "key", "ctrl+s")
-    type_path(window, xdotool, tmp_path / "bright.png")
-    wait(window, (tmp_path / "bright.png").exists)
-    brighter = np.asarray(Image.open(tmp_path / "bright.png")).astype(int)
-    assert brighter.mean() > before.mean() + 1 and app.settings.look is None
-    xdotool("key", "ctrl+z", "key", "ctrl+z")  # the drag, and the click
-    wait(window, lambda: app.annotations.current.look is None)
-    xdotool("key", "ctrl+y", "key", "ctrl+y")
-    wait(window, lambda: app.annotations.current.look == look)
-    press(watched, xdotool, "Colours as they are")
-    wait(window, lambda: app.annotations.current.look is None)
     assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 

@@ -18,7 +18,7 @@ from tests.viewer.unseen import draw_unseen
 from tests.viewer.window.widgets_seen import Watch
 from viewer.window.window import Window
 
-SIZE = (900, 600)
+SIZE, LARGE = (900, 600), (1240, 860)
 PATIENCE_S = 90.0
 CLIENT = Path(__file__).with_name("x11_client.py")
 
@@ -77,3 +77,13 @@ def press(watched: tuple[Window, Watch], xdotool: Callable[..., object], label: 
     x, y = places[-1][0]
     xdotool("mousemove", left + round(x), top + round(y), "click", 1)
     pump(window)
+
+
+def type_path(window: Window, xdotool: Callable[..., object], path: Path) -> None:
+    """Types a path into the dialog that asks for one."""
+    wait(window, lambda: window.app.file_request is not None)
+    pump(window)
+    xdotool("key", "ctrl+a", "type", "--delay", 1, str(path))
+    pump(window)
+    xdotool("key", "Return")
+    wait(window, lambda: window.app.file_request is None)

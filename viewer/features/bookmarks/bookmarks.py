@@ -105,19 +105,22 @@ class Bookmarks:
         left = len(app.annotations.current.bookmarks)
         self.selected = min(index, left - 1) if left else None
 
+    def keyframes(self, app: App) -> list[Keyframe]:
+        """The saved views, in their order."""
+        assert app.scene is not None
+        keys = []
+        for view in app.annotations.current.bookmarks:
+            table = replace(app.scene.rig.table, up=view.up)
+            keys.append(Keyframe(pose_of(view, table).matrix(table), view.fov))
+        return keys
+
     def film(self, app: App) -> None:
         """Makes the saved views, in their order, the keyframes of the camera path."""
-        views = app.annotations.current.bookmarks
         if app.scene is None:
             return
-        if len(views) < 2:
+        if len(app.annotations.current.bookmarks) < 2:
             raise UserError("a film needs two views", remedy="bookmark some: Ctrl+D")
-        rig = app.scene.rig
-        keys = []
-        for view in views:
-            table = replace(rig.table, up=view.up)
-            keys.append(Keyframe(pose_of(view, table).matrix(table), view.fov))
-        filming = app.filming
+        filming, keys = app.filming, self.keyframes(app)
         filming.path, filming.selected, filming.time, filming.playing = CameraPath(keys), None, 0.0, False
         app.interface.opens("film")
         app.messages.say(f"A film of {filming.path.duration:.0f} seconds through {len(keys)} views")

@@ -84,7 +84,13 @@ class AxisGizmo:
     def show(self, app: App, box: Box) -> None:
         """Draws it in the picture's upper right corner and takes the mouse there, before whatever else listens to it."""
         camera, scene = app.viewport.camera, app.scene
-        if scene is None or camera is None or scene.rig.bounded or not app.interface.axes_shown:
+        if (
+            scene is None
+            or camera is None
+            or scene.rig.bounded
+            or not app.interface.axes_shown
+            or app.kiosk is not None
+        ):
             return
         if min(box[2], box[3]) < px(LEAST_ROOM):
             return

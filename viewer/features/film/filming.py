@@ -56,6 +56,7 @@ class Filming:
     besides: tuple[Mode, ...] = ()  # modes that a still is saved in besides the one that is shown
     transparent: bool = False  # stills have no background
     export: Export | None = None
+    _held: ViewCamera | None = None  # what playing showed last
 
     def of_another_scene(self) -> Filming:
         """What stays when another scene is opened: how stills and films are written."""
@@ -108,12 +109,13 @@ class Filming:
             return
         self.time = min(max(seconds, 0.0), max(self.path.duration, 0.0))
         matrix, fov = self.path.at(self.time)
-        app.scene.rig.hold(view_camera(matrix, fov, app.viewport.pixels))
+        self._held = view_camera(matrix, fov, app.viewport.pixels)
+        app.scene.rig.hold(self._held)
         app.touch()
 
     def play(self, app: App) -> None:
         """Starts or stops playing; from the start again where the end was reached."""
-        self.playing = not self.playing and len(self.path.keyframes) > 1
+        self.playing, self._held = not self.playing and len(self.path.keyframes) > 1, None
         if self.playing:
             if app.scene is not None:
                 app.scene.rig.remember()
@@ -121,6 +123,8 @@ class Filming:
                 self.time = 0.0
 
     def tick(self, app: App, seconds: float) -> None:
+        if self.playing and app.scene is not None and self._held not in (None, app.scene.rig.held):
+            self.playing = False  # somebody moved the camera
         if self.playing:
             self.time += seconds
             if self.time >= self.path.duration:

@@ -28,6 +28,7 @@ from viewer.core.pose import Pose, Turntable
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
 from viewer.features.film.film_export import Export, films_possible, write_film
 from viewer.features.film.filming import copy_picture
+from viewer.features.film.kiosk import Kiosk
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
@@ -131,6 +132,34 @@ def test_playing_moves_the_camera_and_stops_at_the_end(filming_app):
     assert not np.allclose(app.camera().grid_T_camera, before)
     app.tick(100)
     assert not app.filming.playing and app.filming.time == app.filming.path.duration
+
+
+def test_who_moves_the_camera_stops_the_film(filming_app):
+    run(filming_app, "turntable")
+    run(filming_app, "play")
+    filming_app.tick(0.5)
+    filming_app.scene.rig.orbit(0.1, 0.0)
+    seen = filming_app.scene.rig.goal
+    filming_app.tick(0.5)
+    assert not filming_app.filming.playing and filming_app.scene.rig.goal == seen
+
+
+@pytest.mark.parametrize("shown", ["turn", "bookmarks", "path", "forward-facing"])
+def test_a_kiosk_plays_what_there_is_without_an_end(pack, ndc_pack, tmp_path, shown):
+    app = App(canvas=FakeCanvas(), kiosk=Kiosk())
+    app.show(ndc_pack if shown == "forward-facing" else pack, tmp_path)
+    if shown == "bookmarks":
+        for azimuth in (0, 90):
+            app.scene.rig.look_along(azimuth, 0)
+            app.bookmarks.add(app)
+    elif shown == "path":
+        app.filming.path = CameraPath(keyframes([Pose(azimuth=a) for a in (0, 20, 40)]))
+    app.tick(0.1)
+    path = app.filming.path
+    expected = {"turn": (8, 40.0), "bookmarks": (2, 4.0), "path": (3, 4.5), "forward-facing": (8, 40.0)}[shown]
+    assert app.filming.playing and path.closed and (len(path.keyframes), path.duration) == expected
+    app.tick(2.5 * path.duration)
+    assert app.filming.playing and app.scene.rig.held is not None
 
 
 @pytest.mark.skipif(not films_possible(), reason="PyAV is not installed: pip install 'snerg[video]'")

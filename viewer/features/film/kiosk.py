@@ -1,0 +1,66 @@
+"""Kiosk: a scene that shows itself, full screen and without panels, and waits while somebody moves the camera."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from viewer.features.film.camera_path import CameraPath, Keyframe
+from viewer.rendering.camera import forward_facing_path
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+IDLE_S = 60.0  # without a movement of the camera, before it begins again
+TURN_S = 40.0  # of a turntable
+SWAY_KEYS = 8  # of a forward-facing scene
+COMMANDS = ("home", "frame", "escape", "full-screen", "quit")  # that keys still run
+
+
+@dataclass
+class Kiosk:
+    """began: the path of the scene is known. moved_at: when the camera moved last, seconds of the monotonic clock."""
+
+    began: bool = False
+    moved_at: float = 0.0
+    _goal: object = None
+
+    def prepare(self, app: App) -> None:
+        """Leaves nothing but the picture in the window."""
+        app.interface.full_screen, app.interface.panels_shown = True, False
+
+    def tick(self, app: App) -> None:
+        """Plays the path once the scene is there, and again IDLE_S after somebody moved the camera the last time."""
+        if app.scene is None or not app.scene.whole:
+            return
+        filming, now = app.filming, time.monotonic()
+        if not self.began:
+            self.began = True
+            filming.path = _path(app)
+            self._play(app)
+        elif filming.playing or app.scene.rig.goal != self._goal:
+            self.moved_at, self._goal = now, app.scene.rig.goal
+        elif now - self.moved_at > IDLE_S:
+            self._play(app)
+
+    def _play(self, app: App) -> None:
+        app.filming.time = 0.0
+        app.filming.play(app)
+
+
+def _path(app: App) -> CameraPath:
+    """The camera path that was loaded, or one through the bookmarks, or a turn; without an end."""
+    filming = app.filming
+    assert app.scene is not None
+    if len(filming.path.keyframes) > 1:
+        return CameraPath(filming.path.keyframes, closed=True)
+    if len(app.annotations.current.bookmarks) > 1:
+        return CameraPath(app.bookmarks.keyframes(app), closed=True)
+    if app.scene.rig.bounded:
+        cameras = forward_facing_path(app.scene.pack, SWAY_KEYS)
+        keys = [Keyframe(camera.grid_T_camera, app.fov, TURN_S / SWAY_KEYS) for camera in cameras]
+        return CameraPath(keys, closed=True)
+    filming.turntable(app)
+    count = len(filming.path.keyframes)
+    return CameraPath([replace(key, seconds=TURN_S / count) for key in filming.path.keyframes], closed=True)
