@@ -61,6 +61,8 @@ def _escape(app: App) -> None:
         app.filming.cancel(app)
     elif app.loading is not None:
         app.opening.cancel(app)
+    elif app.bookmarks.placing:
+        app.bookmarks.placing = False
     elif app.measure_tool.escape(app):
         pass
     elif app.comparison.against == "photograph":
@@ -145,6 +147,7 @@ _ALL = (
     *_group(
         "Bookmarks",
         ("bookmark", "Bookmark this view", lambda app: app.bookmarks.add(app), "Ctrl+D"),
+        ("annotate", "Annotate a place", lambda app: app.bookmarks.annotate(app), "Ctrl+Shift+D"),
         ("next-bookmark", "Next bookmark", lambda app: app.bookmarks.step(app, 1), "PageDown"),
         ("last-bookmark", "Previous bookmark", lambda app: app.bookmarks.step(app, -1), "PageUp"),
     ),

@@ -42,7 +42,7 @@ UNITS: tuple[Unit, ...] = get_args(Unit)
 METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 LEAST_POINTS = {"point": 1, "line": 2, "angle": 3}
 MOST_POINTS, MOST_ANNOTATIONS = 1000, 10_000  # of a line; of each kind
-LONGEST_NAME = 100  # characters
+LONGEST_NAME, LONGEST_TEXT = 100, 2000  # characters
 SCALES = (1e-12, 1e12)
 FOVS = (1.0, 170.0)  # degrees, vertical
 
@@ -78,6 +78,8 @@ class Bookmark:
     target: Point
     up: str = "y"
     fov: float = 35.0
+    point: Point | None = None  # the place that it shows, marked in the picture
+    text: str = ""  # what there is to say of it
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,10 @@ def annotations_to_json(annotations: Annotations) -> dict[str, Any]:
 
 
 def bookmark_to_json(view: Bookmark) -> dict[str, Any]:
-    return {"name": view.name, "eye": list(view.eye), "target": list(view.target), "up": view.up, "fov": view.fov}
+    place = {} if view.point is None else {"point": list(view.point)}
+    text = {"text": view.text} if view.text else {}
+    camera = {"eye": list(view.eye), "target": list(view.target), "up": view.up, "fov": view.fov}
+    return {"name": view.name, **camera, **place, **text}
 
 
 def annotations_from_json(document: Any, complain: Callable[[str], None] | None = None) -> Annotations:
@@ -210,7 +215,16 @@ def bookmark_from_json(value: Any) -> Bookmark:
     if not isinstance(up, str) or up not in UP_AXES:
         raise ValueError("a bookmark: expected up to be an axis such as y or -z")
     fov = number_from_json(entries.get("fov", 35.0), *FOVS, "a bookmark's fov")
-    return Bookmark(named(entries.get("name")), eye, target, up, fov)
+    point = None if entries.get("point") is None else point_from_json(entries["point"], "a bookmark's point")
+    text = entries.get("text", "")
+    return Bookmark(
+        named(entries.get("name")), eye, target, up, fov, point, worded(text if isinstance(text, str) else "")
+    )
+
+
+def worded(text: str) -> str:
+    """A text of at most LONGEST_TEXT characters, with its lines, and without control characters."""
+    return "\n".join(one_line(line, LONGEST_TEXT) for line in text[:LONGEST_TEXT].split("\n"))
 
 
 def named(text: Any) -> str:

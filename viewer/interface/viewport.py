@@ -14,6 +14,7 @@ from viewer.core import screen, theme
 from viewer.core.state import Viewport
 from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, chip, in_front, px
+from viewer.features.bookmarks import panel as bookmarks_panel
 from viewer.features.camera.panel import AxisGizmo
 from viewer.features.comparison import panel as comparison_panel
 from viewer.features.crop import crop
@@ -58,9 +59,9 @@ def show(app: App, canvas: Canvas, box: Box, fonts: Fonts, gizmo: CropGizmo, axe
         over = not gizmo.over and (imgui.is_item_hovered() or imgui.is_item_active())
         film_panel.draw_path(app, box)
         shot, face = photographs_panel.draw(app, canvas, box), crop_panel.draw_crop(app, box)
-        mark = measuring_panel.draw(app, box, over)
+        mark, place = measuring_panel.draw(app, box, over), bookmarks_panel.draw(app, box, over)
         if not gizmo.over:
-            _mouse(app, box, _Under(face, shot, mark) if over else NOTHING)
+            _mouse(app, box, _Under(face, shot, mark, place) if over else NOTHING)
         gizmo.show(app, box)
         _corner(app, box)
         display_panel.show_legend(app, box)
@@ -70,11 +71,12 @@ def show(app: App, canvas: Canvas, box: Box, fonts: Fonts, gizmo: CropGizmo, axe
 
 
 class _Under(NamedTuple):
-    """What is under the mouse: a handle of the crop box, a photograph's frustum, a measured point."""
+    """What is under the mouse: a handle of the crop box, a photograph's frustum, a measured point, an annotated place."""
 
     face: int | None = None
     shot: int | None = None
     mark: measuring_panel.Handle | None = None
+    place: int | None = None  # index of its bookmark
 
 
 NOTHING = _Under()
@@ -144,10 +146,14 @@ def _click(app: App, x: float, y: float) -> None:
     review = app.making.review
     if review is not None and review.picking and _mouse_state.button == LEFT:
         app.making.pick_ground(app, x, y)
+    elif app.bookmarks.placing and _mouse_state.button == LEFT:
+        app.bookmarks.place(app, x, y)
     elif _mouse_state.holds == "mark" and _mouse_state.under.mark is not None:
         app.measure_tool.click_point(app, *_mouse_state.under.mark)
     elif app.measure_tool.tool and _mouse_state.button == LEFT:
         app.measure_tool.click(app, x, y)
+    elif _mouse_state.under.place is not None:
+        app.bookmarks.go(app, _mouse_state.under.place)
     elif _mouse_state.under.shot is not None:
         photographs_panel.stand_in(app, _mouse_state.under.shot)
 

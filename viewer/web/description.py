@@ -236,7 +236,8 @@ def _camera(pack: Pack, start: str | None, annotations: Annotations) -> dict[str
     bookmarks = []
     for bookmark in annotations.bookmarks:
         table = replace(rig.table, up=bookmark.up)
-        bookmarks.append({"name": bookmark.name, "fov": bookmark.fov, **_view(pose_of(bookmark, table), table)})
+        said = {"name": bookmark.name, "text": bookmark.text, "point": bookmark.point}
+        bookmarks.append({**said, "fov": bookmark.fov, **_view(pose_of(bookmark, table), table)})
     return {
         "home": _view(home, rig.table),
         "fov": fov,

@@ -31,8 +31,9 @@ LINE = Measurement("line", ((0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (3.0, 4.0, 2.0)))
 ANGLE = Measurement("angle", ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 1.0, 0.0)))
 POINT = Measurement("point", ((0.5, -0.25, 0.125),))
 VIEW = Bookmark("The façade", (0.0, 1.0, 4.0), (0.0, 0.0, 0.0), "z", 40.0)
+PLACE = replace(VIEW, name="Top", point=(0.1, 0.2, -0.3), text="Two lines\nof <b>text</b>")
 LOOK = Look(0.5, -0.2, 0.1, 1.5)
-ANNOTATIONS = Annotations(Scale(2.5, "m"), (LINE, ANGLE, POINT), (VIEW, replace(VIEW, name="Top")), LOOK)
+ANNOTATIONS = Annotations(Scale(2.5, "m"), (LINE, ANGLE, POINT), (VIEW, PLACE), LOOK)
 
 
 def test_lengths_and_angles():
@@ -75,6 +76,7 @@ def test_json_comes_back_as_it_was():
      ("look", {"exposure": 9}, "exposure"), ("look", ["grey"], "look"),
      ("bookmarks", [{"name": 3, "eye": [0, 0, 1], "target": [0, 0, 1]}], "same point"),
      ("bookmarks", [{"eye": [0, 0, 1], "target": [0, 0, 0], "up": ["y"]}], "axis"),
+     ("bookmarks", [{"eye": [0, 0, 1], "target": [0, 0, 0], "point": [0, 0]}], "point"),
      ("bookmarks", [{"eye": [0, 0, 1], "target": [0, 0, 0], "fov": 300}], "fov")],
 )  # fmt: skip
 def test_what_makes_no_sense_is_refused_or_left_out(part, value, words):

@@ -1,8 +1,9 @@
-"""Bookmarks, and the small pictures that show them and keyframes."""
+"""Bookmarks, the places in the scene that some of them annotate, and the small pictures that show them and keyframes."""
 
 from __future__ import annotations
 
 import math
+import time
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -10,10 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from console import UserError
-from viewer.core.annotations import MOST_ANNOTATIONS, Bookmark, named
-from viewer.core.pose import MAX_ELEVATION, Pose, Turntable, triple, view_camera
+from viewer.core.annotations import MOST_ANNOTATIONS, Bookmark, Point, named, worded
+from viewer.core.pose import MAX_ELEVATION, Pose, Turntable, project, triple, view_camera
 from viewer.features.camera.orbit_camera import FOVS, OrbitCamera
 from viewer.features.film.camera_path import CameraPath, Keyframe
+from viewer.features.measuring.surface import surface_at
+from viewer.rendering.camera import ray_through
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
 
@@ -37,23 +40,74 @@ def pose_of(bookmark: Bookmark, table: Turntable) -> Pose:
     return Pose(bookmark.target, azimuth, elevation, math.dist(bookmark.eye, bookmark.target))
 
 
+COVERED_S = 0.004  # of a frame, for finding out which places are covered
+TOLERANCE = 4.0, 0.02  # by which something lies before a place that it covers: voxels, and of the place's distance
+
+
 @dataclass
 class Bookmarks:
     """selected: index of the one chosen last, also once the camera has moved. naming: the name being typed for it."""
 
     selected: int | None = None
     naming: str = ""
+    wording: str | None = None  # the text being typed
+    placing: bool = False  # a click annotates the place under it
+    shown: bool = True  # places are marked in the picture
+    _looked: dict[Point, tuple[float, object, bool]] = field(default_factory=dict)  # when, in which view, if covered
 
     def drop(self) -> None:
-        self.selected, self.naming = None, ""
+        self.selected, self.naming, self.wording, self.placing, self._looked = None, "", None, False, {}
 
-    def add(self, app: App) -> None:
-        """Saves the present view, behind the selected one."""
+    def annotate(self, app: App) -> None:
+        """Waits for a click on the place to annotate, or does not any more."""
+        self.placing = not self.placing
+        if self.placing:
+            app.measure_tool.choose(app, "")
+            app.interface.opens("bookmarks")
+            app.messages.say("Click on the place to annotate")
+
+    def place(self, app: App, x: float, y: float) -> None:
+        """Bookmarks the view with the surface under a point of the viewport (window units from its corner)."""
+        hit = app.measure_tool.look_at(app, x, y)
+        if hit is None:
+            app.messages.say("There is no surface under the cursor")
+            return
+        self.placing = False
+        self.add(app, triple(hit.point))
+
+    def covered(self, app: App) -> set[Point]:
+        """The places that something else hides in the picture; what takes too long for one frame is found in the next."""
+        camera, settings = app.viewport.camera, app.settings
+        if app.scene is None or camera is None:
+            return set()
+        pack, view = (
+            app.scene.pack,
+            (camera.key, settings.crop, settings.near, settings.surroundings, id(app.scene.pack)),
+        )
+        points = {view.point for view in app.annotations.current.bookmarks if view.point is not None}
+        self._looked = {point: found for point, found in self._looked.items() if point in points}
+        stale = [point for point in points if self._looked.get(point, (0.0, None))[1] != view]
+        end = time.monotonic() + COVERED_S
+        for point in sorted(stale, key=lambda point: self._looked.get(point, (0.0,))[0]):
+            (x, y), _ = (found[0] for found in project(camera, np.array([point])))
+            hit = surface_at(pack, camera, settings, x, y)
+            before = 0.0 if hit is None else float((np.asarray(point) - hit.point) @ ray_through(camera, x, y)[1])
+            voxels, share = TOLERANCE
+            tolerance = max(voxels * pack.voxel_size, share * math.dist(point, camera.position))
+            self._looked[point] = time.monotonic(), view, before > tolerance
+            if time.monotonic() > end:
+                app.touch(1)
+                break
+        return {point for point, (_, _, hidden) in self._looked.items() if hidden}
+
+    def add(self, app: App, point: Point | None = None) -> None:
+        """Saves the present view, of a place to annotate where there is one, behind the selected one."""
         annotations = app.annotations.current
         if app.scene is None or len(annotations.bookmarks) >= MOST_ANNOTATIONS:
             return
         at = len(annotations.bookmarks) if self.selected is None else min(self.selected + 1, len(annotations.bookmarks))
-        view = bookmark_of(app.scene.rig, app.fov, _free_name(annotations.bookmarks))
+        name = _free_name(annotations.bookmarks, "View" if point is None else "Place")
+        view = replace(bookmark_of(app.scene.rig, app.fov, name), point=point)
         added = (*annotations.bookmarks[:at], view, *annotations.bookmarks[at:])
         app.annotations.change(app, replace(annotations, bookmarks=added))
         self.selected = at
@@ -87,11 +141,17 @@ class Bookmarks:
         view = replace(annotations.bookmarks[index], name=named(name))
         app.annotations.change(app, annotations.with_bookmark(index, view))
 
+    def give_text(self, app: App, index: int, text: str) -> None:
+        annotations = app.annotations.current
+        view = replace(annotations.bookmarks[index], text=worded(text))
+        app.annotations.change(app, annotations.with_bookmark(index, view))
+
     def update(self, app: App, index: int) -> None:
         """Puts a saved view where the camera is now."""
         annotations = app.annotations.current
         if app.scene is not None:
-            view = bookmark_of(app.scene.rig, app.fov, annotations.bookmarks[index].name)
+            old = annotations.bookmarks[index]
+            view = replace(bookmark_of(app.scene.rig, app.fov, old.name), point=old.point, text=old.text)
             app.annotations.change(app, annotations.with_bookmark(index, view))
 
     def move(self, app: App, index: int, by: int) -> None:
@@ -127,9 +187,9 @@ class Bookmarks:
         app.touch()
 
 
-def _free_name(bookmarks: tuple[Bookmark, ...]) -> str:
+def _free_name(bookmarks: tuple[Bookmark, ...], kind: str) -> str:
     taken = {bookmark.name for bookmark in bookmarks}
-    return next(name for name in (f"View {i}" for i in range(1, len(bookmarks) + 2)) if name not in taken)
+    return next(name for name in (f"{kind} {i}" for i in range(1, len(bookmarks) + 2)) if name not in taken)
 
 
 # --- View pictures ---

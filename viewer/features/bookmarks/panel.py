@@ -13,12 +13,15 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core.annotations import Bookmark
+from viewer.core.screen import Screen
 from viewer.core.theme import Fonts
-from viewer.core.widgets import card, coloured, elided, hint, icon_button, label, main_button, px, tip
+from viewer.core.widgets import Box, card, coloured, elided, hint, icon_button, label, main_button, px, switch, tip
 from viewer.features.bookmarks.bookmarks import SIZE, pose_of
 from viewer.rendering.canvas import Canvas
 
 SHOWN = 6  # rows of the list
+TEXT_HEIGHT = 72.0
 NO_VIEWS = "Views that you save here are kept with the pack. Ctrl+D saves one, PageUp and PageDown step through them."
 
 
@@ -29,6 +32,10 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("bookmarks", fonts, "Bookmarks"):
         if main_button(f"{fa.ICON_FA_BOOKMARK}  Bookmark this view", -1):
             run(app, "bookmark")
+        waits = "Click on a surface" if app.bookmarks.placing else "Annotate a place"
+        if imgui.button(f"{fa.ICON_FA_LOCATION_DOT}  {waits}###annotate", ImVec2(-1, 0)):
+            run(app, "annotate")
+        tip("A number marks it in the picture; its bookmark has the title and the text")
         if views:
             _list(app, canvas)
             _chosen(app)
@@ -58,7 +65,8 @@ def _list(app: App, canvas: Canvas) -> None:
     for i, view in enumerate(views):
         turned = replace(table, up=view.up)
         pose = pose_of(view, turned).matrix(turned)
-        if row(app, canvas, f"bookmark{i}", (pose, view.fov), (view.name, ""), chosen=i == bookmarks.selected):
+        texts = view.name, "" if view.point is None else str(i + 1)
+        if row(app, canvas, f"bookmark{i}", (pose, view.fov), texts, chosen=i == bookmarks.selected):
             bookmarks.go(app, i)
     imgui.end_child()
 
@@ -82,7 +90,64 @@ def _chosen(app: App) -> None:
         if bookmarks.naming.strip():
             bookmarks.give_name(app, index, bookmarks.naming)
         bookmarks.naming = ""
+    written = views[index].text if bookmarks.wording is None else bookmarks.wording
+    changed, text = imgui.input_text_multiline("##text", written, ImVec2(-1, px(TEXT_HEIGHT)))
+    if changed:
+        bookmarks.wording = text
+    if imgui.is_item_deactivated():
+        if bookmarks.wording is not None:
+            bookmarks.give_text(app, index, bookmarks.wording)
+        bookmarks.wording = None
     imgui.pop_id()
+    bookmarks.shown = switch("places", bookmarks.shown, "Show places")
+
+
+# --- Annotated places over the picture ---
+
+RADIUS, CARD = 13.0, 260.0  # of a number's disc; width of what is said
+
+
+def draw(app: App, box: Box, over: bool) -> int | None:
+    """Draws the places that are not covered; the index of the one under the mouse. over: it is over nothing but the picture."""
+    views, bookmarks = app.annotations.current.bookmarks, app.bookmarks
+    marked = [i for i, view in enumerate(views) if view.point is not None]
+    if not marked or not bookmarks.shown or app.scene is None:
+        return None
+    places, before = Screen(app, box).points(np.array([views[i].point for i in marked]))
+    covered, mouse, under = bookmarks.covered(app), imgui.get_io().mouse_pos, None
+    draw_list = imgui.get_window_draw_list()
+    draw_list.push_clip_rect(ImVec2(box[0], box[1]), ImVec2(box[0] + box[2], box[1] + box[3]), True)
+    seen = {
+        i: at for i, at, ahead in zip(marked, places, before, strict=True) if ahead and views[i].point not in covered
+    }
+    for i, at in seen.items():
+        under = i if over and np.hypot(mouse.x - at.x, mouse.y - at.y) < px(RADIUS) else under
+    for i, at in seen.items():
+        hot = i in (under, bookmarks.selected)
+        draw_list.add_circle_filled(at, px(RADIUS + 1.5), theme.packed(theme.BASE, 0.85))
+        draw_list.add_circle_filled(at, px(RADIUS), theme.packed(theme.ACCENT if hot else theme.CARD))
+        size = imgui.calc_text_size(str(i + 1))
+        colour = theme.packed(theme.ON_ACCENT if hot else theme.TEXT)
+        draw_list.add_text(ImVec2(at.x - 0.5 * size.x, at.y - 0.5 * size.y), colour, str(i + 1))
+    said = bookmarks.selected if under is None else under
+    if said in seen:
+        _say(views[said], seen[said], box)
+    draw_list.pop_clip_rect()
+    return under
+
+
+def _say(view: Bookmark, at: ImVec2, box: Box) -> None:
+    """Title and text of a place, beside it, within the picture."""
+    draw_list, font, size, room = imgui.get_window_draw_list(), imgui.get_font(), imgui.get_font_size(), px(CARD)
+    title, text = (imgui.calc_text_size(words, wrap_width=room) for words in (view.name, view.text or " "))
+    width, height = max(title.x, text.x) + px(24), title.y + (text.y + px(4) if view.text else 0.0) + px(20)
+    x = max(min(at.x + px(RADIUS + 8), box[0] + box[2] - width), box[0])
+    y = max(min(at.y - px(RADIUS), box[1] + box[3] - height), box[1])
+    draw_list.add_rect_filled(ImVec2(x, y), ImVec2(x + width, y + height), theme.packed(theme.BASE, 0.9), px(10))
+    x, y = x + px(12), y + px(10)
+    draw_list.add_text(font, size, ImVec2(x, y), theme.packed(theme.TEXT), view.name, wrap_width=room)
+    below = ImVec2(x, y + title.y + px(4))
+    draw_list.add_text(font, size, below, theme.packed(theme.MUTED), view.text, wrap_width=room)
 
 
 # --- Lists of views ---

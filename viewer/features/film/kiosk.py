@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 IDLE_S = 60.0  # without a movement of the camera, before it begins again
 TURN_S = 40.0  # of a turntable
+LEG_S = 8.0  # from one bookmark to the next
 SWAY_KEYS = 8  # of a forward-facing scene
 COMMANDS = ("home", "frame", "escape", "full-screen", "quit")  # that keys still run
 
@@ -23,6 +24,7 @@ class Kiosk:
     """began: the path of the scene is known. moved_at: when the camera moved last, seconds of the monotonic clock."""
 
     began: bool = False
+    tour: bool = False  # it leads through the bookmarks
     moved_at: float = 0.0
     _goal: object = None
 
@@ -37,10 +39,12 @@ class Kiosk:
         filming, now = app.filming, time.monotonic()
         if not self.began:
             self.began = True
-            filming.path = _path(app)
+            filming.path = self._path(app)
             self._play(app)
         elif filming.playing or app.scene.rig.goal != self._goal:
             self.moved_at, self._goal = now, app.scene.rig.goal
+            if filming.playing and self.tour:
+                app.bookmarks.selected = round(filming.time / LEG_S) % len(filming.path.keyframes)
         elif now - self.moved_at > IDLE_S:
             self._play(app)
 
@@ -48,19 +52,19 @@ class Kiosk:
         app.filming.time = 0.0
         app.filming.play(app)
 
-
-def _path(app: App) -> CameraPath:
-    """The camera path that was loaded, or one through the bookmarks, or a turn; without an end."""
-    filming = app.filming
-    assert app.scene is not None
-    if len(filming.path.keyframes) > 1:
-        return CameraPath(filming.path.keyframes, closed=True)
-    if len(app.annotations.current.bookmarks) > 1:
-        return CameraPath(app.bookmarks.keyframes(app), closed=True)
-    if app.scene.rig.bounded:
-        cameras = forward_facing_path(app.scene.pack, SWAY_KEYS)
-        keys = [Keyframe(camera.grid_T_camera, app.fov, TURN_S / SWAY_KEYS) for camera in cameras]
-        return CameraPath(keys, closed=True)
-    filming.turntable(app)
-    count = len(filming.path.keyframes)
-    return CameraPath([replace(key, seconds=TURN_S / count) for key in filming.path.keyframes], closed=True)
+    def _path(self, app: App) -> CameraPath:
+        """The camera path that was loaded, or one through the bookmarks, or a turn; without an end."""
+        filming = app.filming
+        assert app.scene is not None
+        if len(filming.path.keyframes) > 1:
+            return CameraPath(filming.path.keyframes, closed=True)
+        if len(app.annotations.current.bookmarks) > 1:
+            self.tour = True
+            return CameraPath([replace(key, seconds=LEG_S) for key in app.bookmarks.keyframes(app)], closed=True)
+        if app.scene.rig.bounded:
+            cameras = forward_facing_path(app.scene.pack, SWAY_KEYS)
+            keys = [Keyframe(camera.grid_T_camera, app.fov, TURN_S / SWAY_KEYS) for camera in cameras]
+            return CameraPath(keys, closed=True)
+        filming.turntable(app)
+        count = len(filming.path.keyframes)
+        return CameraPath([replace(key, seconds=TURN_S / count) for key in filming.path.keyframes], closed=True)

@@ -59,11 +59,15 @@ function tick(now) {
   }
   if (now < restAt) return request();
   if (tiles === null) tiles = resolution.tiles(canvas.width, canvas.height);
-  if (!tiles.length) return;
-  const size = [canvas.width, canvas.height];
-  timed(size, tiles.shift(), false);
-  if (tiles.length) return request();
-  renderer.show(...size);
+  if (tiles.length) {
+    const size = [canvas.width, canvas.height];
+    timed(size, tiles.shift(), false);
+    if (tiles.length) return request();
+    renderer.show(...size);
+  }
+  const view = camera.view(near);
+  overlay.cover((point) => renderer.covers(view, settings, point));
+  overlay.draw(view);
 }
 
 function timed(size, box, moving) {
@@ -207,18 +211,24 @@ function describe() {
   element("modes").replaceChildren();
   for (const mode of Object.keys(scene.shaders.modes)) button(element("modes"), { text: NAMES[mode], value: mode }, () => setMode(mode));
   element("bookmarks").replaceChildren();
-  for (const bookmark of bookmarks)
-    button(element("bookmarks"), { text: bookmark.name, title: bookmark.name }, () => {
-      setPlaying(false);
-      camera.go(bookmark, bookmark.fov);
-      touch();
-    });
+  for (const bookmark of bookmarks) button(element("bookmarks"), { text: bookmark.name, title: bookmark.name }, () => visit(bookmark));
+  element("note").hidden = true;
   element("around").hidden = !contracted;
-  element("measured").hidden = !measurements.length;
+  element("measured").hidden = !measurements.length && !bookmarks.some(({ point }) => point);
   element("cut").hidden = ndc;
-  overlay.show(measurements);
+  overlay.show(measurements, bookmarks, visit);
   setMode(scene.shaders.modes[settings.mode] ? settings.mode : "normal");
   status("");
+}
+
+// Flies to a bookmark, and shows what it says.
+function visit(bookmark) {
+  setPlaying(false);
+  camera.go(bookmark, bookmark.fov);
+  element("note").hidden = !bookmark.text;
+  element("note-title").textContent = bookmark.name;
+  element("note-text").textContent = bookmark.text;
+  touch();
 }
 
 function status(words) {

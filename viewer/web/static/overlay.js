@@ -1,4 +1,4 @@
-// Measurements over the picture: their points, the lines between them, and what they measure.
+// Over the picture: measurements (their points, the lines between them, and what they measure), and numbers of annotated places.
 import { dot, mix, radians, subtract } from "./vectors.js";
 
 const LABEL = [10, -8]; // pixels from the point that it belongs to
@@ -7,10 +7,11 @@ export class Overlay {
   constructor(svg) {
     this.svg = svg;
     this.shapes = [];
+    this.places = [];
   }
 
-  // measurements: [{ points, text }], points in the grid frame.
-  show(measurements) {
+  // measurements: [{ points, text }], points in the grid frame. bookmarks: those with a `point` are places; `visit` takes one of them.
+  show(measurements, bookmarks, visit) {
     this.svg.replaceChildren();
     this.shapes = measurements.map(({ points, text }) => {
       const line = this.element("polyline");
@@ -20,6 +21,25 @@ export class Overlay {
       for (const circle of circles) circle.setAttribute("r", "4.5");
       return { points, line, circles, label };
     });
+    this.places = bookmarks.flatMap((bookmark, i) => (bookmark.point ? [this.place(bookmark, i + 1, visit)] : []));
+  }
+
+  place(bookmark, number, visit) {
+    const group = this.element("g");
+    const [circle, label] = ["circle", "text"].map((name) => group.appendChild(this.element(name)));
+    group.setAttribute("class", "place");
+    circle.setAttribute("r", "12");
+    label.textContent = String(number);
+    group.addEventListener("click", () => visit(bookmark));
+    return { point: bookmark.point, group, covered: false };
+  }
+
+  // Hides the places that `covers` tells are behind something.
+  cover(covers) {
+    for (const place of this.places) {
+      place.covered = covers(place.point);
+      if (place.covered) place.group.style.display = "none";
+    }
   }
 
   element(name) {
@@ -41,6 +61,11 @@ export class Overlay {
       const middle = (points.length - 1) / 2;
       const at = seen(mix(points[Math.floor(middle)], points[Math.ceil(middle)], 0.5));
       put(label, "", at?.map((v, i) => v + LABEL[i]));
+    }
+    for (const { point, group, covered } of this.places) {
+      const at = covered ? null : seen(point);
+      group.style.display = at ? "" : "none";
+      if (at) group.setAttribute("transform", `translate(${at})`);
     }
   }
 }

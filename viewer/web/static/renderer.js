@@ -285,6 +285,21 @@ export class Renderer {
     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
   }
 
+  // Whether something lies before a point of the grid frame, as a view sees it: by the depth of a pixel that looks there.
+  covers(view, settings, point) {
+    const ahead = subtract(point, view.eye);
+    const distance = norm(ahead) / this.scene.voxelSize;
+    const [near, far] = this.depthRange(scaled(subtract(view.eye, this.scene.minXyz), 1 / this.scene.voxelSize));
+    if (this.scene.ndc || !(distance > 0 && distance < far)) return false;
+    const back = scaled(ahead, -1 / norm(ahead));
+    const across = [0, 1].map((i) => cross(view.axes[i], back)).sort((a, b) => norm(b) - norm(a))[0];
+    const right = scaled(across, 1 / norm(across));
+    const looking = { ...view, axes: [right, cross(back, right), back], fov: 0.1 };
+    const [shown] = this.picture(looking, { ...settings, mode: "depth", background: [0, 0, 0] }, 1, 1).data;
+    const step = (far - near) / 255;
+    return far - shown * step < 0.98 * distance - 3 * step;
+  }
+
   // A view as ImageData of width × height.
   picture(view, settings, width, height) {
     const { gl } = this;

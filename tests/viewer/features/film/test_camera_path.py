@@ -156,7 +156,7 @@ def test_a_kiosk_plays_what_there_is_without_an_end(pack, ndc_pack, tmp_path, sh
         app.filming.path = CameraPath(keyframes([Pose(azimuth=a) for a in (0, 20, 40)]))
     app.tick(0.1)
     path = app.filming.path
-    expected = {"turn": (8, 40.0), "bookmarks": (2, 4.0), "path": (3, 4.5), "forward-facing": (8, 40.0)}[shown]
+    expected = {"turn": (8, 40.0), "bookmarks": (2, 16.0), "path": (3, 4.5), "forward-facing": (8, 40.0)}[shown]
     assert app.filming.playing and path.closed and (len(path.keyframes), path.duration) == expected
     app.tick(2.5 * path.duration)
     assert app.filming.playing and app.scene.rig.held is not None
