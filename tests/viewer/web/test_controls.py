@@ -12,9 +12,11 @@ import pytest
 from PIL import Image
 
 from scenepack.pack import Pack
+from tests.viewer.conftest import toy_pack
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.web.browser import Browser
 from viewer.core.annotations import KEY, Annotations, Bookmark, Measurement, Scale, annotations_to_json
+from viewer.core.pose import project
 from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.film.camera_path import CameraPath, Keyframe
 from viewer.rendering.camera import ViewCamera
@@ -185,6 +187,39 @@ def test_bookmarks_are_buttons_and_a_camera_path_is_played(show: Show, shapes: P
     np.testing.assert_allclose(np.array(last["axes"]).T, keys[-1][:3, :3], atol=1e-5)
     drag(browser, (200, 150), (210, 155))
     assert browser.evaluate("snerg.camera.held") is None
+
+
+@pytest.mark.slow
+def test_annotated_places_are_numbers_that_hide_when_covered_and_say_their_text_when_clicked(show: Show) -> None:
+    pack = toy_pack()
+    ball, post = (0.0, -0.25, 0.4), (0.5, 0.39, 0.0)
+    words = "Second line <b>\nafter the first"
+    views = (
+        Bookmark("A view", (0.0, 3.0, 0.1), (0.0, 0.0, 0.0)),
+        Bookmark("The ball", (0.0, 0.5, 3.0), (0.0, 0.0, 0.0), point=ball, text=words),
+        Bookmark("The post", (3.0, 0.5, 0.0), (0.0, 0.0, 0.0), point=post),
+    )
+    pose = '{"eye": [0, 0.2, 4], "target": [0, 0, 0], "fov": 40}'
+    browser = show(pack, PageContent("x", pose=pose, annotations=Annotations(bookmarks=views)), size=SIZE)
+    marks = "[...document.querySelectorAll('#overlay .place')]"
+    shown = f"{marks}.map((each) => [each.textContent, each.style.display])"
+    browser.until("snerg.resting")
+    assert browser.evaluate(shown) == [["2", ""], ["3", ""]]
+    at = browser.evaluate(f"{marks}[0].getAttribute('transform').match(/[-.0-9]+/g).map(Number)")
+    camera = ViewCamera.look_at(np.array([0, 0.2, 4.0]), np.zeros(3), np.array([0, 1.0, 0]), 40.0, SIZE)
+    np.testing.assert_allclose(at, project(camera, np.array([ball]))[0][0], atol=0.5)
+    browser.evaluate(f"{marks}[0].dispatchEvent(new MouseEvent('click'))")
+    settle(browser)
+    np.testing.assert_allclose(browser.evaluate("snerg.camera.view(0)")["eye"], views[1].eye, atol=1e-6)
+    note = "['note-title', 'note-text'].map((id) => document.getElementById(id).textContent)"
+    assert browser.evaluate(note) == ["The ball", words]
+    assert browser.evaluate("document.getElementById('note').hidden") is False
+    for azimuth, hidden in ((180.0, True), (0.0, False)):  # from behind the ball, and from before it
+        browser.evaluate(f"snerg.camera.goal = {{...snerg.camera.goal, azimuth: {azimuth}, elevation: 0}}")
+        browser.key("keyDown", "+")
+        settle(browser)
+        assert browser.evaluate(shown) == [["2", "none" if hidden else ""], ["3", ""]], azimuth
+    assert not browser.problems
 
 
 def test_the_first_view_the_credits_and_measurements_come_along(show: Show, shapes: Pack) -> None:

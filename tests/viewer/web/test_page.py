@@ -25,7 +25,7 @@ from viewer.web import page
 from viewer.web.description import PageContent
 from viewer.web.page import FOLDER, MODULES, bundle, scene_page
 
-MOST_BYTES, MOST_OF_DEMO = 60_000, 9_000_000
+MOST_BYTES, MOST_OF_DEMO = 62_000, 9_000_000
 HOSTILE = (
     "</script><script>window.broken = 1</script>",
     "<!--<script>",
@@ -62,7 +62,7 @@ def described(html: bytes) -> dict:
 
 
 def with_texts(pack: Pack, text: str) -> Pack:
-    view = {"name": text, "eye": [0, 2, 2], "target": [0, 0, 0], "up": "y", "fov": 40}
+    view = {"name": text, "eye": [0, 2, 2], "target": [0, 0, 0], "up": "y", "fov": 40, "text": text}
     spoilt = {"bookmarks": [view, {**view, "up": text}, {**view, "eye": text}, text], "scale": text}
     return pack.with_metadata(**{KEY: spoilt, "version": text, text: text, "provenance": {text: text}})
 
@@ -120,6 +120,9 @@ def test_hostile_text_is_shown_as_text(show: Callable[..., Browser], shapes: Pac
     shown = browser.evaluate("document.getElementById('title').textContent")
     assert shown and text.startswith(shown.removesuffix("…")) and "<script>" in shown
     assert "<script>" in browser.evaluate("document.querySelector('#bookmarks button').textContent")
+    browser.evaluate("document.querySelector('#bookmarks button').click()")
+    assert "<script>" in browser.evaluate("document.getElementById('note-text').textContent")
+    assert browser.evaluate("window.broken") is None and not browser.problems
 
 
 @pytest.mark.slow

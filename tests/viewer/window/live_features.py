@@ -23,7 +23,7 @@ from PIL import Image
 from tests.training.posing.conftest import COUNT, write_photographs
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.conftest import missing
-from tests.viewer.window.living import press, pump, type_path, wait
+from tests.viewer.window.living import place_of, press, pump, type_path, wait
 from viewer.app.application import App
 from viewer.core import widgets
 from viewer.core.pose import project, shortest_turn
@@ -238,14 +238,6 @@ def test_a_click_on_an_axis_looks_along_it_and_a_drag_of_the_gizmo_orbits(window
     xdotool("mouseup", 1)
     pump(window)
     assert rig.goal.pivot == start.pivot
-
-
-def place_of(window: Window, point: tuple[float, float, float]) -> tuple[int, int]:
-    """Where a point of the scene is on the screen."""
-    app = window.app
-    left, top = glfw.get_window_pos(window.handle)
-    x, y = project(app.camera(), np.array([point]))[0][0]
-    return round(left + app.viewport.x + x), round(top + app.viewport.y + y)
 
 
 def test_m_measures_between_clicks_and_the_result_is_on_the_clipboard(window, xdotool):

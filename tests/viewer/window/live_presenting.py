@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 from tests.viewer.screen import SCREEN
-from tests.viewer.window.living import press, pump, type_path, wait
+from tests.viewer.window.living import place_of, press, pump, type_path, wait
 from viewer.features.film import kiosk
 
 
@@ -50,6 +50,50 @@ def test_colours_are_changed_exported_and_taken_back(film_page, watched, xdotool
     wait(window, lambda: app.annotations.current.look == look)
     press(watched, xdotool, "Colours as they are")
     wait(window, lambda: app.annotations.current.look is None)
+    assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
+
+
+BALL = (0.0, -0.25, 0.4)  # its front
+
+
+def test_a_place_is_annotated_by_a_click_hides_when_covered_and_is_flown_to(film_page, watched, xdotool):
+    window, app = film_page, film_page.app
+    app.interface.page = "bookmarks"
+    rig = app.scene.rig
+    rig.look_along(0, 10)
+    wait(window, lambda: rig.shown == rig.goal)
+    press(watched, xdotool, "###annotate")
+    wait(window, lambda: app.bookmarks.placing)
+    xdotool("mousemove", *place_of(window, BALL), "click", 1)
+    wait(window, lambda: len(app.annotations.current.bookmarks) == 1)
+    place, seen = app.annotations.current.bookmarks[0], rig.goal
+    assert place.name == "Place 1" and np.allclose(place.point, BALL, atol=0.05) and not app.bookmarks.placing
+    press(watched, xdotool, "##text")
+    xdotool("type", "--delay", 20, "A ball <b>")
+    pump(window)
+    press(watched, xdotool, "##name")
+    xdotool("key", "ctrl+a", "type", "--delay", 20, "Ball")
+    pump(window)
+    xdotool("key", "Return")
+    wait(window, lambda: app.annotations.current.bookmarks[0].name == "Ball")
+    assert app.annotations.current.bookmarks[0].text == "A ball <b>" and rig.goal == seen
+    rig.look_along(180, 10)
+    wait(window, lambda: rig.shown == rig.goal and app.bookmarks.covered(app) == {place.point})
+    at = place_of(window, place.point)
+    xdotool("mousemove", *at, "click", 1)
+    pump(window, 0.5)
+    assert rig.goal.azimuth == 180
+    rig.look_along(40, 25)
+    wait(window, lambda: rig.shown == rig.goal and not app.bookmarks.covered(app))
+    xdotool("mousemove", *place_of(window, place.point), "click", 1)
+    wait(window, lambda: np.allclose(rig.goal.matrix(rig.table), seen.matrix(rig.table), atol=1e-6))
+    xdotool("mousemove", 200, 300, "key", "ctrl+shift+d")
+    wait(window, lambda: app.bookmarks.placing)
+    xdotool("key", "Escape")
+    wait(window, lambda: not app.bookmarks.placing)
+    for _ in range(9):
+        rig.history.undo()
+    assert not app.annotations.current.bookmarks
     assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 

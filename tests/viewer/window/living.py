@@ -16,6 +16,7 @@ from imgui_bundle import imgui
 
 from tests.viewer.unseen import draw_unseen
 from tests.viewer.window.widgets_seen import Watch
+from viewer.core.pose import project
 from viewer.window.window import Window
 
 SIZE, LARGE = (900, 600), (1240, 860)
@@ -87,3 +88,11 @@ def type_path(window: Window, xdotool: Callable[..., object], path: Path) -> Non
     pump(window)
     xdotool("key", "Return")
     wait(window, lambda: window.app.file_request is None)
+
+
+def place_of(window: Window, point: tuple[float, float, float]) -> tuple[int, int]:
+    """Where a point of the scene is on the screen."""
+    app = window.app
+    left, top = glfw.get_window_pos(window.handle)
+    x, y = project(app.camera(), np.array([point]))[0][0]
+    return round(left + app.viewport.x + x), round(top + app.viewport.y + y)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -69,7 +70,7 @@ class FilmWriter:
         try:
             repeats = {} if suffix == ".mp4" else ENDLESS
             self._container = av.open(str(self.aside.path), "w", format=suffix[1:], options=repeats)
-            self._stream = self._container.add_stream(codec, rate=fps, options=options)
+            self._stream: Any = self._container.add_stream(codec, rate=fps, options=options)
             self._palettes = self._palette_graph(size, fps) if suffix == ".gif" else None
         except BaseException:
             self.aside.discard()

@@ -13,6 +13,7 @@ from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core.pose import Pose
+from viewer.core.state import Viewport
 from viewer.features.bookmarks.bookmarks import SIZE, pose_of
 
 
@@ -53,6 +54,34 @@ def test_keys_step_through_the_views_in_their_order_and_round(app):
         assert app.scene.rig.fov == pytest.approx(30.0 + index)
     run(app, "undo")
     assert np.allclose(arrived(app), seen[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orthographic):
+    app = App()
+    app.show(pack, Path("toy"))
+    rig, ball, post = app.scene.rig, (0.0, -0.25, 0.4), (0.5, 0.39, 0.0)
+    for point in (ball, post):
+        app.bookmarks.add(app, point)
+    rig.set_orthographic(orthographic)
+    hidden = []
+    for azimuth in (0.0, 180.0):
+        place(app, azimuth)
+        app.viewport = Viewport(0.0, 0.0, 160.0, 120.0)
+        app.viewport.camera = app.camera()
+        for _ in range(9):  # a place a frame, where one takes long
+            app.bookmarks.covered(app)
+        hidden.append(app.bookmarks.covered(app))
+    assert hidden == [set(), {ball}]
+    app.bookmarks.give_text(app, 0, "A ball\n\x1b[31mred")
+    app.bookmarks.give_name(app, 0, "Ball")
+    app.bookmarks.update(app, 0)
+    first = app.annotations.current.bookmarks[0]
+    assert (first.name, first.text, first.point) == ("Ball", "A ball\n\ufffd[31mred", ball)
+    assert first.eye != app.annotations.current.bookmarks[1].eye
+    for _ in range(3):
+        run(app, "undo")
+    assert app.annotations.current.bookmarks[0].name == "Place 1"
 
 
 def test_views_are_named_moved_changed_and_removed_and_all_of_it_is_undone(app):
