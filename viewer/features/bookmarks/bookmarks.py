@@ -40,7 +40,7 @@ def pose_of(bookmark: Bookmark, table: Turntable) -> Pose:
     return Pose(bookmark.target, azimuth, elevation, math.dist(bookmark.eye, bookmark.target))
 
 
-COVERED_S = 0.004  # of a frame, for finding out which places are covered
+COVERED_S, PAUSE_S = 0.004, 0.05  # for finding out which places are covered, and before that is done again
 TOLERANCE = 4.0, 0.02  # by which something lies before a place that it covers: voxels, and of the place's distance
 
 
@@ -87,7 +87,11 @@ class Bookmarks:
         points = {view.point for view in app.annotations.current.bookmarks if view.point is not None}
         self._looked = {point: found for point, found in self._looked.items() if point in points}
         stale = [point for point in points if self._looked.get(point, (0.0, None))[1] != view]
-        end = time.monotonic() + COVERED_S
+        now = time.monotonic()
+        if stale:
+            app.touch(1)
+        if now - max((found[0] for found in self._looked.values()), default=0.0) < PAUSE_S:
+            stale = []
         for point in sorted(stale, key=lambda point: self._looked.get(point, (0.0,))[0]):
             (x, y), _ = (found[0] for found in project(camera, np.array([point])))
             hit = surface_at(pack, camera, settings, x, y)
@@ -95,8 +99,7 @@ class Bookmarks:
             voxels, share = TOLERANCE
             tolerance = max(voxels * pack.voxel_size, share * math.dist(point, camera.position))
             self._looked[point] = time.monotonic(), view, before > tolerance
-            if time.monotonic() > end:
-                app.touch(1)
+            if time.monotonic() > now + COVERED_S:
                 break
         return {point for point, (_, _, hidden) in self._looked.items() if hidden}
 

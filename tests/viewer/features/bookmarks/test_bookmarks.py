@@ -14,6 +14,7 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core.pose import Pose
 from viewer.core.state import Viewport
+from viewer.features.bookmarks import bookmarks
 from viewer.features.bookmarks.bookmarks import SIZE, pose_of
 
 
@@ -57,7 +58,8 @@ def test_keys_step_through_the_views_in_their_order_and_round(app):
 
 
 @pytest.mark.parametrize("orthographic", [False, True])
-def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orthographic):
+def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orthographic, monkeypatch):
+    monkeypatch.setattr(bookmarks, "PAUSE_S", 0.0)
     app = App()
     app.show(pack, Path("toy"))
     rig, ball, post = app.scene.rig, (0.0, -0.25, 0.4), (0.5, 0.39, 0.0)
