@@ -50,11 +50,12 @@ class AtlasPiece:
 
 @dataclass(frozen=True)
 class GridPiece:
-    """Layers of the grid. where: int [n, 3], the macroblocks' places (z, y, x) in the piece, in blocks; slots: int
-    [n, 3], theirs (x, y, z) in the atlas."""
+    """Layers of the grid. corner: where it begins in the grid (z, y, x), in blocks. where: int [n, 3], the macroblocks' places
+    (z, y, x) in the piece, in blocks; slots: int [n, 3], theirs (x, y, z) in the atlas."""
 
     shape: Shape
     block_size: int
+    corner: Shape
     where: np.ndarray
     slots: np.ndarray
 
@@ -95,8 +96,8 @@ def cut(pack: Pack, layout: Layout, planes: int) -> list[Piece]:
         low = where.min(axis=0)
         counts = where.max(axis=0) + 1 - low
         slots = pack.atlas_indices[start : start + step][tuple(where.T)].astype(np.intp)
-        d, h, w = (int(n) * size for n in counts)
-        pieces.append(GridPiece((d, h, w), size, where - low, slots))
+        (d, h, w), (z, y, x) = (int(n) * size for n in counts), low.tolist()
+        pieces.append(GridPiece((d, h, w), size, (start + z, y, x), where - low, slots))
     return pieces
 
 
@@ -193,7 +194,7 @@ class PieceFiles:
                 decoded = decoders.decode(self.codec.name, data, names, piece.shape, self.has_features)
             except CodecError as error:
                 raise self.files.undecodable(error.file or names[0], error) from error
-            decoded = from_counts(*decoded, self._steps)
+            decoded = from_counts(*decoded, self.steps)
             for values, atlas in zip(decoded, (rgba, features), strict=True):
                 if values is not None and atlas is not None:
                     piece.scatter(values, atlas)
@@ -233,7 +234,7 @@ class PieceFiles:
         whole = isinstance(steps, list) and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
         if not whole or len(steps) not in (2, 3):
             raise wrong(f"{STEPS} is out of range", f"two or three numbers, 1 to {MOST_STEP}", steps)
-        self._layout, self._steps = layout, Steps(*steps)
+        self._layout, self.steps = layout, Steps(*steps)
         return layout, planes
 
 

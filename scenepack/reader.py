@@ -90,11 +90,12 @@ class PackReader:
     """An open pack whose images are not decoded yet; a context manager.
 
     outline: the Pack with everything but the atlas, whose arrays have their true shape, hold zeros, take no
-    memory and cannot be written. total: images to decode.
+    memory and cannot be written. total: images to decode. pieces: of codecs that store pieces.
     """
 
     outline: Pack
     total: int
+    pieces: PieceFiles | None
 
     def __init__(self, files: PackFiles) -> None:
         self.files = files
@@ -109,7 +110,7 @@ class PackReader:
             self.outline = replace(self.outline, atlas_indices=self._indices())
             used = np.count_nonzero(self.outline.occupied) * self.outline.padded_block_size**3
             require_filled((width, height, depth), int(used), self.files.where(PARAMS_NAME))
-            self._pieces: PieceFiles | None = None
+            self.pieces = None
             self._present: dict[str, list[int]] = {}
             self._note_blocks()
             if isinstance(self.codec, PngCodec):
@@ -117,14 +118,14 @@ class PackReader:
                 self._present = {part: self._check_images(part) for part in (RGBA, FEATURE)}
                 has_features = bool(self._present[FEATURE])
             else:
-                self._pieces = PieceFiles(files, self.codec, self.outline, self._notes.append)
-                has_features = self._pieces.has_features
+                self.pieces = PieceFiles(files, self.codec, self.outline, self._notes.append)
+                has_features = self.pieces.has_features
             if not has_features:
                 self.outline = replace(self.outline, atlas_features=None, view_mlp=None)
         except BaseException:
             files.close()
             raise
-        self.total = self._pieces.total if self._pieces else sum(len(groups) for groups in self._present.values())
+        self.total = self.pieces.total if self.pieces else sum(len(groups) for groups in self._present.values())
         for note in self._notes:
             warn(note)
 
@@ -144,16 +145,16 @@ class PackReader:
         parts = [RGBA] if self.outline.atlas_features is None else [RGBA, FEATURE]
         require_memory(len(parts) * int(np.prod(whole)), self.files.path)
         try:
-            atlas = {part: (np.zeros if self._pieces else np.empty)(whole, np.uint8) for part in parts}
+            atlas = {part: (np.zeros if self.pieces else np.empty)(whole, np.uint8) for part in parts}
         except MemoryError as error:
             raise UserError(f"its atlas does not fit in memory ({error})", where=self.files.path) from error
         features = atlas[FEATURE][:depth] if FEATURE in atlas else None
         pack = replace(self.outline, atlas_rgba=atlas[RGBA][:depth], atlas_features=features)
-        known = np.full(depth, self._pieces is not None)  # of pieces: where nothing has arrived there are zeros
+        known = np.full(depth, self.pieces is not None)  # of pieces: where nothing has arrived there are zeros
         groups, steps = order_of_groups(depth, pack.padded_block_size)
-        if self._pieces:
+        if self.pieces:
             previews = {1, self.total // 4, self.total // 2}
-            finished = self._pieces.fill(atlas[RGBA][:depth], features, DECODING_THREADS)
+            finished = self.pieces.fill(atlas[RGBA][:depth], features, DECODING_THREADS)
         else:
             previews = {step * len(parts) for step in steps}
             finished = self._fill(atlas, groups, known)

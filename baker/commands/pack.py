@@ -146,7 +146,8 @@ def export(
         loaded = _read(pack)
         flight = None if path is None else path_from_file(path, loaded)
         notes = annotations_of(loaded, pack)
-        _export_page(loaded, to, PageContent(title or pack.resolve().stem, credits, flight, box, pose, notes))
+        name = title or pack.resolve().stem
+        _export_page(loaded, to, PageContent(name, credits, flight, box, pose, notes, source=pack))
         return
     for option, value in (("--title", title), ("--credits", credits), ("--path", path), ("--pose", pose)):
         if value:

@@ -52,14 +52,14 @@ class AvifCodec(StreamCodec):
     def check_film(self, head: bytes, shape: Shape) -> None:
         if head[4:8] != b"ftyp" or head[8:12] not in (b"avis", b"avif"):
             raise CodecError("it is not an AVIF")
-        found = (_numbers(head, b"stsz", 2)[1] if head[8:12] == b"avis" else 1, *_numbers(head, b"ispe", 2)[::-1])
+        found = (numbers_in(head, b"stsz", 2)[1] if head[8:12] == b"avis" else 1, *numbers_in(head, b"ispe", 2)[::-1])
         if found != shape:
             expected = f"{shape[2]}×{shape[1]} × {shape[0]}"
             raise CodecError(f"it is {found[2]}×{found[1]} × {found[0]} frames, expected {expected}")
 
 
-def _numbers(head: bytes, box: bytes, count: int) -> tuple[int, ...]:
-    """The first big-endian words in an ISO box, after its version and flags."""
+def numbers_in(head: bytes, box: bytes, count: int) -> tuple[int, ...]:
+    """The first big-endian words in an ISO box, after its version and flags. CodecError where they are not there."""
     start = head.find(box) + 8
     end = start + 4 * count
     if start < 8 or end > len(head):

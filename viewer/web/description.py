@@ -44,6 +44,7 @@ from viewer.rendering.settings import Look, RenderSettings
 from viewer.rendering.shader_source import assemble_es, define_lines, glsl_reciprocals
 from viewer.rendering.skip_grid import skip_grid_of
 from viewer.web.atlas_stream import BLOCKS_A_CHUNK, compressed_chunks, has_copied_padding
+from viewer.web.films import FilmedPiece, films_of
 
 MODES = ("normal", "diffuse", "features", "view-dependent", "depth", "normals")
 SIDES = (512, 1024, 2048)  # voxels of a 3D texture; the smallest that holds the pack, for small devices take less
@@ -64,6 +65,7 @@ class PageContent:
     pose: str | None = None  # first camera, as the viewer copies it; None: the viewer's first
     annotations: Annotations | None = None  # bookmarks become buttons, measurements are drawn; None: those in the pack
     live: bool = False  # whether the page asks the server for newer ones
+    source: Path | None = None  # where the pack lies; the films of an AVIF pack are taken from there
 
 
 def path_from_file(file: Path, pack: Pack) -> CameraPath:
@@ -95,6 +97,9 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
     levels = [pack]
     while _atlas_voxels(levels[0]) > COARSE and max(levels[0].grid_size) >= LEAST_HALVED:
         levels.insert(0, half_resolution(levels[0]))
+    films = films_of(content.source) if content.source is not None and len(levels) > 1 else None
+    if films is not None:  # levels between would take more than the films
+        levels = [levels[0], pack]
     total, done = sum(_atlas_voxels(level) for level in levels), 0
     described, data = [], {}
     for level in levels:
@@ -103,7 +108,7 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
         def progress(part: float, before: float = before, share: float = share) -> None:
             on_progress(before + part * share)
 
-        about, sections = _level(level, content.crop, progress)
+        about, sections = _level(level, content.crop, films if level is pack else None, progress)
         name = f"scene-{max(level.grid_size)}.bin"
         data[name] = b"".join(sections)
         described.append({**about, "file": name, "bytes": len(data[name])})
@@ -139,8 +144,10 @@ class _Sections(list[bytes]):
         return place
 
 
-def _level(pack: Pack, crop: Corners | None, on_progress: OnProgress) -> tuple[dict[str, Any], list[bytes]]:
-    """A pack without its shaders, and its data."""
+def _level(
+    pack: Pack, crop: Corners | None, films: list[FilmedPiece] | None, on_progress: OnProgress
+) -> tuple[dict[str, Any], list[bytes]]:
+    """A pack without its shaders, and its data: its films where there are some."""
     features, count = features_stored(pack), int(pack.occupied.sum())
     slots = _slots(count, pack.padded_block_size, 2 if features else 1)
     size = atlas_size(slots, pack.padded_block_size, 2 if features else 1)
@@ -167,16 +174,32 @@ def _level(pack: Pack, crop: Corners | None, on_progress: OnProgress) -> tuple[d
     }  # fmt: skip
     if shades_hull_alone(pack, RenderSettings()):
         description["hull"] = sections.add(zlib.compress(skip_grid.hull.astype("<f4").tobytes(), 9))
-    padding = not has_copied_padding(pack)
-    chunks = []
+    padding = films is None and not has_copied_padding(pack)
+    layout: dict[str, Any] = {
+        "size": size, "slots": slots, "block": pack.padded_block_size, "features": features, "padding": padding, "count": count,
+    }  # fmt: skip
+    description["atlas"] = layout
+    if films is not None:
+        layout["pieces"] = [_piece(piece, sections, features=features) for piece in films]
+        return description, sections
+    layout["chunks"] = chunks = []
     for bits, differences in compressed_chunks(pack, features=features, padding=padding):
         chunks.append([sections.add(bits), sections.add(differences)])
         on_progress(len(chunks) / max(-(-count // BLOCKS_A_CHUNK), 1))
-    description["atlas"] = {
-        "size": size, "slots": slots, "block": pack.padded_block_size, "features": features, "padding": padding,
-        "count": count, "chunks": chunks,
-    }  # fmt: skip
     return description, sections
+
+
+def _piece(piece: FilmedPiece, sections: _Sections, *, features: bool) -> dict[str, Any]:
+    films = piece.films if features else piece.films[:2]  # as zlib for its checksum: a damaged film plays on
+    return {
+        "corner": piece.corner,
+        "shape": piece.shape,
+        "occupied": sections.add(piece.occupied),
+        "films": [
+            {"codec": film.codec, "at": sections.add(zlib.compress(film.data, 0)), "sizes": film.sizes}
+            for film in films
+        ],
+    }
 
 
 def _slots(count: int, block: int, parts: int) -> Triple:

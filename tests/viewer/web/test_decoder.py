@@ -10,28 +10,35 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scenepack import load_pack, save_pack
+from scenepack.codecs.avif import AvifCodec
 from scenepack.pack import Pack
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.web.browser import Browser
 from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.web import atlas_stream
+from viewer.web import atlas_stream, description
 from viewer.web.atlas_stream import differences_from_prediction, has_copied_padding
-from viewer.web.description import SIDES, PageContent
+from viewer.web.description import SIDES, PageContent, describe
 from viewer.web.page import scene_page
 
 HARNESS = """<script>
     const page = new DOMParser().parseFromString(new TextDecoder().decode(Uint8Array.from(atob("PAGE"), c => c.charCodeAt(0))), "text/html");
     const bytes = Uint8Array.from(atob(page.getElementById("scene").textContent), c => c.charCodeAt(0));
     const scene = new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).json();
-    const data = page.querySelector(".data").textContent;
+    const data = [...page.querySelectorAll(".data")].at(-1).textContent;
     const base64 = (bytes) => { let s = ""; for (let i = 0; i < bytes.length; i += 4096) s += String.fromCharCode(...bytes.subarray(i, i + 4096)); return btoa(s); };
     window.decoded = scene.then((scene) => new Promise((resolve) => {
         const worker = new Worker(URL.createObjectURL(new Blob([scene.worker])));
         worker.onmessage = ({ data }) => { if (data.progress === undefined) resolve(data); };
-        worker.postMessage({ data, level: scene.levels[0] });
+        worker.postMessage({ data, level: scene.levels.at(-1) });
     }));
 </script>"""  # noqa: E501
+
+# Workers do not see what a page's script takes away.
+NO_DECODER = """const Blobs = Blob; globalThis.Blob = function (parts, options) {
+    const text = options?.type === "text/javascript" ? "delete self.VideoDecoder;" : "";
+    return new Blobs(text ? [text, ...parts] : parts, options); };"""
 
 
 def noisy_padding(pack: Pack) -> Pack:
@@ -57,8 +64,62 @@ def test_every_byte_of_the_textures_is_that_of_the_desktop(
     monkeypatch.setattr(atlas_stream, "BLOCKS_A_CHUNK", 7)  # several chunks, the last of them smaller
     pack = PACKS[name]()
     assert has_copied_padding(pack) == ("padding" not in name)
-    file = tmp_path / "decode.html"
-    file.write_text(HARNESS.replace("PAGE", base64.b64encode(scene_page(pack, PageContent("test"))).decode()))
+    assert_decoded(browser, pack, PageContent("test"), tmp_path / "decode.html")
+
+
+@pytest.fixture
+def filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Pack], PageContent]:
+    """Writes an AVIF pack that has a coarse level."""
+    monkeypatch.setattr(description, "COARSE", 20_000)
+    monkeypatch.setattr(description, "LEAST_HALVED", 28)
+    monkeypatch.setattr(AvifCodec, "planes", lambda self, layout, block_size: block_size)  # several pieces
+
+    def write(pack: Pack) -> PageContent:
+        save_pack(pack, tmp_path / "avif", codec="avif")
+        return PageContent("test", source=tmp_path / "avif")
+
+    return write
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("diffuse", [False, True])
+def test_every_byte_of_an_avif_pack_is_that_of_the_desktop(
+    diffuse: bool, browser: Browser, tmp_path: Path, filmed: Callable[[Pack], PageContent]
+) -> None:
+    content = filmed(shapes_pack(diffuse=diffuse))
+    assert content.source is not None
+    pack = load_pack(content.source)
+    about, _ = describe(pack, content, lambda share: None)
+    (coarse, whole), features = about["levels"], not diffuse
+    assert "pieces" not in coarse["atlas"] and len(whole["atlas"]["pieces"]) > 1
+    assert {len(piece["films"]) for piece in whole["atlas"]["pieces"]} == {4 if features else 2}
+    assert_decoded(browser, pack, content, tmp_path / "decode.html")
+
+
+@pytest.mark.slow
+def test_an_avif_pack_stays_coarse_where_the_browser_decodes_no_films(
+    browser: Browser, tmp_path: Path, filmed: Callable[[Pack], PageContent]
+) -> None:
+    content = filmed(shapes_pack())
+    assert content.source is not None
+    page = scene_page(load_pack(content.source), content).decode()
+    start = page.rindex('class="data">') + 13
+    middle = (start + page.index("</script>", start)) // 2
+    middle -= (middle - start) % 4
+    damaged = page[:middle] + "A" * 400 + page[middle + 400 :]
+    for text, script, words in ((page, NO_DECODER, "does not decode AV1"), (damaged, "", "damaged")):
+        file = tmp_path / "films.html"
+        file.write_text(text)
+        with browser.before_scripts(script):
+            browser.open(file.as_uri())
+            browser.evaluate("snerg.ready.then(() => true)")
+        facts = browser.evaluate("document.getElementById('facts').textContent")
+        assert "Shown at a quarter of its resolution" in facts and words in facts
+
+
+def assert_decoded(browser: Browser, pack: Pack, content: PageContent, file: Path) -> None:
+    """The finest level of a page, unpacked by its worker, is what the desktop uploads."""
+    file.write_text(HARNESS.replace("PAGE", base64.b64encode(scene_page(pack, content)).decode()))
     browser.open(file.as_uri())
     names = {"indirection": "indirection", "skip_grid": "skipGrid", "atlas_rgba": "atlas"}
     with OffscreenRenderer(pack, limits=Limits(SIDES[0])) as desktop:
@@ -67,7 +128,7 @@ def test_every_byte_of_the_textures_is_that_of_the_desktop(
             decoded = base64.b64decode(
                 browser.evaluate(f"decoded.then((answer) => answer.error ?? base64(answer.{key}))")
             )
-            assert decoded == textures[texture].read(alignment=1), f"{name}: {key}"
+            assert decoded == textures[texture].read(alignment=1), key
 
 
 @pytest.mark.slow
@@ -81,6 +142,7 @@ def test_damaged_data_are_told_and_never_shown(browser: Browser, tmp_path: Path)
         browser.open(file.as_uri())
         assert browser.evaluate("snerg.ready.then(() => 'shown', () => 'refused')") == "refused"
         assert browser.evaluate("document.getElementById('notice').className") == "failed"
+        assert "damaged" in browser.evaluate("document.getElementById('notice-text').textContent")
 
 
 def test_predictions_are_good_and_cost_nothing_where_all_is_even() -> None:

@@ -1,8 +1,10 @@
-// The worker that unpacks a scene: the other end of viewer/web/atlas_stream.py, which has the notation.
+// The worker that unpacks a scene: the other end of viewer/web/atlas_stream.py and films.py, which have the notation.
 //
 // Receives { data: bytes or their base64, level: of the page's description }; answers { progress } while it works, then
 // { indirection, skipGrid, hull, atlas }: bytes of the textures as they are uploaded, and of the hull's corners. { error } where the
 // file is damaged.
+
+const DAMAGED = "the scene's data are damaged";
 
 function bytesOfBase64(text) {
   if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
@@ -17,7 +19,11 @@ function bytesOfBase64(text) {
 
 async function inflate(bytes, [offset, length]) {
   const stream = new Blob([bytes.subarray(offset, offset + length)]).stream();
-  return new Uint8Array(await new Response(stream.pipeThrough(new DecompressionStream("deflate"))).arrayBuffer());
+  try {
+    return new Uint8Array(await new Response(stream.pipeThrough(new DecompressionStream("deflate"))).arrayBuffer());
+  } catch (error) {
+    throw error instanceof RangeError ? error : new Error(DAMAGED); // browsers say that they could not fetch
+  }
 }
 
 // Where a macroblock's padded copy begins in the atlas, in voxels.
@@ -75,7 +81,7 @@ function decodeChunk(bits, differences, first, layout, atlas) {
           atlas.set(words[part].subarray(from, from + side), to);
         }
   }
-  if (next !== stored || !blocks) throw new Error("the scene's data are damaged");
+  if (next !== stored || !blocks) throw new Error(DAMAGED);
   return blocks;
 }
 
@@ -110,6 +116,95 @@ function restorePadding(atlas, indirection, layout, [nx, ny, nz]) {
       }
 }
 
+// Films: what scenepack.codecs.streams does, plane by plane, straight into the atlas.
+
+const FRAMES_AHEAD = 8; // that a decoder may have; browsers stop where too many are kept
+const NO_FILMS = "This browser does not decode AV1 in 4:4:4 here. Chrome, Edge and Firefox do, from disk and over https.";
+
+// each(number, planes): called for every frame, with its planes [bytes, bytes from row to row].
+async function playFilm(bytes, { codec, at, sizes }, [codedWidth, codedHeight], each) {
+  const settings = { codec, codedWidth, codedHeight, hardwareAcceleration: /** @type {const} */ ("prefer-software") };
+  if (!("VideoDecoder" in self) || !(await VideoDecoder.isConfigSupported(settings)).supported) throw new Error(NO_FILMS);
+  const samples = await inflate(bytes, at);
+  let [number, from, buffer] = [0, 0, new Uint8Array(0)];
+  let copied = Promise.resolve();
+  const copy = async (frame) => {
+    if (buffer.length < frame.allocationSize()) buffer = new Uint8Array(frame.allocationSize());
+    const planes = await frame.copyTo(buffer);
+    frame.close();
+    each(number++, planes.map(({ offset, stride }) => [buffer.subarray(offset), stride]));
+  };
+  const decoder = new VideoDecoder({ output: (frame) => { copied = copied.then(() => copy(frame)); }, error: () => {} });
+  decoder.configure(settings);
+  try {
+    for (const [i, size] of sizes.entries()) {
+      const data = samples.subarray(from, from + size);
+      decoder.decode(new EncodedVideoChunk({ type: i ? "delta" : "key", timestamp: i, data }));
+      from += size;
+      while (decoder.decodeQueueSize > FRAMES_AHEAD) await new Promise((resolve) => decoder.addEventListener("dequeue", resolve, { once: true }));
+      await copied;
+    }
+    await decoder.flush();
+    await copied;
+  } catch (error) {
+    throw new Error(error.message === NO_FILMS ? NO_FILMS : DAMAGED);
+  }
+  if (number !== sizes.length) throw new Error(DAMAGED);
+  decoder.close();
+}
+
+const clamped = (v) => (v < 0 ? 0 : v > 255 ? 255 : v);
+
+// Calls voxel(pixel of the plane, byte of the atlas) for all voxels of a piece's plane z that lie in macroblocks.
+function inPlane({ corner, shape: [width, height] }, z, layout, indirection, [nx, ny], voxel) {
+  const { size: [across, down], slots, block } = layout;
+  const side = block - 2;
+  for (let by = 0; by < height / side; by++)
+    for (let bx = 0; bx < width / side; bx++) {
+      const at = 4 * (corner[0] + bx + 1 + nx * (corner[1] + by + 1 + ny * (corner[2] + Math.floor(z / side) + 1)));
+      if (indirection[at + 3]) continue;
+      const slot = indirection[at] + slots[0] * (indirection[at + 1] + slots[1] * indirection[at + 2]);
+      const origin = originOf(slot, layout) + 1 + across * (1 + down * (1 + (z % side)));
+      for (let y = 0; y < side; y++)
+        for (let x = 0; x < side; x++) voxel(bx * side + x, by * side + y, 4 * (origin + x + across * y));
+    }
+}
+
+async function decodePiece(bytes, piece, layout, indirection, grid, atlas, onFrame) {
+  const { shape: [width, height], films } = piece;
+  const occupied = await inflate(bytes, piece.occupied);
+  const texels = new Uint8Array(atlas.buffer);
+  const coded = [width, height].map((side) => 16 * Math.ceil(side / 16));
+  const second = 4 * layout.block; // from a voxel's rgba to its features
+  const times = (value, alpha) => Math.floor((value * alpha + 127) / 255);
+  const plane = (z, voxel) => { inPlane(piece, z, layout, indirection, grid, voxel); onFrame(); };
+  const grey = (write) => (z, [[luma, row]]) => plane(z, (x, y, to) => write(z, x, y, to, luma[x + row * y]));
+  // BT.709, all 256 levels, in the whole numbers that libyuv computes with
+  const colour = (part) => (z, planes) => {
+    if (planes.length !== 3) throw new Error(NO_FILMS);
+    const [[luma, row], [blues, row2], [reds, row3]] = planes;
+    plane(z, (x, y, to) => {
+      const alpha = texels[to + 3];
+      if (!alpha) return;
+      const light = (luma[x + row * y] * 257 * 16320) >> 16;
+      const [blue, red] = [blues[x + row2 * y] - 128, reds[x + row3 * y] - 128];
+      texels[to + part] = times(clamped((light + 101 * red + 32) >> 6), alpha);
+      texels[to + part + 1] = times(clamped((light - 12 * blue - 30 * red + 32) >> 6), alpha);
+      texels[to + part + 2] = times(clamped((light + 119 * blue + 32) >> 6), alpha);
+    });
+  };
+  const steps = [
+    grey((z, x, y, to, value) => {
+      const bit = x + width * (y + height * z);
+      texels[to + 3] = (occupied[bit >> 3] >> (bit & 7)) & 1 ? Math.max(value, 1) : 0;
+    }),
+    colour(0),
+    colour(second),
+    grey((z, x, y, to, value) => { texels[to + second + 3] = times(value, texels[to + 3]); }),
+  ];
+  for (const [i, film] of films.entries()) await playFilm(bytes, film, coded, steps[i]);
+}
+
 async function decode({ data, level }) {
   const bytes = typeof data === "string" ? bytesOfBase64(data) : data;
   const layout = level.atlas;
@@ -118,11 +213,17 @@ async function decode({ data, level }) {
   const hull = level.hull ? await inflate(bytes, level.hull) : null;
   const atlas = new Uint32Array(layout.size[0] * layout.size[1] * layout.size[2]);
   let done = 0;
-  for (const [bits, differences] of layout.chunks) {
-    done += decodeChunk(await inflate(bytes, bits), await inflate(bytes, differences), done, layout, atlas);
-    postMessage({ progress: done / layout.count });
+  if (layout.pieces) {
+    const frames = layout.pieces.flatMap(({ films }) => films.map(({ sizes }) => sizes.length)).reduce((sum, n) => sum + n, 0);
+    const report = () => { if (!(++done % 32)) postMessage({ progress: done / frames }); };
+    for (const piece of layout.pieces) await decodePiece(bytes, piece, layout, indirection, level.indirection.size, atlas, report);
+  } else {
+    for (const [bits, differences] of layout.chunks) {
+      done += decodeChunk(await inflate(bytes, bits), await inflate(bytes, differences), done, layout, atlas);
+      postMessage({ progress: done / layout.count });
+    }
+    if (done !== layout.count) throw new Error(DAMAGED);
   }
-  if (done !== layout.count) throw new Error("the scene's data are damaged");
   if (!layout.padding) restorePadding(atlas, indirection, layout, level.indirection.size);
   const answer = { indirection, skipGrid, hull, atlas: new Uint8Array(atlas.buffer) };
   postMessage(answer, { transfer: [atlas.buffer] });

@@ -1,0 +1,77 @@
+"""The films of an AVIF pack, as a web page holds them; viewer/web/static/decode.js decodes them.
+
+A film is the AV1 of one image sequence (scenepack.codecs.avif): samples, one for each plane of a piece. Browsers decode
+them to the same bytes as the desktop does. The rest of the file is left out.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from scenepack.codecs import CodecError
+from scenepack.codecs.avif import AvifCodec, numbers_in
+from scenepack.codecs.quantisation import EXACT
+from scenepack.codecs.streams import unpack_occupancy
+from scenepack.piece_files import GridPiece
+from scenepack.reader import open_pack
+
+DEPTH = "08"  # bits of a channel, in the name of a codec
+
+
+@dataclass(frozen=True)
+class Film:
+    """The samples of one image sequence."""
+
+    codec: str  # as browsers name it
+    sizes: tuple[int, ...]  # bytes of each sample
+    data: bytes  # all samples
+
+
+@dataclass(frozen=True)
+class FilmedPiece:
+    """A piece of the grid (scenepack.piece_files.GridPiece)."""
+
+    corner: tuple[int, int, int]  # x, y, z, in macroblocks
+    shape: tuple[int, int, int]  # x, y, z, in voxels
+    occupied: bytes  # zlib of a bit for each voxel, x fastest
+    films: tuple[Film, ...]  # alpha, rgb; in packs with features also their first three channels, and the fourth
+
+
+def films_of(path: Path) -> list[FilmedPiece] | None:
+    """Those of the pack at `path`; None where it is not AVIF in the usual layout. UserError where it cannot be read."""
+    with open_pack(path) as reader:
+        pieces = reader.pieces
+        if pieces is None or not isinstance(pieces.codec, AvifCodec) or pieces.steps != EXACT:
+            return None
+        made = []
+        for piece, names in zip(pieces.pieces, pieces.names, strict=True):
+            if not isinstance(piece, GridPiece):
+                return None
+            occupancy, *films = (reader.files.read(name, reader.files.sizes[name]) for name in names)
+            found = [_film_in(data, piece.shape[0]) for data in films]
+            if None in found:
+                return None
+            bits = np.packbits(unpack_occupancy(occupancy, piece.shape), bitorder="little").tobytes()
+            depth, height, width = piece.shape
+            z, y, x = piece.corner
+            packed, kept = zlib.compress(bits, 9), tuple(film for film in found if film is not None)
+            made.append(FilmedPiece((x, y, z), (width, height, depth), packed, kept))
+    return made
+
+
+def _film_in(data: bytes, frames: int) -> Film | None:
+    """The film in an AVIF file of so many frames; None where its samples do not lie one behind the other."""
+    try:
+        uniform, count, *sizes = numbers_in(data, b"stsz", 2 + frames)
+        chunks, start = numbers_in(data, b"stco", 2)
+    except CodecError:
+        return None
+    if uniform or count != frames or chunks != 1 or start + sum(sizes) > len(data):
+        return None
+    settings = data.find(b"av1C") + 5
+    profile, level, tier = data[settings] >> 5, data[settings] & 31, "H" if data[settings + 1] >> 7 else "M"
+    return Film(f"av01.{profile}.{level:02d}{tier}.{DEPTH}", tuple(sizes), data[start : start + sum(sizes)])
