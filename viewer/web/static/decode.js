@@ -4,8 +4,6 @@
 // { indirection, skipGrid, hull, atlas }: bytes of the textures as they are uploaded, and of the hull's corners. { error } where the
 // file is damaged.
 
-const DAMAGED = "the scene's data are damaged";
-
 function bytesOfBase64(text) {
   if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
   const bytes = new Uint8Array((text.length * 3) / 4 - (text.endsWith("==") ? 2 : text.endsWith("=") ? 1 : 0));
@@ -19,11 +17,7 @@ function bytesOfBase64(text) {
 
 async function inflate(bytes, [offset, length]) {
   const stream = new Blob([bytes.subarray(offset, offset + length)]).stream();
-  try {
-    return new Uint8Array(await new Response(stream.pipeThrough(new DecompressionStream("deflate"))).arrayBuffer());
-  } catch (error) {
-    throw error instanceof RangeError ? error : new Error(DAMAGED); // browsers say that they could not fetch
-  }
+  return new Uint8Array(await new Response(stream.pipeThrough(new DecompressionStream("deflate"))).arrayBuffer());
 }
 
 // Where a macroblock's padded copy begins in the atlas, in voxels.
@@ -81,7 +75,7 @@ function decodeChunk(bits, differences, first, layout, atlas) {
           atlas.set(words[part].subarray(from, from + side), to);
         }
   }
-  if (next !== stored || !blocks) throw new Error(DAMAGED);
+  if (next !== stored || !blocks) throw new Error();
   return blocks;
 }
 
@@ -119,10 +113,11 @@ function restorePadding(atlas, indirection, layout, [nx, ny, nz]) {
 // Films: what scenepack.codecs.streams does, plane by plane, straight into the atlas.
 
 const FRAMES_AHEAD = 8; // that a decoder may have; browsers stop where too many are kept
+const DAMAGED = "the scene's data are damaged";
 const NO_FILMS = "This browser does not decode AV1 in 4:4:4 here. Chrome, Edge and Firefox do, from disk and over https.";
 
 // each(number, planes): called for every frame, with its planes [bytes, bytes from row to row].
-async function playFilm(bytes, { codec, at, sizes }, [codedWidth, codedHeight], each) {
+async function playFilm(bytes, { codec, at, sizes }, codedWidth, codedHeight, each) {
   const settings = { codec, codedWidth, codedHeight, hardwareAcceleration: /** @type {const} */ ("prefer-software") };
   if (!("VideoDecoder" in self) || !(await VideoDecoder.isConfigSupported(settings)).supported) throw new Error(NO_FILMS);
   const samples = await inflate(bytes, at);
@@ -134,26 +129,25 @@ async function playFilm(bytes, { codec, at, sizes }, [codedWidth, codedHeight], 
     frame.close();
     each(number++, planes.map(({ offset, stride }) => [buffer.subarray(offset), stride]));
   };
-  const decoder = new VideoDecoder({ output: (frame) => { copied = copied.then(() => copy(frame)); }, error: () => {} });
+  const decoder = new VideoDecoder({
+    output: (frame) => { copied = copied.then(() => copy(frame)); },
+    error: () => decoder.dispatchEvent(new Event("dequeue")), // what waits goes on, and fails
+  });
   decoder.configure(settings);
-  try {
-    for (const [i, size] of sizes.entries()) {
-      const data = samples.subarray(from, from + size);
-      decoder.decode(new EncodedVideoChunk({ type: i ? "delta" : "key", timestamp: i, data }));
-      from += size;
-      while (decoder.decodeQueueSize > FRAMES_AHEAD) await new Promise((resolve) => decoder.addEventListener("dequeue", resolve, { once: true }));
-      await copied;
-    }
-    await decoder.flush();
+  for (const [i, size] of sizes.entries()) {
+    const data = samples.subarray(from, from + size);
+    decoder.decode(new EncodedVideoChunk({ type: i ? "delta" : "key", timestamp: i, data }));
+    from += size;
+    while (decoder.decodeQueueSize > FRAMES_AHEAD) await new Promise((resolve) => decoder.addEventListener("dequeue", resolve, { once: true }));
     await copied;
-  } catch (error) {
-    throw new Error(error.message === NO_FILMS ? NO_FILMS : DAMAGED);
   }
-  if (number !== sizes.length) throw new Error(DAMAGED);
+  await decoder.flush();
+  await copied;
+  if (number !== sizes.length) throw new Error();
   decoder.close();
 }
 
-const clamped = (v) => (v < 0 ? 0 : v > 255 ? 255 : v);
+const clamped = (v) => Math.min(Math.max(v, 0), 255);
 
 // Calls voxel(pixel of the plane, byte of the atlas) for all voxels of a piece's plane z that lie in macroblocks.
 function inPlane({ corner, shape: [width, height] }, z, layout, indirection, [nx, ny], voxel) {
@@ -174,11 +168,12 @@ async function decodePiece(bytes, piece, layout, indirection, grid, atlas, onFra
   const { shape: [width, height], films } = piece;
   const occupied = await inflate(bytes, piece.occupied);
   const texels = new Uint8Array(atlas.buffer);
-  const coded = [width, height].map((side) => 16 * Math.ceil(side / 16));
+  const coded = (side) => 16 * Math.ceil(side / 16);
   const second = 4 * layout.block; // from a voxel's rgba to its features
   const times = (value, alpha) => Math.floor((value * alpha + 127) / 255);
   const plane = (z, voxel) => { inPlane(piece, z, layout, indirection, grid, voxel); onFrame(); };
-  const grey = (write) => (z, [[luma, row]]) => plane(z, (x, y, to) => write(z, x, y, to, luma[x + row * y]));
+  const grey = (write) => (z, [[luma, row]]) =>
+    plane(z, (x, y, to) => write(luma[x + row * y], to, x + width * (y + height * z)));
   // BT.709, all 256 levels, in the whole numbers that libyuv computes with
   const colour = (part) => (z, planes) => {
     if (planes.length !== 3) throw new Error(NO_FILMS);
@@ -194,15 +189,12 @@ async function decodePiece(bytes, piece, layout, indirection, grid, atlas, onFra
     });
   };
   const steps = [
-    grey((z, x, y, to, value) => {
-      const bit = x + width * (y + height * z);
-      texels[to + 3] = (occupied[bit >> 3] >> (bit & 7)) & 1 ? Math.max(value, 1) : 0;
-    }),
+    grey((value, to, bit) => { texels[to + 3] = (occupied[bit >> 3] >> (bit & 7)) & 1 ? Math.max(value, 1) : 0; }),
     colour(0),
     colour(second),
-    grey((z, x, y, to, value) => { texels[to + second + 3] = times(value, texels[to + 3]); }),
+    grey((value, to) => { texels[to + second + 3] = times(value, texels[to + 3]); }),
   ];
-  for (const [i, film] of films.entries()) await playFilm(bytes, film, coded, steps[i]);
+  for (const [i, film] of films.entries()) await playFilm(bytes, film, coded(width), coded(height), steps[i]);
 }
 
 async function decode({ data, level }) {
@@ -222,14 +214,17 @@ async function decode({ data, level }) {
       done += decodeChunk(await inflate(bytes, bits), await inflate(bytes, differences), done, layout, atlas);
       postMessage({ progress: done / layout.count });
     }
-    if (done !== layout.count) throw new Error(DAMAGED);
+    if (done !== layout.count) throw new Error();
   }
   if (!layout.padding) restorePadding(atlas, indirection, layout, level.indirection.size);
   const answer = { indirection, skipGrid, hull, atlas: new Uint8Array(atlas.buffer) };
   postMessage(answer, { transfer: [atlas.buffer] });
 }
 
-self.onmessage = (event) =>
-  decode(event.data).catch((error) =>
-    postMessage({ error: error instanceof RangeError ? "there is not enough memory for this scene" : error.message }),
-  );
+// Browsers have words of their own for what cannot be inflated, played or read as base64.
+function wordsFor(error) {
+  if (error instanceof RangeError) return "there is not enough memory for this scene";
+  return error.message === NO_FILMS ? NO_FILMS : DAMAGED;
+}
+
+self.onmessage = (event) => decode(event.data).catch((error) => postMessage({ error: wordsFor(error) }));
