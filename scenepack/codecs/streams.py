@@ -17,6 +17,7 @@ three channels; feature_w, the fourth, grey. What was empty decodes to zero, wha
 from __future__ import annotations
 
 import lzma
+from math import prod
 from typing import ClassVar
 
 import numpy as np
@@ -199,13 +200,19 @@ def pack_occupancy(occupied: np.ndarray) -> bytes:
 def unpack_occupancy(data: bytes, shape: Shape) -> np.ndarray:
     """The inverse of pack_occupancy. CodecError or LZMAError."""
     d, h, w = (-(-side // CUBE) for side in shape)
-    unpacker = lzma.LZMADecompressor(lzma.FORMAT_XZ)
-    packed = unpacker.decompress(data, max_length=d * h * w + 1)
-    if len(packed) != d * h * w or not unpacker.eof:
-        raise CodecError(f"it holds {len(packed)} bytes, expected {d * h * w}")
-    cubes = np.unpackbits(np.frombuffer(packed, np.uint8)).reshape(d, h, w, CUBE, CUBE, CUBE)
+    cubes = np.unpackbits(np.frombuffer(cubes_in(data, shape), np.uint8)).reshape(d, h, w, CUBE, CUBE, CUBE)
     occupied = cubes.transpose(0, 3, 1, 4, 2, 5).reshape(d * CUBE, h * CUBE, w * CUBE)
     return occupied[: shape[0], : shape[1], : shape[2]].astype(bool)
+
+
+def cubes_in(data: bytes, shape: Shape) -> bytes:
+    """What is in the xz of pack_occupancy: the bytes of cubes. CodecError or LZMAError."""
+    count = prod(-(-side // CUBE) for side in shape)
+    unpacker = lzma.LZMADecompressor(lzma.FORMAT_XZ)
+    cubes = unpacker.decompress(data, max_length=count + 1)
+    if len(cubes) != count or not unpacker.eof:
+        raise CodecError(f"it holds {len(cubes)} bytes, expected {count}")
+    return cubes
 
 
 def _frames(shape: Shape) -> Shape:

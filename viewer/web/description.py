@@ -152,7 +152,8 @@ def _level(
     slots = _slots(count, pack.padded_block_size, 2 if features else 1)
     size = atlas_size(slots, pack.padded_block_size, 2 if features else 1)
     skip_grid, sections = skip_grid_of(pack), _Sections()
-    words = skip_grid.words.astype("<u2")
+    words = skip_grid.words
+    halves = np.stack([words & 255, words >> 8]).astype(np.uint8)  # each compresses better alone
     indirection = indirection_grid(pack.occupied, slots)
     sizes = {"atlas": size, "indirection": indirection.shape[2::-1], "skip_grid": words.shape[::-1]}
     frame = RayFrame(pack)
@@ -170,7 +171,7 @@ def _level(
         },
         "defines": define_lines({f"{name.upper()}_TEXEL": glsl_reciprocals(each) for name, each in sizes.items()}),
         "indirection": {"size": sizes["indirection"], "at": sections.add(zlib.compress(indirection.tobytes(), 9))},
-        "skip_grid": {"size": sizes["skip_grid"], "at": sections.add(zlib.compress(words.tobytes(), 9))},
+        "skip_grid": {"size": sizes["skip_grid"], "at": sections.add(zlib.compress(halves.tobytes(), 9))},
     }  # fmt: skip
     if shades_hull_alone(pack, RenderSettings()):
         description["hull"] = sections.add(zlib.compress(skip_grid.hull.astype("<f4").tobytes(), 9))

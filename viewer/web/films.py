@@ -10,12 +10,10 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from scenepack.codecs import CodecError
 from scenepack.codecs.avif import AvifCodec, numbers_in
 from scenepack.codecs.quantisation import EXACT
-from scenepack.codecs.streams import unpack_occupancy
+from scenepack.codecs.streams import cubes_in
 from scenepack.piece_files import GridPiece
 from scenepack.reader import open_pack
 
@@ -37,7 +35,7 @@ class FilmedPiece:
 
     corner: tuple[int, int, int]  # x, y, z, in macroblocks
     shape: tuple[int, int, int]  # x, y, z, in voxels
-    occupied: bytes  # zlib of a bit for each voxel, x fastest
+    occupied: bytes  # which voxels have any alpha, as scenepack.codecs.streams packs it, but as zlib
     films: tuple[Film, ...]  # alpha, rgb; in packs with features also their first three channels, and the fourth
 
 
@@ -55,11 +53,11 @@ def films_of(path: Path) -> list[FilmedPiece] | None:
             found = [_film_in(data, piece.shape[0]) for data in films]
             if None in found:
                 return None
-            bits = np.packbits(unpack_occupancy(occupancy, piece.shape), bitorder="little").tobytes()
+            cubes = cubes_in(occupancy, piece.shape)
             depth, height, width = piece.shape
             z, y, x = piece.corner
-            packed, kept = zlib.compress(bits, 9), tuple(film for film in found if film is not None)
-            made.append(FilmedPiece((x, y, z), (width, height, depth), packed, kept))
+            kept = tuple(film for film in found if film is not None)
+            made.append(FilmedPiece((x, y, z), (width, height, depth), zlib.compress(cubes, 9), kept))
     return made
 
 

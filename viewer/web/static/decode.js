@@ -167,13 +167,16 @@ function inPlane({ corner, shape: [width, height] }, z, layout, indirection, [nx
 async function decodePiece(bytes, piece, layout, indirection, grid, atlas, onFrame) {
   const { shape: [width, height], films } = piece;
   const occupied = await inflate(bytes, piece.occupied);
+  const cubes = [width, height].map((side) => (side + 1) >> 1); // a byte for each 2³ voxels
+  const isOccupied = (x, y, z) =>
+    (occupied[(x >> 1) + cubes[0] * ((y >> 1) + cubes[1] * (z >> 1))] >> (7 - (x & 1) - 2 * (y & 1) - 4 * (z & 1))) & 1;
   const texels = new Uint8Array(atlas.buffer);
   const coded = (side) => 16 * Math.ceil(side / 16);
   const second = 4 * layout.block; // from a voxel's rgba to its features
   const times = (value, alpha) => Math.floor((value * alpha + 127) / 255);
   const plane = (z, voxel) => { inPlane(piece, z, layout, indirection, grid, voxel); onFrame(); };
   const grey = (write) => (z, [[luma, row]]) =>
-    plane(z, (x, y, to) => write(luma[x + row * y], to, x + width * (y + height * z)));
+    plane(z, (x, y, to) => write(luma[x + row * y], to, x, y, z));
   // BT.709, all 256 levels, in the whole numbers that libyuv computes with
   const colour = (part) => (z, planes) => {
     if (planes.length !== 3) throw new Error(NO_FILMS);
@@ -189,7 +192,7 @@ async function decodePiece(bytes, piece, layout, indirection, grid, atlas, onFra
     });
   };
   const steps = [
-    grey((value, to, bit) => { texels[to + 3] = (occupied[bit >> 3] >> (bit & 7)) & 1 ? Math.max(value, 1) : 0; }),
+    grey((value, to, x, y, z) => { texels[to + 3] = isOccupied(x, y, z) ? Math.max(value, 1) : 0; }),
     colour(0),
     colour(second),
     grey((value, to) => { texels[to + second + 3] = times(value, texels[to + 3]); }),
@@ -197,11 +200,18 @@ async function decodePiece(bytes, piece, layout, indirection, grid, atlas, onFra
   for (const [i, film] of films.entries()) await playFilm(bytes, film, coded(width), coded(height), steps[i]);
 }
 
+// Words from all their low bytes, then all their high bytes.
+function interleaved(halves) {
+  const [words, count] = [new Uint8Array(halves.length), halves.length / 2];
+  for (let i = 0; i < count; i++) [words[2 * i], words[2 * i + 1]] = [halves[i], halves[count + i]];
+  return words;
+}
+
 async function decode({ data, level }) {
   const bytes = typeof data === "string" ? bytesOfBase64(data) : data;
   const layout = level.atlas;
   const indirection = await inflate(bytes, level.indirection.at);
-  const skipGrid = await inflate(bytes, level.skip_grid.at);
+  const skipGrid = interleaved(await inflate(bytes, level.skip_grid.at));
   const hull = level.hull ? await inflate(bytes, level.hull) : null;
   const atlas = new Uint32Array(layout.size[0] * layout.size[1] * layout.size[2]);
   let done = 0;
