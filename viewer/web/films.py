@@ -50,7 +50,7 @@ def films_of(path: Path) -> list[FilmedPiece] | None:
             if not isinstance(piece, GridPiece):
                 return None
             occupancy, *films = (reader.files.read(name, reader.files.sizes[name]) for name in names)
-            found = [_film_in(data, piece.shape[0]) for data in films]
+            found = [film_in(data, piece.shape[0]) for data in films]
             if None in found:
                 return None
             cubes = cubes_in(occupancy, piece.shape)
@@ -61,15 +61,16 @@ def films_of(path: Path) -> list[FilmedPiece] | None:
     return made
 
 
-def _film_in(data: bytes, frames: int) -> Film | None:
+def film_in(data: bytes, frames: int) -> Film | None:
     """The film in an AVIF file of so many frames; None where its samples do not lie one behind the other."""
     try:
         uniform, count, *sizes = numbers_in(data, b"stsz", 2 + frames)
         chunks, start = numbers_in(data, b"stco", 2)
     except CodecError:
         return None
-    if uniform or count != frames or chunks != 1 or start + sum(sizes) > len(data):
+    settings = data.find(b"av1C")
+    if uniform or count != frames or chunks != 1 or start + sum(sizes) > len(data) or settings < 0:
         return None
-    settings = data.find(b"av1C") + 5
-    profile, level, tier = data[settings] >> 5, data[settings] & 31, "H" if data[settings + 1] >> 7 else "M"
+    kind, tier = data[settings + 5], "H" if data[settings + 6] >> 7 else "M"
+    profile, level = kind >> 5, kind & 31
     return Film(f"av01.{profile}.{level:02d}{tier}.{DEPTH}", tuple(sizes), data[start : start + sum(sizes)])

@@ -1,0 +1,46 @@
+"""Films for the page, out of AVIF packs."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenepack import save_pack
+from scenepack.codecs.avif import AvifCodec
+from tests.viewer.rendering.shapes import shapes_pack
+from viewer.web.films import film_in, films_of
+
+FRAMES = 5
+
+
+@pytest.fixture(scope="module")
+def avif() -> bytes:
+    frames = np.random.default_rng(0).integers(0, 255, (FRAMES, 32, 48, 3), np.uint8)
+    return AvifCodec().film(frames, "rgb", 60)
+
+
+def test_a_film_is_the_samples_of_its_file(avif: bytes) -> None:
+    film = film_in(avif, FRAMES)
+    assert film is not None and len(film.sizes) == FRAMES and sum(film.sizes) == len(film.data)
+    assert avif.endswith(film.data) and film.codec.startswith("av01.1.")  # profile 1: 4:4:4
+
+
+def test_files_whose_samples_lie_otherwise_are_not_taken(avif: bytes) -> None:
+    assert film_in(avif, FRAMES + 1) is None and film_in(avif[:-1], FRAMES) is None and film_in(b"", FRAMES) is None
+
+    def with_word(box: bytes, number: int, value: int) -> bytes:
+        at = avif.index(box) + 8 + 4 * number
+        return avif[:at] + struct.pack(">I", value) + avif[at + 4 :]
+
+    for changed in (with_word(b"stsz", 0, 7), with_word(b"stsz", 2, 1 << 31), with_word(b"stco", 0, 2),
+                    with_word(b"stco", 1, len(avif)), avif.replace(b"av1C", b"av2C")):  # fmt: skip
+        assert film_in(changed, FRAMES) is None
+
+
+def test_packs_of_other_codecs_have_no_films(tmp_path: Path) -> None:
+    for codec in ("webp", "png", "jpeg"):
+        save_pack(shapes_pack(28), tmp_path / codec, codec=codec)
+        assert films_of(tmp_path / codec) is None
