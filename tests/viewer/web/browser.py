@@ -31,7 +31,10 @@ class PageError(Exception):
 
 
 class Browser:
-    """One page. Use as a context manager. problems: what the page's console complained about."""
+    """One page. Use as a context manager. problems: what the page's console complained about. patience_s: for an answer.
+
+    group: of its processes.
+    """
 
     def __init__(self, profile: Path, size: tuple[int, int] = (800, 600), flags: tuple[str, ...] = ()) -> None:
         path = executable()
@@ -60,6 +63,7 @@ class Browser:
         os.close(write_answers)
         self._buffer, self._number, self._session = b"", 0, ""
         self.problems: list[str] = []
+        self.patience_s, self.group = PATIENCE_S, self._process.pid
         while not (targets := [t for t in self._send("Target.getTargets")["targetInfos"] if t["type"] == "page"]):
             time.sleep(0.05)
         self._session = self._send("Target.attachToTarget", targetId=targets[0]["targetId"], flatten=True)["sessionId"]
@@ -106,7 +110,7 @@ class Browser:
 
     def until(self, script: str) -> None:
         """Waits until an expression is true."""
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + self.patience_s
         while not self.evaluate(script):
             assert time.monotonic() < end, f"never true: {script}"
             time.sleep(0.05)
@@ -130,7 +134,7 @@ class Browser:
         if self._session:
             message["sessionId"] = self._session
         os.write(self._write, json.dumps(message).encode() + b"\0")
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + self.patience_s
         while True:
             answer = self._receive(end)
             if answer.get("id") == self._number:
