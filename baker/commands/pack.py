@@ -1,12 +1,14 @@
-"""`snerg-pack info|check|convert|export|compare`: all about packs (docs/commands.md). Nothing here needs JAX."""
+"""`snerg-pack info|check|convert|edit|export|compare`: all about packs (docs/commands.md). Nothing here needs JAX."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from math import inf
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 
 from console import UserError, check_results, not_written, progress, run_command, write_json
@@ -15,14 +17,17 @@ from console.atomic import write_file
 from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
+from scenepack.edit_preview import EditPreview
+from scenepack.editing import Selection, Voxels, without
 from scenepack.exports.field import Frame
 from scenepack.exports.scene import Export, Kind, check_export, export_scene, kind_for
+from scenepack.piece_files import SETTINGS
 from scenepack.report import pack_facts, print_facts, print_findings
 from viewer.web.description import PageContent, annotations_of, corners_of, path_from_file
 from viewer.web.page import INDEX, scene_files, scene_page
 
 DESCRIPTION = (
-    "Inspects, checks, converts, exports and compares packs "
+    "Inspects, checks, converts, edits, exports and compares packs "
     "(baked scenes: a folder with scene_params.json, or one .zip)."
 )
 PAGE_SUFFIXES = (".html", ".htm")
@@ -96,6 +101,94 @@ def convert(
     with open_pack(out) as reader:
         after = reader.files.stored_bytes
     print(f"{out}: {codec}, {after / 1e6:.2f} MB, {100 * after / max(stored, 1):.0f} % of {stored / 1e6:.2f} MB before")
+
+
+def edit(
+    pack: Path,
+    /,
+    out: Path,
+    crop: str | None = None,
+    sphere: str | None = None,
+    fainter_than: float | None = None,
+    voxels: Path | None = None,
+    smaller_than: int | None = None,
+    keep_largest: bool = False,
+    codec: str | None = None,
+    quality: int | None = None,
+) -> None:
+    """Writes a pack without some of its voxels. What the options name is removed, in their order. Voxels hang together where they
+    share a face, an edge or a corner.
+
+    Args:
+        pack: The pack, a folder or a .zip.
+        out: Folder of the new pack, or a file name that ends in .zip.
+        crop: Remove what is outside of the box x0,y0,z0,x1,y1,z1 of the grid frame.
+        sphere: Remove what is within the sphere x,y,z,radius of the grid frame.
+        fainter_than: Remove voxels with less opacity than this, 0 ... 1.
+        voxels: Remove the voxels that this file names: what was erased in the viewer, which writes such files.
+        smaller_than: Remove parts that hang together by fewer voxels than this, but never the largest.
+        keep_largest: Remove all but the largest part that hangs together.
+        codec: As of convert. The default is that of the pack. A lossy codec loses a little once more.
+        quality: Quality of a lossy codec, 1 (smallest) ... 100 (best). The default is that of the pack.
+    """
+    box = corners_of(parse_numbers(crop, 6, "--crop")) if crop else None
+    ball = parse_numbers(sphere, 4, "--sphere") if sphere else None
+    if fainter_than is not None and not 0 < fainter_than <= 1:
+        raise UserError("is out of range", where="--fainter-than", expected="above 0, at most 1", found=fainter_than)
+    if smaller_than is not None and smaller_than < 1:
+        raise UserError("is out of range", where="--smaller-than", expected="1 or more voxels", found=smaller_than)
+    if out.exists() and pack.exists() and out.samefile(pack):
+        raise UserError("would replace the pack that is edited", where=out, remedy="choose another --out")
+    chosen: dict[str, Callable[[Voxels], Selection]] = {}
+    if box is not None:
+        chosen[f"--crop {crop}"] = lambda each: each.everything() - each.in_box(box)
+    if ball is not None:
+        chosen[f"--sphere {sphere}"] = lambda each: each.in_sphere(np.array(ball[:3]), ball[3])
+    if fainter_than is not None:
+        chosen[f"--fainter-than {fainter_than:g}"] = lambda each: each.fainter_than(fainter_than)
+    if voxels is not None:
+        chosen["by hand"] = lambda each: Selection.load(voxels, each.pack)
+    if smaller_than is not None:
+        chosen[f"--smaller-than {smaller_than}"] = lambda each: each.parts().smaller_than(smaller_than)
+    if keep_largest:
+        chosen["--keep-largest"] = lambda each: each.parts().smaller_than()
+    if not chosen:
+        raise UserError("there is nothing to remove", remedy="add --keep-largest or another option; see --help")
+    check_target(out)
+    with open_pack(pack) as reader:
+        codec, quality = _codec_of(reader.outline, codec, quality)
+        before, stored = _read_all(reader), reader.files.stored_bytes
+    with progress("removing", 1) as bar:
+        removed, atlas = Selection(), EditPreview(Voxels(before))
+        for done, choose in enumerate(chosen.values(), 1):
+            removed = removed | choose(atlas.voxels)
+            atlas.follow(removed, Selection(), inf)  # what is chosen next is chosen of what is left
+            bar.update(0.5 * done / len(chosen))
+        after = without(before, removed, list(chosen))
+
+        def on_progress(done: int, total: int) -> None:
+            bar.update(0.5 + 0.5 * done / total, "encoding")
+
+        save_pack(after, out, codec=codec, quality=quality, on_progress=on_progress)
+    with open_pack(out) as reader:
+        size = reader.files.stored_bytes
+    gone = int(before.occupied.sum()) - int(after.occupied.sum())
+    print(
+        f"{out}: without {removed.count:,} voxels and {gone:,} macroblocks, {codec}, {size / 1e6:.2f} MB, "
+        f"{100 * size / max(stored, 1):.0f} % of {stored / 1e6:.2f} MB before"
+    )
+
+
+def _codec_of(pack: Pack, codec: str | None, quality: int | None) -> tuple[str, int | None]:
+    """The codec and the quality to write an edited pack with: its own where nothing else is wanted."""
+    own = pack.params.get("format")
+    settings = pack.metadata.get(SETTINGS)
+    if codec is None and quality is None and isinstance(settings, Mapping):
+        before = settings.get("quality")
+        quality = before if isinstance(before, int) and not isinstance(before, bool) else None
+    name = codec or (own if isinstance(own, str) and own else "png")
+    chosen_quality(codec_named(name, "--codec"), quality)  # now, not after the work is done
+    return name, quality
 
 
 def export(
@@ -227,7 +320,7 @@ def _read_all(reader: PackReader) -> Pack:
         return reader.read(lambda done, _total: bar.update(done))
 
 
-COMMANDS = {"info": info, "check": check, "convert": convert, "export": export, "compare": compare}
+COMMANDS = {"info": info, "check": check, "convert": convert, "edit": edit, "export": export, "compare": compare}
 
 
 def main(args: Sequence[str] | None = None) -> int:

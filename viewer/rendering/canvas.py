@@ -8,6 +8,7 @@ panels are built, so that both show the same camera.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -106,6 +107,12 @@ class Canvas:
         assert finest is not None
         finest.arrive()
         return finest
+
+    def rewrite(self, numbers: Sequence[int]) -> None:
+        """See Renderer.rewrite."""
+        if self.renderer is not None and numbers:
+            self.renderer.rewrite(numbers)
+            self._wanted = ()
 
     def show_other(self, pack: Pack | None) -> None:
         """Uploads a second pack to compare with; None removes it."""

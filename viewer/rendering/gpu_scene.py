@@ -13,7 +13,7 @@ Textures are allocated at once and may be filled bit by bit: macroblocks that ha
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from math import ceil, inf
@@ -195,6 +195,19 @@ class AtlasWriter:
                 self.show_arrived()
                 shown = time.perf_counter()
             yield
+
+    def rewrite(self, numbers: Sequence[int]) -> None:
+        """Writes macroblocks, by their number in the grid's order, again: the pack's atlas has changed there."""
+        nx, ny, _ = self.slots
+        size = self.block
+        for number in numbers:
+            x, y, z = self.places[number].tolist()
+            slot = number % nx, number // nx % ny, number // (nx * ny)
+            for _, texture, parts in self.textures:
+                wide = size * len(parts)
+                cubes = [atlas[z : z + size, y : y + size, x : x + size, chosen] for atlas, chosen in parts]
+                viewport = (slot[0] * wide, slot[1] * size, slot[2] * size, wide, size, size)
+                texture.write(np.concatenate(cubes, axis=2), viewport=viewport, alignment=1)
 
     def show_arrived(self) -> None:
         """Lets rays see the macroblocks that have arrived."""

@@ -6,7 +6,7 @@ Every GL state that drawing relies on is set in each call, since imgui shares th
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import inf
 from typing import Any
 
@@ -110,6 +110,14 @@ class Renderer:
     def arriving(self) -> bool:
         """Whether a part of the pack is not on the GPU yet."""
         return any(scene.arriving is not None for scene in self._scenes.values())
+
+    def rewrite(self, numbers: Sequence[int]) -> None:
+        """Uploads macroblocks, by their number in the grid's order, again: the atlas of `pack` has changed there.
+
+        Voxels that were empty when the pack was first shown must still be.
+        """
+        for scene in self._scenes.values():
+            scene.writer.rewrite(numbers)
 
     def gpu_bytes(self, marcher: str | None = None) -> int:
         """Bytes of texture memory that `marcher` uses; None: that all marchers use that were asked for."""

@@ -1,0 +1,304 @@
+"""Choosing voxels of a pack, and taking them away.
+
+Notation: bs = block_size, B = bs + 2. Macroblocks in use are numbered 0 ... n - 1 in the grid's order. *Voxels* are those of
+their data with any opacity. Two touch where they share a face, an edge or a corner; a *part* is all that hangs together by
+touching. Positions are (x, y, z) in voxels of the grid, places (z, y, x) in macroblocks; a mask is bool [bs, bs, bs], a
+macroblock's data as it lies in the atlas.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import product
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from console import UserError
+from scenepack.blocks import atlas_layout, atlas_shape, block_copy, choose_atlas_blocks
+from scenepack.exports.field import Corners, ExportFrame
+from scenepack.files import ZIP_ERRORS
+from scenepack.pack import Pack
+from scenepack.padding import restore_padding
+
+STEPS = [step for step in product((-1, 0, 1), repeat=3) if any(step)]  # to the 26 neighbours, (z, y, x)
+# Along an axis, what lies a step away: of a padded copy, and of that neighbour's own data.
+PADDING = {-1: slice(0, 1), 0: slice(1, -1), 1: slice(-1, None)}
+COPIED = {-1: slice(-1, None), 0: slice(None), 1: slice(0, 1)}
+TOUCHING = np.ones((3, 3, 3), bool)
+Test = Callable[[np.ndarray], np.ndarray]  # positions, float64 [m, 3] -> bool [m]
+Near = Callable[
+    [np.ndarray, np.ndarray], np.ndarray
+]  # corners of boxes of the grid frame, float64 [n, 3] each -> bool [n]
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """A set of voxels. bits: packed masks (np.packbits) of the macroblocks that hold some of them, by number; none is empty.
+
+    Arrays are never changed, and shared between selections: where two agree, they mostly hold the same object.
+    """
+
+    bits: Mapping[int, np.ndarray] = field(default_factory=dict)
+
+    def __or__(self, other: Selection) -> Selection:
+        added = {k: self.bits[k] | bits if k in self.bits else bits for k, bits in other.bits.items()}
+        return Selection({**self.bits, **added})
+
+    def __sub__(self, other: Selection) -> Selection:
+        left = ((k, bits & ~other.bits[k] if k in other.bits else bits) for k, bits in self.bits.items())
+        return Selection({k: bits for k, bits in left if bits.any()})
+
+    @cached_property
+    def count(self) -> int:
+        return sum(int(np.bitwise_count(bits).sum()) for bits in self.bits.values())
+
+    def save(self, file: Path) -> None:
+        """Writes it as an .npz, for `load`. OSError where that fails."""
+        numbers, bits = list(self.bits), list(self.bits.values())
+        np.savez_compressed(file, numbers=np.array(numbers, np.int64), bits=np.array(bits, np.uint8))
+
+    @classmethod
+    def load(cls, file: Path, pack: Pack) -> Selection:
+        """The selection in a file that `save` wrote of voxels of `pack`. UserError where it is not that."""
+        try:
+            with np.load(file, allow_pickle=False) as arrays:
+                numbers, bits = arrays["numbers"], arrays["bits"]
+            if bits.dtype != np.uint8 or bits.shape != (len(numbers), -(-(pack.block_size**3) // 8)):
+                raise ValueError("the voxels are of another block size")
+            if len(numbers) and not 0 <= numbers.min() <= numbers.max() < pack.occupied.sum():
+                raise ValueError("the voxels are of another pack")
+        except (OSError, ValueError, KeyError, EOFError, *ZIP_ERRORS) as error:
+            raise UserError("is not a selection of this pack's voxels", where=file, found=error) from error
+        return cls({int(k): each for k, each in zip(numbers, bits, strict=True) if each.any()})
+
+
+class Voxels:
+    """The voxels of a pack: which there are, and ways to choose among them. Reads the atlas anew each time."""
+
+    def __init__(self, pack: Pack) -> None:
+        self.pack, self.frame = pack, ExportFrame(pack)
+        self.places = np.argwhere(pack.occupied)
+        numbers = np.full([n + 2 for n in pack.occupied.shape], -1)
+        numbers[1:-1, 1:-1, 1:-1][pack.occupied] = np.arange(len(self.places))
+        near = self.places[:, None] + np.array(STEPS) + 1
+        self.neighbours = numbers[
+            tuple(np.moveaxis(near, -1, 0))
+        ]  # int [n, 26]; -1: not in use, or outside of the grid
+
+    def content(self, number: int) -> np.ndarray:
+        """Mask of a macroblock's voxels, bool [bs, bs, bs]."""
+        return np.asarray(self._alpha(number) > 0)
+
+    def _alpha(self, number: int) -> np.ndarray:
+        return block_copy(self.pack, self.pack.atlas_rgba, tuple(self.places[number]))[1:-1, 1:-1, 1:-1, 3]
+
+    @cached_property
+    def _boxes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of boxes of the grid frame that hold the centres of each macroblock's voxels: float64 [n, 3] both."""
+        pack, radius = self.pack, self.pack.contraction
+        low, high = np.zeros(3), np.array(pack.grid_size, np.float64)
+        if radius is not None:  # there is nothing beyond
+            low, high = (
+                np.clip((end - pack.min_xyz) / pack.voxel_size, low, high) for end in (-2 * radius, 2 * radius)
+            )
+        first = self.places[:, ::-1] * float(pack.block_size) + 0.5
+        first, last = (np.clip(corner, low + 0.5, high - 0.5) for corner in (first, first + pack.block_size - 1))
+        shares = 0.5 * np.array(list(product((0, 1, 2), repeat=3)))  # ends, and middles where space is bent
+        positions = first[:, None] + shares * (last - first)[:, None]
+        points = self.frame.points(positions.reshape(-1, 3)).reshape(len(first), -1, 3)
+        return points.min(axis=1) - pack.voxel_size, points.max(axis=1) + pack.voxel_size  # which covers rounding
+
+    def where(self, test: Test, near: Near | None = None) -> Selection:
+        """Voxels of which `test` is true. near: which macroblocks are looked at, by boxes around them."""
+        with np.errstate(all="ignore"):  # what lies next to infinity
+            numbers = range(len(self.places)) if near is None else np.flatnonzero(near(*self._boxes)).tolist()
+            return self._chosen((number, self._where(number, test)) for number in numbers)
+
+    def _where(self, number: int, test: Test) -> np.ndarray:
+        mask = self.content(number)
+        z, y, x = np.nonzero(mask)
+        corner = self.places[number, ::-1] * self.pack.block_size + 0.5
+        mask[z, y, x] = test(np.stack([x, y, z], axis=1) + corner) if len(x) else False
+        return mask
+
+    @staticmethod
+    def _chosen(masks: Iterable[tuple[int, np.ndarray]]) -> Selection:
+        return Selection({number: np.packbits(mask) for number, mask in masks if mask.any()})
+
+    def mask(self, selection: Selection, number: int) -> np.ndarray:
+        """Of a macroblock, which voxels are selected: bool [bs, bs, bs]."""
+        size = self.pack.block_size
+        bits = selection.bits.get(number)
+        if bits is None:
+            return np.zeros((size,) * 3, bool)
+        return np.unpackbits(bits, count=size**3).reshape((size,) * 3).view(bool)
+
+    def everything(self) -> Selection:
+        return self._chosen((number, self.content(number)) for number in range(len(self.places)))
+
+    def fainter_than(self, alpha: float) -> Selection:
+        """Voxels whose opacity (0 ... 1) is below `alpha`."""
+        limit = 255.0 * alpha
+        alphas = ((number, self._alpha(number)) for number in range(len(self.places)))
+        return self._chosen((number, (values > 0) & (values < limit)) for number, values in alphas)
+
+    def in_box(self, corners: Corners) -> Selection:
+        """Voxels whose centres lie in a box of the grid frame, given by two corners."""
+        low, high = np.sort(np.asarray(corners, np.float64), axis=0)
+
+        def test(positions: np.ndarray) -> np.ndarray:
+            points = self.frame.points(positions)
+            return np.all((points >= low) & (points <= high), axis=1)
+
+        return self.where(test, lambda first, last: ~np.any((last < low) | (first > high), axis=1))
+
+    def in_sphere(self, centre: np.ndarray, radius: float) -> Selection:
+        """Voxels whose centres lie in a ball of the grid frame. centre: float [3]."""
+
+        def test(positions: np.ndarray) -> np.ndarray:
+            return np.square(self.frame.points(positions) - centre).sum(axis=1) <= radius**2
+
+        def near(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+            return ~(np.linalg.norm(np.clip(centre, low, high) - centre, axis=1) > radius)
+
+        return self.where(test, near)
+
+    def grown(self, selection: Selection) -> Selection:
+        """With all voxels that touch one of it."""
+        held = np.array(sorted(selection.bits), np.intp)
+        reached = {*held.tolist(), *self.neighbours[held].ravel().tolist()} - {-1}
+
+        def masks() -> Iterator[tuple[int, np.ndarray]]:
+            for number in sorted(reached):
+                around = np.zeros((self.pack.padded_block_size,) * 3, bool)
+                around[1:-1, 1:-1, 1:-1] = self.mask(selection, number)
+                for step, other in zip(STEPS, self.neighbours[number].tolist(), strict=True):
+                    if other in selection.bits:
+                        copied = self.mask(selection, other)[_along(COPIED, step)]
+                        around[_along(PADDING, step)] = copied
+                yield number, _spread(around) & self.content(number)
+
+        return selection | self._chosen(masks())
+
+    def shrunk(self, selection: Selection) -> Selection:
+        """Without those that touch a voxel outside of it."""
+        return selection - self.grown(self.everything() - selection)
+
+    def parts(self) -> Parts:
+        """How all voxels hang together."""
+        return _parts(self)
+
+
+def _spread(mask: np.ndarray) -> np.ndarray:
+    """Whether a voxel or one that it touches is in a mask bool [B, B, B]: bool [bs, bs, bs]."""
+    for axis in range(3):
+        mask = np.moveaxis(mask, axis, 0)
+        mask = np.moveaxis(mask[:-2] | mask[1:-1] | mask[2:], 0, axis)
+    return mask
+
+
+def _along(slices: Mapping[int, slice], step: Sequence[int]) -> tuple[slice, ...]:
+    return tuple(slices[s] for s in step)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """All parts but the largest. voxels: by macroblock, which of its voxels and how many the part of each has, int [m] both."""
+
+    voxels: Mapping[int, tuple[np.ndarray, np.ndarray]]
+    block_size: int
+
+    def smaller_than(self, count: float = inf) -> Selection:
+        """The voxels of parts with fewer than `count` voxels; never those of the largest part."""
+        bits = {}
+        for number, (voxels, sizes) in self.voxels.items():
+            mask = np.zeros(self.block_size**3, bool)
+            mask[voxels[sizes < count]] = True
+            if mask.any():
+                bits[number] = np.packbits(mask)
+        return Selection(bits)
+
+
+def _parts(voxels: Voxels) -> Parts:
+    """Labels each padded copy by itself, then joins labels of voxels that two copies hold: pairs that touch lie in one copy."""
+    pack, side, count = voxels.pack, voxels.pack.padded_block_size, len(voxels.places)
+    labels = np.zeros((count, side, side, side), np.uint16)  # at most (B / 2)^3 of them
+    found = np.zeros(count + 1, np.int64)
+    for number, place in enumerate(voxels.places):
+        opaque = block_copy(pack, pack.atlas_rgba, tuple(place))[..., 3] > 0
+        found[number + 1] = ndimage.label(opaque, TOUCHING, output=labels[number])
+    first = np.cumsum(found)  # of all labels, those of a macroblock begin there
+    pairs = [_joined(voxels, labels, first, i) for i in range(len(STEPS) // 2, len(STEPS))]  # the others say the same
+    one, other = np.concatenate(pairs, axis=1)
+    joined = coo_matrix((np.ones(len(one), bool), (one, other)), shape=(first[-1], first[-1]))
+    _, part = connected_components(joined, directed=False)
+    data = labels[:, 1:-1, 1:-1, 1:-1].reshape(count, -1)
+    held = [np.bincount(row, minlength=found[k + 1] + 1)[1:] for k, row in enumerate(data)]
+    size_of = np.bincount(part, np.concatenate([*held, []])).astype(np.int64)
+    if not len(size_of):
+        return Parts({}, pack.block_size)
+    largest, small = size_of.argmax(), {}
+    for number, row in enumerate(data):
+        of_label = np.concatenate([[largest], part[first[number] : first[number + 1]]])
+        some = np.flatnonzero((of_label != largest)[row])
+        if len(some):
+            small[number] = some, size_of[of_label[row[some]]]
+    return Parts(small, pack.block_size)
+
+
+def _joined(voxels: Voxels, labels: np.ndarray, first: np.ndarray, direction: int) -> np.ndarray:
+    """int [2, m]: pairs of labels that name one voxel, in a macroblock's padding and in its neighbour's data."""
+    near, step = voxels.neighbours[:, direction], STEPS[direction]
+    own = np.flatnonzero(near >= 0)
+    outer = labels[:, *_along(PADDING, step)][own].astype(np.int64)
+    inner = labels[:, 1:-1, 1:-1, 1:-1][:, *_along(COPIED, step)][near[own]].astype(np.int64)
+    both = (outer > 0) & (inner > 0)
+    outer += first[own].reshape(-1, 1, 1, 1) - 1
+    inner += first[near[own]].reshape(-1, 1, 1, 1) - 1
+    keys = np.unique(outer[both] * first[-1] + inner[both])
+    return np.stack(np.divmod(keys, max(int(first[-1]), 1)))
+
+
+# --- A pack without some of its voxels ---
+
+
+def without(pack: Pack, removed: Selection, how: Sequence[str]) -> Pack:
+    """A pack without these voxels, and without macroblocks that hold nothing. how: what the provenance says of the removal.
+
+    UserError where nothing would be left.
+    """
+    voxels = Voxels(pack)
+    numbers = [k for k in range(len(voxels.places)) if (voxels.content(k) & ~voxels.mask(removed, k)).any()]
+    if not numbers:
+        raise UserError("nothing would be left", remedy="remove less")
+    kept = np.zeros_like(pack.occupied)
+    kept[tuple(voxels.places[numbers].T)] = True
+    atlas_blocks = choose_atlas_blocks(len(numbers), pack.block_size)
+    shape = (*atlas_shape(atlas_blocks, pack.block_size), 4)
+    rgba, features = np.zeros(shape, np.uint8), None if pack.atlas_features is None else np.zeros(shape, np.uint8)
+    smaller = replace(pack, atlas_indices=atlas_layout(kept, atlas_blocks), atlas_rgba=rgba, atlas_features=features)
+    for old, new in ((pack.atlas_rgba, rgba), (pack.atlas_features, features)):
+        if old is None or new is None:
+            continue
+        for number in numbers:
+            place = tuple(voxels.places[number])
+            data = block_copy(smaller, new, place)[1:-1, 1:-1, 1:-1]
+            data[...] = block_copy(pack, old, place)[1:-1, 1:-1, 1:-1]
+            if number in removed.bits:
+                data[voxels.mask(removed, number)] = 0
+        restore_padding(new, smaller.atlas_indices, pack.block_size)
+    before = pack.metadata.get("provenance")
+    provenance: dict[str, Any] = dict(before) if isinstance(before, Mapping) else {}
+    earlier = provenance.get("edits")
+    dropped = len(voxels.places) - len(numbers)
+    edit = {"how": list(how), "voxels_removed": removed.count, "macroblocks_removed": dropped}
+    provenance["edits"] = [*(earlier if isinstance(earlier, list) else []), edit]
+    return smaller.with_metadata(provenance=provenance)

@@ -1,0 +1,164 @@
+"""Choosing voxels and taking them away: each selector against the same on a dense grid, and packs without what was chosen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from console import UserError
+from scenepack import Pack, check_pack, load_pack, save_pack
+from scenepack.blocks import dense_from_pack
+from scenepack.edit_preview import MARKED, EditPreview
+from scenepack.editing import Selection, Voxels, without
+from scenepack.exports.field import ExportFrame
+from tests.scenepack.helpers import small_pack, smooth_pack
+
+TOUCHING = np.ones((3, 3, 3))
+
+
+@pytest.fixture(params=["specks", "shell", "contracted", "forward-facing"])
+def pack(request) -> Pack:
+    """Noise in a few macroblocks: many parts, and some that only hang together across macroblocks."""
+    if request.param == "shell":
+        return smooth_pack()
+    made = small_pack(occupancy=0.06)
+    whole = Voxels(made).everything()
+    thinned = without(made, Selection({4: whole.bits[4]}), [])  # one macroblock between others is empty
+    if request.param == "contracted":
+        return replace(thinned, min_xyz=-0.5 * made.voxel_size * np.array(made.grid_size)).with_metadata(
+            contraction=0.3 * made.voxel_size * min(made.grid_size)
+        )
+    if request.param == "forward-facing":
+        camera = {"input_width": 100.0, "input_height": 80.0, "input_focal": 90.0}
+        frame = np.diag([1.0, 1.0, -1.0, 1.0])
+        return replace(thinned, ndc=True, min_xyz=np.full(3, -1.0), voxel_size=0.1, worldspace_T_opengl=frame, **camera)
+    return thinned
+
+
+def dense(pack: Pack, selection: Selection) -> np.ndarray:
+    """bool [z, y, x] of the whole grid."""
+    voxels, size = Voxels(pack), pack.block_size
+    grid = np.zeros([n * size for n in pack.occupied.shape], bool)
+    for number, place in enumerate(voxels.places):
+        grid[tuple(slice(i * size, (i + 1) * size) for i in place)] = voxels.mask(selection, number)
+    x, y, z = pack.grid_size
+    return grid[:z, :y, :x]
+
+
+def alphas(pack: Pack) -> np.ndarray:
+    return dense_from_pack(pack)[0][..., 3]
+
+
+def centres(pack: Pack) -> np.ndarray:
+    """Of all voxels, in the grid frame: float64 [z, y, x, 3]."""
+    z, y, x = np.indices(alphas(pack).shape)
+    positions = np.stack([x, y, z], axis=-1).reshape(-1, 3) + 0.5
+    with np.errstate(all="ignore"):
+        return ExportFrame(pack).points(positions).reshape(*z.shape, 3)
+
+
+def test_every_selector_chooses_what_it_would_on_a_dense_grid(pack):
+    voxels, alpha, at = Voxels(pack), alphas(pack), centres(pack)
+    some = alpha > 0
+    assert np.array_equal(dense(pack, voxels.everything()), some) and voxels.everything().count == some.sum() > 0
+    assert np.array_equal(dense(pack, voxels.fainter_than(0.4)), some & (alpha < 0.4 * 255))
+    middle = np.median(at[some], axis=0)
+    away = np.linalg.norm(at - middle, axis=-1)
+    for radius in 1.0001 * np.quantile(away[some], [0.05, 0.5]):  # between voxels
+        chosen = voxels.in_sphere(middle, radius)
+        assert np.array_equal(dense(pack, chosen), some & (away <= radius)) and 0 < chosen.count < some.sum()
+        low, high = middle - radius, middle + 0.5 * radius
+        inside = np.all((at >= low) & (at <= high), axis=-1)
+        assert np.array_equal(dense(pack, voxels.in_box((tuple(high), tuple(low)))), some & inside)
+
+
+def test_parts_are_those_of_the_dense_grid_across_macroblocks(pack):
+    labels, _ = ndimage.label(alphas(pack) > 0, TOUCHING)
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    parts = Voxels(pack).parts()
+    for limit in (2, 5, 20, inf):
+        chosen = dense(pack, parts.smaller_than(limit))
+        assert np.array_equal(chosen, ((sizes < limit) & (sizes < sizes.max()) & (sizes > 0))[labels])
+    assert len(sizes) > 2 or parts.smaller_than().count == 0
+
+
+def test_growing_and_shrinking_go_one_voxel_far_and_across_macroblocks(pack):
+    voxels, some = Voxels(pack), alphas(pack) > 0
+    chosen = voxels.fainter_than(0.3)
+    before = dense(pack, chosen)
+    grown = ndimage.binary_dilation(before, TOUCHING) & some
+    assert np.array_equal(dense(pack, voxels.grown(chosen)), grown) and grown.sum() > before.sum()
+    shrunk = before & ~ndimage.binary_dilation(some & ~before, TOUCHING)
+    assert np.array_equal(dense(pack, voxels.shrunk(chosen)), shrunk)
+
+
+def test_selections_add_and_subtract_and_share_what_they_do_not_change(pack):
+    voxels = Voxels(pack)
+    one, other = voxels.fainter_than(0.5), voxels.in_sphere(np.median(centres(pack)[alphas(pack) > 0], axis=0), 0.4)
+    a, b = dense(pack, one), dense(pack, other)
+    assert np.array_equal(dense(pack, one | other), a | b) and np.array_equal(dense(pack, one - other), a & ~b)
+    assert (one - one).count == 0 and not (one - one).bits
+    untouched = set(one.bits) - set(other.bits)
+    assert all((one | other).bits[k] is (one - other).bits[k] is one.bits[k] for k in untouched)
+
+
+def test_a_saved_pack_has_the_voxels_that_are_left_and_no_others(pack, tmp_path):
+    removed = Voxels(pack).fainter_than(0.5)
+    save_pack(without(pack, removed, ["by hand"]), tmp_path / "new", codec="webp")
+    after = load_pack(tmp_path / "new")
+    for old, new in zip(dense_from_pack(pack), dense_from_pack(after), strict=True):
+        assert np.array_equal(new, np.where(dense(pack, removed)[..., None], 0, old))
+    assert after.occupied.sum() == len({*range(int(pack.occupied.sum()))} - emptied(pack, removed))
+    assert not [f for f in check_pack(after) if f.severity in ("warning", "error") and f.rule != "premultiplied"]
+    assert after.metadata["provenance"]["edits"][-1]["voxels_removed"] == removed.count > 0
+    assert after.contraction == pack.contraction and after.ndc == pack.ndc
+
+
+def emptied(pack: Pack, removed: Selection) -> set[int]:
+    voxels = Voxels(pack)
+    return {k for k in range(len(voxels.places)) if not (voxels.content(k) & ~voxels.mask(removed, k)).any()}
+
+
+def test_a_pack_of_which_nothing_is_left_is_refused():
+    pack = small_pack()
+    with pytest.raises(UserError, match="nothing would be left"):
+        without(pack, Voxels(pack).everything(), [])
+
+
+def test_the_atlas_shows_what_was_removed_and_chosen_and_takes_it_back(pack):
+    before = pack.atlas_rgba.copy(), None if pack.atlas_features is None else pack.atlas_features.copy()
+    shown, voxels = EditPreview(Voxels(pack)), Voxels(pack)
+    removed = voxels.fainter_than(0.4)
+    chosen = voxels.fainter_than(0.8) - removed
+    changed = shown.follow(removed, chosen, inf)
+    assert shown.settled and set(removed.bits) | set(chosen.bits) <= set(changed)
+    expected = without(pack, removed, [])  # which has the padding made anew
+    alpha, marked = alphas(pack), dense(pack, chosen)
+    assert np.array_equal(alpha, alphas(expected)) and np.array_equal(
+        voxels.parts().voxels.keys(), shown.voxels.parts().voxels.keys()
+    )
+    assert np.array_equal(dense_from_pack(pack)[0][marked][:, :3], np.rint(alpha[marked][:, None] * (MARKED / 255)))
+    assert not [f for f in check_pack(pack) if f.rule.startswith("padding") and f.severity != "ok"]
+    shown.follow(Selection(), chosen, inf)
+    assert shown.follow(Selection(), Selection(), inf) and not shown.follow(Selection(), Selection(), inf)
+    assert np.array_equal(pack.atlas_rgba, before[0])
+    assert before[1] is None or np.array_equal(pack.atlas_features, before[1])
+
+
+def test_a_selection_comes_back_from_its_file_and_not_for_another_pack(tmp_path, pack):
+    chosen = Voxels(pack).fainter_than(0.5)
+    chosen.save(tmp_path / "voxels.npz")
+    again = Selection.load(tmp_path / "voxels.npz", pack)
+    assert np.array_equal(dense(pack, again), dense(pack, chosen))
+    other = small_pack(block_size=7)
+    for file, of in ((tmp_path / "voxels.npz", other), (tmp_path / "none.npz", pack)):
+        with pytest.raises(UserError, match="is not a selection of this pack's voxels"):
+            Selection.load(file, of)
+    (tmp_path / "bad.npz").write_bytes(b"PK\x03\x04 and no more")
+    with pytest.raises(UserError, match="is not a selection"):
+        Selection.load(tmp_path / "bad.npz", pack)
