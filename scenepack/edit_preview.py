@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
 
 from scenepack.blocks import block_copy
-from scenepack.editing import COPIED, PADDING, STEPS, Selection, Voxels
+from scenepack.editing import COPIED, NOTHING, PADDING, STEPS, Selection, Voxels
 
 MARKED = np.array([255, 20, 90], np.float32)  # a warning colour, sRGB
 
@@ -21,22 +22,22 @@ Values = tuple[np.ndarray, list[np.ndarray]]  # a mask, and what was there of ea
 
 @dataclass
 class EditPreview:
-    """follow() tells what must go to the GPU again."""
+    """Call follow() often; take() tells what the GPU has no more."""
 
     voxels: Voxels
-    _goal: State = (Selection(), Selection())
+    _goal: State = (NOTHING, NOTHING)
     _todo: list[int] = field(default_factory=list)  # macroblocks that show something else than the goal
-    _changed: set[int] = field(default_factory=set)  # since they were last told of, padding included
+    _changed: set[int] = field(default_factory=set)  # not taken yet, padding included
     _shown: dict[int, tuple[np.ndarray | None, ...]] = field(default_factory=dict)  # bits removed and selected
     _originals: dict[int, Values] = field(default_factory=dict)
 
     @property
     def settled(self) -> bool:
-        """Whether the atlas shows what follow() was given last."""
-        return not self._todo
+        """Whether the atlas shows what follow() was given last, and all of that was taken."""
+        return not self._todo and not self._changed
 
-    def follow(self, removed: Selection, selected: Selection, seconds: float) -> list[int]:
-        """Works for about `seconds` towards showing these; the macroblocks, by number, that are ready in the atlas by now."""
+    def follow(self, removed: Selection, selected: Selection, seconds: float = inf) -> None:
+        """Works for about `seconds` towards showing these."""
         end = time.perf_counter() + seconds
         if self._goal != (removed, selected):
             self._goal = removed, selected
@@ -46,10 +47,12 @@ class EditPreview:
             ]
         while self._todo and time.perf_counter() < end:
             self._show(self._todo.pop())
-        if self._todo:  # a macroblock may change again by its neighbours
+
+    def take(self, most: int) -> list[int]:
+        """Some of the macroblocks, by number, whose padded copies have changed; none before the atlas shows everything."""
+        if self._todo:  # their neighbours may change again
             return []
-        ready, self._changed = sorted(self._changed), set()
-        return ready
+        return [self._changed.pop() for _ in range(min(most, len(self._changed)))]
 
     @property
     def _atlases(self) -> list[np.ndarray]:

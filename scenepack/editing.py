@@ -80,6 +80,9 @@ class Selection:
         return cls({int(k): each for k, each in zip(numbers, bits, strict=True) if each.any()})
 
 
+NOTHING = Selection()
+
+
 class Voxels:
     """The voxels of a pack: which there are, and ways to choose among them. Reads the atlas anew each time."""
 
@@ -101,7 +104,7 @@ class Voxels:
         return block_copy(self.pack, self.pack.atlas_rgba, tuple(self.places[number]))[1:-1, 1:-1, 1:-1, 3]
 
     @cached_property
-    def _boxes(self) -> tuple[np.ndarray, np.ndarray]:
+    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners of boxes of the grid frame that hold the centres of each macroblock's voxels: float64 [n, 3] both."""
         pack, radius = self.pack, self.pack.contraction
         low, high = np.zeros(3), np.array(pack.grid_size, np.float64)
@@ -116,10 +119,10 @@ class Voxels:
         points = self.frame.points(positions.reshape(-1, 3)).reshape(len(first), -1, 3)
         return points.min(axis=1) - pack.voxel_size, points.max(axis=1) + pack.voxel_size  # which covers rounding
 
-    def where(self, test: Test, near: Near | None = None) -> Selection:
-        """Voxels of which `test` is true. near: which macroblocks are looked at, by boxes around them."""
+    def where(self, test: Test, near: np.ndarray | None = None) -> Selection:
+        """Voxels of which `test` is true. near: bool [n], the macroblocks that are looked at."""
         with np.errstate(all="ignore"):  # what lies next to infinity
-            numbers = range(len(self.places)) if near is None else np.flatnonzero(near(*self._boxes)).tolist()
+            numbers = range(len(self.places)) if near is None else np.flatnonzero(near).tolist()
             return self._chosen((number, self._where(number, test)) for number in numbers)
 
     def _where(self, number: int, test: Test) -> np.ndarray:
@@ -158,7 +161,7 @@ class Voxels:
             points = self.frame.points(positions)
             return np.all((points >= low) & (points <= high), axis=1)
 
-        return self.where(test, lambda first, last: ~np.any((last < low) | (first > high), axis=1))
+        return self.where(test, np.all((self.boxes[1] >= low) & (self.boxes[0] <= high), axis=1))
 
     def in_sphere(self, centre: np.ndarray, radius: float) -> Selection:
         """Voxels whose centres lie in a ball of the grid frame. centre: float [3]."""
@@ -166,10 +169,14 @@ class Voxels:
         def test(positions: np.ndarray) -> np.ndarray:
             return np.square(self.frame.points(positions) - centre).sum(axis=1) <= radius**2
 
-        def near(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-            return ~(np.linalg.norm(np.clip(centre, low, high) - centre, axis=1) > radius)
+        away = np.linalg.norm(np.clip(centre, *self.boxes) - centre, axis=1)
+        return self.where(test, away <= radius)
 
-        return self.where(test, near)
+    def in_ball(self, centre: np.ndarray, radius: float) -> Selection:
+        """Voxels whose centres lie within `radius` of a position, both in voxels: in bent space this is no sphere."""
+        first = self.places[:, ::-1] * self.pack.block_size
+        near = np.all((first <= centre + radius) & (first + self.pack.block_size >= centre - radius), axis=1)
+        return self.where(lambda positions: np.square(positions - centre).sum(axis=1) <= radius**2, near)
 
     def grown(self, selection: Selection) -> Selection:
         """With all voxels that touch one of it."""

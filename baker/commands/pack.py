@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
 from scenepack.edit_preview import EditPreview
-from scenepack.editing import Selection, Voxels, without
+from scenepack.editing import NOTHING, Selection, Voxels, without
 from scenepack.exports.field import Frame
 from scenepack.exports.scene import Export, Kind, check_export, export_scene, kind_for
 from scenepack.piece_files import SETTINGS
@@ -159,10 +158,10 @@ def edit(
         codec, quality = _codec_of(reader.outline, codec, quality)
         before, stored = _read_all(reader), reader.files.stored_bytes
     with progress("removing", 1) as bar:
-        removed, atlas = Selection(), EditPreview(Voxels(before))
+        removed, atlas = NOTHING, EditPreview(Voxels(before))
         for done, choose in enumerate(chosen.values(), 1):
             removed = removed | choose(atlas.voxels)
-            atlas.follow(removed, Selection(), inf)  # what is chosen next is chosen of what is left
+            atlas.follow(removed, NOTHING)  # what is chosen next is chosen of what is left
             bar.update(0.5 * done / len(chosen))
         after = without(before, removed, list(chosen))
 

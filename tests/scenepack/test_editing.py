@@ -71,6 +71,10 @@ def test_every_selector_chooses_what_it_would_on_a_dense_grid(pack):
     for radius in 1.0001 * np.quantile(away[some], [0.05, 0.5]):  # between voxels
         chosen = voxels.in_sphere(middle, radius)
         assert np.array_equal(dense(pack, chosen), some & (away <= radius)) and 0 < chosen.count < some.sum()
+        ball = voxels.in_ball(np.array([9.3, 8.1, 7.7]), 5.2)
+        z, y, x = np.indices(some.shape) + 0.5
+        near = np.square(np.stack([x - 9.3, y - 8.1, z - 7.7])).sum(axis=0) <= 5.2**2
+        assert np.array_equal(dense(pack, ball), some & near) and ball.count
         low, high = middle - radius, middle + 0.5 * radius
         inside = np.all((at >= low) & (at <= high), axis=-1)
         assert np.array_equal(dense(pack, voxels.in_box((tuple(high), tuple(low)))), some & inside)
@@ -135,7 +139,10 @@ def test_the_atlas_shows_what_was_removed_and_chosen_and_takes_it_back(pack):
     shown, voxels = EditPreview(Voxels(pack)), Voxels(pack)
     removed = voxels.fainter_than(0.4)
     chosen = voxels.fainter_than(0.8) - removed
-    changed = shown.follow(removed, chosen, inf)
+    shown.follow(removed, chosen, 0.0)
+    assert not shown.settled and not shown.take(9999)
+    shown.follow(removed, chosen)
+    changed = shown.take(9999)
     assert shown.settled and set(removed.bits) | set(chosen.bits) <= set(changed)
     expected = without(pack, removed, [])  # which has the padding made anew
     alpha, marked = alphas(pack), dense(pack, chosen)
@@ -144,8 +151,8 @@ def test_the_atlas_shows_what_was_removed_and_chosen_and_takes_it_back(pack):
     )
     assert np.array_equal(dense_from_pack(pack)[0][marked][:, :3], np.rint(alpha[marked][:, None] * (MARKED / 255)))
     assert not [f for f in check_pack(pack) if f.rule.startswith("padding") and f.severity != "ok"]
-    shown.follow(Selection(), chosen, inf)
-    assert shown.follow(Selection(), Selection(), inf) and not shown.follow(Selection(), Selection(), inf)
+    shown.follow(Selection(), chosen)
+    shown.follow(Selection(), Selection())
     assert np.array_equal(pack.atlas_rgba, before[0])
     assert before[1] is None or np.array_equal(pack.atlas_features, before[1])
 

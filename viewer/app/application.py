@@ -18,13 +18,14 @@ from viewer.core.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.core.input import Controllers, Keyboard
 from viewer.core.log import Messages
 from viewer.core.pose import ortho_height_of, pose_from_text, pose_to_text
-from viewer.core.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
+from viewer.core.state import FRAMES_AFTER_EVENT, Clipboard, Edits, Interface, OpenScene, Viewport, name_of
 from viewer.features.bookmarks.bookmarks import Bookmarks, ViewPictures
 from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.camera.orbit_camera import FOVS, OrbitCamera
 from viewer.features.comparison.comparison import Comparison
 from viewer.features.crop import crop
 from viewer.features.display.display import TRAINED, backdrop
+from viewer.features.editing.erasing import Erasing
 from viewer.features.export.exporting import Exporting
 from viewer.features.export.sharing import Sharing
 from viewer.features.film.camera_path import CameraPath
@@ -66,6 +67,7 @@ class App:
     gallery: Gallery = field(default_factory=Gallery)
     annotations: AnnotationStore = field(default_factory=AnnotationStore)
     measure_tool: MeasureTool = field(default_factory=MeasureTool)
+    erasing: Erasing = field(default_factory=Erasing)
     bookmarks: Bookmarks = field(default_factory=Bookmarks)
     views: ViewPictures = field(default_factory=ViewPictures)
     sessions: Sessions = field(default_factory=Sessions)
@@ -115,6 +117,7 @@ class App:
         path = entry.scene.path
         self.annotations.open_pack(self, pack, path if path.exists() else None, entry.annotations)
         self.measure_tool.drop()
+        self.erasing = self.erasing.of_another_scene()
         self.bookmarks.drop()
         self.touch()
 
@@ -161,12 +164,17 @@ class App:
         self.touch()
 
     def undoable(self, rig: OrbitCamera) -> OrbitCamera:
-        """Adds crop, near plane and annotations to the undo history of `rig`."""
+        """Adds crop, near plane, annotations and edits to the undo history of `rig`."""
         rig.history.follow(
             lambda: (self.settings.crop, self.settings.near), lambda cut: self.set(crop=cut[0], near=cut[1])
         )
         rig.history.follow(lambda: (self.annotations.current, self.measure_tool.draft), self._restore_annotations)
+        rig.history.follow(lambda: self.scene and self.scene.edits, self._restore_edits)
         return rig
+
+    def _restore_edits(self, edits: Edits) -> None:
+        assert self.scene is not None
+        self.scene.edits = edits
 
     def _restore_annotations(self, marked: tuple[Annotations, tuple[Point, ...]]) -> None:
         self.annotations.current, self.measure_tool.draft = marked
@@ -189,6 +197,7 @@ class App:
         self.scene, self.filming = None, self.filming.of_another_scene()
         self.annotations.close_pack()
         self.measure_tool.drop()
+        self.erasing = self.erasing.of_another_scene()
         self.bookmarks.drop()
         if self.open_packs.packs:
             self.turn_to(self.open_packs.packs.pop())
@@ -248,6 +257,7 @@ class App:
             self.kiosk.tick(self)
         self.gallery.tick(self)
         self.annotations.tick(self)
+        self.erasing.tick(self)
         self.views.tick(self)
         self.sessions.tick(self)
         self.comparison.tick(self, seconds)

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 from viewer.app.application import App
 from viewer.features.display.display import next_mode
+from viewer.features.editing.erasing import CHANGES, RULES, TOOLS, Tool
+from viewer.features.editing.erasing import PAGE as ERASE_PAGE
 from viewer.features.film import kiosk
 from viewer.features.opening.open_prompt import ask_to_open, browse
 
@@ -63,7 +65,7 @@ def _escape(app: App) -> None:
         app.opening.cancel(app)
     elif app.bookmarks.placing:
         app.bookmarks.placing = False
-    elif app.measure_tool.escape(app):
+    elif app.measure_tool.escape(app) or app.erasing.escape(app):
         pass
     elif app.comparison.against == "photograph":
         app.comparison.stop()
@@ -73,7 +75,24 @@ def _escape(app: App) -> None:
         app.interface.full_screen = False
 
 
+def _remove(app: App) -> None:
+    if not app.interface.shows(ERASE_PAGE) or not app.erasing.erase(app):
+        app.measure_tool.back(app)
+
+
 _other_projection = _rig(lambda rig: rig.set_orthographic(not rig.orthographic))
+
+
+def _erase(tool: Tool) -> Callable[[App], object]:
+    return lambda app: app.erasing.choose(app, "" if tool == app.erasing.tool else tool)
+
+
+def _select(rule: str) -> Callable[[App], object]:
+    return lambda app: app.erasing.select(app, rule)
+
+
+def _change(how: str) -> Callable[[App], object]:
+    return lambda app: app.erasing.change(app, how)
 
 
 def _turn(right: float, up: float) -> Callable[[App], object]:
@@ -141,8 +160,12 @@ _ALL = (
         "Ruler",
         ("measure", "Measure", lambda app: app.measure_tool.toggle(app), "M"),
         ("finish-line", "End the line", lambda app: app.measure_tool.finish(app), "Enter"),
-        ("remove-point", "Remove the last point", lambda app: app.measure_tool.back(app), "Backspace or Delete"),
+        ("remove-point", "Remove the last point, or what is selected", _remove, "Backspace or Delete"),
         ("copy-measurements", "Copy the measurements", lambda app: app.measure_tool.copy(app), "Ctrl+Shift+C"),
+    ),
+    *_group(
+        "Erasing",
+        ("erase", "Erase parts of the scene", lambda app: app.erasing.toggle(app), "X"),
     ),
     *_group(
         "Bookmarks",
@@ -186,6 +209,14 @@ _ALL = (
         "Ruler",
         ("save-measurements", "Save the measurements", lambda app: app.measure_tool.ask_for_table(app), ""),
         ("set-scale", "Set the scale", lambda app: app.measure_tool.set_scale(app), ""),
+    ),
+    *_group(
+        "Erasing",
+        *((f"erase-{tool}", title, _erase(tool), "") for tool, title in TOOLS.items()),
+        *((f"select-{rule}", title, _select(rule), "") for rule, title in RULES.items()),
+        *((f"selection-{how}", title, _change(how), "") for how, title in CHANGES.items()),
+        ("erase-selected", "Erase what is selected", lambda app: app.erasing.erase(app), ""),
+        ("save-edited", "Save the edited scene", lambda app: app.erasing.ask_where_to_save(app), ""),
     ),
     *_group("Bookmarks", ("film-bookmarks", "Film through the bookmarks", lambda app: app.bookmarks.film(app), "")),
 )

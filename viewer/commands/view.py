@@ -45,7 +45,18 @@ SCRIPTED = ("--frames", "--screenshot")
 SERVED_ON = 8090  # port
 SMALLEST_SIDE = 64  # of a window, screen units
 PageName = Literal[
-    "view", "camera", "bookmarks", "crop", "measure", "photographs", "compare", "film", "performance", "settings", "log"
+    "view",
+    "camera",
+    "bookmarks",
+    "crop",
+    "erase",
+    "measure",
+    "photographs",
+    "compare",
+    "film",
+    "performance",
+    "settings",
+    "log",
 ]
 
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from scenepack.edit_preview import EditPreview
+from scenepack.editing import NOTHING, Selection
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
 
@@ -14,6 +16,14 @@ if TYPE_CHECKING:
 
 FRAMES_AFTER_EVENT = 3  # imgui needs a frame to see an event and another to draw what follows from it
 SCALES = (0.75, 0.85, 1.0, 1.15, 1.3, 1.5, 1.75, 2.0)  # of the interface
+
+
+@dataclass(frozen=True, eq=False)
+class Edits:
+    """What was erased of a pack, and what is selected of the rest."""
+
+    removed: Selection = NOTHING
+    selected: Selection = NOTHING
 
 
 @dataclass
@@ -26,6 +36,9 @@ class OpenScene:
     rig: OrbitCamera
     whole: bool = True  # False while it is still being read
     stays: bool = True  # open when another is opened; False for a scene that is being made
+    edits: Edits = Edits()
+    preview: EditPreview | None = None  # shows them in the pack's atlas; None until something is to be edited
+    saved: Selection = NOTHING  # what was erased when it was saved last
 
 
 @dataclass

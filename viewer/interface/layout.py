@@ -25,6 +25,7 @@ from viewer.features.camera import panel as camera_panel
 from viewer.features.comparison import panel as comparison_panel
 from viewer.features.crop import panel as crop_panel
 from viewer.features.display import panel as display_panel
+from viewer.features.editing import panel as editing_panel
 from viewer.features.film import panel as film_panel
 from viewer.features.measuring import panel as measuring_panel
 from viewer.features.performance import panel as performance_panel
@@ -168,6 +169,7 @@ PAGES = (
     Page("camera", "Camera", fa.ICON_FA_VIDEO, camera_panel.show),
     Page("bookmarks", "Bookmarks", fa.ICON_FA_BOOKMARK, bookmarks_panel.show),
     Page("crop", "Crop", fa.ICON_FA_CROP_SIMPLE, crop_panel.show),
+    Page("erase", "Erase", fa.ICON_FA_ERASER, editing_panel.show),
     Page("measure", "Measure", fa.ICON_FA_RULER, measuring_panel.show),
     Page("photographs", "Photographs", fa.ICON_FA_IMAGES, photographs_panel.show),
     Page("compare", "Compare packs", fa.ICON_FA_CODE_COMPARE, comparison_panel.show),

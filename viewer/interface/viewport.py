@@ -21,6 +21,7 @@ from viewer.features.crop import crop
 from viewer.features.crop import panel as crop_panel
 from viewer.features.crop.panel import CropGizmo
 from viewer.features.display import panel as display_panel
+from viewer.features.editing import panel as editing_panel
 from viewer.features.film import panel as film_panel
 from viewer.features.measuring import panel as measuring_panel
 from viewer.features.opening import panel as opening_panel
@@ -60,6 +61,7 @@ def show(app: App, canvas: Canvas, box: Box, fonts: Fonts, gizmo: CropGizmo, axe
         film_panel.draw_path(app, box)
         shot, face = photographs_panel.draw(app, canvas, box), crop_panel.draw_crop(app, box)
         mark, place = measuring_panel.draw(app, box, over), bookmarks_panel.draw(app, box, over)
+        editing_panel.draw(app, box, over)
         if not gizmo.over:
             _mouse(app, box, _Under(face, shot, mark, place) if over else NOTHING)
         gizmo.show(app, box)
@@ -86,7 +88,9 @@ NOTHING = _Under()
 class _MouseState:
     """What the mouse holds since its `button` went down."""
 
-    holds: str = ""  # "" the camera, "wipe" the edge, "face" of the crop box, "mark" a measured point
+    holds: str = (
+        ""  # "" the camera, "wipe" the edge, "face" of the crop box, "mark" a point, "erase" a tool of that page
+    )
     button: int = LEFT
     under: _Under = NOTHING
     travelled: float = 0.0  # window units since then, to tell a click from a drag
@@ -106,6 +110,8 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
         _mouse_state.holds = _held(app, box)
         if _mouse_state.holds != "wipe":
             rig.remember()
+        if _mouse_state.holds == "erase":
+            app.erasing.press(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1], subtracts=io.key_ctrl)
     dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
     if imgui.is_item_activated():
         dx = dy = 0.0  # in a slow frame, that is how the mouse came to where it was pressed
@@ -116,9 +122,11 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
     if hovered and imgui.is_mouse_double_clicked(LEFT):
         if app.measure_tool.finish(app):
             _mouse_state.travelled = math.inf  # it is no click any more
-        elif not app.measure_tool.tool:
+        elif not app.measure_tool.tool and not app.erasing.tool:
             app.pivot_at(io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
-    if imgui.is_item_deactivated() and _mouse_state.travelled < px(4):
+    if imgui.is_item_deactivated() and _mouse_state.holds == "erase":
+        app.erasing.release(app)
+    elif imgui.is_item_deactivated() and _mouse_state.travelled < px(4):
         _click(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     if hovered and io.mouse_wheel:
         if rig.flying:
@@ -134,6 +142,8 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
 
 
 def _held(app: App, box: Box) -> str:
+    if app.erasing.tool and _mouse_state.button == LEFT and not imgui.get_io().key_shift:
+        return "erase"
     if _mouse_state.under.face is not None:
         return "face"
     if _mouse_state.under.mark is not None and _mouse_state.button == LEFT:
@@ -173,8 +183,10 @@ def _drag(app: App, box: Box, dx: float, dy: float) -> None:
     elif _mouse_state.holds == "mark":
         if _mouse_state.under.mark is not None and _mouse_state.travelled >= px(4):
             app.measure_tool.move_point(app, *_mouse_state.under.mark, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+    elif _mouse_state.holds == "erase":
+        app.erasing.drag(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     else:
-        sides = (LEFT, MIDDLE) if rig.bounded else (RIGHT, MIDDLE)
+        sides = (LEFT, MIDDLE) if rig.bounded else (MIDDLE,) if app.erasing.tool else (RIGHT, MIDDLE)
         if _mouse_state.button in sides or (_mouse_state.button == LEFT and io.key_shift):
             rig.pan(dx, dy)
         else:

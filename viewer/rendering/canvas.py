@@ -160,6 +160,11 @@ class Canvas:
         _, ray = ray_through(camera, x, y)
         return float(depth_along_axis(raw, pixel, pack)[0, 0] / (ray @ -camera.grid_T_camera[:3, 2]))
 
+    def depth(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """Mean depth along the optical axis, grid units, float32 [height, width]; 0 for nothing."""
+        settings = replace(settings, marcher="exact", mode="depth", raw=True, samples=1)
+        return depth_along_axis(self.raw(camera, settings), camera, self._receive_all().pack)
+
     def draw_export_preview(
         self, geometry: PreviewGeometry, camera: ViewCamera, ground: tuple[float, float, float]
     ) -> np.ndarray:

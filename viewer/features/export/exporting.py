@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -83,9 +84,10 @@ class ExportPlan:
 
 @dataclass
 class Writing(FolderProcess):
-    """file: what it writes. report: its last word."""
+    """file: what it writes. then: called once it is there. report: its last word."""
 
     file: Path = Path()
+    then: Callable[[], object] = lambda: None
     report: Report | None = None
 
 
@@ -127,10 +129,16 @@ class Exporting:
             return
         words = self.plan.arguments(app.scene.path.resolve(), file.absolute(), app.settings.crop)
         is_page = self.plan.kind == "page"
-        self.writing = Writing.start(
-            "baker.commands.pack", lambda folder: words + page_words(app, folder) if is_page else words
-        )
-        self.writing.file = file
+        self.write(app, file, lambda folder: words + page_words(app, folder) if is_page else words)
+
+    def write(
+        self, app: App, file: Path, words: Callable[[Path], Sequence[str]], then: Callable[[], object] = lambda: None
+    ) -> None:
+        """Has snerg-pack write `file`. words: as of FolderProcess. then: called once it is there. UserError as begin()."""
+        if self.writing is not None:
+            raise UserError("another export is still running", remedy="cancel it or wait for it")
+        self.writing = Writing.start("baker.commands.pack", words)
+        self.writing.file, self.writing.then = file, then
         app.touch()
 
     def cancel(self) -> None:
@@ -162,6 +170,7 @@ class Exporting:
             return
         if status == 0:
             app.messages.say(f"Saved {writing.file}")
+            writing.then()
         elif writing.child.stopping:
             app.messages.say("The export was cancelled")
         else:

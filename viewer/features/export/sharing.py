@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 
 
 def check_is_on_disk(scene: OpenScene, remedy: str) -> None:
-    """UserError where the scene is no pack that another process can read."""
+    """UserError where the scene is no pack that another process can read, as it is shown."""
     if kind_of(scene.path) != "pack":
         raise UserError("is not a pack on disk", where=scene.path, remedy=remedy)
+    if scene.edits.removed.bits:
+        raise UserError("lacks what was erased only here", where=scene.name, remedy="save it on the Erase page first")
 
 
 def crop_words(crop: Corners | None) -> list[str]:

@@ -165,6 +165,8 @@ class MeasureTool:
         if self.draft:
             app.scene.rig.remember()
         self.tool, self.draft = tool, ()
+        if tool:
+            app.erasing.tool = ""
 
     def toggle(self, app: App) -> None:
         """Starts measuring and opens the page, or stops."""

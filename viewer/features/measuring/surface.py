@@ -32,6 +32,7 @@ class Hit:
 
     point: np.ndarray  # float64 [3], grid frame (in forward-facing packs: before the warp)
     distance: float  # from the camera, grid units (from the plane of the picture, where rays are parallel)
+    position: np.ndarray  # float64 [3], voxels
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def surface_at(pack: Pack, camera: ViewCamera, settings: RenderSettings, x: floa
     if u is None:
         return None
     distance = line.distance(u)
-    return Hit(origin + distance * direction, distance)
+    return Hit(origin + distance * direction, distance, line.places(np.array([u]))[0])
 
 
 def _straight(pack: Pack, origin: np.ndarray, direction: np.ndarray, near: float) -> _Line | _ContractedRay:

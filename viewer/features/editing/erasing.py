@@ -1,0 +1,375 @@
+"""Erasing: what is selected of the open pack, by tools in the picture and by rules; taking it away, and saving what is left.
+
+The pack on disk stays as it is. In memory, its atlas shows the state of the scene (scenepack.edit_preview), a little each frame.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from math import hypot
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from console import UserError
+from scenepack.edit_preview import EditPreview
+from scenepack.editing import NOTHING, Parts, Selection, Voxels
+from viewer.core.files import FileRequest
+from viewer.core.state import Edits, OpenScene
+from viewer.core.tasks import Task
+from viewer.features.editing.outline_selection import box_around, depth_within, seen_within
+from viewer.features.export.sharing import check_is_on_disk
+from viewer.features.measuring.surface import Hit, surface_at
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
+
+Tool = Literal["", "brush", "lasso", "sphere"]
+TOOLS: dict[Tool, str] = {"brush": "Brush", "lasso": "Lasso", "sphere": "Sphere"}
+RULES = {
+    "parts": "All but the largest part",
+    "small": "Small parts",
+    "faint": "Faint voxels",
+    "inside": "Inside the crop box",
+    "outside": "Outside the crop box",
+}
+CHANGES = {
+    "invert": "Invert the selection",
+    "grow": "Grow the selection",
+    "shrink": "Shrink the selection",
+    "clear": "Select nothing",
+}
+PAGE = "erase"
+WORK_S = 0.012  # of each frame, for strokes, for the atlas and for its way to the GPU, each
+UPLOADED = 4  # macroblocks at once
+DAB_STEP = 0.4  # of the brush's radius, between two dabs of a stroke
+RADII = (1.0, 60.0)  # of the brush, voxels
+SIZES = (2, 100_000)  # of parts, voxels
+FAINTEST = (0.004, 0.5)  # opacity
+
+Choose = Callable[[Voxels, Selection], Selection]  # of what is selected now
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """What a thread works on: choose is called there. replaces: its result is all that is selected; else it adds or subtracts.
+
+    base: what it adds to: of a rule whose slider is moved, what was selected before.
+    """
+
+    choose: Choose
+    replaces: bool = False
+    base: Selection | None = None
+
+
+@dataclass
+class Erasing:
+    """State of the page, and what the mouse does in the picture."""
+
+    tool: Tool = ""
+    adds: bool = True  # to what is selected; False: takes away from it
+    through: bool = False  # the lasso takes what is hidden, too
+    radius: float = 6.0  # of the brush, voxels
+    smaller_than: int = 100  # voxels of a part
+    fainter_than: float = 0.03  # opacity
+    cursor: Hit | None = None  # the surface under the mouse, for the brush; the middle of the sphere that is drawn
+    reach: float = 0.0  # radius of that sphere, window units
+    outline: list[tuple[float, float]] = field(default_factory=list)  # of the lasso that is drawn, window units
+    _stroke: tuple[float, float] | None = None  # where the brush painted last
+    _subtracts: bool = False  # the stroke of this moment
+    _dabs: deque[tuple[float, float]] = field(default_factory=deque)
+    _wanted: _Choice | None = None
+    _working: tuple[_Choice, Edits, Task[Selection]] | None = None
+    _parts: tuple[Selection, Parts] | None = None  # of what was left when this had been removed
+    _base: Selection | None = None
+
+    def of_another_scene(self) -> Erasing:
+        """What stays when another scene is shown."""
+        settings = ("adds", "through", "radius", "smaller_than", "fainter_than")
+        return Erasing(**{name: getattr(self, name) for name in settings})
+
+    @property
+    def busy(self) -> bool:
+        """Whether a thread is choosing voxels."""
+        return self._working is not None or self._wanted is not None
+
+    # Tools
+
+    def toggle(self, app: App) -> None:
+        """Opens the page with the brush, or puts the tool away. UserError where the scene cannot be changed."""
+        self.choose(app, "" if self.tool else "brush")
+        if self.tool:
+            app.interface.opens(PAGE)
+
+    def choose(self, app: App, tool: Tool) -> None:
+        if tool:
+            _preview(app)
+            app.measure_tool.choose(app, "")
+        self.tool, self.cursor, self.outline, self._stroke = tool, None, [], None
+        app.touch()
+
+    def escape(self, app: App) -> bool:
+        """Puts the tool away, or what it is drawing; False where there was neither."""
+        if not self.tool:
+            return False
+        self.choose(app, self.tool if self.outline else "")
+        return True
+
+    def look_at(self, app: App, x: float, y: float) -> Hit | None:
+        """The surface at a point of the viewport (window units from its corner)."""
+        camera, scale = app.viewport.camera, app.viewport.pixels_per_unit
+        if app.scene is None or camera is None:
+            return None
+        return surface_at(app.scene.pack, camera, app.settings, x * scale, y * scale)
+
+    def press(self, app: App, x: float, y: float, *, subtracts: bool) -> None:
+        """The left button goes down at a point of the viewport. subtracts: whatever `adds` says."""
+        if app.scene is None or self.busy:
+            app.messages.say("Still selecting…")
+            return
+        self._subtracts = subtracts or not self.adds
+        if self.tool == "brush":
+            self._stroke = (x, y)
+            self._dabs.append((x, y))
+        elif self.tool == "lasso":
+            self.outline = [(x, y)]
+        else:
+            self.cursor, self.reach, self._stroke = self.look_at(app, x, y), 0.0, (x, y)
+        app.touch()
+
+    def drag(self, app: App, x: float, y: float) -> None:
+        if self.tool == "lasso" and self.outline:
+            self.outline.append((x, y))
+        elif self.tool == "sphere" and self._stroke is not None:
+            self.reach = hypot(x - self._stroke[0], y - self._stroke[1])
+        elif self.tool == "brush" and self._stroke is not None:
+            self._stroke_to(app, x, y)
+        app.touch()
+
+    def _stroke_to(self, app: App, x: float, y: float) -> None:
+        assert self._stroke is not None
+        x0, y0 = self._stroke
+        step = max(DAB_STEP * self.radius_units(app, self.cursor), 3.0) if self.cursor is not None else 6.0
+        count = int(hypot(x - x0, y - y0) / step)
+        for i in range(1, count + 1):
+            self._dabs.append((x0 + (x - x0) * i / count, y0 + (y - y0) * i / count))
+        if count:
+            self._stroke = (x, y)
+
+    def release(self, app: App) -> None:
+        """The button goes up: lasso and sphere select."""
+        scene, camera = app.scene, app.viewport.camera
+        outline, self.outline, stroke, self._stroke = self.outline, [], self._stroke, None
+        if scene is None or camera is None:
+            return
+        if self.tool == "lasso" and len(outline) > 2:
+            self._select_within(app, np.array(outline) * app.viewport.pixels_per_unit)
+        elif self.tool == "sphere" and stroke is not None and self.cursor is not None and self.reach > 0:
+            hit, radius = self.cursor, self.reach / self._units_per_voxel(app, self.cursor)
+            self._begin(app, lambda voxels, _: voxels.in_ball(hit.position, radius))
+        app.touch()
+
+    def _select_within(self, app: App, outline: np.ndarray) -> None:
+        camera, settings, canvas = app.viewport.camera, app.settings, app.canvas
+        assert camera is not None
+        box = box_around(camera, outline)
+        if box is None:
+            return
+        depth = None
+        if not self.through and canvas is not None:
+            depth = depth_within(canvas, camera, settings, box, app.resolution.moving_scale)
+        self._begin(app, lambda voxels, _: seen_within(voxels, camera, settings, outline, box, depth))
+
+    def radius_units(self, app: App, hit: Hit | None) -> float:
+        """Of the brush at a surface, window units."""
+        return 0.0 if hit is None else self.radius * self._units_per_voxel(app, hit)
+
+    @staticmethod
+    def _units_per_voxel(app: App, hit: Hit) -> float:
+        """How large a voxel is seen at a surface, window units."""
+        camera, preview = app.viewport.camera, _preview(app)
+        assert camera is not None
+        size = float(preview.voxels.frame.sizes(hit.position[None])[0, :2].max())
+        away = float((camera.position - hit.point) @ camera.grid_T_camera[:3, 2])
+        pixels = camera.fx * size / (1.0 if camera.orthographic else max(away, 1e-9))
+        return max(pixels / app.viewport.pixels_per_unit, 1e-6)
+
+    # Rules
+
+    def select(self, app: App, rule: str) -> None:
+        """Selects by a rule: parts, small, faint, inside or outside (of the crop box)."""
+        crop = app.settings.crop
+        if rule in ("inside", "outside") and crop is None:
+            raise UserError("there is no crop box", remedy="switch it on, on the Crop page")
+        limit, alpha = self.smaller_than, self.fainter_than
+
+        def parts(app: App, voxels: Voxels, below: float | None) -> Selection:
+            removed = app.scene.edits.removed if app.scene is not None else NOTHING
+            if self._parts is None or self._parts[0] is not removed:
+                self._parts = removed, voxels.parts()
+            found = self._parts[1]
+            return found.smaller_than() if below is None else found.smaller_than(below)
+
+        rules: dict[str, Choose] = {
+            "parts": lambda voxels, _: parts(app, voxels, None),
+            "small": lambda voxels, _: parts(app, voxels, limit),
+            "faint": lambda voxels, _: voxels.fainter_than(alpha),
+        }
+        if crop is not None:
+            rules["inside"] = lambda voxels, _: voxels.in_box(crop)
+            rules["outside"] = lambda voxels, _: voxels.everything() - voxels.in_box(crop)
+        self._subtracts = not self.adds
+        self._begin(app, rules[rule], base=self._base)
+
+    def hold(self, app: App) -> None:
+        """A slider of a rule is taken: until it is let go of, each choice takes the place of the one before."""
+        if app.scene is not None:
+            app.scene.rig.remember()
+            self._base = app.scene.edits.selected
+
+    def let_go(self) -> None:
+        self._base = None
+
+    def change(self, app: App, how: str) -> None:
+        """Changes what is selected: invert, grow, shrink or clear."""
+        ways: dict[str, Choose] = {
+            "invert": lambda voxels, selected: voxels.everything() - selected,
+            "grow": lambda voxels, selected: voxels.grown(selected),
+            "shrink": lambda voxels, selected: voxels.shrunk(selected),
+            "clear": lambda voxels, selected: NOTHING,
+        }
+        self._begin(app, ways[how], replaces=True)
+
+    def _begin(self, app: App, choose: Choose, *, replaces: bool = False, base: Selection | None = None) -> None:
+        _preview(app)
+        self._wanted = _Choice(choose, replaces, base)
+        app.touch()
+
+    # What is selected
+
+    def erase(self, app: App) -> bool:
+        """Takes away what is selected; False where that is nothing."""
+        if app.scene is None or not app.scene.edits.selected.bits:
+            return False
+        edits = app.scene.edits
+        app.scene.rig.remember()
+        app.scene.edits = Edits(edits.removed | edits.selected, NOTHING)
+        app.touch()
+        return True
+
+    def tick(self, app: App) -> None:
+        """Time passes: paints strokes, takes what a thread has chosen, and brings the atlas and the GPU up to date."""
+        scene = app.scene
+        if scene is None or scene.preview is None:
+            return
+        self._paint(app, scene)
+        self._take(app, scene)
+        if scene.preview.settled and self._working is None and self._wanted is not None:
+            choice, self._wanted = self._wanted, None
+            voxels, selected = scene.preview.voxels, scene.edits.selected
+            self._working = choice, scene.edits, Task(lambda: choice.choose(voxels, selected))
+        self._show(app, scene, scene.preview)
+
+    def _paint(self, app: App, scene: OpenScene) -> None:
+        end, selected = time.perf_counter() + WORK_S, scene.edits.selected
+        while self._dabs and time.perf_counter() < end:
+            self.cursor = self.look_at(app, *self._dabs.popleft())
+            if self.cursor is not None:
+                dab = _preview(app).voxels.in_ball(self.cursor.position, self.radius)
+                selected = selected - dab if self._subtracts else selected | dab
+        if selected is not scene.edits.selected:
+            scene.edits = replace(scene.edits, selected=selected)
+            app.touch()
+
+    def _take(self, app: App, scene: OpenScene) -> None:
+        if self._working is None or not self._working[2].finished:
+            return
+        (choice, before, task), self._working = self._working, None
+        app.touch()
+        try:
+            found = task.result()
+        except MemoryError as error:
+            app.messages.fail("Nothing was selected", UserError("there is not enough memory", found=str(error)))
+            return
+        if scene.edits is not before:  # something was undone meanwhile
+            return
+        base = before.selected if choice.base is None else choice.base
+        if not choice.replaces:
+            found = base - found if self._subtracts else base | found
+        if choice.base is None:
+            scene.rig.remember()
+        scene.edits = replace(before, selected=found)
+
+    @staticmethod
+    def _show(app: App, scene: OpenScene, preview: EditPreview) -> None:
+        preview.follow(scene.edits.removed, scene.edits.selected, WORK_S)
+        end = time.perf_counter() + WORK_S
+        while time.perf_counter() < end and (some := preview.take(UPLOADED)):
+            if app.canvas is not None:
+                app.canvas.rewrite(some)
+            app.touch(1)
+        if not preview.settled:
+            app.touch(1)
+
+    # Saving
+
+    def ask_where_to_save(self, app: App) -> None:
+        """Asks for the new pack. UserError where nothing was erased."""
+        scene = app.scene
+        if scene is None or not scene.edits.removed.bits:
+            raise UserError("nothing was erased", remedy="select something and press Delete")
+        suffix, here = scene.path.suffix.lower() == ".zip", scene.path.resolve().parent
+        name = f"{scene.name}-edited" + ".zip" * suffix
+        app.file_request = FileRequest("Save the edited scene", "save", partial(self.save, app), (), name, here)
+
+    def save(self, app: App, path: Path) -> None:
+        """Begins to write what is left as the pack `path`, in a process. UserError where it cannot be started."""
+        scene = app.scene
+        if scene is None:
+            return
+        removed, rig = scene.edits.removed, scene.rig
+
+        def words(folder: Path) -> list[str]:
+            removed.save(folder / "voxels.npz")
+            source = str(scene.path.resolve())
+            return ["edit", source, "--out", str(path.absolute()), "--voxels", str(folder / "voxels.npz")]
+
+        def seen_as_before() -> None:
+            if app.scene is not None:
+                app.scene.rig.stand_as(rig)
+
+        def saved() -> None:
+            scene.saved = removed
+            if app.scene is scene and scene.edits.removed is removed:
+                app.open(path, then=seen_as_before)
+
+        app.exporting.write(app, path, words, saved)
+
+
+def _preview(app: App) -> EditPreview:
+    """Of the open scene, begun if there is none. UserError where it cannot be edited."""
+    scene = app.scene
+    if scene is None:
+        raise UserError("there is no scene")
+    if scene.preview is None:
+        check_is_on_disk(scene, "open a pack, then erase parts of it")
+        pack = scene.pack
+        if not scene.whole or not scene.stays:
+            raise UserError("is not complete yet", where=scene.name, remedy="wait for it")
+        renderer = app.canvas.renderer if app.canvas is not None else None
+        if renderer is not None and renderer.pack is not pack:
+            raise UserError(
+                "does not fit on the graphics card, so that its voxels cannot be shown one by one",
+                where=scene.name,
+                remedy="use snerg-pack edit",
+            )
+        used = pack.atlas_indices[pack.occupied]
+        if len(np.unique(used, axis=0)) < len(used):
+            raise UserError("has macroblocks that share their voxels", where=scene.name, remedy="use snerg-pack edit")
+        scene.preview = EditPreview(Voxels(pack))
+    return scene.preview

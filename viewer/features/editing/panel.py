@@ -1,0 +1,142 @@
+"""Erase page, and its tools in the picture."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.core import theme
+from viewer.core.screen import Screen
+from viewer.core.theme import Fonts
+from viewer.core.widgets import (
+    Box,
+    card,
+    figure,
+    hint,
+    icon_button,
+    label,
+    main_button,
+    px,
+    segments,
+    switch,
+    two_buttons,
+)
+from viewer.features.editing.erasing import CHANGES, FAINTEST, RADII, RULES, SIZES, TOOLS, Erasing
+from viewer.rendering.canvas import Canvas
+
+HINTS = {
+    "": "X takes the brush.",
+    "brush": "Paint on surfaces.",
+    "lasso": "Draw around what you mean.",
+    "sphere": "Press on a surface and drag: from the middle outwards.",
+}
+HELD = " Ctrl takes away. The right button turns the camera, the middle one moves it. Esc stops."
+MODES = {"add": "Add", "subtract": "Subtract"}
+ICONS = {
+    "invert": fa.ICON_FA_CIRCLE_HALF_STROKE,
+    "grow": fa.ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER,
+    "shrink": fa.ICON_FA_DOWN_LEFT_AND_UP_RIGHT_TO_CENTER,
+    "clear": fa.ICON_FA_XMARK,
+}
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    if app.scene is None:
+        return
+    erasing, edits = app.erasing, app.scene.edits
+    with card("tool", fonts, "Select in the picture"):
+        picked = segments("tool", list(TOOLS), erasing.tool, {**TOOLS})
+        if picked is not None:
+            run(app, f"erase-{picked}")
+        hint(HINTS[erasing.tool] + (HELD if erasing.tool else ""))
+        mode = segments("mode", list(MODES), "add" if erasing.adds else "subtract", MODES)
+        erasing.adds = erasing.adds if mode is None else mode == "add"
+        if erasing.tool == "lasso":
+            erasing.through = switch("through", erasing.through, "What is hidden, too", 150.0)
+        elif erasing.tool == "brush":
+            label("Radius")
+            flags = imgui.SliderFlags_.logarithmic
+            erasing.radius = imgui.slider_float("##radius", erasing.radius, *RADII, "%.0f voxels", flags)[1]
+    with card("rules", fonts, "Select by rule"):
+        _rules(app, erasing)
+    with card("selected", fonts, "Selected"):
+        figure("Voxels", "selecting…" if erasing.busy else f"{edits.selected.count:,}")
+        for how, icon in ICONS.items():
+            if icon_button(icon, how, CHANGES[how], enabled=bool(edits.selected.bits) or how == "invert"):
+                run(app, f"selection-{how}")
+            imgui.same_line(0, px(2))
+        imgui.new_line()
+        imgui.begin_disabled(not edits.selected.bits)
+        if main_button(f"{fa.ICON_FA_ERASER}  Erase", -1):
+            run(app, "erase-selected")
+        imgui.end_disabled()
+    with card("save", fonts, "Erased"):
+        figure("Voxels", f"{edits.removed.count:,}")
+        imgui.begin_disabled(not edits.removed.bits)
+        if imgui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save as…", ImVec2(-1, 0)):
+            run(app, "save-edited")
+        imgui.end_disabled()
+        hint("The open pack stays as it is. Ctrl+Z brings back what was erased.")
+
+
+def _rules(app: App, erasing: Erasing) -> None:
+    if imgui.button(RULES["parts"], ImVec2(-1, 0)):
+        run(app, "select-parts")
+    label("Parts below")
+    flags = imgui.SliderFlags_.logarithmic
+    changed, value = imgui.slider_int("##small", erasing.smaller_than, *SIZES, "%d voxels", flags)
+    if changed:
+        erasing.smaller_than = max(value, SIZES[0])
+    _preview(app, "small", changed)
+    label("Fainter than")
+    changed, value = imgui.slider_float("##faint", erasing.fainter_than, *FAINTEST, "%.3f", flags)
+    if changed:
+        erasing.fainter_than = min(max(value, FAINTEST[0]), FAINTEST[1])
+    _preview(app, "faint", changed)
+    if app.settings.crop is not None:
+        picked = two_buttons("In the crop box", "Outside of it")
+        if picked is not None:
+            run(app, "select-inside" if picked == 0 else "select-outside")
+
+
+def _preview(app: App, rule: str, changed: bool) -> None:
+    """Selects by a rule while its slider, the item before, is held or typed into."""
+    begins = imgui.is_item_activated()
+    if begins:
+        app.erasing.hold(app)
+    if begins or changed:
+        run(app, f"select-{rule}")
+    if imgui.is_item_deactivated():
+        app.erasing.let_go()
+
+
+# --- Tools over the picture ---
+
+
+def draw(app: App, box: Box, over: bool) -> None:
+    """Draws what a tool is about to select. over: the mouse is over nothing but the picture."""
+    erasing = app.erasing
+    if not erasing.tool or app.scene is None:
+        return
+    mouse, lines = imgui.get_io().mouse_pos, imgui.get_window_draw_list()
+    colour, dark = theme.packed(theme.WARN), theme.packed(theme.BASE, 0.75)
+    if erasing.tool == "lasso" and len(erasing.outline) > 1:
+        points = [ImVec2(box[0] + x, box[1] + y) for x, y in (*erasing.outline, erasing.outline[0])]
+        for line, width in ((dark, 4.0), (colour, 1.5)):
+            for a, b in pairwise(points):
+                lines.add_line(a, b, line, px(width))
+        return
+    if erasing.tool == "brush" and over and not imgui.is_item_active():
+        erasing.cursor = erasing.look_at(app, mouse.x - box[0], mouse.y - box[1])
+    if erasing.cursor is None:
+        return
+    middle = Screen(app, box).points(np.asarray([erasing.cursor.point]))[0][0]
+    radius = erasing.reach if erasing.tool == "sphere" else erasing.radius_units(app, erasing.cursor)
+    if over and radius > 0:
+        for line, width in ((dark, 4.0), (colour, 1.5)):
+            lines.add_circle(middle, radius, line, 0, px(width))
