@@ -75,6 +75,17 @@ def _escape(app: App) -> None:
         app.interface.full_screen = False
 
 
+def _close(app: App) -> None:
+    if app.scene is not None and not app.erasing.ask_to_leave(app, [app.scene], "close-unsaved"):
+        app.close()
+
+
+def _quit(app: App) -> None:
+    scenes = [entry.scene for entry in app.open_packs.packs]
+    if not app.erasing.ask_to_leave(app, [*([app.scene] if app.scene else []), *scenes], "quit-unsaved"):
+        app.making.ask_to_quit(app)
+
+
 def _remove(app: App) -> None:
     if not app.interface.shows(ERASE_PAGE) or not app.erasing.erase(app):
         app.measure_tool.back(app)
@@ -187,7 +198,7 @@ _ALL = (
         ("next-pack", "Next open pack", lambda app: app.open_packs.switch(app, 1), "Ctrl+Tab"),
         ("last-pack", "Previous open pack", lambda app: app.open_packs.switch(app, -1), "Ctrl+Shift+Tab"),
         ("make", "Make a scene from photographs", lambda app: app.making.ask_for_photographs(app), "Ctrl+M", False),
-        ("close", "Close the scene", App.close, "Ctrl+W"),
+        ("close", "Close the scene", _close, "Ctrl+W"),
         ("panels", "Show or hide the panels", _toggle("panels_shown"), "Tab", False),
         ("layout", "Reset the layout", lambda app: app.interface.reset_layout(), "Ctrl+L", False),
         ("larger", "Larger interface", lambda app: app.interface.rescale(1), "Ctrl+Plus", False),
@@ -197,12 +208,14 @@ _ALL = (
         ("full-screen", "Full screen", _toggle("full_screen"), "F11", False),
         ("help", "Keys and mouse", _toggle("help_shown"), "? or F1", False),
         ("escape", "Close the top dialog", _escape, "Escape", False),
-        ("quit", "Quit", lambda app: app.making.ask_to_quit(app), "Ctrl+Q", False),
+        ("quit", "Quit", _quit, "Ctrl+Q", False),
         ("save-session", "Save the session", lambda app: app.sessions.ask_where_to_save(app), "Ctrl+Shift+S"),
         ("last-session", "Continue the last session", lambda app: app.sessions.open_last(app), "", False),
         # answers to dialogs
         ("make-again", "Make it again", lambda app: app.making.again(app), "", False),
         ("stop-and-quit", "Stop and quit", lambda app: app.making.stop_and_quit(app), "", False),
+        ("close-unsaved", "Close without saving", App.close, ""),
+        ("quit-unsaved", "Quit without saving", lambda app: app.making.ask_to_quit(app), "", False),
     ),
     # of buttons alone
     *_group(

@@ -155,7 +155,7 @@ class Window:
                 each()
                 if glfw.window_should_close(self.handle):
                     glfw.set_window_should_close(self.handle, False)
-                    self.app.making.ask_to_quit(self.app)
+                    run(self.app, "quit")
 
     def step(self) -> bool:
         """Waits for something to do, and draws a frame if there is; True where it drew."""

@@ -43,7 +43,7 @@ from viewer.rendering.offscreen import create_context
 SIZES = ((640, 400), (480, 360), (800, 600), (620, 420))
 KEYS = [key for key in PLACES if key not in (imgui.Key.f11,)]
 MODIFIERS = ((), (), (), (imgui.Key.mod_ctrl,), (imgui.Key.mod_shift,), (imgui.Key.mod_ctrl, imgui.Key.mod_shift))
-OFF_LIMITS = ("quit", "stop-and-quit", "full-screen", "make-again", "share")
+OFF_LIMITS = ("quit", "quit-unsaved", "stop-and-quit", "full-screen", "make-again", "share")
 TEXTS = ("lego", "0", "12", "-3.5", "päck 日本", "x" * 40)
 BUGS = ("This is a bug", "Traceback", "object at 0x")
 ROUND = 250  # events from one measurement of memory to the next

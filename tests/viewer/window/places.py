@@ -12,11 +12,13 @@ from types import SimpleNamespace
 import numpy as np
 
 from console.progress_protocol import Report
+from scenepack.editing import Selection
 from training.scenes.colmap import SparsePoints
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core.annotations import Annotations, Bookmark, Measurement, Scale
 from viewer.core.files import FileRequest
+from viewer.core.state import Edits
 from viewer.features.crop import crop
 from viewer.features.export.exporting import Writing
 from viewer.features.export.sharing import Server
@@ -165,6 +167,11 @@ def _bookmarked(app: App, scenes: Scenes) -> None:
         app.bookmarks.give_name(app, app.bookmarks.selected, name)
 
 
+def _erased(app: App, scenes: Scenes) -> None:
+    one = Selection({0: np.eye(1, app.scene.pack.block_size**3 // 8, dtype=np.uint8)[0]})
+    app.scene.edits, app.erasing.tool = Edits(one, one), "brush"
+
+
 def _ask_for(kind: str) -> Prepare:
     return lambda app, scenes: setattr(app, "file_request", FileRequest("Choose", kind, lambda path: None))
 
@@ -177,6 +184,8 @@ PLACES: dict[str, Prepare] = {
     "view, costs": _page("view", lambda app, _: app.set(mode="samples")),
     "camera, flying": _page("camera", _near, lambda app, _: setattr(app.scene.rig, "flying", True)),
     "crop, a box": _page("crop", _near, _crop),
+    "erase, something of it": _page("erase", _near, _crop, _erased),
+    "erase, the lasso": _page("erase", lambda app, _: setattr(app.erasing, "tool", "lasso")),
     "bookmarks, two of them": _page("bookmarks", _bookmarked),
     "measure, three of them": _page("measure", _measured),
     "measure, a known length": _page("measure", _scaling),

@@ -20,6 +20,7 @@ from console import UserError
 from scenepack.edit_preview import EditPreview
 from scenepack.editing import NOTHING, Parts, Selection, Voxels
 from viewer.core.files import FileRequest
+from viewer.core.log import Dialog
 from viewer.core.state import Edits, OpenScene
 from viewer.core.tasks import Task
 from viewer.features.editing.outline_selection import box_around, depth_within, seen_within
@@ -94,9 +95,14 @@ class Erasing:
         return Erasing(**{name: getattr(self, name) for name in settings})
 
     @property
-    def busy(self) -> bool:
-        """Whether a thread is choosing voxels."""
+    def choosing(self) -> bool:
+        """Whether a thread is choosing voxels, or shall."""
         return self._working is not None or self._wanted is not None
+
+    @property
+    def busy(self) -> bool:
+        """Whether more will be selected without anything being done."""
+        return self.choosing or bool(self._dabs)
 
     # Tools
 
@@ -129,7 +135,7 @@ class Erasing:
 
     def press(self, app: App, x: float, y: float, *, subtracts: bool) -> None:
         """The left button goes down at a point of the viewport. subtracts: whatever `adds` says."""
-        if app.scene is None or self.busy:
+        if app.scene is None or self.choosing:
             app.messages.say("Still selecting…")
             return
         self._subtracts = subtracts or not self.adds
@@ -171,6 +177,7 @@ class Erasing:
             self._select_within(app, np.array(outline) * app.viewport.pixels_per_unit)
         elif self.tool == "sphere" and stroke is not None and self.cursor is not None and self.reach > 0:
             hit, radius = self.cursor, self.reach / self._units_per_voxel(app, self.cursor)
+            self.reach = 0.0
             self._begin(app, lambda voxels, _: voxels.in_ball(hit.position, radius))
         app.touch()
 
@@ -317,6 +324,20 @@ class Erasing:
             app.touch(1)
 
     # Saving
+
+    @staticmethod
+    def ask_to_leave(app: App, scenes: list[OpenScene], command: str) -> bool:
+        """Asks before what was erased from these scenes and is saved nowhere is lost; False where there is no such thing.
+
+        command: the id of what happens if it may be lost.
+        """
+        names = [scene.name for scene in scenes if scene.edits.removed.bits and scene.edits.removed is not scene.saved]
+        if names and not app.messages.dialogs:
+            title = f"What you erased from {', '.join(names)} is not saved"
+            text = "The Erase page saves what is left as a new pack."
+            app.messages.dialogs.append(Dialog(title, text, (("Keep it", ""), ("Leave it", command))))
+            app.touch()
+        return bool(names)
 
     def ask_where_to_save(self, app: App) -> None:
         """Asks for the new pack. UserError where nothing was erased."""
