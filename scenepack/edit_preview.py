@@ -36,10 +36,14 @@ class EditPreview:
         """Whether the atlas shows what follow() was given last, and all of that was taken."""
         return not self._todo and not self._changed
 
+    def differs(self, removed: Selection, selected: Selection) -> bool:
+        """Whether follow() was given something else last."""
+        return self._goal != (removed, selected)
+
     def follow(self, removed: Selection, selected: Selection, seconds: float = inf) -> None:
         """Works for about `seconds` towards showing these."""
         end = time.perf_counter() + seconds
-        if self._goal != (removed, selected):
+        if self.differs(removed, selected):
             self._goal = removed, selected
             wanted = {*self._shown, *removed.bits, *selected.bits}
             self._todo = [

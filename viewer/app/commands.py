@@ -87,7 +87,8 @@ def _quit(app: App) -> None:
 
 
 def _remove(app: App) -> None:
-    if not app.interface.shows(ERASE_PAGE) or not app.erasing.erase(app):
+    erasing = app.erasing.tool or app.interface.shows(ERASE_PAGE)
+    if not (erasing and app.erasing.erase(app)):
         app.measure_tool.back(app)
 
 

@@ -95,4 +95,4 @@ def is_waiting(app: App) -> bool:
     asked_about = app.making.plan is not None and app.making.busy
     preview = app.exporting.preview
     coming = (thumbnails is not None and not thumbnails.finished) or (preview is not None and preview.working)
-    return app.loading is not None or asked_about or coming or app.erasing.busy
+    return app.loading is not None or asked_about or coming or app.erasing.busy(app)

@@ -108,11 +108,11 @@ class Canvas:
         finest.arrive()
         return finest
 
-    def rewrite(self, numbers: Sequence[int]) -> None:
-        """See Renderer.rewrite."""
-        if self.renderer is not None and numbers:
+    def rewrite(self, numbers: Sequence[int], *, redraw: bool) -> None:
+        """See Renderer.rewrite. redraw: and draws the picture anew."""
+        if self.renderer is not None:
             self.renderer.rewrite(numbers)
-            self._wanted = ()
+            self._wanted = () if redraw else self._wanted
 
     def show_other(self, pack: Pack | None) -> None:
         """Uploads a second pack to compare with; None removes it."""

@@ -19,7 +19,8 @@ from viewer.interface.layout import PAGES
 from viewer.window.window import NoDisplay, Window, display_problem
 
 HERE = Path(__file__).parent
-ALWAYS, ALL = ["live_window.py"], ["live_features.py", "live_presenting.py", "live_motion.py", "live_clicks.py"]
+ALWAYS = ["live_window.py"]
+ALL = ["live_features.py", "live_presenting.py", "live_erasing.py", "live_motion.py", "live_clicks.py"]
 
 
 @pytest.mark.parametrize("scripts", [ALWAYS, pytest.param(ALL, marks=pytest.mark.slow)], ids=["always", "all"])

@@ -46,7 +46,8 @@ CHANGES = {
     "clear": "Select nothing",
 }
 PAGE = "erase"
-WORK_S = 0.012  # of each frame, for strokes, for the atlas and for its way to the GPU, each
+WORK_S = 0.025  # of each frame, for strokes, and for the atlas and its way to the GPU
+DRAWN_EVERY_S = 0.3  # while much goes to the GPU
 UPLOADED = 4  # macroblocks at once
 DAB_STEP = 0.4  # of the brush's radius, between two dabs of a stroke
 RADII = (1.0, 60.0)  # of the brush, voxels
@@ -88,6 +89,7 @@ class Erasing:
     _working: tuple[_Choice, Edits, Task[Selection]] | None = None
     _parts: tuple[Selection, Parts] | None = None  # of what was left when this had been removed
     _base: Selection | None = None
+    _drawn: float = 0.0  # when the picture was drawn anew
 
     def of_another_scene(self) -> Erasing:
         """What stays when another scene is shown."""
@@ -99,10 +101,10 @@ class Erasing:
         """Whether a thread is choosing voxels, or shall."""
         return self._working is not None or self._wanted is not None
 
-    @property
-    def busy(self) -> bool:
-        """Whether more will be selected without anything being done."""
-        return self.choosing or bool(self._dabs)
+    def busy(self, app: App) -> bool:
+        """Whether more will be selected or shown without anything being done."""
+        preview = app.scene.preview if app.scene is not None else None
+        return self.choosing or bool(self._dabs) or (preview is not None and not preview.settled)
 
     # Tools
 
@@ -280,7 +282,7 @@ class Erasing:
             choice, self._wanted = self._wanted, None
             voxels, selected = scene.preview.voxels, scene.edits.selected
             self._working = choice, scene.edits, Task(lambda: choice.choose(voxels, selected))
-        self._show(app, scene, scene.preview)
+        self._show(app, scene.preview, scene.edits)
 
     def _paint(self, app: App, scene: OpenScene) -> None:
         end, selected = time.perf_counter() + WORK_S, scene.edits.selected
@@ -312,16 +314,18 @@ class Erasing:
             scene.rig.remember()
         scene.edits = replace(before, selected=found)
 
-    @staticmethod
-    def _show(app: App, scene: OpenScene, preview: EditPreview) -> None:
-        preview.follow(scene.edits.removed, scene.edits.selected, WORK_S)
+    def _show(self, app: App, preview: EditPreview, edits: Edits) -> None:
+        if preview.settled and not preview.differs(edits.removed, edits.selected):
+            return
         end = time.perf_counter() + WORK_S
+        preview.follow(edits.removed, edits.selected, WORK_S)
         while time.perf_counter() < end and (some := preview.take(UPLOADED)):
+            redraw = preview.settled or time.monotonic() - self._drawn > DRAWN_EVERY_S
             if app.canvas is not None:
-                app.canvas.rewrite(some)
-            app.touch(1)
-        if not preview.settled:
-            app.touch(1)
+                app.canvas.rewrite(some, redraw=redraw)
+            if redraw:
+                self._drawn = time.monotonic()
+                app.touch(1)
 
     # Saving
 

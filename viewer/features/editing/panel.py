@@ -65,7 +65,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("rules", fonts, "Select by rule"):
         _rules(app, erasing)
     with card("selected", fonts, "Selected"):
-        figure("Voxels", "selecting…" if erasing.busy else f"{edits.selected.count:,}")
+        figure("Voxels", "selecting…" if erasing.choosing else f"{edits.selected.count:,}")
         for how, icon in ICONS.items():
             if icon_button(icon, how, CHANGES[how], enabled=bool(edits.selected.bits) or how == "invert"):
                 run(app, f"selection-{how}")

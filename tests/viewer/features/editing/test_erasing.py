@@ -48,7 +48,7 @@ def live(ui) -> None:
     """Frames until all is selected and shown."""
     end = time.monotonic() + 60
     ui.frame()
-    while ui.app.erasing.busy or not ui.app.scene.preview.settled:
+    while ui.app.erasing.busy(ui.app):
         assert time.monotonic() < end
         ui.frame()
 
