@@ -54,7 +54,7 @@ RADII = (1.0, 60.0)  # of the brush, voxels
 SIZES = (2, 100_000)  # of parts, voxels
 FAINTEST = (0.004, 0.5)  # opacity
 
-Choose = Callable[[Voxels, Selection], Selection]  # of what is selected now
+Choose = Callable[[Voxels, Edits], Selection]  # of the voxels that are left, with what is selected now
 
 
 @dataclass(frozen=True)
@@ -216,17 +216,9 @@ class Erasing:
         if rule in ("inside", "outside") and crop is None:
             raise UserError("there is no crop box", remedy="switch it on, on the Crop page")
         limit, alpha = self.smaller_than, self.fainter_than
-
-        def parts(app: App, voxels: Voxels, below: float | None) -> Selection:
-            removed = app.scene.edits.removed if app.scene is not None else NOTHING
-            if self._parts is None or self._parts[0] is not removed:
-                self._parts = removed, voxels.parts()
-            found = self._parts[1]
-            return found.smaller_than() if below is None else found.smaller_than(below)
-
         rules: dict[str, Choose] = {
-            "parts": lambda voxels, _: parts(app, voxels, None),
-            "small": lambda voxels, _: parts(app, voxels, limit),
+            "parts": lambda voxels, edits: self._parts_of(voxels, edits).smaller_than(),
+            "small": lambda voxels, edits: self._parts_of(voxels, edits).smaller_than(limit),
             "faint": lambda voxels, _: voxels.fainter_than(alpha),
         }
         if crop is not None:
@@ -234,6 +226,12 @@ class Erasing:
             rules["outside"] = lambda voxels, _: voxels.everything() - voxels.in_box(crop)
         self._subtracts = not self.adds
         self._begin(app, rules[rule], base=self._base)
+
+    def _parts_of(self, voxels: Voxels, edits: Edits) -> Parts:
+        """Found once for what is left."""
+        if self._parts is None or self._parts[0] is not edits.removed:
+            self._parts = edits.removed, voxels.parts()
+        return self._parts[1]
 
     def hold(self, app: App) -> None:
         """A slider of a rule is taken: until it is let go of, each choice takes the place of the one before."""
@@ -247,10 +245,10 @@ class Erasing:
     def change(self, app: App, how: str) -> None:
         """Changes what is selected: invert, grow, shrink or clear."""
         ways: dict[str, Choose] = {
-            "invert": lambda voxels, selected: voxels.everything() - selected,
-            "grow": lambda voxels, selected: voxels.grown(selected),
-            "shrink": lambda voxels, selected: voxels.shrunk(selected),
-            "clear": lambda voxels, selected: NOTHING,
+            "invert": lambda voxels, edits: voxels.everything() - edits.selected,
+            "grow": lambda voxels, edits: voxels.grown(edits.selected),
+            "shrink": lambda voxels, edits: voxels.shrunk(edits.selected),
+            "clear": lambda voxels, edits: NOTHING,
         }
         self._begin(app, ways[how], replaces=True)
 
@@ -280,8 +278,8 @@ class Erasing:
         self._take(app, scene)
         if scene.preview.settled and self._working is None and self._wanted is not None:
             choice, self._wanted = self._wanted, None
-            voxels, selected = scene.preview.voxels, scene.edits.selected
-            self._working = choice, scene.edits, Task(lambda: choice.choose(voxels, selected))
+            voxels, edits = scene.preview.voxels, scene.edits
+            self._working = choice, edits, Task(lambda: choice.choose(voxels, edits))
         self._show(app, scene.preview, scene.edits)
 
     def _paint(self, app: App, scene: OpenScene) -> None:
@@ -302,8 +300,8 @@ class Erasing:
         app.touch()
         try:
             found = task.result()
-        except MemoryError as error:
-            app.messages.fail("Nothing was selected", UserError("there is not enough memory", found=str(error)))
+        except Exception as error:  # a dialog, and the program goes on
+            app.messages.fail("Nothing was selected", error)
             return
         if scene.edits is not before:  # something was undone meanwhile
             return
