@@ -22,11 +22,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from console import UserError
-from scenepack.blocks import atlas_layout, atlas_shape, block_copy, choose_atlas_blocks
+from scenepack.blocks import atlas_layout, atlas_shape, block_copy, choose_atlas_blocks, restore_padding
 from scenepack.exports.field import Corners, ExportFrame
 from scenepack.files import ZIP_ERRORS
 from scenepack.pack import Pack
-from scenepack.padding import restore_padding
 
 STEPS = [step for step in product((-1, 0, 1), repeat=3) if any(step)]  # to the 26 neighbours, (z, y, x)
 # Along an axis, what lies a step away: of a padded copy, and of that neighbour's own data.
