@@ -9,6 +9,7 @@ import contextlib
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import log2
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +112,8 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
         about, sections = _level(level, content.crop, films if level is pack else None, progress)
         name = f"scene-{max(level.grid_size)}.bin"
         data[name] = b"".join(sections)
-        described.append({**about, "file": name, "bytes": len(data[name])})
+        halvings = round(log2(max(pack.grid_size) / max(level.grid_size)))
+        described.append({**about, "file": name, "bytes": len(data[name]), "halvings": halvings})
         done += _atlas_voxels(level)
     words = LengthFormat(pack, annotations.scale)
     description = {

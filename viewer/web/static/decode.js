@@ -28,6 +28,12 @@ function originOf(slot, { size: [width, height], slots: [nx, ny], block, feature
   return block * (x + width * (y + height * z));
 }
 
+// The same of the macroblock at a place in the indirection grid.
+function originAt(at, indirection, layout) {
+  const { slots } = layout;
+  return originOf(indirection[at] + slots[0] * (indirection[at + 1] + slots[1] * indirection[at + 2]), layout);
+}
+
 // Macroblocks from `first` on, as many as `bits` are of.
 function decodeChunk(bits, differences, first, layout, atlas) {
   const { size: [width, height], block, features, padding, count } = layout;
@@ -81,9 +87,8 @@ function decodeChunk(bits, differences, first, layout, atlas) {
 
 // Copies the neighbours' voxels around each macroblock: what scenepack.padding does. atlas: Uint32Array, a voxel each.
 function restorePadding(atlas, indirection, layout, [nx, ny, nz]) {
-  const { size: [width, height], slots, block, features } = layout;
+  const { size: [width, height], block, features } = layout;
   const entry = (x, y, z) => 4 * (x + nx * (y + ny * z));
-  const slotAt = (at) => indirection[at] + slots[0] * (indirection[at + 1] + slots[1] * indirection[at + 2]);
   const [last, steps] = [block - 1, [-1, 0, 1]];
   const to = { "-1": 0, 0: 1, 1: last };
   const from = { "-1": last - 1, 0: 1, 1: 1 };
@@ -92,13 +97,13 @@ function restorePadding(atlas, indirection, layout, [nx, ny, nz]) {
     for (let y = 1; y < ny - 1; y++)
       for (let x = 1; x < nx - 1; x++) {
         if (indirection[entry(x, y, z) + 3]) continue;
-        const own = originOf(slotAt(entry(x, y, z)), layout);
+        const own = originAt(entry(x, y, z), indirection, layout);
         for (const dz of steps)
           for (const dy of steps)
             for (const dx of steps) {
               const near = entry(x + dx, y + dy, z + dz);
               if (indirection[near + 3] || !(dx || dy || dz)) continue;
-              const other = originOf(slotAt(near), layout);
+              const other = originAt(near, indirection, layout);
               for (let part = 0; part < (features ? 2 : 1); part++)
                 for (let k = 0; k < lengths[dz]; k++)
                   for (let j = 0; j < lengths[dy]; j++) {
@@ -114,7 +119,7 @@ function restorePadding(atlas, indirection, layout, [nx, ny, nz]) {
 
 const FRAMES_AHEAD = 8; // that a decoder may have; browsers stop where too many are kept
 const DAMAGED = "the scene's data are damaged";
-const NO_FILMS = "This browser does not decode AV1 in 4:4:4 here. Chrome, Edge and Firefox do, from disk and over https.";
+const NO_FILMS = "This browser does not decode AV1 in 4:4:4. Chrome, Edge and Firefox do, from disk and over https.";
 
 // each(number, planes): called for every frame, with its planes [bytes, bytes from row to row].
 async function playFilm(bytes, { codec, at, sizes }, codedWidth, codedHeight, each) {
@@ -151,14 +156,13 @@ const clamped = (v) => Math.min(Math.max(v, 0), 255);
 
 // Calls voxel(pixel of the plane, byte of the atlas) for all voxels of a piece's plane z that lie in macroblocks.
 function inPlane({ corner, shape: [width, height] }, z, layout, indirection, [nx, ny], voxel) {
-  const { size: [across, down], slots, block } = layout;
+  const { size: [across, down], block } = layout;
   const side = block - 2;
   for (let by = 0; by < height / side; by++)
     for (let bx = 0; bx < width / side; bx++) {
       const at = 4 * (corner[0] + bx + 1 + nx * (corner[1] + by + 1 + ny * (corner[2] + Math.floor(z / side) + 1)));
       if (indirection[at + 3]) continue;
-      const slot = indirection[at] + slots[0] * (indirection[at + 1] + slots[1] * indirection[at + 2]);
-      const origin = originOf(slot, layout) + 1 + across * (1 + down * (1 + (z % side)));
+      const origin = originAt(at, indirection, layout) + 1 + across * (1 + down * (1 + (z % side)));
       for (let y = 0; y < side; y++)
         for (let x = 0; x < side; x++) voxel(bx * side + x, by * side + y, 4 * (origin + x + across * y));
     }

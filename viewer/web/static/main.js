@@ -265,8 +265,7 @@ async function load(found) {
   describe();
   const { length } = scene.levels;
   for (let index = 0; index < length; index++) {
-    const halvings = Math.round(Math.log2(sideOf(scene.levels[length - 1]) / sideOf(scene.levels[Math.max(index - 1, 0)])));
-    const coarser = `Shown at ${SHARES[halvings] ?? "a fraction of its"} resolution.`;
+    const coarser = `Shown at ${SHARES[scene.levels[Math.max(index - 1, 0)].halvings] ?? "a fraction of its"} resolution.`;
     try {
       if (index && location.hash === COARSE) throw new Error("The graphics driver could not hold more.");
       await show(index, coarser);
@@ -278,11 +277,6 @@ async function load(found) {
     }
     status("");
   }
-}
-
-// Voxels along the longest side of a level.
-function sideOf(level) {
-  return Math.max(...level.uniforms.grid_size);
 }
 
 async function show(index, coarser) {
