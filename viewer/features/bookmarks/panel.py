@@ -90,6 +90,14 @@ def _chosen(app: App) -> None:
         if bookmarks.naming.strip():
             bookmarks.give_name(app, index, bookmarks.naming)
         bookmarks.naming = ""
+    if views[index].point is not None:
+        _text(app, index)
+    imgui.pop_id()
+
+
+def _text(app: App, index: int) -> None:
+    """What is said of an annotated place."""
+    bookmarks, views = app.bookmarks, app.annotations.current.bookmarks
     written = views[index].text if bookmarks.wording is None else bookmarks.wording
     changed, text = imgui.input_text_multiline("##text", written, ImVec2(-1, px(TEXT_HEIGHT)))
     if changed:
@@ -98,7 +106,6 @@ def _chosen(app: App) -> None:
         if bookmarks.wording is not None:
             bookmarks.give_text(app, index, bookmarks.wording)
         bookmarks.wording = None
-    imgui.pop_id()
     bookmarks.shown = switch("places", bookmarks.shown, "Show places")
 
 

@@ -130,7 +130,11 @@ const commands = {
   hide() { document.body.classList.toggle("quiet"); },
   help() { open("keys"); },
   display() { open("panel"); },
-  close() { document.body.classList.remove("quiet"); open(null); },
+  close() {
+    document.body.classList.remove("quiet");
+    element("note").hidden = true;
+    open(null);
+  },
   save() {
     const picture = document.createElement("canvas");
     [picture.width, picture.height] = [canvas.width, canvas.height];
