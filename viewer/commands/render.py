@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from math import ceil, sqrt
 from pathlib import Path
 from typing import Any, Literal
 
@@ -71,6 +72,7 @@ def render(
     surroundings: bool = True,
     look: bool = False,
     samples: int = 1,
+    sheet: bool = False,
     fps: int = 30,
 ) -> None:
     """Renders pictures of a pack without a display.
@@ -102,6 +104,7 @@ def render(
         surroundings: Show what lies beyond the inner cube of an unbounded scene.
         look: Show colours with the exposure, white balance and saturation that the viewer keeps with the pack.
         samples: Rays along each side of a pixel: 4 averages 4 x 4 rays per pixel (anti-aliasing).
+        sheet: Put all views side by side on one picture, FILE.png.
         fps: Frames per second of a film.
     """
     asked = {
@@ -126,6 +129,8 @@ def render(
     )
     passes = passes_for(parse_modes(mode), settings, transparent=transparent, exr=exr)
     _check_passes(passes, out, kind, exr)
+    if sheet and (kind != PNG or passes[0].floats):
+        raise UserError("is no contact sheet", where=out, expected="FILE.png, with a background")
     pixels = _size(size, projection)
     if eye_distance is not None and exr:
         raise UserError("holds one picture, not those of two eyes", where=out, remedy="name a .png or a film")
@@ -156,7 +161,7 @@ def render(
             (name, tuple(camera.as_panorama(pixels, upwards, ACROSS[projection], place) for place in places))
             for name, (camera,) in views
         ]
-    if kind in (PNG, EXR) and len(views) > 1:
+    if kind in (PNG, EXR) and len(views) > 1 and not sheet:
         raise UserError(
             f"cannot hold {len(views)} pictures",
             where=out,
@@ -168,6 +173,10 @@ def render(
         drawn = _drawn(renderer, views, passes, beside=projection == "vr180")
         if kind in FILMS:
             write_film(out, (pictures[0] for _, pictures in drawn), fps)
+            print(out)
+            return
+        if sheet:
+            _write_sheet(out, [pictures[0] for _, pictures in drawn])
             print(out)
             return
         if kind == "":
@@ -313,31 +322,40 @@ def _drawn(
             bar.advance()
 
 
+GAP = 8  # pixels between the pictures of a sheet
+
+
+def _write_sheet(path: Path, pictures: list[np.ndarray]) -> None:
+    """Puts pictures, uint8 [h, w, 3], side by side, row by row, in a picture about 4 : 3 of them."""
+    columns = ceil(sqrt(len(pictures) * 4 / 3))
+    height, width = (max(picture.shape[axis] for picture in pictures) + GAP for axis in (0, 1))
+    size = min(columns, len(pictures)) * width + GAP, ceil(len(pictures) / columns) * height + GAP
+    sheet = Image.new("RGB", size, (13, 17, 23))
+    for i, picture in enumerate(pictures):
+        sheet.paste(Image.fromarray(picture), (GAP + i % columns * width, GAP + i // columns * height))
+    with replacing(path) as new:
+        sheet.save(new, format="PNG")
+
+
 # --- The same around a whole pack, for snerg-view where there is no display ---
 
-SHEET_COLUMNS, SHEET_ROWS, SHEET_SIDE = 4, 3, 400  # pictures and pixels
+SHEET_PICTURES, SHEET_SIDE = 12, 400  # how many, pixels
 FILM_FRAMES, FILM_SIDE, FILM_FPS = 48, 320, 24
-GAP = 8  # pixels between the sheet's pictures
 
 
 def fly_over(pack: Pack, name: str, folder: Path, fov: float, settings: RenderSettings) -> list[Path]:
     """Renders one turn around `pack` (fov: vertical, degrees); the files: a contact sheet, and a film where PyAV is there."""
     folder.mkdir(parents=True, exist_ok=True)
-    pictures, frames = SHEET_COLUMNS * SHEET_ROWS, FILM_FRAMES if films_possible() else 0
+    frames = FILM_FRAMES if films_possible() else 0
     written = [folder / f"{name}-orbit.png"]
-    with OffscreenRenderer(pack) as renderer, progress("rendering an orbit", pictures + frames) as bar:
+    with OffscreenRenderer(pack) as renderer, progress("rendering an orbit", SHEET_PICTURES + frames) as bar:
 
         def flight(count: int, side: int) -> Iterator[np.ndarray]:
             for camera in filling_orbit(pack, count, fov, (side, side)):
                 yield renderer.render(camera, settings)
                 bar.advance()
 
-        step = SHEET_SIDE + GAP
-        sheet = Image.new("RGB", (SHEET_COLUMNS * step + GAP, SHEET_ROWS * step + GAP), (13, 17, 23))
-        for i, picture in enumerate(flight(pictures, SHEET_SIDE)):
-            sheet.paste(Image.fromarray(picture), (GAP + i % SHEET_COLUMNS * step, GAP + i // SHEET_COLUMNS * step))
-        with replacing(written[0]) as new:
-            sheet.save(new, format="PNG")
+        _write_sheet(written[0], list(flight(SHEET_PICTURES, SHEET_SIDE)))
         if frames:
             written.append(folder / f"{name}-orbit.mp4")
             write_film(written[1], flight(frames, FILM_SIDE), FILM_FPS)

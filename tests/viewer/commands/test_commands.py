@@ -69,6 +69,17 @@ def test_360_degrees_as_a_picture_and_two_eyes_as_stereo(folder: str, tmp_path: 
     assert np.array_equal(seen["beside"][:, 32:], right[:, 16:48])
 
 
+def test_several_views_are_put_on_one_sheet(folder: str, tmp_path: Path) -> None:
+    words = ["--orbit", "5", "--size", "48x36"]
+    assert render.main([folder, "--out", str(tmp_path / "sheet.png"), "--sheet", *words]) == 0
+    assert render.main([folder, "--out", str(tmp_path / "each"), *words]) == 0
+    sheet = picture(tmp_path / "sheet.png")
+    assert sheet.shape == (2 * 44 + 8, 3 * 56 + 8, 3)
+    for i in range(5):
+        x, y = 8 + 56 * (i % 3), 8 + 44 * (i // 3)
+        assert np.array_equal(sheet[y : y + 36, x : x + 48], picture(tmp_path / "each" / f"{i:04d}.png"))
+
+
 def test_forward_facing_packs_have_no_360_pictures(
     ndc_folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -116,6 +127,7 @@ def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(folder: str, tmp
         ["--out", "a.png", "--projection", "equirectangular", "--size", "64x64"],
         ["--out", "a.png", "--projection", "equirectangular", "--fov", "40"],
         ["--out", "a.png", "--projection", "vr180"],
+        ["--out", "a", "--sheet", "--orbit", "2"],
         ["--out", "a.png", "--eye-distance", "0.1"],
         ["--out", "a.exr", "--projection", "equirectangular", "--eye-distance", "0.1"],
     ],
