@@ -134,10 +134,7 @@ def render(
     pixels = _size(size, projection)
     if eye_distance is not None and exr:
         raise UserError("holds one picture, not those of two eyes", where=out, remedy="name a .png or a film")
-    if kind:
-        check_results(out)
-    else:
-        check_results(folder=out)
+    check_results(*([out] if kind else []), folder=None if kind else out)
     loaded = load_pack(pack)
     if loaded.ndc and (ortho_height is not None or projection != "perspective"):
         raise UserError("is a forward-facing pack, which has a perspective view alone", where=pack)
