@@ -172,7 +172,7 @@ _ALL = (
         "Ruler",
         ("measure", "Measure", lambda app: app.measure_tool.toggle(app), "M"),
         ("finish-line", "End the line", lambda app: app.measure_tool.finish(app), "Enter"),
-        ("remove-point", "Remove the last point, or what is selected", _remove, "Backspace or Delete"),
+        ("remove-point", "Remove the point or selection", _remove, "Backspace or Delete"),
         ("copy-measurements", "Copy the measurements", lambda app: app.measure_tool.copy(app), "Ctrl+Shift+C"),
     ),
     *_group(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import glfw
 import numpy as np
 import pytest
 from imgui_bundle import icons_fontawesome_6 as fa
@@ -14,7 +15,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from scenepack import load_pack, save_pack
 from scenepack.blocks import dense_from_pack
 from tests.viewer.features.editing.test_erasing import BALL, SPECK, specked
-from tests.viewer.window.live_features import place_of, type_path
+from tests.viewer.window.live_features import LARGE, place_of, type_path
 from tests.viewer.window.living import press, pump, wait
 from viewer.window.window import Window
 
@@ -24,6 +25,8 @@ def window(start_page, tmp_path) -> Window:
     save_pack(specked(), tmp_path / "toy")
     start_page.app.show(load_pack(tmp_path / "toy"), tmp_path / "toy")
     start_page.app.interface.page = "erase"
+    glfw.set_window_size(start_page.handle, *LARGE)  # all of the page is seen
+    wait(start_page, lambda: glfw.get_window_size(start_page.handle) == LARGE)
     pump(start_page)
     return start_page
 
