@@ -86,7 +86,7 @@ class KindSettings:
 BY_KIND: Mapping[Kind, KindSettings] = {
     "object": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
     "surroundings": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
-    "unbounded": KindSettings(128, occupancy_threshold=0.03, distortion_weight=0.05, sparsity_factor=1.0, least_views=3),
+    "unbounded": KindSettings(128, occupancy_threshold=0.03, distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
     "forward": KindSettings(
         256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=0.2, least_views=3, density_smoothness=0.01,
         colour_smoothness=0.1,

@@ -42,7 +42,7 @@ NEAR_360, FAR_360, HALF_SIDE_360 = 0.45, 100.0, 1.2  # LLFF: near at most, far a
 # Of captures, in units of the cameras' mean distance from the focus:
 NEAR, FAR = 0.1, 100.0  # where no points tell
 HALF_SIDE = 1.5  # of the box of a capture that looks inwards
-INNER = 1.1  # half side of the cube that is not contracted: most cameras stand in it
+INNER = 0.75  # half side of the cube that is not contracted: it holds what most cameras look at
 OUTWARD_HALF_SIDE = 3.0  # of one that looks outwards, where no points tell
 FARTHEST = 30.0  # reach of the points' box of a capture that looks outwards
 NEAREST, NEAREST_FAR = 0.02, 10.0  # near is at least, far at least

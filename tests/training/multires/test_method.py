@@ -155,7 +155,7 @@ def test_contracted_space_is_empty_before_cameras_and_between_the_sides_of_the_i
     dataset = make_dataset(scene, contracted=True)
     inner = dataset.facts.contraction
     assert dataset.kind == "unbounded" and inner is not None
-    method = MultiresMethod(dataclasses.replace(CONFIG, multires=dataclasses.replace(SMALL, least_views=1)), dataset)
+    method = MultiresMethod(CONFIG, dataset)
     state = method.start(jax.random.key(0))
     z, y, x = np.nonzero(is_on(state.codes))
     places = (state.box.origin + (np.stack([x, y, z], -1) + 0.5) * state.box.cell) / inner
