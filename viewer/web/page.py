@@ -80,11 +80,15 @@ def bundle(names: tuple[str, ...]) -> str:
 
 
 def _text(name: str) -> str:
-    """A file of the page without indentation, comments, and most other spaces; those in lines with quotes or regexes stay."""
+    """A file of the page without indentation, comments and most spaces; those in quotes and in lines with ` or / stay."""
     text = re.sub(r"^\s*/\*\*.*?\*/\n", "", (FOLDER / name).read_text(encoding="utf-8"), flags=re.M | re.S)
     lines = (re.sub(r"(^|; *)//.*", r"\1", line.strip()).strip() for line in text.splitlines())
     marks = {".js": r" *([=*<>?:,;{}()&|]) *", ".css": r" *([{};,]) *|(?<=:) +"}.get(Path(name).suffix, r"()(?!)")
-    return "\n".join(line if re.search(r"[\"'`/]", line) else re.sub(marks, r"\1", line) for line in lines if line)
+    quoted = r"(\"[^\"]*\"|'[^']*')"
+    parts = (re.split(quoted, line) if not re.search("[`/]", line) else ["", line] for line in lines if line)
+    return "\n".join(
+        "".join(part if i % 2 else re.sub(marks, r"\1", part) for i, part in enumerate(line)) for line in parts
+    )
 
 
 def _base64(data: bytes) -> str:
