@@ -52,7 +52,8 @@ def scene_files(pack: Pack, content: PageContent, on_progress: OnProgress = lamb
 
 def assemble_page(title: str, description: Mapping[str, Any], data: Iterable[bytes] = ()) -> bytes:
     """index.html, filled in. description: for viewer/web/static/scene.js. data: of its levels; none: in files."""
-    style, script, inside = _text("style.css"), bundle(MODULES), list(data)
+    style = re.sub(r"(?<=[{},;])\n", "", re.sub(r";?\n?\}", "}", _text("style.css")))
+    script, inside = bundle(MODULES), list(data)
     asks = "'none'" if inside and not description["live"] else "'self'"
     csp = (
         f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; worker-src blob:; child-src blob:; "
