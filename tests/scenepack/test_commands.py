@@ -17,7 +17,8 @@ from rich.console import Console
 from baker.commands import pack as commands
 from scenepack import Finding, Pack, check_pack, load_pack, open_pack, report
 from scenepack.blocks import block_copy
-from tests.scenepack.helpers import edit_json, read_image, real_pack, small_pack, write_image, written
+from scenepack.editing import Voxels, without
+from tests.scenepack.helpers import edit_json, read_image, real_pack, same_pack, small_pack, write_image, written
 from tests.scenepack.random_packs import packs
 from tests.told import told
 
@@ -188,3 +189,41 @@ def test_atlas_blocks_used_twice_and_lost_ones_are_found() -> None:
 def test_the_pack_made_elsewhere_has_no_errors() -> None:
     findings = check_pack(load_pack(real_pack()))
     assert not [finding for finding in findings if finding.severity == "error"]
+
+
+def test_edit_writes_a_pack_without_what_its_options_name_in_their_order(tmp_path: Path, run: Run) -> None:
+    folder = written(tmp_path / "pack", small_pack(occupancy=0.06))
+    words = ("--fainter-than", "0.3", "--keep-largest")
+    status, out, err = run("edit", folder, "--out", tmp_path / "new.zip", *words)
+    before, after = load_pack(folder), load_pack(tmp_path / "new.zip")
+    assert status == 0 and f"{tmp_path / 'new.zip'}: without " in out and "png" in out, err
+    left = without(before, Voxels(before).fainter_than(0.3), [])
+    expected = without(left, Voxels(left).parts().smaller_than(), [])
+    assert same_pack(after, expected)
+    (edit,) = after.metadata["provenance"]["edits"]
+    assert edit["how"] == ["--fainter-than 0.3", "--keep-largest"] and edit["voxels_removed"] > 0
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        ([], "there is nothing to remove"),
+        (["--fainter-than", "2"], "--fainter-than"),
+        (["--smaller-than", "0"], "--smaller-than"),
+        (["--crop", "1,2"], "--crop"),
+        (["--fainter-than", "1", "--sphere", "0,0,0,99"], "nothing would be left"),
+        (["--voxels", "none.npz"], "is not a selection of this pack's voxels"),
+    ],
+)
+def test_edit_refuses_in_one_line_and_writes_nothing(
+    tmp_path: Path, run: Run, words: list[str], complaint: str
+) -> None:
+    folder = written(tmp_path / "pack")
+    status, _, err = run("edit", folder, "--out", tmp_path / "new", *words)
+    assert status == 2 and complaint in err and len(told(err)) == 1 and not (tmp_path / "new").exists()
+
+
+def test_edit_never_replaces_the_pack_itself(tmp_path: Path, run: Run) -> None:
+    folder = written(tmp_path / "pack")
+    status, _, err = run("edit", folder, "--out", folder, "--keep-largest")
+    assert status == 2 and "would replace the pack that is edited" in err and same_pack(load_pack(folder), small_pack())
