@@ -20,9 +20,7 @@ from training.multires.config import MultiresConfig
 from training.run import Run, start_run
 from training.scenes import SceneOptions
 
-SMALL = MultiresConfig(
-    resolutions=(16, 32, 64, 128), occupancy=32, samples_per_step=8192, steps_across=(32, 64, 96)
-)
+SMALL = MultiresConfig(resolutions=(16, 32, 64, 128), occupancy=32, samples_per_step=8192, steps_across=(32, 64, 96))
 STEPS = 60
 
 
