@@ -6,7 +6,6 @@ processor time of all their processes as well, which other work changes less.
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
@@ -15,8 +14,10 @@ import time
 from pathlib import Path
 
 import numpy as np
+import tyro
 from PIL import Image
 
+from console import run_command
 from scenepack import Pack, load_pack
 from tests.viewer.web.browser import Browser
 from tests.viewer.web.conftest import page_picture
@@ -88,23 +89,27 @@ def open_desktop(pack: Path) -> str:
     return f"desktop {wall:.1f} s, processor {busy:.1f} s"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("pack", type=Path)
-    parser.add_argument("page", type=Path)
-    parser.add_argument("--rounds", type=int, default=3, help="of opening both")
-    parser.add_argument("--out", type=Path, help="folder for pictures: the page's beside the desktop's")
-    given = parser.parse_args()
-    for number in range(given.rounds + 1):
+def page_report(
+    pack: tyro.conf.Positional[Path], page: tyro.conf.Positional[Path], rounds: int = 3, out: Path | None = None
+) -> None:
+    """Measures a web page beside the desktop.
+
+    Args:
+        pack: The pack that the page shows.
+        page: What `snerg-pack export` made of it, one file.
+        rounds: Times that both are opened.
+        out: Folder for pictures: the page's beside the desktop's.
+    """
+    for number in range(rounds + 1):
         start = time.perf_counter()
         with tempfile.TemporaryDirectory() as profile, Browser(Path(profile), (800, 600)) as browser:
             browser.patience_s = PATIENCE_S
-            print(open_page(browser, given.page, start), flush=True)
-            if number == given.rounds:
-                compare(load_pack(given.pack), given.page, browser, given.out)
+            print(open_page(browser, page, start), flush=True)
+            if number == rounds:
+                compare(load_pack(pack), page, browser, out)
                 break
-        print(open_desktop(given.pack), flush=True)
+        print(open_desktop(pack), flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run_command(page_report, prog="python -m tools.page_report"))
