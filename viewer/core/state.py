@@ -40,6 +40,11 @@ class OpenScene:
     preview: EditPreview | None = None  # shows them in the pack's atlas; None until something is to be edited
     saved: Selection = NOTHING  # what was erased when it was saved last
 
+    @property
+    def unsaved(self) -> bool:
+        """Whether something was erased that no pack on the disk has."""
+        return bool(self.edits.removed.bits) and self.edits.removed is not self.saved
+
 
 @dataclass
 class Interface:

@@ -333,7 +333,7 @@ class Erasing:
 
         command: the id of what happens if it may be lost.
         """
-        names = [scene.name for scene in scenes if scene.edits.removed.bits and scene.edits.removed is not scene.saved]
+        names = [scene.name for scene in scenes if scene.unsaved]
         if names and not app.messages.dialogs:
             title = f"What you erased from {', '.join(names)} is not saved"
             text = "The Erase page saves what is left as a new pack."

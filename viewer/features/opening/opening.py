@@ -200,12 +200,17 @@ class OpenPacks:
     show_list: bool = False  # opens the pack menu in the next frame
 
     def add(self, entry: OpenPack, *, first: bool = False) -> list[str]:
-        """Adds a pack (first: at the head of the order) and closes others if there are too many; the names of those."""
+        """Adds a pack (first: at the head of the order) and closes others if there are too many; the names of those. A scene with
+        unsaved erasures stays open."""
         self.drop(entry.scene.path)
         self.packs.insert(0 if first else len(self.packs), entry)
         gone = []
         while len(self.packs) > MOST_PACKS or sum(bytes_of(each.scene.pack) for each in self.packs) > MOST_BYTES:
-            oldest = self.packs.pop(-1 if first else 0)
+            others = [each for each in self.packs if not each.scene.unsaved]
+            if not others:
+                break
+            oldest = others[-1 if first else 0]
+            self.packs.remove(oldest)
             gone.append(oldest.scene.name)
         return gone
 

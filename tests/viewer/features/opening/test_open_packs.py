@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from console import UserError
+from scenepack.editing import Selection
 from tests.viewer.conftest import toy_pack
 from viewer.app.commands import COMMANDS, run
+from viewer.core.state import Edits
 from viewer.features.opening import opening as open_packs_module
 from viewer.features.opening.open_prompt import OpenPrompt, choose, path_in, suggestions
 from viewer.features.opening.opening import MOST_PACKS, OpenPack, OpenPacks, bytes_of
@@ -83,6 +85,15 @@ def test_there_is_an_end_to_what_open_packs_take(three, monkeypatch):
     open_packs.add(OpenPack(scene, None, 0.0, three.filming.path))
     assert [entry.scene.name for entry in open_packs.packs] == [str(MOST_PACKS + 2), "c"]
     assert bytes_of(scene.pack) >= np.asarray(scene.pack.atlas_rgba).nbytes
+
+
+def test_what_was_erased_and_is_not_saved_stays_open(three):
+    open_packs = OpenPacks()
+    erased = replace(three.scene, edits=Edits(removed=Selection({0: np.ones(1, np.uint8)})))
+    for i in range(MOST_PACKS + 1):
+        scene = replace(erased if i < 2 else three.scene, path=Path(f"/{i}"), name=str(i))
+        gone = open_packs.add(OpenPack(scene, None, 0.0, three.filming.path))
+    assert gone == ["2"] and [entry.scene.name for entry in open_packs.packs[:3]] == ["0", "1", "3"]
 
 
 # One question for all that can be opened: paths as people copy them, what was opened lately, what lies at hand
