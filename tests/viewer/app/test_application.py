@@ -18,7 +18,7 @@ from viewer.rendering.settings import MODES
 class FakeCanvas:
     """Remembers what it was told to show. refuse: a reason to refuse packs."""
 
-    gpu_bytes = 0
+    gpu_bytes, renderer = 0, None
 
     def __init__(self, refuse: str = "") -> None:
         self.shown, self.refuse = [], refuse
