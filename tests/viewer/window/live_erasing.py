@@ -15,8 +15,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from scenepack import load_pack, save_pack
 from scenepack.blocks import dense_from_pack
 from tests.viewer.features.editing.test_erasing import BALL, SPECK, specked
-from tests.viewer.window.live_features import LARGE, place_of, type_path
-from tests.viewer.window.living import press, pump, wait
+from tests.viewer.window.living import LARGE, place_of, press, pump, type_path, wait
 from viewer.window.window import Window
 
 
