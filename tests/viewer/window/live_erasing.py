@@ -58,7 +58,7 @@ CIRCLE = [(25 * np.cos(turn), 25 * np.sin(turn)) for turn in np.linspace(0, 6, 1
 
 @pytest.mark.parametrize(
     ("tool", "points"),
-    [("Brush", [(-20, 0), (0, 0), (20, 5)]), ("Lasso", CIRCLE), ("Sphere", [(0, 0), (10, 0), (25, 0)])],
+    [("Brush", [(-20, 0), (0, 0), (20, 5)]), ("Lasso", CIRCLE), ("Sphere", [(0, 0), (15, 0), (40, 0)])],
 )
 def test_each_tool_selects_by_a_drag_and_keys_erase_and_undo(window, watched, xdotool, tool, points):
     app = window.app

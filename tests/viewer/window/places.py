@@ -20,6 +20,7 @@ from viewer.core.annotations import Annotations, Bookmark, Measurement, Scale
 from viewer.core.files import FileRequest
 from viewer.core.state import Edits
 from viewer.features.crop import crop
+from viewer.features.display.display import set_look
 from viewer.features.export.exporting import Writing
 from viewer.features.export.sharing import Server
 from viewer.features.making.make_job import MakeJob
@@ -182,6 +183,7 @@ PLACES: dict[str, Prepare] = {
     "scene": _page(""),
     **{page.id: _page(page.id) for page in PAGES},
     "view, costs": _page("view", lambda app, _: app.set(mode="samples")),
+    "view, colours changed": _page("view", lambda app, _: set_look(app, exposure=0.5)),
     "camera, flying": _page("camera", _near, lambda app, _: setattr(app.scene.rig, "flying", True)),
     "crop, a box": _page("crop", _near, _crop),
     "erase, something of it": _page("erase", _near, _crop, _erased),
