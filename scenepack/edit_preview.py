@@ -22,7 +22,7 @@ Values = tuple[np.ndarray, list[np.ndarray]]  # a mask, and what was there of ea
 
 @dataclass
 class EditPreview:
-    """Call follow() often; take() tells what the GPU has no more."""
+    """Call follow() often; take() returns the macroblocks that must be uploaded again."""
 
     voxels: Voxels
     _goal: State = (NOTHING, NOTHING)
@@ -33,15 +33,15 @@ class EditPreview:
 
     @property
     def settled(self) -> bool:
-        """Whether the atlas shows what follow() was given last, and all of that was taken."""
+        """Whether the atlas shows the last edits, and take() has returned all that changed."""
         return not self._todo and not self._changed
 
     def differs(self, removed: Selection, selected: Selection) -> bool:
-        """Whether follow() was given something else last."""
+        """Whether these are not the edits that follow() was given last."""
         return self._goal != (removed, selected)
 
     def follow(self, removed: Selection, selected: Selection, seconds: float = inf) -> None:
-        """Works for about `seconds` towards showing these."""
+        """Shows these edits in the atlas; stops after about `seconds`, and the next call goes on."""
         end = time.perf_counter() + seconds
         if self.differs(removed, selected):
             self._goal = removed, selected

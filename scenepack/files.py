@@ -251,7 +251,7 @@ def require_memory(needed: int, where: object) -> None:
 
 
 def require_filled(atlas_size: tuple[int, int, int], used: int, where: str) -> None:
-    """UserError where an atlas is large and next to nothing in use: room for it is made, however few bytes are behind it.
+    """UserError where an atlas is large and almost none of it is in use: a small file would take much memory.
 
     used: voxels of the macroblocks in use, padding included.
     """

@@ -222,7 +222,7 @@ def make_engine(name: EngineName, dataset: RayDataset, plan: Plan, settings: Set
     problem = _problem_of_fused()
     if problem is not None:
         return _RenderingEngine(dataset, plan, settings, seed, problem)
-    fused = importlib.import_module("training.multires.fused.engine")  # compiles as it is imported
+    fused = importlib.import_module("training.multires.fused.engine")  # its import compiles the loops
     return fused.FusedEngine(dataset, plan, settings, seed)
 
 

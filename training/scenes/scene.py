@@ -2,7 +2,7 @@
 and the NDC warp (training.dataset has the JAX twin). No JAX here.
 
 Frames: OpenGL camera-to-world (x right, y up, z back) from the reader on. Rays: (x, y) pixel coordinates, pixel centres at +0.5;
-(u, v) = ((x - cx) / fx, (y - cy) / fy) image coordinates as the lens made them, y down; training.scenes.lens goes on from there.
+(u, v) = ((x - cx) / fx, (y - cy) / fy) image coordinates, y down, still distorted; training.scenes.lens undoes that.
 We undistort rays, not pictures: no pixel is resampled.
 """
 

@@ -1,6 +1,6 @@
 """Erasing: what is selected of the open pack, by tools in the picture and by rules; taking it away, and saving what is left.
 
-The pack on disk stays as it is. In memory, its atlas shows the state of the scene (scenepack.edit_preview), a little each frame.
+The pack on disk does not change. scenepack.edit_preview shows the edits in the atlas in memory, some macroblocks each frame.
 """
 
 from __future__ import annotations
