@@ -108,6 +108,7 @@ def trained(request: pytest.FixtureRequest, procedural_path: Path, tmp_path_fact
     state = method.start(jax.random.key(0))
     for step in range(TRAINED):
         state, _ = method.step(state, step)
+    method.engine.sampled_below = 0.0  # type: ignore[attr-defined]  # below, gradients are exact
     return Trained(method, state, method.engine.draw(state, 99))  # type: ignore[attr-defined]
 
 
@@ -123,6 +124,23 @@ def test_losses_and_gradients_are_those_of_the_definition(trained: Trained) -> N
         theirs = np.asarray(theirs)
         np.testing.assert_allclose(ours, theirs, rtol=2e-2, atol=2e-3 * np.abs(theirs).max())
         assert np.abs(theirs).max() > 0
+
+
+def test_gradients_by_some_of_the_samples_are_right_on_average(trained: Trained) -> None:
+    engine, state = trained.engine, trained.state
+    some = FusedEngine(trained.method.dataset, trained.method.plan, trained.method.settings, 0)
+    exact, sampled, left = [], [], np.zeros(2)
+    for step in range(100, 160):
+        batch = engine.draw(state, step)
+        outputs = engine.differentiate(state, batch), some.differentiate(state, batch)
+        left += [output.counts.sum() for output in outputs]
+        exact.append(engine.parameter_gradient(outputs[0]))
+        sampled.append(some.parameter_gradient(outputs[1]))
+    apart = np.subtract(sampled, exact)
+    assert np.linalg.norm(apart.mean(0)) < 0.1 * np.linalg.norm(np.mean(exact, 0))
+    error = apart.std(0).max() / np.sqrt(len(apart))
+    assert np.abs(apart.mean(0)).max() < 5 * error
+    assert left[1] < 0.7 * left[0]
 
 
 @pytest.mark.slow

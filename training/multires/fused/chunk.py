@@ -27,6 +27,7 @@ from training.multires.levels import Levels
 CHUNK = 128  # rays
 FIRST_WAVE, LATER_WAVES, LONGEST_WAVE = 4, 3, 8  # samples of each ray: more where few rays are left, to fill blocks
 LARGEST_PRODUCT = 1e250  # times one more factor, it is finite
+SAMPLED_BELOW = 2.0  # times the mean of slopes; see _sample_slopes
 
 
 class Field(NamedTuple):
@@ -47,6 +48,7 @@ class Numbers(NamedTuple):
     cells. sparsity: weight by lengths in world units, and its scale. shaded_below: T at which the view MLP, if has_view_mlp,
     counts. octaves: of the direction that it sees. first_view: where its parameters begin; first_turned: in what the gradients'
     products read. smoothness: weights of density and of colours and features; cell: side of the finest level's, of the cube.
+    sampled_below: times the mean of slopes; samples with smaller ones are taken at random for the gradient. 0: all are taken.
     """
 
     step: float
@@ -63,6 +65,7 @@ class Numbers(NamedTuple):
     first_turned: int
     smoothness: tuple[float, float]
     cell: float
+    sampled_below: float
 
 
 class Scratch(NamedTuple):
@@ -295,13 +298,61 @@ def train_chunk(chunk, part, grid, field, batch, numbers, scratch, shading, outp
     shade_chunk(low, listed, batch, field, numbers, scratch, shading, metrics, gradient)
     _pull_together(low, count, batch, numbers, scratch, metrics)
     _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics)
-    metrics[SAMPLES] = _leave_slopes(chunk, count, field, scratch, output, gradient)
+    kept = _sample_slopes(count, batch.phase[low], numbers.sampled_below, field.inputs, scratch, metrics)
+    _leave_slopes(chunk, kept, field, scratch, output, gradient)
+
+
+@kernel
+def _sample_slopes(count, phase, sampled_below, inputs, scratch, metrics):
+    """Moves the samples that matter to the gradient to the front of scratch; how many there are, with padding.
+
+    Where a sample's slopes, summed without signs, are below sampled_below times their mean, it is taken with a probability in
+    proportion to that sum, and its slopes are divided by the probability: the expected gradient is the exact one.
+    """
+    sums, total, counted = scratch.pull, np.float64(0.0), 0  # the distortion loss is in the slopes already
+    for n in range(count):
+        sums[n] = np.float32(0.0)
+        if scratch.light[n] != 0:
+            for c in range(OUTPUTS):
+                sums[n] += abs(scratch.slopes[n * OUTPUTS + c])
+            total, counted = total + sums[n], counted + 1
+    metrics[SAMPLES] = counted
+    least, kept = np.float32(sampled_below * total / max(counted, 1)), 0
+    due = (phase * np.float32(4096.0)) % np.float32(1.0)  # low bits of a random number whose high bits placed the samples
+    for n in range(count):
+        if scratch.light[n] == 0:
+            continue
+        scale = np.float32(1.0)
+        if sums[n] < least:
+            due += sums[n] / least
+            if due < np.float32(1.0):
+                continue
+            due -= np.float32(1.0)
+            scale = least / sums[n]
+        _move_row(scratch.slopes, OUTPUTS, n, kept, scale)
+        _move_row(scratch.x, inputs, n, kept, np.float32(1.0))
+        _move_row(scratch.hidden, HIDDEN, n, kept, np.float32(1.0))
+        scratch.xs[kept], scratch.ys[kept], scratch.zs[kept] = scratch.xs[n], scratch.ys[n], scratch.zs[n]
+        scratch.light[kept] = scratch.light[n]
+        kept += 1
+    end = min((kept + BLOCK - 1) // BLOCK * BLOCK, count)
+    for n in range(kept, end):
+        scratch.light[n] = np.float32(0.0)
+        _move_row(scratch.slopes, OUTPUTS, n, n, np.float32(0.0))
+    return end
+
+
+@kernel
+def _move_row(rows, width, source, target, scale):
+    """rows[target] = scale rows[source], of a flat array."""
+    old, new = rows[source * width : (source + 1) * width], rows[target * width : (target + 1) * width]
+    for i in range(width):
+        new[i] = scale * old[i]
 
 
 @kernel
 def _leave_slopes(chunk, count, field, scratch, output, gradient):
-    """From scratch.slopes of `count` samples to gradients of the parameters and to slopes of features in `output`; how many
-    samples count."""
+    """From scratch.slopes of `count` samples to gradients of the parameters and to slopes of features in `output`."""
     base, place, table_room = chunk * (scratch.ray.size - BLOCK), 0, output.xs.size
     for first in range(0, count, TOGETHER):
         some = min(TOGETHER, count - first)
@@ -317,7 +368,6 @@ def _leave_slopes(chunk, count, field, scratch, output, gradient):
                     output.slopes[at + f] = scratch.x_slopes[source + f]
             place += 1
     output.counts[chunk] = place
-    return place
 
 
 @kernel

@@ -23,6 +23,7 @@ from training.multires.field import HIDDEN, decoder_size, finished, inputs_of, s
 from training.multires.fused import view_mlp as mlp
 from training.multires.fused.chunk import (
     CHUNK,
+    SAMPLED_BELOW,
     Field,
     Numbers,
     Output,
@@ -74,13 +75,14 @@ PAIRS_TOGETHER = CHUNK * SPARE[1] // 2  # of points: as many as the smallest chu
 
 
 class FusedEngine:
-    """See training.multires.method.Engine. threads: None for all cores."""
+    """See training.multires.method.Engine. threads: None for all cores. sampled_below: see Numbers; 0 for exact gradients."""
 
     def __init__(
-        self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, threads: int | None = None
-    ) -> None:
+        self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, threads: int | None = None,
+        sampled_below: float = SAMPLED_BELOW,
+    ) -> None:  # fmt: skip
         self.photographs, self.count = photographs_of(dataset), dataset.count
-        self.plan, self.settings, self.seed = plan, settings, seed
+        self.plan, self.settings, self.seed, self.sampled_below = plan, settings, seed, sampled_below
         self.workers = Workers(threads)
         self.inputs = inputs_of(len(plan.resolutions))
         self.shading = [mlp.make_shading(CHUNK) for _ in range(self.workers.count)]
@@ -311,6 +313,7 @@ class FusedEngine:
             f(LARGEST_RAW), f(LEAST_LIGHT), f(TRANSMITTANCE_SHADED), np.int64(settings.octaves), settings.has_view_mlp,
             decoder_size(self.inputs), (8 + self.inputs + 1) * HIDDEN,
             (f(settings.smoothness[0]), f(settings.smoothness[1])), f(1 / self.plan.resolutions[-1]),
+            f(self.sampled_below),
         )  # fmt: skip
 
     def _field(self, state: State) -> Field:
