@@ -24,7 +24,7 @@ from console.results import try_folder
 from scenepack.blocks import grid_block_counts
 from scenepack.codecs import Codec, PngCodec, chosen_quality, codec_named, encode_png, image_name
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
-from scenepack.files import INDICES_NAME, PARAMS_NAME, open_files
+from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, open_files
 from scenepack.pack import Pack
 from scenepack.params import params_json
 from scenepack.piece_files import SETTINGS, encoding_jobs, settings_for
@@ -60,21 +60,37 @@ def save_pack(
     """
     require_valid(pack)
     chosen = codec_named(codec, "codec")
-    quality = chosen_quality(chosen, quality)
+    _replace(path, _files(pack, chosen, chosen_quality(chosen, quality), png_level, on_progress))
+
+
+def copy_pack(files: PackFiles, pack: Pack, path: Path) -> None:
+    """Writes the files of a pack as they are, with the metadata of `pack`, which was read from them. Otherwise as save_pack."""
+    metadata = {"version": _version(), **pack.metadata}
+    text = json.dumps({**pack.params, "snerg": metadata}, default=_plain)
+
+    def copied() -> Generator[tuple[str, bytes], None, None]:
+        yield PARAMS_NAME, text.encode()
+        for name, size in files.sizes.items():
+            if name != PARAMS_NAME and _PACK_FILE.fullmatch(name):
+                yield name, files.read(name, size)
+
+    _replace(path, copied())
+
+
+def _replace(path: Path, files: Generator[tuple[str, bytes], None, None]) -> None:
+    """Writes a pack's files, names and contents; see save_pack."""
     path = Path(path).resolve()  # through symbolic links: what they point to is replaced, not the link
     as_zip = path.suffix.lower() == ".zip"
     try:
         recover_interrupted_write(path)
         _require_replaceable(path, as_zip)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path, folder=not as_zip, alone=True) as new:
-            files = _files(pack, chosen, quality, png_level, on_progress)
-            with closing(files):
-                if as_zip:
-                    _write_zip(new, files)
-                else:
-                    for name, data in files:
-                        (new / name).write_bytes(data)
+        with replacing(path, folder=not as_zip, alone=True) as new, closing(files):
+            if as_zip:
+                _write_zip(new, files)
+            else:
+                for name, data in files:
+                    (new / name).write_bytes(data)
     except OSError as error:
         untouched = "the old files are untouched; free some space, or choose another place"
         remedy = "wait for it, or choose another place" if error.errno == errno.EBUSY else untouched

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from snerg._camera import Camera, Frame, camera_of, camera_of_view, view_of
+from snerg._camera import Camera, camera_of, camera_of_view, view_of
 from snerg._errors import SnergError, with_snerg_errors
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from viewer.rendering.offscreen import OffscreenRenderer
 
 Mode = Literal["normal", "depth", "normals", "alpha", "features"]
+MovedFrame = Literal["placed", "grid", "world"]
 Codec = Literal["png", "webp", "jpeg", "h264", "avif"]
 WHITE, FIRST_AZIMUTH = (1.0, 1.0, 1.0), 30.0  # degrees; where snerg-render, too, looks from
 
@@ -81,8 +82,10 @@ class Scene:
         """What the pack says of itself, as JSON.
 
         `grid_size` (voxels x, y, z), `voxel_size` (length), `bounds` (corners of the content in the grid frame, [2, 3]),
-        `forward_facing`, `world_T_grid` ([4, 4]), and, where the pack has them, `codec`, `version` and `provenance`.
+        `forward_facing`, `world_T_grid` and `placed_T_grid` ([4, 4]), and, where the pack has them, `codec`, `version` and
+        `provenance`.
         """
+        from scenepack.placement import placed_T_grid
         from viewer.rendering.camera import content_box
 
         pack = self._pack
@@ -92,6 +95,7 @@ class Scene:
             "bounds": [corner.tolist() for corner in content_box(pack)],
             "forward_facing": pack.ndc,
             "world_T_grid": pack.worldspace_T_opengl.tolist(),
+            "placed_T_grid": placed_T_grid(pack).tolist(),
             **{key: pack.metadata[key] for key in ("codec", "version", "provenance") if key in pack.metadata},
         }
 
@@ -183,12 +187,13 @@ class Scene:
 
     @with_snerg_errors
     def to_mesh(
-        self, *, level: float = 0.15, faces: int | None = 500_000, smooth: int = 5, frame: Frame = "grid"
+        self, *, level: float = 0.15, faces: int | None = 500_000, smooth: int = 5, frame: MovedFrame = "placed"
     ) -> Geometry:
         """The surface as triangles with diffuse colours. Needs the extra `export`.
 
         `level` is the opacity at which the surface lies (0.004 ... 0.99), `faces` about the most triangles (None: all), `smooth`
-        the steps of smoothing (Taubin).
+        the steps of smoothing (Taubin). `frame` is "placed" (the grid frame, or as it was moved in the viewer, in its unit),
+        "grid" or "world".
 
         Raises:
             SnergError: Where a value makes no sense, there is no surface, or the extra is missing.
@@ -198,7 +203,7 @@ class Scene:
         return self._geometry(Export("mesh", level=level, faces=faces, smooth=smooth, frame=frame))
 
     @with_snerg_errors
-    def to_points(self, *, level: float = 0.15, spacing: float = 1.0, frame: Frame = "grid") -> Geometry:
+    def to_points(self, *, level: float = 0.15, spacing: float = 1.0, frame: MovedFrame = "placed") -> Geometry:
         """Points on the surface, evenly by area, `spacing` voxels apart. Needs the extra `export`; see `to_mesh`.
 
         Raises:

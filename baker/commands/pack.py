@@ -1,4 +1,4 @@
-"""`snerg-pack info|check|convert|edit|export|compare`: all about packs (docs/commands.md). Nothing here needs JAX."""
+"""`snerg-pack info|check|convert|edit|move|export|compare`: all about packs (docs/commands.md). Nothing here needs JAX."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 
 from console import UserError, check_results, not_written, progress, run_command, write_json
-from console.arguments import parse_numbers, parse_size
+from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
 from console.atomic import write_file
 from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
@@ -20,15 +21,20 @@ from scenepack.edit_preview import EditPreview
 from scenepack.editing import NOTHING, Selection, Voxels, without
 from scenepack.exports.field import Frame
 from scenepack.exports.scene import Export, Kind, check_export, export_scene, kind_for
+from scenepack.ground import ground_plane
+from scenepack.pack import MOST_LENGTH
 from scenepack.piece_files import SETTINGS
+from scenepack.placement import MARKS, SCALES, UNITS, Placement, placed_T_grid, placement_of, placement_to_json
 from scenepack.report import pack_facts, print_facts, print_findings
-from viewer.web.description import PageContent, annotations_of, corners_of, path_from_file
+from scenepack.writer import copy_pack
+from viewer.web.description import PageContent, annotations_of, corners_of, path_from_file, with_annotations
 from viewer.web.page import INDEX, scene_files, scene_page
 
 DESCRIPTION = (
-    "Inspects, checks, converts, edits, exports and compares packs "
+    "Inspects, checks, converts, edits, moves, exports and compares packs "
     "(baked scenes: a folder with scene_params.json, or one .zip)."
 )
+MAY_BE_NEGATIVE = ("--crop", "--sphere", "--up", "--turn", "--origin")
 PAGE_SUFFIXES = (".html", ".htm")
 
 
@@ -156,7 +162,7 @@ def edit(
     check_target(out)
     with open_pack(pack) as reader:
         codec, quality = _codec_of(reader.outline, codec, quality)
-        before, stored = _read_all(reader), reader.files.stored_bytes
+        before, stored = with_annotations(_read_all(reader), pack), reader.files.stored_bytes
     with progress("removing", 1) as bar:
         removed, atlas = NOTHING, EditPreview(Voxels(before))
         for done, choose in enumerate(chosen.values(), 1):
@@ -188,6 +194,87 @@ def _codec_of(pack: Pack, codec: str | None, quality: int | None) -> tuple[str, 
     name = codec or (own if isinstance(own, str) and own else "png")
     chosen_quality(codec_named(name, "--codec"), quality)  # now, not after the work is done
     return name, quality
+
+
+def move(
+    pack: Path,
+    /,
+    out: Path,
+    up: str | None = None,
+    turn: float = 0.0,
+    origin: str | None = None,
+    scale: str | None = None,
+) -> None:
+    """Copies a pack and places the scene: what is up, which way it is turned, its origin and its scale. No voxel changes; the
+    viewer, snerg-render, exports and web pages follow.
+
+    Args:
+        pack: The pack, a folder or a .zip.
+        out: Folder of the new pack, or a file name that ends in .zip.
+        up: What is up, x,y,z in the grid frame; or auto: across the ground that is found, which becomes height 0.
+        turn: Turn the scene about what is up by this many degrees, counter-clockwise from above.
+        origin: The point x,y,z of the grid frame that becomes the origin.
+        scale: The length of a unit of the grid frame, with its unit (m, cm, mm, in or ft) if it has one: 0.35m.
+    """
+    if up is None and not turn and origin is None and scale is None:
+        raise UserError("there is nothing to change", remedy="add --up, --turn, --origin or --scale; see --help")
+    direction = None if up in (None, "auto") else np.array(parse_point(up, "--up"))
+    if direction is not None and not direction.any():
+        raise UserError("is not a direction", where="--up", found=up)
+    point = None if origin is None else parse_point(origin, "--origin")
+    if point is not None and max(map(abs, point)) > MOST_LENGTH:
+        raise UserError(
+            "is out of range", where="--origin", expected=f"at most {MOST_LENGTH:g} grid units away", found=origin
+        )
+    length = None if scale is None else _length(scale)
+    if out.exists() and pack.exists() and out.samefile(pack):
+        raise UserError("would replace the pack that is moved", where=out, remedy="choose another --out")
+    check_target(out)
+    with open_pack(pack) as reader:
+        outline = with_annotations(reader.outline, pack)
+        if outline.ndc and (up is not None or turn):
+            raise UserError("is a forward-facing pack, which is seen from one side", where=pack,
+                            remedy="leave out --up and --turn")  # fmt: skip
+        placement = placement_of(outline)
+        if up == "auto":
+            at, direction = ground_plane(_read_all(reader), placement.up)
+            placement = placement.levelled(direction, at)
+        elif direction is not None:
+            placement = placement.levelled(direction)
+        if turn:
+            now, *others = placement.angles
+            placement = placement.with_angles(now + turn, *others)
+        if point is not None:
+            placement = Placement(placement.rotation, point)
+        marks = {**_marks(outline), "placement": placement_to_json(placement)}
+        if length is not None:
+            marks["scale"] = {"factor": length[0], "unit": length[1]}
+        moved = outline.with_metadata(**{MARKS: marks})
+        copy_pack(reader.files, moved, out)
+    where, upwards = (",".join(f"{value:.6g}" for value in vector) for vector in (placement.origin, placement.up))
+    unit = (
+        f"{np.cbrt(np.linalg.det(placed_T_grid(moved)[:3, :3])):.6g} {marks.get('scale', {}).get('unit', '')}".rstrip()
+    )
+    print(f"{out}: up is {upwards}, the origin is {where}, 1 grid unit is {unit}")
+
+
+def _marks(pack: Pack) -> dict[str, Any]:
+    marks = pack.metadata.get(MARKS)
+    return dict(marks) if isinstance(marks, Mapping) else {}
+
+
+def _length(text: str) -> tuple[float, str]:
+    """A number and its unit. UserError for anything else."""
+    unit = next(each for each in sorted(UNITS, key=len, reverse=True) if text.endswith(each))
+    try:
+        number = float(text.removesuffix(unit))
+    except ValueError:
+        number = 0.0
+    if not SCALES[0] <= number <= SCALES[1]:
+        raise UserError(
+            "is not a length", where="--scale", expected="a number and m, cm, mm, in, ft or nothing: 0.35m", found=text
+        )
+    return number, unit
 
 
 def export(
@@ -223,7 +310,8 @@ def export(
         smooth: Steps of smoothing (Taubin). 0 keeps the steps of voxels.
         faces: About so many triangles at most; 0 for all.
         spacing: Mean distance of points, in voxels.
-        frame: grid (y up), or world (the frame of the photographs' poses).
+        frame: placed (y up: the grid frame, or as it was moved in the viewer, in its unit), grid (y up), or world (the frame of
+            the photographs' poses).
         scale: Multiply all lengths by this.
         crop: Only what is in the box x0,y0,z0,x1,y1,z1 of the grid frame.
         title: Heading of a web page. The default is the pack's name.
@@ -235,9 +323,9 @@ def export(
     if to.suffix.lower() in PAGE_SUFFIXES or not to.suffix or to.is_dir():
         if kind is not None:
             raise UserError(f"cannot hold {kind}", where=to, expected="a web page", remedy="leave out --kind")
-        loaded = _read(pack)
+        loaded = with_annotations(_read(pack), pack)
         flight = None if path is None else path_from_file(path, loaded)
-        notes = annotations_of(loaded, pack)
+        notes = annotations_of(loaded)
         name = title or pack.resolve().stem
         _export_page(loaded, to, PageContent(name, credits, flight, box, pose, notes, source=pack))
         return
@@ -247,7 +335,7 @@ def export(
     wanted = Export(kind_for(to, kind), level, coarser, _kept(keep), smooth, faces or None, spacing, frame, scale, box)
     check_export(wanted)
     check_results(to)
-    loaded = _read(pack)
+    loaded = with_annotations(_read(pack), pack)
     with progress("exporting", 1) as bar:
         written = export_scene(loaded, to, wanted, lambda share, note: bar.update(share, note))
     amount = f"{written.faces:,} triangles" if written.faces else f"{written.points:,} {wanted.kind}"
@@ -319,12 +407,15 @@ def _read_all(reader: PackReader) -> Pack:
         return reader.read(lambda done, _total: bar.update(done))
 
 
-COMMANDS = {"info": info, "check": check, "convert": convert, "edit": edit, "export": export, "compare": compare}
+COMMANDS = {
+    "info": info, "check": check, "convert": convert, "edit": edit, "move": move, "export": export, "compare": compare,
+}  # fmt: skip
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    return run_command(COMMANDS, prog="snerg-pack", description=DESCRIPTION, args=args)
+    words = join_negative_values(sys.argv[1:] if args is None else args, MAY_BE_NEGATIVE)
+    return run_command(COMMANDS, prog="snerg-pack", description=DESCRIPTION, args=words)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,8 @@ position f (i + 0.5). A coarser cell takes the mean of its f^3 voxels; a ray mee
 1 - (1 - a)^f, as in scenepack.coarse, rounded to 8 bits.
 
 Frames. grid: the pack's OpenGL frame, y up (docs/format.md, "Coordinate frames"). world: the training frame, that of the poses.
-Both have the scene's own units. In a forward-facing pack positions are those before the NDC warp (NeRF, appendix C):
+Both have the scene's own units. placed: the grid frame as people have moved it, in their unit (scenepack.placement). In a
+forward-facing pack positions are those before the NDC warp (NeRF, appendix C):
   x_ndc = -(2 f / w) x / z,  y_ndc = -(2 f / h) y / z,  z_ndc = 1 + 2 n / z,  with n = NDC_NEAR.
 In a contracted pack they are those of space (scenepack.contraction), and u is a grid position in units of R.
 """
@@ -22,6 +23,7 @@ from scenepack.blocks import block_copy
 from scenepack.constants import NDC_NEAR, PUBLISHED_NDC_CAMERA
 from scenepack.contraction import uncontract
 from scenepack.pack import Pack
+from scenepack.placement import placed_T_grid
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 Place = tuple[int, int, int]
@@ -114,7 +116,7 @@ class Field:
 
 # --- Export frame ---
 
-Frame = Literal["grid", "world"]
+Frame = Literal["placed", "grid", "world"]
 FARTHEST_CONTRACTED = 1.98  # |u|∞; 50 R away
 FARTHEST_NDC = 0.98  # z_ndc; beyond it, 100 near planes away, a voxel is deeper than a near plane and infinity is close
 
@@ -126,6 +128,8 @@ class ExportFrame:
         self.pack, self.scale = pack, scale
         self._training_T_grid = np.asarray(pack.worldspace_T_opengl, np.float64)
         frame_T_training = np.eye(4) if frame == "world" else np.linalg.inv(self._training_T_grid)
+        if frame == "placed":
+            frame_T_training = placed_T_grid(pack) @ frame_T_training
         self._frame_T_grid = frame_T_training @ self._training_T_grid
         self._frame_T_training = frame_T_training
 
@@ -169,7 +173,8 @@ class ExportFrame:
         z = _unwarped(self.pack, self._ndc(positions))[:, 2]
         width, height, focal = _ndc_camera(self.pack)
         across, up = -z * width / (2 * focal), -z * height / (2 * focal)
-        return self.scale * voxel * np.stack([across, up, z**2 / (2 * NDC_NEAR)], axis=1)
+        unit = abs(np.linalg.det(self._frame_T_training[:3, :3])) ** (1 / 3)
+        return self.scale * unit * voxel * np.stack([across, up, z**2 / (2 * NDC_NEAR)], axis=1)
 
     @property
     def stretch(self) -> float:
@@ -189,6 +194,12 @@ class ExportFrame:
         frame_T_camera = np.eye(4)
         frame_T_camera[:3, :3], frame_T_camera[:3, 3] = rotation, self.scale * pose[:3, 3]
         return frame_T_camera
+
+    @property
+    def turned(self) -> np.ndarray:
+        """float64 [3, 3]: the rotation of a box along the grid's axes; none where the frame mirrors the grid frame."""
+        rotation = self._frame_T_grid[:3, :3] * self.scale / self.stretch
+        return rotation if np.linalg.det(rotation) > 0 and not self.pack.ndc else np.eye(3)
 
     @property
     def mirrors(self) -> bool:

@@ -19,6 +19,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from console import UserError
 from scenepack.exports.field import ExportFrame, Field
@@ -162,19 +163,21 @@ def voxels_of(field: Field, least: float) -> tuple[np.ndarray, np.ndarray]:
 def gaussian_values(
     positions: np.ndarray, rgba: np.ndarray, field: Field, export_frame: ExportFrame
 ) -> list[np.ndarray]:
-    """What fills COLUMNS: position, no normal, colour, opacity before the sigmoid, logarithms of sizes, no rotation."""
+    """What fills COLUMNS: position, no normal, colour, opacity before the sigmoid, logarithms of sizes, rotation (w, x, y, z)."""
     straight = np.clip(rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6), 0.0, 1.0)
     alphas, opacities = opacity_table()
     opacity = np.clip(np.interp(rgba[:, 3], alphas, opacities), 1e-3, MOST_OPACITY)[:, None]
     count = len(positions)
     sizes = SIGMA * field.coarser * export_frame.sizes(positions)
+    x, y, z, w = Rotation.from_matrix(export_frame.turned).as_quat(canonical=True)
+    quaternion = np.round([w, x, y, z], 12) + 0.0
     return [
         export_frame.points(positions),
         np.zeros((count, 3)),
         (straight - 0.5) / SH_0,
         np.log(opacity / (1.0 - opacity)),
         np.log(sizes),
-        np.broadcast_to([1.0, 0.0, 0.0, 0.0], (count, 4)),
+        np.broadcast_to(quaternion, (count, 4)),
     ]
 
 
@@ -195,12 +198,12 @@ SPZ_MAGIC, SPZ_VERSION = 0x5053474E, 3
 SPZ_LARGEST = (1 << 23) - 1  # of a coordinate: 24 bits with their sign
 SPZ_SIZES = (-10.0, 255 / 16 - 10.0)  # logarithms
 SPZ_COLOUR = 0.15  # of 255 levels, for 1 of f_dc
-NO_ROTATION = 3 << 30  # w is the largest of the quaternion's components, the other three are 0
+SPZ_ROTATION = 511 * np.sqrt(2.0)  # levels for 1 of a quaternion's component that is not the largest
 
 
 def spz_bytes(values: Sequence[np.ndarray]) -> bytes:
     """The file of gaussian_values. UserError where its numbers cannot hold the lengths."""
-    positions, _, colours, opacities, sizes, _ = values
+    positions, _, colours, opacities, sizes, rotations = values
     farthest, small, large = float(np.abs(positions).max()), float(sizes.min()), float(sizes.max())
     places = min(int(np.floor(np.log2(SPZ_LARGEST / max(farthest, 1e-9)))), 24)  # binary, after the point
     if places < 1 or small < SPZ_SIZES[0] or large > SPZ_SIZES[1]:
@@ -215,9 +218,19 @@ def spz_bytes(values: Sequence[np.ndarray]) -> bytes:
         _levels(255.0 / (1.0 + np.exp(-opacities))),
         _levels(255.0 * (SPZ_COLOUR * colours + 0.5)),
         _levels(16.0 * (sizes - SPZ_SIZES[0])),
-        np.full(len(positions), NO_ROTATION, "<u4"),
+        np.full(len(positions), _packed_rotation(*rotations[0]), "<u4"),  # all are turned alike
     ]
     return gzip.compress(header + b"".join(part.tobytes() for part in parts), 6, mtime=0)
+
+
+def _packed_rotation(w: float, x: float, y: float, z: float) -> int:
+    """A unit quaternion in 32 bits: which of x, y, z, w is largest, and of the other three in this order a sign and 9 bits."""
+    parts = np.array([x, y, z, w])
+    largest = 3 - int(np.argmax(np.abs(parts[::-1])))
+    packed, sign = largest, np.copysign(1.0, parts[largest])
+    for part in np.delete(sign * parts, largest):
+        packed = packed << 10 | int(part < 0) << 9 | round(float(SPZ_ROTATION * abs(part)))
+    return packed
 
 
 def _levels(values: np.ndarray) -> np.ndarray:

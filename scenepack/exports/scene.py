@@ -66,8 +66,8 @@ class Export:
     """about so many triangles at most; None: all"""
     spacing: float = 1.0
     """of points, in voxels"""
-    frame: Frame = "grid"
-    """grid (y up) or world (that of the photographs' poses)"""
+    frame: Frame = "placed"
+    """placed (y up, as people have moved the scene, in their unit), grid (y up) or world (that of the photographs' poses)"""
     scale: float = 1.0
     """by what lengths are multiplied"""
     crop: Corners | None = None

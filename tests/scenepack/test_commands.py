@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from io import StringIO
@@ -15,11 +16,13 @@ from hypothesis import given, settings
 from rich.console import Console
 
 from baker.commands import pack as commands
-from scenepack import Finding, Pack, check_pack, load_pack, open_pack, report
+from scenepack import Finding, Pack, check_pack, load_pack, open_pack, report, save_pack
 from scenepack.blocks import block_copy
 from scenepack.editing import Voxels, without
+from scenepack.placement import NOT_MOVED, placement_of
 from tests.scenepack.helpers import edit_json, read_image, real_pack, same_pack, small_pack, write_image, written
 from tests.scenepack.random_packs import packs
+from tests.scenepack.test_placement import UP, sloping_pack
 from tests.told import told
 
 Run = Callable[..., tuple[int, str, str]]
@@ -189,6 +192,38 @@ def test_atlas_blocks_used_twice_and_lost_ones_are_found() -> None:
 def test_the_pack_made_elsewhere_has_no_errors() -> None:
     findings = check_pack(load_pack(real_pack()))
     assert not [finding for finding in findings if finding.severity == "error"]
+
+
+def test_move_changes_what_the_pack_says_of_its_place_and_no_other_file(tmp_path: Path, run: Run) -> None:
+    save_pack(sloping_pack(), tmp_path / "slope.zip", codec="webp")
+    words = ("--up", "auto", "--turn", "-30", "--scale", "2.5m", "--origin", "-0.1,-0.4,0.2")
+    status, out, _ = run("move", str(tmp_path / "slope.zip"), "--out", str(tmp_path / "new"), *words)
+    assert status == 0 and "1 grid unit is 2.5 m" in out
+    before, after = load_pack(tmp_path / "slope.zip"), load_pack(tmp_path / "new")
+    placement = placement_of(after)
+    assert np.arccos(placement.up @ UP) < np.radians(0.5) and placement.origin == (-0.1, -0.4, 0.2)
+    assert placement.angles[0] - NOT_MOVED.levelled(placement.up).angles[0] == pytest.approx(-30.0, abs=0.1)
+    assert after.metadata["marks"]["scale"] == {"factor": 2.5, "unit": "m"}
+    assert np.array_equal(before.atlas_rgba, after.atlas_rgba)
+    with zipfile.ZipFile(tmp_path / "slope.zip") as archive:
+        for name in set(archive.namelist()) - {"scene_params.json"}:
+            assert (tmp_path / "new" / name).read_bytes() == archive.read(name)
+    assert run("move", str(tmp_path / "new"), "--out", str(tmp_path / "again.zip"), "--scale", "40cm")[0] == 0
+    again = load_pack(tmp_path / "again.zip")
+    assert placement_of(again) == placement and again.metadata["marks"]["scale"]["unit"] == "cm"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [((), "nothing to change"), (("--up", "0,0,0"), "not a direction"), (("--scale", "0m"), "not a length"),
+     (("--scale", "5km"), "not a length"), (("--origin", "1,2"), "list of numbers"), (("--origin", "1,2,1e9"), "range")],
+)  # fmt: skip
+def test_move_refuses_in_one_line_and_writes_nothing(
+    tmp_path: Path, run: Run, words: tuple[str, ...], told: str
+) -> None:
+    save_pack(small_pack(), tmp_path / "pack")
+    status, _, err = run("move", str(tmp_path / "pack"), "--out", str(tmp_path / "new"), *words)
+    assert status == 2 and told in err and len(err.strip().splitlines()) == 1 and not (tmp_path / "new").exists()
 
 
 def test_edit_writes_a_pack_without_what_its_options_name_in_their_order(tmp_path: Path, run: Run) -> None:

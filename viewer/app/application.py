@@ -11,8 +11,11 @@ from dataclasses import dataclass, field, replace
 from math import atan, degrees
 from pathlib import Path
 
+import numpy as np
+
 from console import UserError
 from scenepack.pack import Pack
+from scenepack.placement import moved_pose
 from viewer.core.annotations import Annotations, AnnotationStore, Point
 from viewer.core.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.core.input import Controllers, Keyboard
@@ -116,6 +119,9 @@ class App:
         self.gallery.scene_changed(pack)
         path = entry.scene.path
         self.annotations.open_pack(self, pack, path if path.exists() else None, entry.annotations)
+        self.scene.rig.stand_in(
+            self.annotations.current.placement.rotation
+        )  # it may be kept elsewhere than in the pack
         self.measure_tool.drop()
         self.erasing = self.erasing.of_another_scene()
         self.bookmarks.drop()
@@ -294,18 +300,26 @@ class App:
         return self.scene.rig.fov if held is None else degrees(2 * atan(0.5 * held.height / held.fy))
 
     def copy_pose(self) -> None:
-        """Puts the camera's pose on the clipboard, as one line of JSON."""
+        """Puts the camera's pose on the clipboard."""
         if self.scene is not None:
-            rig = self.scene.rig
-            parallel = rig.ortho_height if rig.orthographic and rig.held is None else None
-            self.clipboard.set(pose_to_text(rig.matrix, self.fov, parallel))
+            self.clipboard.set(self.pose_text())
             self.messages.say("The pose is on the clipboard")
+
+    def pose_text(self) -> str:
+        """The camera's pose in the placed frame, as one line of JSON."""
+        assert self.scene is not None
+        rig, annotations = self.scene.rig, self.annotations.current
+        parallel = rig.ortho_height * annotations.scale.factor if rig.orthographic and rig.held is None else None
+        return pose_to_text(moved_pose(annotations.placed_T_grid, rig.matrix), self.fov, parallel)
 
     def paste_pose(self, text: str | None = None) -> None:
         """Goes to a pose from the clipboard (or `text`). ValueError if it is not a pose."""
         if self.scene is not None:
             text = self.clipboard.get() if text is None else text
-            self.scene.rig.set_matrix(*pose_from_text(text), ortho_height_of(text))
+            annotations, height = self.annotations.current, ortho_height_of(text)
+            matrix, fov = pose_from_text(text)
+            height = None if height is None else height / annotations.scale.factor
+            self.scene.rig.set_matrix(moved_pose(np.linalg.inv(annotations.placed_T_grid), matrix), fov, height)
             self.touch()
 
     def paste(self) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from viewer.app.application import App
 from viewer.features.display.display import next_mode
@@ -14,6 +15,7 @@ from viewer.features.editing.erasing import CHANGES, RULES, TOOLS, Tool
 from viewer.features.editing.erasing import PAGE as ERASE_PAGE
 from viewer.features.film import kiosk
 from viewer.features.opening.open_prompt import ask_to_open, browse
+from viewer.features.placing import placing
 
 STEP_DEGREES = 15.0  # of a key that turns
 
@@ -105,6 +107,10 @@ def _select(rule: str) -> Callable[[App], object]:
 
 def _change(how: str) -> Callable[[App], object]:
     return lambda app: app.erasing.change(app, how)
+
+
+def _place(tool: Literal["ground", "origin"]) -> Callable[[App], object]:
+    return lambda app: app.measure_tool.choose(app, "" if tool == app.measure_tool.tool else tool)
 
 
 def _turn(right: float, up: float) -> Callable[[App], object]:
@@ -231,6 +237,13 @@ _ALL = (
         *((f"selection-{how}", title, _change(how), "") for how, title in CHANGES.items()),
         ("erase-selected", "Erase what is selected", lambda app: app.erasing.erase(app), ""),
         ("save-edited", "Save the edited scene", lambda app: app.erasing.ask_where_to_save(app), ""),
+    ),
+    *_group(
+        "Moving",
+        ("move-ground", "Level the ground by three points", _place("ground"), ""),
+        ("move-origin", "Set the origin", _place("origin"), ""),
+        ("move-find-ground", "Find the ground", placing.find_ground, ""),
+        ("move-reset", "Back to the grid frame", placing.reset, ""),
     ),
     *_group("Bookmarks", ("film-bookmarks", "Film through the bookmarks", lambda app: app.bookmarks.film(app), "")),
 )

@@ -18,6 +18,7 @@ from console.arguments import join_negative_values, parse_numbers, parse_point, 
 from console.atomic import replacing, writing_alone
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
+from scenepack.placement import placed_T_grid
 from training.scenes import picture_stems
 from viewer.benchmark.frames import Photographs
 from viewer.core.pose import FARTHEST
@@ -27,7 +28,7 @@ from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 from viewer.rendering.framing import filling_orbit
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import MOST_SAMPLES, Marcher, RenderSettings
-from viewer.web.description import annotations_of
+from viewer.web.description import annotations_of, with_annotations
 
 DESCRIPTION = "Renders pictures of a pack without a display: one view, an orbit, or the views of photographs."
 DEFAULT_SIZE, DEFAULT_FOV = "800x800", 39.0
@@ -80,8 +81,8 @@ def render(
     Args:
         pack: Folder or .zip of a baked scene.
         out: FILE.png or FILE.exr for one view, a folder for several, FILE.mp4, FILE.webp or FILE.gif for a film.
-        eye: Position of the camera, x,y,z in the grid frame (y up).
-        target: Point that the camera looks at, x,y,z in the grid frame. The default is the centre of the content.
+        eye: Position of the camera, x,y,z in the placed frame (y up): the grid frame, or as it was moved in the viewer.
+        target: Point that the camera looks at, x,y,z in the placed frame. The default is the centre of the content.
         up: Up direction of the camera. The default is 0,1,0.
         orbit: Render this many views on an orbit around the content.
         scene: Render the views of the photographs of this scene.
@@ -95,11 +96,12 @@ def render(
         marcher: exact (skips empty space), paper (the paper's algorithm), or brute (takes every sample).
         background: Background colour, r,g,b in 0 ... 1; or transparent.
         format: Type of the files in a folder. A view is one .exr with all modes, or a .png for each mode.
-        near: Hide everything closer than this along the optical axis, in grid units.
-        ortho_height: Render without perspective, and show this many grid units from the top of the picture to the bottom.
+        near: Hide everything closer than this along the optical axis, in units of the placed frame.
+        ortho_height: Render without perspective, and show this many units of the placed frame from the top of the picture to the
+            bottom.
         projection: perspective, equirectangular (a 360° picture, twice as wide as high) or vr180 (half of it, for both eyes).
             Such pictures are level; their middle is where the camera looks.
-        eye_distance: Render a stereo picture, of eyes so many grid units apart: left above right, or side by side in vr180.
+        eye_distance: Render a stereo picture, of eyes so many units apart: left above right, or side by side in vr180.
         crop: Show only the box x0,y0,z0,x1,y1,z1 of the grid frame.
         surroundings: Show what lies beyond the inner cube of an unbounded scene.
         look: Show colours with the exposure, white balance and saturation that the viewer keeps with the pack.
@@ -122,7 +124,6 @@ def render(
     settings = RenderSettings(
         marcher=marcher,
         background=(1.0, 1.0, 1.0) if transparent else _colour(background),
-        near=near,
         crop=_box(crop) if crop else None,
         surroundings=surroundings,
         samples=samples,
@@ -135,11 +136,11 @@ def render(
     if eye_distance is not None and exr:
         raise UserError("holds one picture, not those of two eyes", where=out, remedy="name a .png or a film")
     check_results(*([out] if kind else []), folder=None if kind else out)
-    loaded = load_pack(pack)
+    loaded = with_annotations(load_pack(pack), pack)
     if loaded.ndc and (ortho_height is not None or projection != "perspective"):
         raise UserError("is a forward-facing pack, which has a perspective view alone", where=pack)
     if look:
-        kept = annotations_of(loaded, pack).look
+        kept = annotations_of(loaded).look
         passes = [replace(each, settings=replace(each.settings, look=kept)) for each in passes]
     shape = pixels or parse_size(DEFAULT_SIZE)
     if scene is not None:
@@ -149,11 +150,14 @@ def render(
         views: list[View] = [(f"{i:04d}", (camera,)) for i, camera in enumerate(path)]
     else:
         views = [("view", (_posed(loaded, eye, target, up, fov or DEFAULT_FOV, shape),))]
+    grid_T_placed = np.linalg.inv(placed_T_grid(loaded))
+    unit = abs(np.linalg.det(grid_T_placed[:3, :3])) ** (1 / 3)
+    passes = [replace(each, settings=replace(each.settings, near=unit * near)) for each in passes]
     if ortho_height is not None:
-        views = [(name, (camera.as_orthographic(ortho_height),)) for name, (camera,) in views]
+        views = [(name, (camera.as_orthographic(unit * ortho_height),)) for name, (camera,) in views]
     if projection != "perspective" and pixels:
-        upwards = parse_point(up, "--up") if up else (0.0, 1.0, 0.0)
-        places = (0.0,) if eye_distance is None else (-0.5 * eye_distance, 0.5 * eye_distance)
+        upwards = grid_T_placed[:3, :3] @ (parse_point(up, "--up") if up else (0.0, 1.0, 0.0))
+        places = (0.0,) if eye_distance is None else (-0.5 * unit * eye_distance, 0.5 * unit * eye_distance)
         views = [
             (name, tuple(camera.as_panorama(pixels, upwards, ACROSS[projection], place) for place in places))
             for name, (camera,) in views
@@ -266,12 +270,14 @@ def _posed(
 ) -> ViewCamera:
     if eye is None:
         return filling_orbit(pack, 1, fov, size, FIRST_AZIMUTH)[0]
-    at = parse_point(eye, "--eye")
-    middle = np.zeros(3) if pack.ndc else np.mean(content_box(pack), axis=0)
-    towards = np.asarray(parse_point(target, "--target")) if target else middle
     upwards = parse_point(up, "--up") if up else (0.0, 1.0, 0.0)
     if not np.any(upwards):
         raise UserError("is not a direction", where="--up", found=up)
+    grid_T_placed = np.linalg.inv(placed_T_grid(pack))
+    upwards = grid_T_placed[:3, :3] @ upwards
+    at = (grid_T_placed @ (*parse_point(eye, "--eye"), 1.0))[:3]
+    middle = np.zeros(3) if pack.ndc else np.mean(content_box(pack), axis=0)
+    towards = (grid_T_placed @ (*parse_point(target, "--target"), 1.0))[:3] if target else middle
     if np.allclose(at, towards, rtol=0, atol=1e-12):
         raise UserError("is the same point as the target", where="--eye", remedy="choose another --target")
     return ViewCamera.look_at(at, towards, upwards, fov, size, mirrored=is_mirrored(pack))

@@ -34,7 +34,7 @@ from viewer.features.opening import session
 from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import PreferencesAutosave, apply_preferences
 from viewer.rendering.settings import Marcher, Mode, RenderSettings
-from viewer.web.description import PageContent, annotations_of, corners_of, path_from_file
+from viewer.web.description import PageContent, annotations_of, corners_of, path_from_file, with_annotations
 from viewer.web.server import serve
 from viewer.window.shutdown import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem
@@ -364,7 +364,7 @@ def _render_instead(path: Path | None, settings: RenderSettings, reason: NoDispl
     if kind_of(chosen) in ("scene", "run", "pictures"):
         command = "snerg-bake" if kind_of(chosen) == "run" else "snerg-make"
         raise UserError("is not a pack yet", where=chosen, remedy=f"make one: {command} {chosen} --out DIR")
-    loaded = load_pack(chosen)
+    loaded = with_annotations(load_pack(chosen), chosen)
     print(f"snerg-view: {reason}; rendering an orbit into {OUT}/ instead", file=sys.stderr)
     for written in fly_over(loaded, name_of(chosen), OUT, orbit_camera_for(loaded).fov, settings):
         print(written)

@@ -1,4 +1,4 @@
-"""Annotations of a scene: its scale, look, measurements and bookmarks; their JSON, and where they are saved.
+"""Annotations of a scene: its scale, placement, look, measurements and bookmarks; their JSON, and where they are saved.
 
 Points are in the pack's grid frame (y up; in forward-facing packs, before the warp). Lengths are in grid units.
 The JSON is untrusted.
@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
+import numpy as np
 import platformdirs
 
 from console import not_written
@@ -25,6 +26,17 @@ from console.atomic import write_file
 from console.json_text import read_json_file
 from console.streams import one_line
 from scenepack.pack import Pack
+from scenepack.placement import MARKS as KEY
+from scenepack.placement import (
+    NOT_MOVED,
+    SCALES,
+    UNITS,
+    Placement,
+    Unit,
+    allowed,
+    placement_from_json,
+    placement_to_json,
+)
 from scenepack.writer import metadata_writable, write_metadata
 from viewer.core.pose import FARTHEST, UP_AXES
 from viewer.core.tasks import Autosave
@@ -36,14 +48,11 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float, float]
 Kind = Literal["point", "line", "angle"]
-Unit = Literal["", "m", "cm", "mm", "in", "ft"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-UNITS: tuple[Unit, ...] = get_args(Unit)
 METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 LEAST_POINTS = {"point": 1, "line": 2, "angle": 3}
 MOST_POINTS, MOST_ANNOTATIONS = 1000, 10_000  # of a line; of each kind
 LONGEST_NAME, LONGEST_TEXT = 100, 2000  # characters
-SCALES = (1e-12, 1e12)
 FOVS = (1.0, 170.0)  # degrees, vertical
 
 
@@ -88,6 +97,12 @@ class Annotations:
     measurements: tuple[Measurement, ...] = ()
     bookmarks: tuple[Bookmark, ...] = ()
     look: Look | None = None  # None: colours as they are
+    placement: Placement = NOT_MOVED
+
+    @property
+    def placed_T_grid(self) -> np.ndarray:
+        """float64 [4, 4]."""
+        return self.placement.matrix(self.scale.factor)
 
     def with_measurement(self, index: int, measurement: Measurement | None) -> Annotations:
         """With another one in the place of `index` (one behind the last adds it); without it where there is none."""
@@ -107,11 +122,13 @@ def _with(items: tuple, index: int, new: object) -> tuple:
 
 
 def annotations_to_json(annotations: Annotations) -> dict[str, Any]:
+    placement = annotations.placement
     return {
         "scale": {"factor": annotations.scale.factor, "unit": annotations.scale.unit},
         "measurements": [{"kind": m.kind, "points": [list(p) for p in m.points]} for m in annotations.measurements],
         "bookmarks": [bookmark_to_json(view) for view in annotations.bookmarks],
         **({} if annotations.look is None else {"look": asdict(annotations.look)}),
+        **({} if placement == NOT_MOVED else {"placement": placement_to_json(placement)}),
     }
 
 
@@ -143,7 +160,9 @@ def annotations_from_json(document: Any, complain: Callable[[str], None] | None 
 
     scale = part(_scale, entries.get("scale", {}), Scale())
     look = part(_look, entries.get("look", {}), None)
-    return Annotations(scale, listed("measurements", _measurement), listed("bookmarks", bookmark_from_json), look)
+    measurements, bookmarks = listed("measurements", _measurement), listed("bookmarks", bookmark_from_json)
+    placement = part(placement_from_json, entries.get("placement", {}), NOT_MOVED)
+    return Annotations(scale, measurements, bookmarks, look, placement)
 
 
 def object_from_json(value: Any, what: str = "marks") -> Mapping[str, Any]:
@@ -232,7 +251,6 @@ def named(text: Any) -> str:
     return one_line(text, LONGEST_NAME) if isinstance(text, str) and text.strip() else "View"
 
 
-KEY = "marks"  # in the pack's "snerg" object
 SETTLE_S = 0.4  # after the last change, before it is written
 
 
@@ -286,12 +304,16 @@ class AnnotationStore:
                 notes.append(f"{file}: {error}")
         for note in dict.fromkeys(notes):
             app.messages.log(f"marks of this scene are left out: {note}", "warning")
-        return annotations
+        return replace(annotations, placement=allowed(annotations.placement, pack))
+
+    def save_now(self) -> None:
+        """Writes changes now, because another process is about to read them."""
+        if self._autosave is not None:
+            self._autosave.finish(self.current)
 
     def close_pack(self) -> None:
         """Writes changes now, because the pack is closed or the program ends."""
-        if self._autosave is not None:
-            self._autosave.finish(self.current)
+        self.save_now()
         self.current, self._autosave = Annotations(), None
 
     def change(self, app: App, annotations: Annotations) -> None:

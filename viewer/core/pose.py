@@ -2,7 +2,7 @@
 
 Notation: pivot, the point looked at; azimuth and elevation (degrees) of the camera as seen from the pivot; distance
 from it. At azimuth 0 and elevation 0 the camera stands on the `front` axis. Everything is in the pack's grid frame.
-With up = y, azimuth 0 looks from +z and azimuth 90 from +x.
+With up = y, azimuth 0 looks from +z and azimuth 90 from +x. The axes are those of the placed frame (scenepack.placement).
 
 An entry of the history holds camera, crop and marks, so that moves and cuts are taken back in the order in which they were made.
 """
@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from console.json_text import parse_json
+from scenepack.placement import NOT_TURNED, Rows
 from training.scenes.lens import image_of
 from viewer.rendering.camera import ViewCamera, rays_through
 
@@ -42,11 +43,12 @@ class Turntable:
 
     up: str = "y"  # a key of UP_AXES
     mirrored: bool = False  # the grid frame is a mirror image of the world, as in forward-facing packs
+    placed: Rows = NOT_TURNED  # placed_R_grid: axes of the placed frame, which `up` names, in the grid frame
 
     @property
     def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """right, up, front: float64 [3] each."""
-        right, up = (np.asarray(axis, np.float64) for axis in UP_AXES[self.up])
+        """right, up, front: float64 [3] each, grid frame."""
+        right, up = np.asarray(UP_AXES[self.up], np.float64) @ np.array(self.placed)
         return right, up, np.cross(right, up)
 
     def rotation(self, azimuth: float, elevation: float) -> np.ndarray:

@@ -30,6 +30,7 @@ from viewer.features.film import panel as film_panel
 from viewer.features.measuring import panel as measuring_panel
 from viewer.features.performance import panel as performance_panel
 from viewer.features.photographs import panel as photographs_panel
+from viewer.features.placing import panel as placing_panel
 from viewer.features.preferences import panel as preferences_panel
 from viewer.rendering.canvas import Canvas
 
@@ -171,6 +172,7 @@ PAGES = (
     Page("crop", "Crop", fa.ICON_FA_CROP_SIMPLE, crop_panel.show),
     Page("erase", "Erase", fa.ICON_FA_ERASER, editing_panel.show),
     Page("measure", "Measure", fa.ICON_FA_RULER, measuring_panel.show),
+    Page("move", "Move", fa.ICON_FA_UP_DOWN_LEFT_RIGHT, placing_panel.show),
     Page("photographs", "Photographs", fa.ICON_FA_IMAGES, photographs_panel.show),
     Page("compare", "Compare packs", fa.ICON_FA_CODE_COMPARE, comparison_panel.show),
     Page("film", "Stills and films", fa.ICON_FA_FILM, film_panel.show),

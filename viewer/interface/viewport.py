@@ -26,6 +26,7 @@ from viewer.features.film import panel as film_panel
 from viewer.features.measuring import panel as measuring_panel
 from viewer.features.opening import panel as opening_panel
 from viewer.features.photographs import panel as photographs_panel
+from viewer.features.placing import panel as placing_panel
 from viewer.interface import layout
 from viewer.rendering.canvas import Canvas
 
@@ -58,6 +59,7 @@ def show(app: App, canvas: Canvas, box: Box, fonts: Fonts, gizmo: CropGizmo, axe
         else:
             imgui.dummy(ImVec2(box[2], box[3]))  # never hovered, and so the gizmo's
         over = not gizmo.over and (imgui.is_item_hovered() or imgui.is_item_active())
+        placing_panel.draw(app, box)
         film_panel.draw_path(app, box)
         shot, face = photographs_panel.draw(app, canvas, box), crop_panel.draw_crop(app, box)
         mark, place = measuring_panel.draw(app, box, over), bookmarks_panel.draw(app, box, over)

@@ -13,6 +13,7 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull
 
 from scenepack.pack import Pack, cached_per_pack
+from scenepack.placement import placement_of
 from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, inner_box, orbit_path
 
 MARGIN = 1.05  # of half the picture over what is seen
@@ -98,16 +99,23 @@ def filling_distance(local: np.ndarray, fov: float, aspect: float, *, orthograph
 def filling_orbit(
     pack: Pack, frames: int, fov_degrees: float, size: tuple[int, int], first: float = 0.0
 ) -> list[ViewCamera]:
-    """One turn in which no view cuts anything off (of forward-facing packs, orbit_path).
+    """One turn about the placed frame's y axis in which no view cuts anything off (of forward-facing packs, orbit_path).
 
     fov_degrees: vertical. size: width, height in pixels. first: azimuth of the first view, degrees, as ViewCamera.orbit takes it.
     """
     if pack.ndc:
         return orbit_path(pack, frames, fov_degrees, size)
     azimuths = [first + 360.0 * i / frames for i in range(frames)]
-    points = outline(pack)
+    points, placed = outline(pack), np.array(placement_of(pack).rotation)
     middle, distance = middle_of(points), 0.0
+
+    def orbit(azimuth: float, distance: float) -> ViewCamera:
+        camera = ViewCamera.orbit(pack, azimuth, ORBIT_ELEVATION, distance, fov_degrees, size, np.zeros(3))
+        camera.grid_T_camera[:3] = placed.T @ camera.grid_T_camera[:3]
+        camera.grid_T_camera[:3, 3] += middle
+        return camera
+
     for azimuth in azimuths:
-        axes = ViewCamera.orbit(pack, azimuth, ORBIT_ELEVATION, 1.0, middle=middle).grid_T_camera[:3, :3]
+        axes = orbit(azimuth, 1.0).grid_T_camera[:3, :3]
         distance = max(distance, filling_distance((points - middle) @ axes, fov_degrees, size[0] / size[1]))
-    return [ViewCamera.orbit(pack, turn, ORBIT_ELEVATION, distance, fov_degrees, size, middle) for turn in azimuths]
+    return [orbit(azimuth, distance) for azimuth in azimuths]

@@ -20,6 +20,7 @@ from console.json_text import read_json_file
 from console.streams import one_line
 from scenepack.exports.field import Corners
 from scenepack.pack import Pack
+from scenepack.placement import allowed, moved_pose
 from scenepack.writer import metadata_writable
 from viewer.core import annotations as notes
 from viewer.core.annotations import Annotations, annotations_from_json
@@ -86,7 +87,15 @@ def annotations_of(pack: Pack, path: Path | None = None) -> Annotations:
     if path is not None and not metadata_writable(pack, path):
         with contextlib.suppress(OSError, ValueError):  # none, or none that can be read: those in the pack will do
             own = read_json_file(notes.file_for(pack, notes.default_folder()))
-    return annotations_from_json(own, lambda complaint: None) if own is not None else Annotations()
+    found = annotations_from_json(own, lambda complaint: None) if own is not None else Annotations()
+    return replace(found, placement=allowed(found.placement, pack))
+
+
+def with_annotations(pack: Pack, path: Path) -> Pack:
+    """The pack at `path` with what the viewer keeps of it elsewhere, where it does, as if it were the pack's own."""
+    if metadata_writable(pack, path) or (found := annotations_of(pack, path)) == Annotations():
+        return pack
+    return pack.with_metadata(**{notes.KEY: notes.annotations_to_json(found)})
 
 
 def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple[dict[str, Any], dict[str, bytes]]:
@@ -115,7 +124,7 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
         halvings = round(log2(max(pack.grid_size) / max(level.grid_size)))
         described.append({**about, "file": name, "bytes": len(data[name]), "halvings": halvings})
         done += _atlas_voxels(level)
-    words = LengthFormat(pack, annotations.scale)
+    words = LengthFormat(pack, annotations.scale, annotations.placement)
     description = {
         "title": one_line(content.title, LONGEST_TITLE),
         "credits": one_line(content.credits, LONGEST_CREDITS) if content.credits else "",
@@ -252,10 +261,12 @@ def _shaders(pack: Pack, look: Look | None) -> dict[str, Any]:
 def _camera(pack: Pack, start: str | None, annotations: Annotations) -> dict[str, Any]:
     """The first view, what it turns about, its limits, and the bookmarks."""
     rig = orbit_camera_for(pack)
+    rig.stand_in(annotations.placement.rotation)
     home, fov = rig.home_pose, rig.home_fov
     if start is not None:
         try:
-            rig.set_matrix(*pose_from_text(start))
+            placed_T_camera, fov_degrees = pose_from_text(start)
+            rig.set_matrix(moved_pose(np.linalg.inv(annotations.placed_T_grid), placed_T_camera), fov_degrees)
         except ValueError as error:
             raise UserError(str(error), where="--pose") from error
         home, fov = rig.goal, rig.fov

@@ -9,13 +9,16 @@ from tests.viewer.conftest import toy_pack
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core.pose import DEPTH, History
+from viewer.features.placing import placing
 
 PACK = toy_pack()
-STEPS = st.lists(st.sampled_from(["orbit", "crop", "near", "home", "nothing"]), min_size=1, max_size=12)
+STEPS = st.lists(st.sampled_from(["orbit", "crop", "near", "home", "move", "nothing"]), min_size=1, max_size=12)
 
 
 def state(app: App) -> tuple:
-    return app.scene.rig.goal, app.settings.crop, app.settings.near
+    rig, placement = app.scene.rig, app.annotations.current.placement
+    assert rig.table.placed == placement.rotation
+    return rig.goal, rig.table, placement, app.settings.crop, app.settings.near
 
 
 @given(STEPS)
@@ -31,6 +34,8 @@ def test_moves_cuts_and_the_near_plane_are_undone_in_turn(steps):
             app.cut(crop=((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5 + 0.01 * i)))
         elif step == "near":
             app.cut(near=0.1 * (i + 1))
+        elif step == "move":
+            placing.change(app, app.annotations.current.placement.with_angles(20.0 + i, 10.0, 0.0))
         elif step == "home":
             run(app, "home")
         else:

@@ -73,6 +73,7 @@ def test_json_comes_back_as_it_was():
      ("measurements", [{"kind": "line", "points": [[0, 0, 0]]}], "2 points"),
      ("measurements", [{"kind": "area", "points": []}], "a line"),
      ("measurements", [{"kind": "point", "points": [[0, 0, float("nan")]]}], "number"),
+     ("placement", {"origin": [0, 0]}, "origin"), ("placement", [1], "rotation"),
      ("look", {"exposure": 9}, "exposure"), ("look", ["grey"], "look"),
      ("bookmarks", [{"name": 3, "eye": [0, 0, 1], "target": [0, 0, 1]}], "same point"),
      ("bookmarks", [{"eye": [0, 0, 1], "target": [0, 0, 0], "up": ["y"]}], "axis"),

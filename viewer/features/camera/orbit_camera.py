@@ -13,6 +13,7 @@ from math import exp, log, radians, tan
 import numpy as np
 
 from scenepack.pack import Pack
+from scenepack.placement import Rows, placement_of
 from viewer.core.pose import MAX_ELEVATION, STEEP, History, Pose, Turntable, fitted, shortest_turn, triple, view_camera
 from viewer.features.photographs.photographs import shots_of
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
@@ -42,7 +43,7 @@ class OrbitCamera:
     bounded = False  # forward-facing packs are only seen from about where they were photographed
 
     def __init__(self, pack: Pack, fov: float = DEFAULT_FOV) -> None:
-        self.table = Turntable(mirrored=is_mirrored(pack))
+        self.table = Turntable(mirrored=is_mirrored(pack), placed=placement_of(pack).rotation)
         low, high = content_box(pack)
         self.all_of_it = low, high
         self._outline = np.stack([low, high]) if self.bounded else outline(pack)
@@ -56,8 +57,9 @@ class OrbitCamera:
         view = None if self.bounded else view_from_within(pack)
         if view is not None:
             self.home_fov = self.fov = float(np.degrees(2.0 * np.arctan(0.5 * view.height / view.fy)))
+        self._view = view
         self.within = view is not None  # the first view is one from amid the scene, and need not show all of it
-        self.home_pose = self._first_pose() if view is None else self._pose_of(view.grid_T_camera)
+        self.home_pose = self._home()
         self.goal = self.shown = self.home_pose
         self.held: ViewCamera | None = None
         self._anchor_eye = False  # what the damping keeps straight: the eye's way (flying) or the pivot's
@@ -66,6 +68,9 @@ class OrbitCamera:
 
     def _pose_of(self, grid_T_camera: np.ndarray) -> Pose:
         return Pose.from_matrix(grid_T_camera, self._distance_to_middle(grid_T_camera), self.table)
+
+    def _home(self) -> Pose:
+        return self._first_pose() if self._view is None else self._pose_of(self._view.grid_T_camera)
 
     def _first_pose(self) -> Pose:
         return Pose(triple(self.middle), *HOME_ANGLES, self.framing_distance(*HOME_ANGLES, self.home_fov))
@@ -292,12 +297,25 @@ class OrbitCamera:
 
     def set_up(self, up: str) -> None:
         """Another axis points up from now on; the camera keeps its place and is levelled."""
-        matrix = self.matrix
-        distance = self.goal.distance
         self.remember()
-        self.held = None
-        self.table = replace(self.table, up=up)
-        self.goal = self.shown = Pose.from_matrix(matrix, distance, self.table)
+        self._level(replace(self.table, up=up))
+
+    def place(self, placed: Rows) -> None:
+        """The placed frame has these axes from now on; the camera keeps its place and is levelled. remember() beforehand."""
+        if not self.bounded and placed != self.table.placed:
+            self._level(replace(self.table, placed=placed))
+            self.home_pose = self._home()
+
+    def stand_in(self, placed: Rows) -> None:
+        """As place(), and the first view is that of the placed frame; for a rig whose camera nobody has moved."""
+        if not self.bounded and placed != self.table.placed:
+            self.table = replace(self.table, placed=placed)
+            self.home_pose = self.goal = self.shown = self._home()
+
+    def _level(self, table: Turntable) -> None:
+        matrix, distance = self.matrix, self.goal.distance
+        self.held, self.table = None, table
+        self.goal = self.shown = Pose.from_matrix(matrix, distance, table)
 
     def set_matrix(
         self, grid_T_camera: np.ndarray, fov: float | None = None, ortho_height: float | None = None
@@ -348,7 +366,9 @@ class OrbitCamera:
     def _return(self, place: _State) -> None:
         if place.table != self.table:  # there is no way to glide from one up to another
             self.shown = place.goal
+        turned = place.table.placed != self.table.placed
         self.goal, self.held, self.fov, self.table = place.goal, place.held, place.fov, place.table
+        self.home_pose = self._home() if turned else self.home_pose
         self.orthographic = place.orthographic
 
 

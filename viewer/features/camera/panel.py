@@ -1,4 +1,4 @@
-"""Camera page, and the axes of the grid frame in a corner of the picture."""
+"""Camera page, and the axes of the placed frame in a corner of the picture."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
+from scenepack.placement import moved_pose
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
@@ -57,19 +58,23 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             if picked := segments("up", list(UP_AXES), rig.table.up):
                 rig.set_up(picked)
     with card("where", fonts, "Position"):
-        matrix = rig.matrix
-        eye, ahead = matrix[:3, 3], -matrix[:3, 2]
-        figure("Eye", "  ".join(f"{v:.3f}" for v in eye))
-        figure("Direction", "  ".join(f"{v:.3f}" for v in ahead))
+        placed_T_grid = app.annotations.current.placed_T_grid
+        pose = moved_pose(placed_T_grid, rig.matrix)
+        figure("Eye", _numbers(pose[:3, 3]))
+        figure("Direction", _numbers(-pose[:3, 2]))
         if not rig.bounded:
-            figure("Pivot", "  ".join(f"{v:.3f}" for v in rig.goal.pivot))
-        hint("In the grid's frame, y up.")
+            figure("Pivot", _numbers((placed_T_grid @ (*rig.goal.pivot, 1.0))[:3]))
+        hint("In the placed frame, y up.")
         pressed = two_buttons(f"{fa.ICON_FA_COPY}  Copy pose", f"{fa.ICON_FA_PASTE}  Paste pose")
         if pressed is not None:
             run(app, ("copy-pose", "paste")[pressed])
 
 
-# --- The axes of the grid frame in a corner of the picture: a click looks along one, a drag orbits ---
+def _numbers(point: np.ndarray) -> str:
+    return "  ".join(f"{value + 0.0:.3f}" for value in point)
+
+
+# --- The axes of the placed frame in a corner of the picture: a click looks along one, a drag orbits ---
 RADIUS, AXES_MARGIN, BALL = 36.0, 14.0, 9.5  # of the gizmo, from the picture's edges, of an axis's end; units at 100 %
 LEAST_ROOM = 260.0  # a picture that is smaller has none for it
 CLICK = 4.0  # a drag is longer
@@ -99,7 +104,8 @@ class AxisGizmo:
         imgui.set_cursor_screen_pos(ImVec2(*(float(v) for v in middle - reach)))
         imgui.invisible_button("##axes", ImVec2(2 * reach, 2 * reach))
         hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
-        ends = axis_ends(camera.grid_T_camera[:3, :3])
+        placed = np.array(scene.rig.table.placed)
+        ends = axis_ends(placed @ camera.grid_T_camera[:3, :3])
         io = imgui.get_io()
         places = middle + radius * ends[:, :2]
         under = _under(places, ends[:, 2], np.array([io.mouse_pos.x, io.mouse_pos.y])) if hovered else None
@@ -121,17 +127,17 @@ class AxisGizmo:
             if self._travelled >= px(CLICK):
                 rig.orbit(io.mouse_delta.x / box[3], io.mouse_delta.y / box[3])
         if imgui.is_item_deactivated() and self._travelled < px(CLICK) and under is not None:
-            rig.look_from(axis_of(under))
+            rig.look_from(axis_of(under) @ np.array(rig.table.placed))
 
 
 def axis_of(end: int) -> np.ndarray:
-    """Unit vector of an axis's end: 0 … 2 for x, y, z, 3 … 5 for the opposite directions; float64 [3], grid frame."""
+    """Unit vector of an axis's end: 0 … 2 for x, y, z, 3 … 5 for the opposite directions; float64 [3], placed frame."""
     return (1.0 if end < 3 else -1.0) * np.eye(3)[end % 3]
 
 
-def axis_ends(grid_R_camera: np.ndarray) -> np.ndarray:
+def axis_ends(placed_R_camera: np.ndarray) -> np.ndarray:
     """Where the six ends are seen, float64 [6, 3]: x to the right, y down, z towards the viewer."""
-    seen = np.stack([axis_of(end) for end in range(6)]) @ grid_R_camera
+    seen = np.stack([axis_of(end) for end in range(6)]) @ placed_R_camera
     return seen * [1.0, -1.0, 1.0]
 
 

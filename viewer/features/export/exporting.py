@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from console import UserError
 from console.progress_protocol import Report
-from scenepack.exports.field import Corners
+from scenepack.exports.field import Corners, Frame
 from scenepack.pack import Pack
 from viewer.core.command_process import FolderProcess
 from viewer.core.files import FileRequest
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from viewer.app.application import App
 
 Kind = Literal["mesh", "points", "gaussians", "page"]
+FRAMES: dict[Frame, str] = {"placed": "As placed", "grid": "Grid", "world": "Training"}
 KINDS: dict[Kind, str] = {"mesh": "Mesh", "points": "Points", "gaussians": "Gaussians", "page": "Web page"}
 SUFFIXES: dict[Kind, tuple[str, ...]] = {
     "mesh": (".glb", ".ply"),
@@ -37,7 +38,7 @@ LEVELS = (0.02, 0.9)  # of opacity, that the slider has
 
 @dataclass
 class ExportPlan:
-    """What to write: options of snerg-pack export. crop: whether only what is in the crop box. scale: of all lengths."""
+    """What to write: options of snerg-pack export. crop: whether only what is in the crop box."""
 
     kind: Kind = "mesh"
     level: float = 0.15
@@ -45,9 +46,8 @@ class ExportPlan:
     spacing: str = "Usual"
     keep: str = "Large"
     smooth: bool = True
-    world: bool = False
+    frame: Frame = "placed"
     crop: bool = True
-    scale: float = 1.0
 
     def arguments(self, pack: Path, file: Path, crop: Corners | None) -> list[str]:
         """Of `snerg-pack`. crop: the box that is shown, if there is one."""
@@ -55,17 +55,16 @@ class ExportPlan:
         words = ["export", str(pack), "--to", str(file)]
         if self.kind == "page":
             return words + crop_words(cropped)
-        words += ["--kind", self.kind, "--frame", "world" if self.world else "grid"]
+        words += ["--kind", self.kind, "--frame", self.frame]
         if self.kind != "gaussians":
             words += ["--level", f"{self.level:g}", "--keep", KEPT[self.keep]]
             words += [] if self.smooth else ["--smooth", "0"]
-        words += ["--scale", f"{self.scale:.9g}"] * (self.scale != 1.0)
         words += ["--faces", str(FACES[self.faces])] * (self.kind == "mesh")
         words += ["--spacing", f"{SPACINGS[self.spacing]:g}"] * (self.kind == "points")
         return words + crop_words(cropped)
 
     def export(self, crop: Corners | None) -> Export:
-        """The same as `arguments`, for a preview: in the grid's frame and unscaled."""
+        """The same as `arguments`, for a preview, which is in the grid frame."""
         from scenepack.exports.scene import Export
 
         assert self.kind != "page"
@@ -107,7 +106,7 @@ class Exporting:
         if app.scene is None:
             return
         check_is_on_disk(app.scene, "open a pack, then export it")
-        self.plan = replace(self.plan, crop=True, scale=app.annotations.current.scale.factor)
+        self.plan = replace(self.plan, crop=True)
         self.asking, self.preview = True, ExportPreview()
 
     def dismiss(self) -> None:
@@ -137,6 +136,7 @@ class Exporting:
         """Has snerg-pack write `file`. words: as of FolderProcess. then: called once it is there. UserError as begin()."""
         if self.writing is not None:
             raise UserError("another export is still running", remedy="cancel it or wait for it")
+        app.annotations.save_now()
         self.writing = Writing.start("baker.commands.pack", words)
         self.writing.file, self.writing.then = file, then
         app.touch()

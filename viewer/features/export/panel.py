@@ -9,6 +9,7 @@ from console.progress import duration
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core.annotations import Scale
 from viewer.core.theme import Fonts
 from viewer.core.widgets import (
     BUTTON_WIDTH,
@@ -28,7 +29,7 @@ from viewer.core.widgets import (
     tip,
     titled_button,
 )
-from viewer.features.export.exporting import FACES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan
+from viewer.features.export.exporting import FACES, FRAMES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan
 from viewer.rendering.canvas import Canvas
 
 NAME, WIDTH, PADDING, LABELS = "##export", 480.0, 26.0, 130.0
@@ -100,10 +101,11 @@ def _choices(app: App, plan: ExportPlan) -> None:
         label("Density", LABELS)
         plan.spacing = segments("spacing", list(SPACINGS), plan.spacing) or plan.spacing
     if plan.kind != "page":
-        plan.world = switch("world", plan.world, "Training frame", LABELS)
-        tip("The frame of the photographs' poses, instead of the grid's (y up)")
-        if plan.scale != 1.0:
-            hint(f"Lengths are in {app.annotations.current.scale.unit}.")
+        label("Frame", LABELS)
+        picked = segments("frame", list(FRAMES), plan.frame, dict(FRAMES.items()))
+        if picked in FRAMES:
+            plan.frame = picked  # type: ignore[assignment]
+        hint(_frame_hint(plan, app.annotations.current.scale))
     if app.settings.crop is not None:
         plan.crop = switch("cropped", plan.crop, "Crop box only", LABELS)
     if plan.kind == "page":
@@ -114,6 +116,16 @@ def _choices(app: App, plan: ExportPlan) -> None:
             run(app, "share")
         imgui.same_line()
         hint("Serves the page to browsers on this computer, without a file.")
+
+
+def _frame_hint(plan: ExportPlan, scale: Scale) -> str:
+    if plan.frame == "placed":
+        return f"As on the Move page, y up. Lengths are in {scale.unit or 'its units'}."
+    return (
+        "The grid's, y up, in its own units."
+        if plan.frame == "grid"
+        else "That of the photographs' poses, in its own units."
+    )
 
 
 def _answer(app: App) -> None:

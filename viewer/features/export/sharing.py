@@ -10,7 +10,6 @@ from console import UserError
 from scenepack.exports.field import Corners
 from viewer.core.command_process import FolderProcess
 from viewer.core.files import kind_of
-from viewer.core.pose import pose_to_text
 from viewer.core.state import OpenScene
 from viewer.features.film.camera_path import save_path
 
@@ -34,8 +33,8 @@ def crop_words(crop: Corners | None) -> list[str]:
 def page_words(app: App, folder: Path) -> list[str]:
     """Options for a page that begins with the view of this moment. folder: takes the camera path, where there is one."""
     assert app.scene is not None
-    rig, filming = app.scene.rig, app.filming
-    words = [f"--title={app.scene.name}", f"--pose={pose_to_text(rig.matrix, app.fov)}"]
+    filming = app.filming
+    words = [f"--title={app.scene.name}", f"--pose={app.pose_text()}"]
     if filming.path.keyframes:
         file = folder / "path.json"
         save_path(filming.path, file, app.scene.pack.worldspace_T_opengl, filming.size, filming.fps)
@@ -63,6 +62,7 @@ class Sharing:
             return
         check_is_on_disk(app.scene, "open a pack, then share it")
         self.end()
+        app.annotations.save_now()
         words = [str(app.scene.path.resolve()), "--serve", "0", *crop_words(app.settings.crop)]
         self.server = Server.start("viewer.commands.view", lambda folder: [*words, *page_words(app, folder)])
         self.server.name = app.scene.name

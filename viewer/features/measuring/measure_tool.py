@@ -1,4 +1,7 @@
-"""Measure tool: points on surfaces, lengths and angles between them, the scale; and their text and table (CSV)."""
+"""Measure tool: points on surfaces, lengths and angles between them, the scale; and their text and table (CSV).
+
+Points on surfaces also tell where the scene is placed: three of the ground, or one that is the origin.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +19,10 @@ import numpy as np
 from console import UserError
 from console.atomic import write_file
 from scenepack.pack import Pack
+from scenepack.placement import NOT_MOVED, SCALES, Placement
 from viewer.core.annotations import (
-    LEAST_POINTS,
     MOST_ANNOTATIONS,
     MOST_POINTS,
-    SCALES,
     Annotations,
     Measurement,
     Point,
@@ -30,6 +32,7 @@ from viewer.core.annotations import (
 from viewer.core.files import FileRequest
 from viewer.core.pose import triple
 from viewer.features.measuring.surface import Hit, surface_at
+from viewer.features.placing import placing
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -55,11 +58,16 @@ def angle(points: tuple[Point, ...]) -> float:
     return degrees(acos(float(np.clip(one @ two / size, -1.0, 1.0)))) if size > 0 else 0.0
 
 
-class LengthFormat:
-    """Formats lengths and points of one pack, with decimals down to half a voxel."""
+def _moved(to_T_from: np.ndarray, point: Point | np.ndarray) -> Point:
+    return triple((to_T_from @ np.array([*point, 1.0]))[:3] + 0.0)  # no -0.0
 
-    def __init__(self, pack: Pack, scale: Scale) -> None:
+
+class LengthFormat:
+    """Formats lengths and points of one pack, with decimals down to half a voxel. Points are in the placed frame."""
+
+    def __init__(self, pack: Pack, scale: Scale, placement: Placement = NOT_MOVED) -> None:
         self.pack, self.scale = pack, scale
+        self._placed_T_grid = placement.matrix(scale.factor)
         error = 0.5 * pack.voxel_size * scale.factor
         needed = WARPED_DECIMALS if pack.ndc else ceil(-log10(error))
         self.decimals = min(max(needed, 0), MOST_DECIMALS)
@@ -71,14 +79,17 @@ class LengthFormat:
     def length(self, grid_units: float) -> str:
         return f"{self.number(grid_units)} {self.scale.unit}".rstrip()
 
-    def place(self, point: Point) -> str:
-        """Coordinates in the grid's frame."""
-        return "  ".join(self.number(value) for value in point)
+    def placed(self, point: Point | np.ndarray) -> Point:
+        """A point of the grid frame in the placed frame."""
+        return _moved(self._placed_T_grid, point)
+
+    def place(self, point: Point | np.ndarray) -> str:
+        """Coordinates in the placed frame."""
+        return "  ".join(f"{value:.{self.decimals}f}" for value in self.placed(point))
 
     def in_scene(self, point: Point) -> Point:
         """The same place in the frame of the scene's own cameras, unscaled."""
-        moved = np.asarray(self.pack.worldspace_T_opengl, np.float64) @ np.array([*point, 1.0])
-        return float(moved[0]), float(moved[1]), float(moved[2])
+        return _moved(np.asarray(self.pack.worldspace_T_opengl, np.float64), point)
 
     def measurement(self, measurement: Measurement) -> str:
         """What it measures, in a line."""
@@ -93,20 +104,20 @@ class LengthFormat:
 
 def as_text(pack: Pack, annotations: Annotations) -> str:
     """All measurements, a line each; for the clipboard."""
-    words = LengthFormat(pack, annotations.scale)
+    words = LengthFormat(pack, annotations.scale, annotations.placement)
     return "\n".join(f"{m.kind} {i}: {words.measurement(m)}" for i, m in enumerate(annotations.measurements, 1))
 
 
 def as_csv(pack: Pack, annotations: Annotations) -> str:
-    """A table with a row for each point: x, y, z and lengths in `unit` (grid units where it is empty), scene_* unscaled."""
-    words, text = LengthFormat(pack, annotations.scale), io.StringIO()
+    """A table with a row for each point: x, y, z in the placed frame and lengths in `unit`; scene_* in the training frame."""
+    words, text = LengthFormat(pack, annotations.scale, annotations.placement), io.StringIO()
     factor, places = annotations.scale.factor, MOST_DECIMALS
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
     for i, measurement in enumerate(annotations.measurements, 1):
         pieces = lengths(measurement.points) if measurement.kind == "line" else []
         for j, point in enumerate(measurement.points):
-            where = [f"{value * factor:.{places}f}" for value in point]
+            where = [f"{value:.{places}f}" for value in words.placed(point)]
             scene = [f"{value:.{places}f}" for value in words.in_scene(point)]
             last = j == len(measurement.points) - 1
             length = f"{pieces[j - 1] * factor:.{places}f}" if pieces and j else ""
@@ -116,8 +127,9 @@ def as_csv(pack: Pack, annotations: Annotations) -> str:
     return text.getvalue()
 
 
-Tool = Literal["", "point", "line", "angle", "scale"]
+Tool = Literal["", "point", "line", "angle", "scale", "ground", "origin"]
 TOOLS: tuple[Tool, ...] = get_args(Tool)
+ENDS = {"point": 1, "angle": 3, "ground": 3, "origin": 1}  # points after which the tool is done
 PAGE = "measure"
 
 
@@ -200,7 +212,7 @@ class MeasureTool:
             return
         app.scene.rig.remember()
         self.draft = (*self.draft, point)
-        if self.tool in ("point", "angle") and len(self.draft) == LEAST_POINTS[self.tool]:
+        if len(self.draft) == ENDS.get(self.tool):
             self._keep(app)
 
     def finish(self, app: App) -> bool:
@@ -214,10 +226,23 @@ class MeasureTool:
     def _keep(self, app: App) -> None:
         """Makes the draft a measurement; undone in one step with its last point."""
         annotations = app.annotations.current
-        if self.tool in ("point", "line", "angle") and len(annotations.measurements) < MOST_ANNOTATIONS:
+        if self.tool in ("ground", "origin"):
+            self._place_scene(app)
+        elif self.tool in ("point", "line", "angle") and len(annotations.measurements) < MOST_ANNOTATIONS:
             self.selected = len(annotations.measurements)
             app.annotations.current = annotations.with_measurement(self.selected, Measurement(self.tool, self.draft))
         self.draft = ()
+
+    def _place_scene(self, app: App) -> None:
+        """By the draft: three points of the ground, or the origin."""
+        try:
+            ground = self.tool == "ground"
+            placing.put(app, placing.by_points(app, self.draft) if ground else placing.with_origin(app, self.draft[0]))
+        except UserError as error:
+            app.messages.say(str(error), "warning")
+            return
+        app.messages.say("The ground is level" if ground else "The origin is there")
+        self.tool = ""
 
     def back(self, app: App) -> None:
         """Takes the last point back; without a draft, removes the measurement that is selected."""
@@ -268,7 +293,7 @@ class MeasureTool:
         if not SCALES[0] <= factor <= SCALES[1]:
             raise UserError("no scale follows from these points", expected="two places and a length above 0")
         self.use_scale(app, Scale(factor, self.known_unit))
-        self.tool, self.draft = "line", ()
+        self.tool, self.draft = "line" if app.interface.shows(PAGE) else "", ()
         app.messages.say(f"1 grid unit is {factor:.6g} {self.known_unit}".rstrip())
 
     @staticmethod
@@ -279,7 +304,10 @@ class MeasureTool:
     # Out of the window
 
     def length_format(self, app: App) -> LengthFormat | None:
-        return None if app.scene is None else LengthFormat(app.scene.pack, app.annotations.current.scale)
+        if app.scene is None:
+            return None
+        annotations = app.annotations.current
+        return LengthFormat(app.scene.pack, annotations.scale, annotations.placement)
 
     def copy(self, app: App) -> None:
         """Puts all measurements on the clipboard, as text."""

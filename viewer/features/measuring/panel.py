@@ -59,7 +59,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         _tools(app)
         _list(app, words)
     with card("scale", fonts, "Scale"):
-        _scale(app)
+        show_scale(app)
 
 
 def _cursor(app: App, words: LengthFormat) -> None:
@@ -69,7 +69,7 @@ def _cursor(app: App, words: LengthFormat) -> None:
     figure("Position", words.place(point) if point is not None else "–")
     scene = words.in_scene(point) if point is not None else None
     figure("In the scene", "  ".join(f"{v:.3f}" for v in scene) if scene is not None else "–")
-    hint("From the camera; in the grid's frame, y up; in the frame of the scene's cameras, in its own units.")
+    hint("From the camera; in the placed frame, y up; in the frame of the scene's cameras, in its own units.")
 
 
 def _tools(app: App) -> None:
@@ -77,7 +77,8 @@ def _tools(app: App) -> None:
     picked = segments("tool", list(TITLES), measure_tool.tool, TITLES)
     if picked in ("line", "angle", "point"):
         measure_tool.choose(app, "" if picked == measure_tool.tool else picked)
-    hint(HINTS[measure_tool.tool] + (" Backspace takes a point back, Esc stops." if measure_tool.tool else ""))
+    tool = measure_tool.tool if measure_tool.tool in HINTS else ""  # those of the Move page say it there
+    hint(HINTS[tool] + (" Backspace takes a point back, Esc stops." if tool else ""))
 
 
 def _list(app: App, words: LengthFormat) -> None:
@@ -114,7 +115,8 @@ def _actions(app: App) -> None:
     imgui.new_line()
 
 
-def _scale(app: App) -> None:
+def show_scale(app: App) -> None:
+    """What the scale is, and how it is set: in a card of this page and of the Move page."""
     measure_tool, scale = app.measure_tool, app.annotations.current.scale
     if measure_tool.tool == "scale":
         _known(app)
@@ -223,11 +225,12 @@ def _draft(app: App, screen: Screen, words: LengthFormat, cursor: Point | None) 
         return
     waits = cursor is not None and not (measure_tool.tool == "scale" and len(measure_tool.draft) == 2)
     points = (*measure_tool.draft, cursor) if waits and cursor is not None else measure_tool.draft
-    _line(screen, points, theme.WARN)
+    ground = measure_tool.tool == "ground"
+    _line(screen, (*points, points[0]) if ground and len(points) == 3 else points, theme.WARN)
     if measure_tool.tool == "angle" and len(points) == 3:
         _arc(screen, points, theme.WARN)
         _label_at(screen, points[1], f"{angle(points):.1f}°", below=True)
-    elif len(points) > 1:
+    elif len(points) > 1 and not ground:
         _lengths(screen, words, points)
     elif measure_tool.tool == "point" and points:
         _label_at(screen, points[0], words.place(points[0]), below=True)

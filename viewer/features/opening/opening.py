@@ -164,7 +164,9 @@ class Opening:
         elif app.scene is not None and not app.scene.whole:
             app.refine(app.scene, pack)
             app.scene.whole = True
-            app.scene.rig = app.scene.rig.grown(app.undoable(orbit_camera_for(pack)))
+            finer = app.undoable(orbit_camera_for(pack))
+            finer.stand_in(app.annotations.current.placement.rotation)
+            app.scene.rig = app.scene.rig.grown(finer)
             app.opened()
         else:
             app.show(pack, path)

@@ -17,6 +17,7 @@ import platformdirs
 from console import UserError
 from console.atomic import write_file
 from console.json_text import read_json_file
+from scenepack.placement import NOT_MOVED, allowed
 from viewer.core.annotations import (
     Annotations,
     Bookmark,
@@ -208,9 +209,11 @@ def restore(app: App, session: Session) -> None:
 
 def _apply(app: App, seen: Seen) -> None:
     assert app.scene is not None
+    marks = joined(app.annotations.current, seen.annotations)
+    app.annotations.current = replace(marks, placement=allowed(marks.placement, app.scene.pack))
+    app.scene.rig.stand_in(marks.placement.rotation)
     place(app.scene.rig, seen.camera, orthographic=seen.orthographic)
     app.set(crop=None if app.scene.rig.bounded else seen.crop, near=seen.near)
-    app.annotations.current = joined(app.annotations.current, seen.annotations)
     app.touch()
 
 
@@ -224,12 +227,13 @@ def place(rig: OrbitCamera, view: Bookmark, *, orthographic: bool) -> None:
 
 
 def joined(own: Annotations, other: Annotations) -> Annotations:
-    """Marks of both; scale and look are `own` where those say anything."""
+    """Marks of both; scale, look and placement are `own` where those say anything."""
     scale = own.scale if own.scale != Scale() else other.scale
     measurements = tuple(each for each in other.measurements if each not in own.measurements)
     bookmarks = tuple(each for each in other.bookmarks if each not in own.bookmarks)
     look = own.look or other.look
-    return Annotations(scale, own.measurements + measurements, own.bookmarks + bookmarks, look)
+    placement = own.placement if own.placement != NOT_MOVED else other.placement
+    return Annotations(scale, own.measurements + measurements, own.bookmarks + bookmarks, look, placement)
 
 
 # The one that was open last

@@ -31,12 +31,12 @@ def test_all_choices_of_the_dialog_are_options_of_the_command(kind, tmp_path: Pa
     asked = []
     monkeypatch.setattr(command, "export", lambda *words, **named: None)
     monkeypatch.setattr(command, "run_command", lambda commands, **named: asked.append(named["args"]) or 0)
-    plan = ExportPlan(kind=kind, faces="100,000", spacing="Dense", keep="All", world=True, scale=2.5)
+    plan = ExportPlan(kind=kind, faces="100,000", spacing="Dense", keep="All", frame="world")
     words = plan.arguments(Path("pack"), tmp_path / "a.ply", BOX)
     assert command.main(words) == 0 and asked == [words]
     text = " ".join(words)
     assert "--crop=-1,-1,-1,1,1,1" in text
-    assert ("--scale 2.5" in text and "--frame world" in text) == (kind != "page")
+    assert ("--frame world" in text) == (kind != "page")
     assert ("--faces 100000" in text) == (kind == "mesh") and ("--spacing 0.5" in text) == (kind == "points")
     assert "--crop" not in " ".join(replace(plan, crop=False).arguments(Path("pack"), tmp_path / "a.ply", BOX))
 

@@ -1,0 +1,147 @@
+"""Placement of a scene: the placed frame, in which people use it.
+
+Notation: the placed frame has y up. A point p of the grid frame lies at placed = factor R (p - origin) in it. R is
+placed_R_grid: its rows are the placed frame's axes in the grid frame. factor: placed units per grid unit, the scale of the pack's
+marks (docs/format.md, "Additional keys"). A pack that nobody has moved has the grid frame for its placed frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from scenepack.pack import MOST_LENGTH, Pack
+
+Triple = tuple[float, float, float]
+Rows = tuple[Triple, Triple, Triple]
+
+MARKS = "marks"  # in the pack's "snerg" object: what the viewer's user keeps with the scene
+SCALES = (1e-12, 1e12)  # placed units per grid unit
+Unit = Literal["", "m", "cm", "mm", "in", "ft"]  # "" while it is unknown
+UNITS: tuple[Unit, ...] = get_args(Unit)
+NOT_TURNED: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+SKEWED, ROUNDED = 1e-3, 1e-12  # by which a rotation that was written down may miss one; less is left as it is
+
+
+@dataclass(frozen=True)
+class Placement:
+    """rotation: R, rows. origin: the point of the grid frame where the placed frame begins."""
+
+    rotation: Rows = NOT_TURNED
+    origin: Triple = (0.0, 0.0, 0.0)
+
+    @property
+    def up(self) -> np.ndarray:
+        """What is up, float64 [3], grid frame."""
+        return np.array(self.rotation[1])
+
+    @property
+    def angles(self) -> Triple:
+        """Turn about the placed y axis, tilt about x and roll about z, degrees; R is their product in this order."""
+        turn, tilt, roll = Rotation.from_matrix(np.array(self.rotation)).as_euler("YXZ", degrees=True)
+        return float(turn), float(tilt), float(roll)
+
+    def with_angles(self, turn: float, tilt: float, roll: float) -> Placement:
+        """The same origin, and the rotation that has these angles, degrees."""
+        rotation = Rotation.from_euler("YXZ", [turn, tilt, roll], degrees=True).as_matrix()
+        return Placement(_rows(rotation), self.origin)
+
+    def levelled(self, up: np.ndarray, through: np.ndarray | None = None) -> Placement:
+        """Turned as little as possible, so that `up` (float [3], grid frame, any length) is up.
+
+        through: a point of the ground, float [3], grid frame; the origin moves along `up` to its height.
+        """
+        up = np.asarray(up, np.float64) / np.linalg.norm(up)
+        before = np.array(self.rotation)
+        from_, to = before @ up, np.array([0.0, 1.0, 0.0])
+        axis = np.cross(from_, to)
+        sine, cosine = np.linalg.norm(axis), float(from_ @ to)
+        axis = axis / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])  # as it is, or upside down
+        turned = Rotation.from_rotvec(np.arctan2(sine, cosine) * axis).as_matrix() @ before
+        origin = np.array(self.origin)
+        if through is not None:
+            origin = origin - ((origin - through) @ up) * up
+        return Placement(_rows(turned), _triple(origin))
+
+    def matrix(self, factor: float = 1.0) -> np.ndarray:
+        """placed_T_grid, float64 [4, 4]."""
+        placed_T_grid = np.eye(4)
+        placed_T_grid[:3, :3] = factor * np.array(self.rotation)
+        placed_T_grid[:3, 3] = -placed_T_grid[:3, :3] @ np.array(self.origin)
+        return placed_T_grid
+
+
+NOT_MOVED = Placement()
+
+
+def _triple(vector: np.ndarray) -> Triple:
+    x, y, z = (float(v) + 0.0 for v in vector)  # no -0.0
+    return x, y, z
+
+
+def _rows(rotation: np.ndarray) -> Rows:
+    """The rotation closest to a matrix [3, 3]."""
+    left, _, right = np.linalg.svd(rotation)
+    a, b, c = np.round(left @ right, 15)
+    return _triple(a), _triple(b), _triple(c)
+
+
+def placement_to_json(placement: Placement) -> dict[str, Any]:
+    return {"rotation": [list(row) for row in placement.rotation], "origin": list(placement.origin)}
+
+
+def placement_from_json(value: Any) -> Placement:
+    """ValueError, in words, for what is none."""
+    entries = value if isinstance(value, Mapping) else {"rotation": None}
+    rotation = _array(entries.get("rotation", NOT_TURNED), (3, 3), "a placement's rotation: expected 3 × 3 numbers")
+    origin = _array(entries.get("origin", (0.0, 0.0, 0.0)), (3,), "a placement's origin: expected three numbers")
+    skew = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if skew > SKEWED or np.linalg.det(rotation) < 0:
+        raise ValueError("a placement's rotation: expected a rotation")
+    x, y, z = rotation if skew < ROUNDED else _rows(rotation)
+    return Placement((_triple(x), _triple(y), _triple(z)), _triple(origin))
+
+
+def _array(value: Any, shape: tuple[int, ...], expected: str) -> np.ndarray:
+    try:
+        array = np.asarray(value)
+    except ValueError:  # lists of different lengths
+        raise ValueError(expected) from None
+    if array.shape != shape or array.dtype.kind not in "if" or not (np.abs(array) <= MOST_LENGTH).all():
+        raise ValueError(expected)
+    return array.astype(np.float64)
+
+
+def placement_of(pack: Pack) -> Placement:
+    """Of the pack's own marks; where they say none, or nonsense, that of a pack that nobody has moved."""
+    marks = pack.metadata.get(MARKS)
+    try:
+        found = placement_from_json(marks.get("placement", {})) if isinstance(marks, Mapping) else NOT_MOVED
+    except ValueError:
+        return NOT_MOVED
+    return allowed(found, pack)
+
+
+def allowed(placement: Placement, pack: Pack) -> Placement:
+    """The placement without what the pack cannot have: a forward-facing scene is seen from one side, and is not turned."""
+    return Placement(origin=placement.origin) if pack.ndc else placement
+
+
+def placed_T_grid(pack: Pack) -> np.ndarray:
+    """float64 [4, 4], by the pack's own marks: its placement and its scale."""
+    marks = pack.metadata.get(MARKS)
+    scale = marks.get("scale") if isinstance(marks, Mapping) else None
+    factor = scale.get("factor", 1.0) if isinstance(scale, Mapping) else 1.0
+    fits = isinstance(factor, int | float) and not isinstance(factor, bool) and SCALES[0] <= factor <= SCALES[1]
+    return placement_of(pack).matrix(float(factor) if fits else 1.0)
+
+
+def moved_pose(to_T_from: np.ndarray, from_T_camera: np.ndarray) -> np.ndarray:
+    """to_T_camera, float64 [4, 4]: where a similarity takes a camera; its axes stay of unit length."""
+    moved = to_T_from @ from_T_camera
+    moved[:3, :3] /= np.abs(np.linalg.det(to_T_from[:3, :3])) ** (1.0 / 3.0)
+    return moved

@@ -1,0 +1,108 @@
+"""Move page, and the placed frame's ground in the picture."""
+
+from __future__ import annotations
+
+from math import floor, log10
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import icons_fontawesome_6 as fa
+
+from scenepack.placement import NOT_MOVED, Placement
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.core import theme
+from viewer.core.screen import AXIS_COLOURS, Screen
+from viewer.core.theme import Fonts
+from viewer.core.widgets import Box, card, figure, hint, label, px
+from viewer.features.measuring.panel import show_scale
+from viewer.features.placing import placing
+from viewer.features.placing.placing import PAGE
+from viewer.rendering.canvas import Canvas
+
+WAITS = {"ground": "Click on three points of the ground.", "origin": "Click on the surface that becomes the origin."}
+ANGLES = (("Turn", 180.0), ("Tilt", 90.0), ("Roll", 180.0))  # of Placement.angles, and the most of each, degrees
+
+
+def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+    words = app.measure_tool.length_format(app)
+    if app.scene is None or words is None:
+        return
+    placement = app.annotations.current.placement
+    if not app.scene.rig.bounded:  # that is seen from one side
+        with card("level", fonts, "Level"):
+            _tool_button(app, "ground", f"{fa.ICON_FA_ARROWS_DOWN_TO_LINE}  By three points", "move-ground")
+            if imgui.button(f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Find the ground", ImVec2(-1, 0)):
+                run(app, "move-find-ground")
+            hint("The ground becomes level, at height 0.")
+            _angles(app, placement)
+    with card("origin", fonts, "Origin"):
+        figure("In the grid frame", "  ".join(f"{value:.3f}" for value in placement.origin))
+        _tool_button(app, "origin", f"{fa.ICON_FA_LOCATION_CROSSHAIRS}  By a point", "move-origin")
+    with card("scale", fonts, "Scale"):
+        show_scale(app)
+    with card("placed", fonts, "Placed frame"):
+        hint("Navigation, coordinates, exports and the web page follow. The pack keeps it, and no voxel changes.")
+        imgui.begin_disabled(placement == NOT_MOVED)
+        if imgui.button(f"{fa.ICON_FA_ROTATE_LEFT}  Back to the grid frame", ImVec2(-1, 0)):
+            run(app, "move-reset")
+        imgui.end_disabled()
+
+
+def _tool_button(app: App, tool: str, title: str, command: str) -> None:
+    """A button that waits for clicks, and says so; pressed again, it does not any more."""
+    waits = app.measure_tool.tool == tool
+    if imgui.button("Cancel" if waits else title, ImVec2(-1, 0)):
+        run(app, command)
+    if waits:
+        hint(WAITS[tool])
+
+
+def _angles(app: App, placement: Placement) -> None:
+    assert app.scene is not None
+    angles = list(placement.angles)
+    for i, (name, most) in enumerate(ANGLES):
+        label(name)
+        changed, value = imgui.slider_float(f"##{name}", round(angles[i], 3) + 0.0, -most, most, "%.1f°")
+        if imgui.is_item_activated():
+            app.scene.rig.remember()
+        if changed:
+            angles[i] = min(max(value, -most), most)
+            placing.put(app, placement.with_angles(*angles))
+
+
+# --- The ground in the picture ---
+
+CELLS = 10  # of the grid on the ground, on either side of the origin
+SPAN = 1.2  # of the scene's radius that they reach, at least
+
+
+def draw(app: App, box: Box) -> None:
+    """Draws a grid at height 0 and the axes at the origin while the page is open."""
+    if app.scene is None or not app.interface.shows(PAGE):
+        return
+    rig, annotations = app.scene.rig, app.annotations.current
+    placed = np.array(annotations.placement.rotation)
+    step = _round(SPAN * rig.radius * annotations.scale.factor / CELLS) / annotations.scale.factor
+    origin = np.array(annotations.placement.origin)
+    screen, draw_list = Screen(app, box), imgui.get_window_draw_list()
+    draw_list.push_clip_rect(ImVec2(box[0], box[1]), ImVec2(box[0] + box[2], box[1] + box[3]), True)
+    if not rig.bounded:
+        x, z, edges = *np.meshgrid(*2 * [np.arange(-CELLS, CELLS + 1)], indexing="ij"), []
+        side = 2 * CELLS + 1
+        for i in range(side):  # piece by piece: those that lie before the camera
+            for j in range(side - 1):
+                edges += [(i * side + j, i * side + j + 1), (j * side + i, (j + 1) * side + i)]
+        points = origin + step * (x.reshape(-1, 1) * placed[0] + z.reshape(-1, 1) * placed[2])
+        screen.lines(points, edges, theme.packed(theme.TEXT, 0.35), px(1))
+    for axis, colour in zip(placed, AXIS_COLOURS, strict=True):
+        ends = np.stack([origin, origin + 2 * step * axis])
+        screen.lines(ends, [(0, 1)], theme.packed(theme.BASE, 0.75), px(5))
+        screen.lines(ends, [(0, 1)], theme.packed(colour), px(2.5))
+    draw_list.pop_clip_rect()
+
+
+def _round(length: float) -> float:
+    """The nearest of 1, 2 or 5 times a power of ten at or above a length."""
+    power = 10.0 ** floor(log10(length))
+    return next(times * power for times in (1, 2, 5, 10) if times * power >= length * (1 - 1e-9))
