@@ -24,10 +24,11 @@ from viewer.benchmark.frames import Photographs
 from viewer.core.pose import FARTHEST
 from viewer.features.film.film_export import FILMS, MOST_FPS, films_possible, require_video, write_film
 from viewer.features.film.pictures import EXR, PNG, Pass, parse_modes, passes_for, require_exr, write_exr, write_pngs
+from viewer.features.measuring.surface import depth_in_middle
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 from viewer.rendering.framing import filling_orbit
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import MOST_SAMPLES, Marcher, RenderSettings
+from viewer.rendering.settings import LENS_RAYS, MOST_SAMPLES, Aperture, Marcher, RenderSettings
 from viewer.web.description import annotations_of, with_annotations
 
 DESCRIPTION = "Renders pictures of a pack without a display: one view, an orbit, or the views of photographs."
@@ -39,8 +40,11 @@ ACROSS = {"equirectangular": 360, "vr180": 180}  # degrees that the width of a p
 PANORAMA_HEIGHT = 1024  # pixels
 EXCLUDING = (
     ("--eye", "--orbit", "--scene"), ("--ortho-height", "--scene"), ("--fov", "--projection", "--ortho-height"),
+    ("--aperture", "--projection"), ("--aperture", "--ortho-height"),
 )  # fmt: skip
-NEEDING = {"--target": "--eye", "--up": "--eye", "--index": "--scene", "--eye-distance": "--projection"}
+NEEDING = {
+    "--target": "--eye", "--up": "--eye", "--index": "--scene", "--eye-distance": "--projection", "--focus": "--aperture",
+}  # fmt: skip
 MAY_BE_NEGATIVE = ("--eye", "--target", "--up", "--crop")
 
 
@@ -69,6 +73,9 @@ def render(
     ortho_height: float | None = None,
     projection: Projection = "perspective",
     eye_distance: float | None = None,
+    aperture: float | None = None,
+    focus: float | None = None,
+    lens_rays: int = Aperture.rays,
     crop: str | None = None,
     surroundings: bool = True,
     look: bool = False,
@@ -102,6 +109,9 @@ def render(
         projection: perspective, equirectangular (a 360° picture, twice as wide as high) or vr180 (half of it, for both eyes).
             Such pictures are level; their middle is where the camera looks.
         eye_distance: Render a stereo picture, of eyes so many units apart: left above right, or side by side in vr180.
+        aperture: Blur what is out of focus, as a lens whose opening is so many units of the placed frame across.
+        focus: Distance in focus, along the optical axis, in these units. The default is that of the surface in the middle.
+        lens_rays: Rays through the opening of the lens, 4 ... 4096. More take longer, and are smoother.
         crop: Show only the box x0,y0,z0,x1,y1,z1 of the grid frame.
         surroundings: Show what lies beyond the inner cube of an unbounded scene.
         look: Show colours with the exposure, white balance and saturation that the viewer keeps with the pack.
@@ -111,7 +121,7 @@ def render(
     """
     asked = {
         "--eye": eye, "--target": target, "--up": up, "--orbit": orbit, "--scene": scene, "--index": index, "--fov": fov,
-        "--ortho-height": ortho_height, "--eye-distance": eye_distance,
+        "--ortho-height": ortho_height, "--eye-distance": eye_distance, "--aperture": aperture, "--focus": focus,
         "--projection": None if projection == "perspective" else projection,
     }  # fmt: skip
     _check_choice({option: value for option, value in asked.items() if value is not None})
@@ -119,6 +129,9 @@ def render(
         raise UserError("is out of range", where="--fps", expected=f"1 to {MOST_FPS}", found=fps)
     if not 1 <= samples <= MOST_SAMPLES:
         raise UserError("is out of range", where="--samples", expected=f"1 to {MOST_SAMPLES}", found=samples)
+    if not LENS_RAYS[0] <= lens_rays <= LENS_RAYS[1]:
+        expected = "{} to {}".format(*LENS_RAYS)
+        raise UserError("is out of range", where="--lens-rays", expected=expected, found=lens_rays)
     kind = _kind_of(out)
     transparent, exr = background == TRANSPARENT, EXR in (kind, f".{format}")
     settings = RenderSettings(
@@ -157,11 +170,7 @@ def render(
         views = [(name, (camera.as_orthographic(unit * ortho_height),)) for name, (camera,) in views]
     if projection != "perspective" and pixels:
         upwards = grid_T_placed[:3, :3] @ (parse_point(up, "--up") if up else (0.0, 1.0, 0.0))
-        places = (0.0,) if eye_distance is None else (-0.5 * unit * eye_distance, 0.5 * unit * eye_distance)
-        views = [
-            (name, tuple(camera.as_panorama(pixels, upwards, ACROSS[projection], place) for place in places))
-            for name, (camera,) in views
-        ]
+        views = _panoramas(views, pixels, upwards, ACROSS[projection], eye_distance and unit * eye_distance)
     if kind in (PNG, EXR) and len(views) > 1 and not sheet:
         raise UserError(
             f"cannot hold {len(views)} pictures",
@@ -171,7 +180,8 @@ def render(
     if len({(camera.width, camera.height) for _, (camera, *_) in views}) > 1 and kind in FILMS:
         raise UserError("the photographs differ in size", where=scene, remedy="choose one with --size")
     with _written_by_us_alone(out), OffscreenRenderer(loaded, marcher) as renderer:
-        drawn = _drawn(renderer, views, passes, beside=projection == "vr180")
+        lens = None if aperture is None else Aperture(unit * aperture, unit * (focus or 0.0), lens_rays)
+        drawn = _drawn(renderer, views, passes, lens, beside=projection == "vr180")
         if kind in FILMS:
             write_film(out, (pictures[0] for _, pictures in drawn), fps)
             print(out)
@@ -189,6 +199,14 @@ def render(
             else:
                 files = write_pngs(files[0], passes, pictures)
             print(*files, sep="\n")
+
+
+def _panoramas(
+    views: list[View], size: tuple[int, int], up: np.ndarray, across: float, between: float | None
+) -> list[View]:
+    """Of the same places. across: degrees of the width. between: two eyes, grid units; None for one."""
+    places = (0.0,) if between is None else (-0.5 * between, 0.5 * between)
+    return [(name, tuple(camera.as_panorama(size, up, across, place) for place in places)) for name, (camera,) in views]
 
 
 @contextmanager
@@ -222,6 +240,9 @@ def _check_choice(given: Mapping[str, Any]) -> None:
         raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
     if not 0 < height < FARTHEST:
         raise UserError("is not a height", where="--ortho-height", expected="grid units above 0", found=height)
+    for option in ("--aperture", "--focus"):
+        if not 0 < given.get(option, 1.0) < FARTHEST:
+            raise UserError("is not a length", where=option, expected="above 0", found=given[option])
     if not 0 < between < FARTHEST:
         raise UserError("is not a distance", where="--eye-distance", expected="grid units above 0", found=between)
     if given.get("--projection") == "vr180" and "--eye-distance" not in given:
@@ -310,19 +331,35 @@ def _check_passes(passes: list[Pass], out: Path, kind: str, exr: bool) -> None:
 
 
 def _drawn(
-    renderer: OffscreenRenderer, views: list[View], passes: list[Pass], *, beside: bool
+    renderer: OffscreenRenderer, views: list[View], passes: list[Pass], lens: Aperture | None, *, beside: bool
 ) -> Iterator[tuple[View, list[np.ndarray]]]:
     with progress("rendering", len(views)) as bar:
         for view in views:
-            draws = [renderer.render_raw if each.floats else renderer.render for each in passes]
-            yield (
-                view,
-                [
-                    np.concatenate([draw(camera, each.settings) for camera in view[1]], axis=int(beside))
-                    for draw, each in zip(draws, passes, strict=True)
-                ],
-            )
+            name, cameras = view
+            sharp = None if lens is None else _focused(renderer.pack, name, cameras[0], passes[0].settings, lens)
+            pictures = []
+            for each in passes:
+                draw, settings = (
+                    renderer.render_raw if each.floats else renderer.render,
+                    replace(each.settings, aperture=sharp),
+                )
+                pictures.append(np.concatenate([draw(camera, settings) for camera in cameras], axis=int(beside)))
+            yield view, pictures
             bar.advance()
+
+
+def _focused(pack: Pack, name: str, camera: ViewCamera, settings: RenderSettings, lens: Aperture) -> Aperture:
+    """The aperture with its focus on the surface in the middle of a view, unless it has one. UserError where it can have none."""
+    if any(camera.distortion):
+        raise UserError(
+            "is of a lens that distorts, which has no depth of field here", where=name, remedy="leave out --aperture"
+        )
+    if lens.focus:
+        return lens
+    focus = depth_in_middle(pack, camera, settings)
+    if focus is None:
+        raise UserError("shows no surface in its middle to focus on", where=name, remedy="add --focus DISTANCE")
+    return replace(lens, focus=focus)
 
 
 GAP = 8  # pixels between the pictures of a sheet

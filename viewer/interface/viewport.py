@@ -160,6 +160,8 @@ def _click(app: App, x: float, y: float) -> None:
         app.making.pick_ground(app, x, y)
     elif app.bookmarks.placing and _mouse_state.button == LEFT:
         app.bookmarks.place(app, x, y)
+    elif app.filming.focusing and _mouse_state.button == LEFT:
+        app.filming.focus_at(app, x, y)
     elif _mouse_state.holds == "mark" and _mouse_state.under.mark is not None:
         app.measure_tool.click_point(app, *_mouse_state.under.mark)
     elif app.measure_tool.tool and _mouse_state.button == LEFT:

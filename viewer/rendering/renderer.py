@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import inf
 from typing import Any
 
@@ -31,7 +32,13 @@ SHADED_MODES = ("normal", "view-dependent")
 NORMAL_REACH = 1.0  # voxels; see shaders/composite.glsl
 LEAST_HALVED = 64  # voxels along the grid's longest side; smaller packs are not halved
 MODES_WITH_LOOK = ("normal", "diffuse")
+MODES_WITH_BLUR = ("normal", "diffuse", "features", "view-dependent", "alpha")
 MODES_OVER_BACKGROUND = ("normal", "diffuse", "macroblocks", "atlas")  # the others are black where there is nothing
+
+
+def blurs(settings: RenderSettings) -> bool:
+    """Whether an aperture blurs such a picture: one of colours or opacity, and not one of numbers or of what it cost."""
+    return settings.mode in MODES_WITH_BLUR and not settings.counts
 
 
 def _layout(marcher: str) -> str:
@@ -141,7 +148,9 @@ class Renderer:
             raise ValueError("a forward-facing pack has no orthographic view: its warp begins at one point")
         if viewport[2:] != (camera.width, camera.height):
             camera = camera.resized(*viewport[2:])
-        if settings.samples > 1:
+        if settings.samples > 1 or (settings.aperture is not None and blurs(settings)):
+            if not blurs(settings):
+                settings = replace(settings, aperture=None)
             self._supersampling.draw(self.render, framebuffer, camera, settings, viewport)
             return
         scene = self.scene(settings.marcher)

@@ -23,6 +23,7 @@ Mode = Literal[
 Marcher = Literal["exact", "paper", "brute"]
 MODES: tuple[str, ...] = get_args(Mode)
 MOST_SAMPLES = 16  # along each side of a pixel
+LENS_RAYS = (4, 4096)  # of an aperture, least and most
 MARCHERS: tuple[str, ...] = get_args(Marcher)
 
 
@@ -63,6 +64,15 @@ LOOKS = {
 
 
 @dataclass(frozen=True)
+class Aperture:
+    """The opening of a lens: what lies away from the plane in focus is blurred (viewer.rendering.supersampling)."""
+
+    diameter: float  # grid units
+    focus: float  # from the camera to the plane in focus, along the optical axis, grid units
+    rays: int = 64  # through points of the opening, whose mean is shown
+
+
+@dataclass(frozen=True)
 class RenderSettings:
     """How to draw a pack; every field may change from frame to frame, some at the price of compiling a shader."""
 
@@ -75,6 +85,7 @@ class RenderSettings:
     crop: Corners | None = None  # of a box in the grid frame outside of which nothing is shown
     surroundings: bool = True  # whether what lies beyond the inner cube of a contracted pack is shown
     samples: int = 1  # rays along each side of a pixel, whose mean is shown (viewer.rendering.supersampling)
+    aperture: Aperture | None = None  # of pictures that have colours or opacity; None: all is sharp
     cost_scale: float = 64.0  # the count shown brightest in the modes samples and jumps
     counts: bool = False  # draw each ray's costs as numbers: samples fetched, jumps, opacity; for float32 framebuffers
     raw: bool = False  # numbers with opacity, for float32 framebuffers of four components (viewer.rendering.layers)

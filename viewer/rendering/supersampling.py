@@ -1,34 +1,54 @@
-"""Anti-aliasing: the mean of n × n rays a pixel, for pictures and films.
+"""Anti-aliasing and depth of field: the mean of many rays a pixel, for pictures and films.
 
 A pixel's rays go through the middles of n × n equal parts of it. What they show is what a picture of n times the width and
 height shows; its float values, before any rounding, are averaged over each pixel (a box filter). Colours are
 display-referred and premultiplied by opacity over the background (docs/rendering.md), so that the mean of rays is the
 mean of light as these pictures have it. The larger picture is drawn in tiles, so that memory does not grow with n.
+
+With an aperture, the same is drawn from points that lie evenly in the opening of a thin lens, by cameras that see the plane in
+focus at the same pixels, and the mean of all is taken.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import cos, pi, sin, sqrt
 
 import moderngl
 
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.opengl import Drawing, free_framebuffer, new_framebuffer
-from viewer.rendering.settings import RenderSettings, of_picture
+from viewer.rendering.settings import Aperture, RenderSettings, of_picture
 from viewer.rendering.shader_source import assemble
 
 Box = tuple[int, int, int, int]  # x, y, width, height in pixels, from the lower left corner
 Draw = Callable[[moderngl.Framebuffer, ViewCamera, RenderSettings, Box], None]
 TILE = 1024  # rays a side that are drawn at once
+GOLDEN_ANGLE = pi * (3.0 - sqrt(5.0))
+
+
+def lens_cameras(camera: ViewCamera, aperture: Aperture) -> list[ViewCamera]:
+    """Cameras at points of the opening. ValueError for a camera without perspective, or through a lens that distorts."""
+    if camera.orthographic or any(camera.distortion) or camera.is_panorama:
+        raise ValueError("depth of field needs a perspective camera without distortion")
+    cameras = []
+    for i in range(aperture.rays):  # a sunflower's spiral: equal areas
+        radius, turn = 0.5 * aperture.diameter * sqrt((i + 0.5) / aperture.rays), GOLDEN_ANGLE * i
+        right, up = radius * cos(turn), radius * sin(turn)
+        matrix = camera.grid_T_camera.copy()
+        matrix[:3, 3] += right * matrix[:3, 0] + up * matrix[:3, 1]
+        cx, cy = camera.cx + camera.fx * right / aperture.focus, camera.cy - camera.fy * up / aperture.focus
+        cameras.append(replace(camera, grid_T_camera=matrix, cx=cx, cy=cy))
+    return cameras
 
 
 class Supersampling:
-    """Draws pictures with settings.samples > 1 by way of larger ones, in the OpenGL context `ctx`."""
+    """Draws pictures with settings.samples > 1 by way of larger ones, in the OpenGL context `ctx`; and those with an aperture."""
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
-        self._rays: moderngl.Framebuffer | None = None
+        self._targets: dict[int, moderngl.Framebuffer] = {}
         self._filters: dict[int, Drawing] = {}
 
     def draw(
@@ -40,18 +60,34 @@ class Supersampling:
         """
         n, (left, bottom, width, height) = settings.samples, viewport
         settings = of_picture(settings, camera.height, camera.fy)
-        one, side = replace(settings, samples=1), max(1, TILE // n)
-        larger = camera.resized(n * width, n * height)
+        one, side = replace(settings, samples=1, aperture=None), max(1, TILE // n)
+        cameras = [camera] if settings.aperture is None else lens_cameras(camera, settings.aperture)
+        larger = [each.resized(n * width, n * height) for each in cameras]
+        count = n * n * len(cameras)
         for y in range(0, height, side):
             for x in range(0, width, side):
                 w, h = min(side, width - x), min(side, height - y)
                 below = height - y - h  # rows between the tile and the picture's lower edge
-                part = replace(larger, width=n * w, height=n * h, cx=larger.cx - n * x, cy=larger.cy - n * y)
-                rays = self._target(n * min(side, width), n * min(side, height))
-                draw(rays, part, one, (0, 0, n * w, n * h))
-                self._average(rays, n, framebuffer, (left + x, bottom + below, w, h))
+                box, rays = (
+                    (left + x, bottom + below, w, h),
+                    self._target(0, n * min(side, width), n * min(side, height)),
+                )
+                mean, at = framebuffer, box
+                if len(cameras) > 1:
+                    mean, at = self._target(1, min(side, width), min(side, height)), (0, 0, w, h)
+                    mean.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
+                    mean.clear()
+                for each in larger:
+                    part = replace(each, width=n * w, height=n * h, cx=each.cx - n * x, cy=each.cy - n * y)
+                    draw(rays, part, one, (0, 0, n * w, n * h))
+                    self._average(rays, n, count, mean, at)
+                if mean is not framebuffer:
+                    self._average(mean, 1, 1, framebuffer, box)
 
-    def _average(self, rays: moderngl.Framebuffer, n: int, framebuffer: moderngl.Framebuffer, box: Box) -> None:
+    def _average(
+        self, rays: moderngl.Framebuffer, n: int, count: int, framebuffer: moderngl.Framebuffer, box: Box
+    ) -> None:
+        """Puts sums of n × n rays, divided by `count`, into a box; adds them where that is only a part of a pixel's rays."""
         if n not in self._filters:
             fragment = assemble("box_filter.frag", {"SAMPLES": n})
             self._filters[n] = Drawing(self.ctx, assemble("fullscreen.vert"), fragment)
@@ -60,27 +96,29 @@ class Supersampling:
         framebuffer.viewport = box
         framebuffer.color_mask = (True, True, True, True)
         framebuffer.depth_mask = False
-        self.ctx.enable_only(moderngl.NOTHING)
+        adds = count > n * n
+        self.ctx.enable_only(moderngl.BLEND if adds else moderngl.NOTHING)
+        if adds:
+            self.ctx.blend_func = moderngl.ONE, moderngl.ONE
         self.ctx.clear_samplers(0, 1)
         rays.color_attachments[0].use(0)  # type: ignore[union-attr]
-        self._filters[n].write({"corner": box[:2]})
+        self._filters[n].write({"corner": box[:2], "count": float(count)})
         self._filters[n].draw(3)
+        self.ctx.enable_only(moderngl.NOTHING)
 
-    def _target(self, width: int, height: int) -> moderngl.Framebuffer:
-        """A float framebuffer of at least this size."""
-        there = self._rays
+    def _target(self, number: int, width: int, height: int) -> moderngl.Framebuffer:
+        """One of two float framebuffers, of at least this size."""
+        there = self._targets.get(number)
         if there is None or there.width < width or there.height < height:
-            self._free()
-            self._rays = there = new_framebuffer(self.ctx, width, height, "f4")
+            if there is not None:
+                free_framebuffer(there)
+            self._targets[number] = there = new_framebuffer(self.ctx, width, height, "f4")
         return there
 
-    def _free(self) -> None:
-        if self._rays is not None:
-            free_framebuffer(self._rays)
-        self._rays = None
-
     def release(self) -> None:
-        self._free()
+        for target in self._targets.values():
+            free_framebuffer(target)
+        self._targets = {}
         for drawing in self._filters.values():
             drawing.release()
         self._filters = {}

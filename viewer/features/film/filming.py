@@ -12,13 +12,15 @@ import numpy as np
 from PIL import Image
 
 from console import UserError
+from viewer.core.annotations import Point
 from viewer.core.files import FileRequest
-from viewer.core.pose import fitted, view_camera
+from viewer.core.pose import fitted, triple, view_camera
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
 from viewer.features.film.film_export import Export, Layers
 from viewer.features.film.pictures import EXR, passes_for
+from viewer.features.measuring.surface import depth_in_middle, depth_of
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.settings import Mode
+from viewer.rendering.settings import Aperture, Mode
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -37,7 +39,8 @@ STILL_MODES: dict[Mode, str] = {
     "diffuse": "Diffuse colour",
 }  # besides the picture
 COPY = Path("the clipboard")
-KEPT = ("size", "panorama", "fps", "samples", "besides", "transparent")
+KEPT = ("size", "panorama", "fps", "samples", "besides", "transparent", "lens_rays")
+LENS_QUALITY = {"Draft": 16, "Good": 64, "Fine": 256}  # rays through the opening of the lens
 SAMPLES = {"Off": 1, "2 × 2": 2, "4 × 4": 4}  # rays per pixel
 
 
@@ -55,6 +58,10 @@ class Filming:
     samples: int = 1  # rays along each side of a pixel; see RenderSettings
     besides: tuple[Mode, ...] = ()  # modes that a still is saved in besides the one that is shown
     transparent: bool = False  # stills have no background
+    aperture: float = 0.0  # of stills: diameter of the opening of the lens, of the scene's radius; 0: all is sharp
+    lens_rays: int = LENS_QUALITY["Good"]
+    focus: Point | None = None  # what is in focus, grid frame; None: what is in the middle of the picture
+    focusing: bool = False  # a click chooses it
     export: Export | None = None
     _held: ViewCamera | None = None  # what playing showed last
 
@@ -178,7 +185,31 @@ class Filming:
         elif seen is not None:
             camera = fitted(seen, self.size, seen.near)  # its height stays, or its width in a narrower one
         if camera is not None:
-            self._start(app, [self._view(app, camera)], target, still=True)
+            lens = None if self.panorama else self._lens(app, camera)
+            self._start(app, [self._view(app, camera)], target, still=True, lens=lens)
+
+    def focus_at(self, app: App, x: float, y: float) -> None:
+        """Focuses on the surface under a point of the viewport (window units from its corner)."""
+        hit, words = app.measure_tool.look_at(app, x, y), app.measure_tool.length_format(app)
+        if hit is None or words is None:
+            app.messages.say("There is no surface under the cursor")
+            return
+        self.focus, self.focusing = triple(hit.point), False
+        app.messages.say(f"In focus: {words.length(hit.distance)} away")
+
+    def _lens(self, app: App, camera: ViewCamera) -> Aperture | None:
+        """Of a still. UserError where the camera can have none."""
+        if not self.aperture or app.scene is None:
+            return None
+        if camera.orthographic or any(camera.distortion):
+            raise UserError("depth of field needs perspective without a distorting lens", remedy="switch it off")
+        pack, settings = app.scene.pack, app.settings
+        focus = (
+            depth_in_middle(pack, camera, settings) if self.focus is None else depth_of(camera, np.array(self.focus))
+        )
+        if focus is None or focus <= 0:
+            raise UserError("there is nothing to focus on", remedy="click on what shall be in focus")
+        return Aperture(self.aperture * app.scene.rig.radius, focus, self.lens_rays)
 
     def ask_for_still(self, app: App) -> None:
         name = f"{app.scene.name}.png" if app.scene is not None else "picture.png"
@@ -199,7 +230,9 @@ class Filming:
         cameras = [view_camera(matrix, fov, self.size, near) for matrix, fov in self.path.sample(self.fps)]
         self._start(app, [self._view(app, camera) for camera in cameras], target)
 
-    def _start(self, app: App, cameras: list[ViewCamera], target: Path, *, still: bool = False) -> None:
+    def _start(
+        self, app: App, cameras: list[ViewCamera], target: Path, *, still: bool = False, lens: Aperture | None = None
+    ) -> None:
         if self.export is not None:
             raise UserError("another export is still running", remedy="cancel it or wait for it")
         if app.canvas is None or app.scene is None:
@@ -209,7 +242,8 @@ class Filming:
         if not app.scene.whole:
             raise UserError("the scene is still being read", remedy="wait until it is complete")
         side = max(app.resolution.tile_side() // self.samples, SMALLEST_TILE)
-        settings = replace(app.picture_settings, samples=self.samples)
+        side = side if lens is None else max(round(side / lens.rays**0.5), SMALLEST_TILE)
+        settings = replace(app.picture_settings, samples=self.samples, aperture=lens)
         layers = None
         exr = target.suffix.lower() == EXR
         if still and (exr or self.besides or self.transparent):

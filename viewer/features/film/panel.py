@@ -26,16 +26,18 @@ from viewer.core.widgets import (
     main_button,
     px,
     segments,
+    slider,
     switch,
     tip,
     two_buttons,
 )
 from viewer.features.bookmarks.panel import changed_by_buttons, row
 from viewer.features.film.film_export import FILMS, films_possible
-from viewer.features.film.filming import PANORAMA_SIZES, SAMPLES, SIZES, STILL_MODES, Filming
+from viewer.features.film.filming import LENS_QUALITY, PANORAMA_SIZES, SAMPLES, SIZES, STILL_MODES, Filming
 from viewer.rendering.canvas import Canvas
 
 LIST_HEIGHT = 180.0
+APERTURES, USUAL_APERTURE = (0.1, 20.0), 0.03  # of the scene's radius: percent, least and most; share
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
@@ -139,6 +141,8 @@ def _still(app: App, filming: Filming) -> None:
         tip(f"Save this as well: NAME_{mode}.png, or a channel of the OpenEXR file")
         if on != (mode in filming.besides):
             filming.besides = tuple(m for m in STILL_MODES if (m in filming.besides) != (m == mode))
+    if not filming.panorama:
+        _depth_of_field(app, filming)
     imgui.begin_disabled(filming.export is not None)
     if main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", -1):
         filming.ask_for_still(app)
@@ -146,6 +150,31 @@ def _still(app: App, filming: Filming) -> None:
         run(app, "copy-picture")
     imgui.end_disabled()
     tip("The picture as it is shown, to the clipboard")
+
+
+def _depth_of_field(app: App, filming: Filming) -> None:
+    if switch("blur", filming.aperture > 0, "Depth of field") != (filming.aperture > 0):
+        filming.aperture = 0.0 if filming.aperture else USUAL_APERTURE
+        filming.focusing = False
+    tip("Blurs the saved view where it is out of focus, as a lens does")
+    if not filming.aperture:
+        return
+    label("Aperture")
+    flags = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
+    filming.aperture = slider("aperture", filming.aperture, *APERTURES, "%.2f %%", times=100.0, flags=flags)
+    tip("Diameter of the opening, of the scene's radius")
+    label("Quality")
+    now = next((name for name, rays in LENS_QUALITY.items() if rays == filming.lens_rays), "")
+    filming.lens_rays = (
+        LENS_QUALITY[picked] if (picked := segments("rays", list(LENS_QUALITY), now)) else filming.lens_rays
+    )
+    titles = ("Click on a surface" if filming.focusing else "Choose the focus", "The middle")
+    pressed = two_buttons(f"{titles[0]}###focus", titles[1])
+    if pressed == 0:
+        filming.focusing = not filming.focusing
+    elif pressed == 1:
+        filming.focus, filming.focusing = None, False
+    hint("In focus: the middle of the picture." if filming.focus is None else "In focus: the chosen place.")
 
 
 def _export(app: App, filming: Filming) -> None:

@@ -106,6 +106,17 @@ def surface_at(pack: Pack, camera: ViewCamera, settings: RenderSettings, x: floa
     return Hit(origin + distance * direction, distance, line.places(np.array([u]))[0])
 
 
+def depth_in_middle(pack: Pack, camera: ViewCamera, settings: RenderSettings) -> float | None:
+    """How far along the optical axis what is seen in the middle of the picture lies, grid units; None for nothing."""
+    hit = surface_at(pack, camera, settings, 0.5 * camera.width, 0.5 * camera.height)
+    return None if hit is None else depth_of(camera, hit.point)
+
+
+def depth_of(camera: ViewCamera, point: np.ndarray) -> float:
+    """How far along the optical axis a point (float [3], grid frame) lies, grid units; below 0 behind the camera."""
+    return float((camera.position - point) @ camera.grid_T_camera[:3, 2])
+
+
 def _straight(pack: Pack, origin: np.ndarray, direction: np.ndarray, near: float) -> _Line | _ContractedRay:
     if pack.contraction is not None:
         path = path_of(origin[None] / pack.contraction, direction[None], np.array([near / pack.contraction]))

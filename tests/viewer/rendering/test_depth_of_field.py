@@ -1,0 +1,118 @@
+"""Depth of field: what is in focus stays as it is, and the rest is blurred as a thin lens blurs it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenepack import Pack, save_pack
+from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
+from tests.viewer.commands.test_commands import picture
+from tests.viewer.conftest import BLENDER
+from viewer.commands import render
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.settings import Aperture, RenderSettings
+from viewer.rendering.supersampling import lens_cameras
+
+SIDE, BLOCK = 60, 15
+NEAR_BAR, FAR_BAR = 0.5, -0.7  # z of two upright bars, left and right
+
+
+def bars() -> Pack:
+    z, y, x = np.mgrid[:SIDE, :SIDE, :SIDE] * (2 / SIDE) - 1 + 1 / SIDE
+    rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
+    for at, side in ((NEAR_BAR, -0.3), (FAR_BAR, 0.4)):
+        rgba[(np.abs(x - side) < 0.15) & (np.abs(z - at) < 0.05) & (np.abs(y) < 0.8)] = (0, 0, 0, 255)
+    return pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, BLENDER)
+
+
+def edge_widths(row: np.ndarray) -> tuple[float, float]:
+    """How many pixels the left and the right bar's outer edge take to go from white to black, of a row of grey, 0 … 1."""
+    half = len(row) // 2
+    return float(((row[:half] > 0.1) & (row[:half] < 0.9)).sum()), float(
+        ((row[half:] > 0.1) & (row[half:] < 0.9)).sum()
+    )
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    with OffscreenRenderer(bars()) as each:
+        yield each
+
+
+CAMERA = ViewCamera.look_at((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_degrees=40.0, size=(240, 120))
+
+
+def test_the_plane_in_focus_stays_sharp_and_the_rest_blurs_by_the_lens_equation(renderer) -> None:
+    sharp = renderer.render(CAMERA)[60, :, 0] / 255
+    widths = {}
+    for name, focus in (("near", 3.0 - NEAR_BAR), ("far", 3.0 - FAR_BAR)):
+        aperture = Aperture(0.4, focus, 256)
+        widths[name] = edge_widths(renderer.render(CAMERA, RenderSettings(aperture=aperture))[60, :, 0] / 255)
+    own = edge_widths(sharp)
+    assert widths["near"][0] <= own[0] + 3 and widths["far"][1] <= own[1] + 3
+    # the circle of confusion: diameter · f · |1 / depth - 1 / focus|, of which 10 … 90 % of light takes 0.69 across an edge
+    confusion = 0.4 * CAMERA.fx * abs(1 / (3.0 - FAR_BAR) - 1 / (3.0 - NEAR_BAR))
+    for found in (widths["near"][1], widths["far"][0]):
+        assert found == pytest.approx(2 * 0.69 * confusion, rel=0.25), (found, confusion)
+
+
+def test_the_picture_is_the_mean_of_exact_renders_from_the_lens(renderer) -> None:
+    aperture = Aperture(0.3, 2.6, 9)
+    cameras = lens_cameras(CAMERA, aperture)
+    mean = np.mean([renderer.render_float(camera, RenderSettings(samples=2)) for camera in cameras], axis=0)
+    found = renderer.render_float(CAMERA, RenderSettings(samples=2, aperture=aperture))
+    assert np.abs(found - mean).max() < 1e-3 and np.abs(found - renderer.render_float(CAMERA)).max() > 0.2
+    raw = renderer.render_raw(CAMERA, RenderSettings(raw=True, aperture=aperture))
+    assert ((raw[..., 3] > 0.05) & (raw[..., 3] < 0.95)).sum() > 500  # opacity blurs with the colours
+    depth = RenderSettings(mode="depth")
+    assert np.array_equal(renderer.render(CAMERA, depth), renderer.render(CAMERA, replace(depth, aperture=aperture)))
+
+
+def test_lens_points_cover_the_opening_evenly() -> None:
+    moved = np.array([camera.position[:2] for camera in lens_cameras(CAMERA, Aperture(2.0, 1.0, 1000))])
+    radius = np.linalg.norm(moved, axis=1)
+    assert radius.max() <= 1.0 and np.abs(moved.mean(axis=0)).max() < 0.01
+    assert (radius < np.sqrt(0.5)).mean() == pytest.approx(0.5, abs=0.01)  # half of the area
+
+
+def test_cameras_without_a_perspective_have_none(renderer) -> None:
+    for camera in (CAMERA.as_orthographic(2.0), CAMERA.as_panorama((64, 32))):
+        with pytest.raises(ValueError, match="perspective"):
+            renderer.render(camera, RenderSettings(aperture=Aperture(0.1, 2.0, 4)))
+
+
+# The command
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> str:
+    save_pack(bars(), tmp_path / "bars")
+    return str(tmp_path / "bars")
+
+
+def test_the_command_focuses_on_the_middle_or_at_a_distance(folder: str, tmp_path: Path) -> None:
+    words = ["--eye", "-0.3,0,3", "--target", "-0.3,0,0", "--size", "240x120", "--aperture", "0.4"]
+    pictures = {}
+    for name, more in (("middle", []), ("far", ["--focus", str(3.0 - FAR_BAR)])):
+        out = tmp_path / f"{name}.png"
+        assert render.main([folder, "--out", str(out), *words, *more]) == 0
+        pictures[name] = picture(out)[60, :, 0] / 255.0
+    assert edge_widths(pictures["middle"])[0] < edge_widths(pictures["far"])[0] - 3
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [(["--focus", "2"], "needs --aperture"), (["--aperture", "0"], "--aperture"), (["--aperture", "nan"], "--aperture"),
+     (["--aperture", "0.1", "--focus", "-1"], "--focus"), (["--aperture", "0.1", "--lens-rays", "2"], "--lens-rays"),
+     (["--aperture", "0.1", "--ortho-height", "2"], "exclude each other"),
+     (["--aperture", "0.1", "--eye", "0,0,3", "--target", "0,0,9"], "--focus")],
+)  # fmt: skip
+def test_an_aperture_that_makes_no_sense_is_one_line(folder, tmp_path, words, told, capsys) -> None:
+    assert render.main([folder, "--out", str(tmp_path / "a.png"), "--size", "40x30", *words]) == 2
+    err = capsys.readouterr().err
+    assert told in err and not (tmp_path / "a.png").exists()
