@@ -21,7 +21,9 @@ from scenepack import Pack, load_pack
 from scenepack.placement import placed_T_grid
 from training.scenes import picture_stems
 from viewer.benchmark.frames import Photographs
+from viewer.core.annotations import Annotations
 from viewer.core.pose import FARTHEST
+from viewer.features.bookmarks.place_labels import with_places
 from viewer.features.film.film_export import FILMS, MOST_FPS, films_possible, require_video, write_film
 from viewer.features.film.pictures import EXR, PNG, Pass, parse_modes, passes_for, require_exr, write_exr, write_pngs
 from viewer.features.measuring.surface import depth_in_middle
@@ -79,6 +81,7 @@ def render(
     crop: str | None = None,
     surroundings: bool = True,
     look: bool = False,
+    places: bool = False,
     samples: int = 1,
     sheet: bool = False,
     fps: int = 30,
@@ -115,6 +118,7 @@ def render(
         crop: Show only the box x0,y0,z0,x1,y1,z1 of the grid frame.
         surroundings: Show what lies beyond the inner cube of an unbounded scene.
         look: Show colours with the exposure, white balance and saturation that the viewer keeps with the pack.
+        places: Draw the numbers and titles of the places that were annotated in the viewer.
         samples: Rays along each side of a pixel: 4 averages 4 x 4 rays per pixel (anti-aliasing).
         sheet: Put all views side by side on one picture, FILE.png.
         fps: Frames per second of a film.
@@ -143,6 +147,8 @@ def render(
     )
     passes = passes_for(parse_modes(mode), settings, transparent=transparent, exr=exr)
     _check_passes(passes, out, kind, exr)
+    if places and passes[0].floats:
+        raise UserError("needs pictures with a background, as .png or a film", where="--places")
     if sheet and (kind != PNG or passes[0].floats):
         raise UserError("is no contact sheet", where=out, expected="FILE.png, with a background")
     pixels = _size(size, projection)
@@ -181,7 +187,7 @@ def render(
         raise UserError("the photographs differ in size", where=scene, remedy="choose one with --size")
     with _written_by_us_alone(out), OffscreenRenderer(loaded, marcher) as renderer:
         lens = None if aperture is None else Aperture(unit * aperture, unit * (focus or 0.0), lens_rays)
-        drawn = _drawn(renderer, views, passes, lens, beside=projection == "vr180")
+        drawn = _drawn(renderer, views, passes, lens, annotated=places, beside=projection == "vr180")
         if kind in FILMS:
             write_film(out, (pictures[0] for _, pictures in drawn), fps)
             print(out)
@@ -331,19 +337,30 @@ def _check_passes(passes: list[Pass], out: Path, kind: str, exr: bool) -> None:
 
 
 def _drawn(
-    renderer: OffscreenRenderer, views: list[View], passes: list[Pass], lens: Aperture | None, *, beside: bool
+    renderer: OffscreenRenderer,
+    views: list[View],
+    passes: list[Pass],
+    lens: Aperture | None,
+    *,
+    annotated: bool,
+    beside: bool,
 ) -> Iterator[tuple[View, list[np.ndarray]]]:
+    annotations = annotations_of(renderer.pack) if annotated else Annotations()
     with progress("rendering", len(views)) as bar:
         for view in views:
             name, cameras = view
             sharp = None if lens is None else _focused(renderer.pack, name, cameras[0], passes[0].settings, lens)
             pictures = []
             for each in passes:
-                draw, settings = (
-                    renderer.render_raw if each.floats else renderer.render,
-                    replace(each.settings, aperture=sharp),
-                )
-                pictures.append(np.concatenate([draw(camera, settings) for camera in cameras], axis=int(beside)))
+                settings = replace(each.settings, aperture=sharp)
+                draw = renderer.render_raw if each.floats else renderer.render
+                eyes = [draw(camera, settings) for camera in cameras]
+                if not pictures and annotations.bookmarks:
+                    eyes = [
+                        with_places(eye, renderer.pack, camera, settings, annotations)
+                        for eye, camera in zip(eyes, cameras, strict=True)
+                    ]
+                pictures.append(np.concatenate(eyes, axis=int(beside)))
             yield view, pictures
             bar.advance()
 

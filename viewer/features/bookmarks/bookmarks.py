@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from console import UserError
+from scenepack.pack import Pack
 from viewer.core.annotations import MOST_ANNOTATIONS, Bookmark, Point, named, worded
 from viewer.core.pose import MAX_ELEVATION, Pose, Turntable, project, triple, view_camera
 from viewer.features.camera.orbit_camera import FOVS, OrbitCamera
 from viewer.features.film.camera_path import CameraPath, Keyframe
 from viewer.features.measuring.surface import surface_at
-from viewer.rendering.camera import ray_through
+from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
 
@@ -42,6 +43,15 @@ def pose_of(bookmark: Bookmark, table: Turntable) -> Pose:
 
 COVERED_S, PAUSE_S = 0.004, 0.05  # for finding out which places are covered, and before that is done again
 TOLERANCE = 4.0, 0.02  # by which something lies before a place that it covers: voxels, and of the place's distance
+
+
+def is_covered(pack: Pack, camera: ViewCamera, settings: RenderSettings, point: Point) -> bool:
+    """Whether something else hides a place in the picture of a camera."""
+    (x, y), _ = (found[0] for found in project(camera, np.array([point])))
+    hit = surface_at(pack, camera, settings, x, y)
+    before = 0.0 if hit is None else float((np.asarray(point) - hit.point) @ ray_through(camera, x, y)[1])
+    voxels, share = TOLERANCE
+    return before > max(voxels * pack.voxel_size, share * math.dist(point, camera.position))
 
 
 @dataclass
@@ -93,12 +103,7 @@ class Bookmarks:
         if now - max((found[0] for found in self._looked.values()), default=0.0) < PAUSE_S:
             stale = []
         for point in sorted(stale, key=lambda point: self._looked.get(point, (0.0,))[0]):
-            (x, y), _ = (found[0] for found in project(camera, np.array([point])))
-            hit = surface_at(pack, camera, settings, x, y)
-            before = 0.0 if hit is None else float((np.asarray(point) - hit.point) @ ray_through(camera, x, y)[1])
-            voxels, share = TOLERANCE
-            tolerance = max(voxels * pack.voxel_size, share * math.dist(point, camera.position))
-            self._looked[point] = time.monotonic(), view, before > tolerance
+            self._looked[point] = time.monotonic(), view, is_covered(pack, camera, settings, point)
             if time.monotonic() > now + COVERED_S:
                 break
         return {point for point, (_, _, hidden) in self._looked.items() if hidden}

@@ -161,6 +161,7 @@ class Export:
     fps: float = 30.0
     tile_side: int = 256  # pixels a side of what is rendered at once; it changes no pixel
     layers: Layers | None = None  # drawn of a view that is no film, instead of the picture of `settings`
+    finish: Callable[[np.ndarray, ViewCamera], np.ndarray] | None = None  # draws over each whole picture of 8 bits
     put: Callable[[np.ndarray], None] | None = None  # takes the one picture, uint8 [h, w, 3], instead of a file
 
     def __post_init__(self) -> None:
@@ -216,6 +217,8 @@ class Export:
             draw = self.layers.raw if each.floats and self.layers else self.snapshot
             pixels[y : y + h, x : x + w] = draw(part, of_picture(each.settings, camera.height, camera.fy))
         self.done_tiles += 1
+        if tile == len(self._boxes) - 1 and self.finish is not None and not self._passes[0].floats:
+            self._frames[0][...] = self.finish(self._frames[0], camera)
         if self._sink is not None and tile == len(self._boxes) - 1:
             self._sink.add(self._frames[0])
         if self.done_tiles == len(self._boxes) * len(self.cameras):

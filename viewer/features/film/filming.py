@@ -12,15 +12,17 @@ import numpy as np
 from PIL import Image
 
 from console import UserError
-from viewer.core.annotations import Point
+from scenepack.pack import Pack
+from viewer.core.annotations import Annotations, Point
 from viewer.core.files import FileRequest
 from viewer.core.pose import fitted, triple, view_camera
+from viewer.features.bookmarks.place_labels import with_places
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
 from viewer.features.film.film_export import Export, Layers
 from viewer.features.film.pictures import EXR, passes_for
 from viewer.features.measuring.surface import depth_in_middle, depth_of
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.settings import Aperture, Mode
+from viewer.rendering.settings import Aperture, Mode, RenderSettings
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -39,7 +41,7 @@ STILL_MODES: dict[Mode, str] = {
     "diffuse": "Diffuse colour",
 }  # besides the picture
 COPY = Path("the clipboard")
-KEPT = ("size", "panorama", "fps", "samples", "besides", "transparent", "lens_rays")
+KEPT = ("size", "panorama", "fps", "samples", "besides", "transparent", "annotated", "lens_rays")
 LENS_QUALITY = {"Draft": 16, "Good": 64, "Fine": 256}  # rays through the opening of the lens
 SAMPLES = {"Off": 1, "2 × 2": 2, "4 × 4": 4}  # rays per pixel
 
@@ -58,6 +60,7 @@ class Filming:
     samples: int = 1  # rays along each side of a pixel; see RenderSettings
     besides: tuple[Mode, ...] = ()  # modes that a still is saved in besides the one that is shown
     transparent: bool = False  # stills have no background
+    annotated: bool = False  # numbers and titles of annotated places are drawn into stills and films with a background
     aperture: float = 0.0  # of stills: diameter of the opening of the lens, of the scene's radius; 0: all is sharp
     lens_rays: int = LENS_QUALITY["Good"]
     focus: Point | None = None  # what is in focus, grid frame; None: what is in the middle of the picture
@@ -250,8 +253,11 @@ class Filming:
             modes = tuple(dict.fromkeys((settings.mode, *self.besides)))
             passes = passes_for(modes, settings, transparent=self.transparent, exr=exr)
             layers = Layers(passes, app.canvas.raw, app.scene.pack)
-        put = copy_picture if target is COPY else None
-        self.export = Export(cameras, settings, target, app.canvas.snapshot, self.fps, side, layers, put)
+        put, places, pack = copy_picture if target is COPY else None, app.annotations.current, app.scene.pack
+        finish = None
+        if self.annotated:
+            finish = partial(_with_places, pack, settings, places)
+        self.export = Export(cameras, settings, target, app.canvas.snapshot, self.fps, side, layers, finish, put)
         self.playing = False
         app.touch()
 
@@ -275,6 +281,12 @@ class Filming:
             self.export.cancel()
             self.export = None
             app.messages.say("The export was cancelled")
+
+
+def _with_places(
+    pack: Pack, settings: RenderSettings, annotations: Annotations, picture: np.ndarray, camera: ViewCamera
+) -> np.ndarray:
+    return with_places(picture, pack, camera, settings, annotations)
 
 
 REMEDY = "save it with Ctrl+S instead"

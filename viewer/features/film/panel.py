@@ -124,6 +124,8 @@ def _size(filming: Filming) -> None:
     changed, fps = imgui.slider_float("##fps", filming.fps, 10.0, 60.0, "%.0f")
     if changed:
         filming.fps = float(round(fps))
+    filming.annotated = switch("annotated", filming.annotated, "Annotated places")
+    tip("Draws their numbers and titles into saved views and films, unless they have no background")
     label("Anti-aliasing")
     current = next((name for name, samples in SAMPLES.items() if samples == filming.samples), "")
     picked = segments("samples", list(SAMPLES), current)
