@@ -60,6 +60,7 @@ class Interface:
     full_screen: bool = False
     v_sync: bool = True
     axes_shown: bool = True  # the gizmo with the grid's axes is in the picture's corner
+    language: str = "en"  # a key of viewer.core.language.LANGUAGES
     theme: str = "dark"  # a key of viewer.core.theme.PALETTES
     scale: float = 1.0  # how many times larger than usual all panels are; SCALES
 

@@ -106,6 +106,10 @@ class Fonts:
         """The letters of SAMPLES that cannot be shown."""
         return "".join(letter for letter in SAMPLES if not self.regular.is_glyph_in_font(ord(letter)))
 
+    def has(self, letters: str) -> bool:
+        """Whether all of the letters can be shown."""
+        return all(self.regular.is_glyph_in_font(ord(letter)) for letter in letters)
+
     def add(self, file: FontFile) -> None:
         """Takes the letters that are missing from another font, if it has any that are known to be."""
         if file.brings and not set(file.brings) & set(self.missing):

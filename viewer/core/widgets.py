@@ -11,6 +11,7 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.core import theme
+from viewer.core.language import translated
 from viewer.core.theme import Fonts
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def card(name: str, fonts: Fonts, title: str) -> Iterator[None]:
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(14), px(12)))
     imgui.begin_child(f"##card {name}", ImVec2(0, 0), flags)
     imgui.pop_style_var()
-    write(title.upper(), theme.MUTED, fonts.bold, theme.SMALL)
+    write(translated(title).upper(), theme.MUTED, fonts.bold, theme.SMALL)
     imgui.dummy(ImVec2(0, px(1)))
     try:
         yield
@@ -72,7 +73,7 @@ def write(text: str, colour: str = theme.TEXT, face: imgui.ImFont | None = None,
 def label(text: str, width: float = LABEL_WIDTH) -> None:
     """The left side of a row; the control that follows gets the rest of the width."""
     imgui.align_text_to_frame_padding()
-    write(text, theme.MUTED)
+    write(elided(text, px(width - 4)), theme.MUTED)  # a translation may be longer
     imgui.same_line(px(width))
     imgui.set_next_item_width(-1)
 
@@ -216,6 +217,7 @@ def more_button(name: str, entries: Sequence[Entry]) -> None:
 
 def elided(text: str, width: float) -> str:
     """`text`, or as much of its beginning as fits into `width` with an ellipsis behind it."""
+    text = translated(text)
     if imgui.calc_text_size(text).x <= width:
         return text
     low, high = 0, len(text)

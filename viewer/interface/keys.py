@@ -17,6 +17,7 @@ from viewer.app.application import App
 from viewer.app.commands import COMMANDS, run
 from viewer.core import theme
 from viewer.core.input import KeyPress, shown_keys
+from viewer.core.language import translated
 from viewer.core.theme import Fonts
 from viewer.core.widgets import coloured, figure, in_front, px, write
 
@@ -156,6 +157,7 @@ def show(app: App, fonts: Fonts) -> None:
 
 def _group(group: _Group, fonts: Fonts) -> None:
     imgui.dummy(ImVec2(0, px(1)))
-    write(group.title.upper(), theme.ACCENT, fonts.bold, theme.SMALL)
+    write(translated(group.title).upper(), theme.ACCENT, fonts.bold, theme.SMALL)
     for keys, title in group.rows:
+        title = translated(title)
         figure(title[:1].upper() + title[1:], keys)

@@ -13,7 +13,7 @@ from imgui_bundle import ImVec2, imgui, implot
 
 from console.streams import printable
 from viewer.app.application import App
-from viewer.core import theme
+from viewer.core import language, theme
 from viewer.core.input import Keyboard, KeyPress
 from viewer.core.state import Clipboard
 from viewer.core.tasks import Task
@@ -113,6 +113,8 @@ class Ui:
             self._docking.restore(app.interface.layout)
         self._take_fonts(app)
         scale *= app.interface.scale
+        if app.interface.language != language.current():
+            language.use(app.interface.language)
         if (scale, app.interface.theme) != (self.scale, self._theme):
             if self.scale and scale != self.scale:
                 self._docking.rescale(scale / self.scale)
@@ -198,8 +200,15 @@ class Ui:
         imgui.destroy_context(self.context)
 
 
+# Functions that draw text or measure it. Not those of text fields, whose text is the user's.
+SHOWN = {
+    "text_unformatted", "button", "small_button", "selectable", "menu_item", "begin", "set_tooltip", "calc_text_size",
+    "add_text", "begin_combo", "slider_float", "slider_int", "progress_bar",
+}  # fmt: skip
+
+
 def take_any_text() -> None:
-    """From now on, functions of imgui that take text take any text of Python's."""
+    """From now on, functions of imgui that take text take any text of Python's, and SHOWN draw it in the interface's language."""
     for place in (imgui, imgui.ImDrawList):
         for name in dir(place):
             function = getattr(place, name)
@@ -209,8 +218,12 @@ def take_any_text() -> None:
 
 
 def _with_any_text(function: Callable[..., Any]) -> Callable[..., Any]:
+    is_shown = function.__name__ in SHOWN
+
     @functools.wraps(function)
     def call(*words: Any, **named: Any) -> Any:
+        if is_shown and language.current() != "en":
+            words = tuple(language.translated(word) if isinstance(word, str) else word for word in words)
         try:
             return function(*words, **named)
         except TypeError:  # also of text that is not UTF-8

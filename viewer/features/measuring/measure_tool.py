@@ -315,7 +315,8 @@ class MeasureTool:
         if app.scene is not None and annotations.measurements:
             app.clipboard.set(as_text(app.scene.pack, annotations))
             count = len(annotations.measurements)
-            app.messages.say(f"{count} measurement{'s' * (count > 1)} on the clipboard")
+            many = f"{count} measurements are on the clipboard"
+            app.messages.say("1 measurement is on the clipboard" if count == 1 else many)
 
     def ask_for_table(self, app: App) -> None:
         name = f"{app.scene.name}-measurements.csv" if app.scene is not None else "measurements.csv"

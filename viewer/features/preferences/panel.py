@@ -8,6 +8,7 @@ from viewer.app.application import App
 from viewer.app.commands import COMMANDS
 from viewer.core import theme
 from viewer.core.input import GAMEPAD_BUTTONS, MOUSE_BUTTONS
+from viewer.core.language import LANGUAGES, LETTERS
 from viewer.core.state import SCALES
 from viewer.core.theme import THEMES, Fonts
 from viewer.core.widgets import card, choice, figure, font, hint, label, paragraph, px, segments, slider, switch, write
@@ -27,6 +28,11 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         label("Theme")
         if picked := segments("theme", THEMES, interface.theme, {name: name.capitalize() for name in THEMES}):
             app.set_theme(picked)
+        label("Language")
+        if picked := choice("language", list(LANGUAGES), interface.language, LANGUAGES):
+            interface.language = picked
+        if not fonts.has(LETTERS.get(interface.language, "")):
+            hint("No font with these letters is installed. Install one, such as Noto Sans CJK.", theme.WARN)
         label("Interface")
         titles = {str(scale): f"{100 * scale:.0f} %" for scale in (*SCALES, interface.scale)}
         if picked := choice("scale", [str(scale) for scale in SCALES], str(interface.scale), titles):

@@ -51,6 +51,7 @@ class Preferences:
     dynamic_resolution: bool = True
     rest_scale: float = 1.0
     theme: str = "dark"
+    language: str = "en"
     interface_scale: float = 1.0
     backdrop: str = "gradient"  # "plain" or one of viewer.features.display.display.STYLES
     axes_shown: bool = True
@@ -162,7 +163,7 @@ def apply_preferences(app: App, preferences: Preferences) -> None:
     interface.page = preferences.page
     interface.moved, interface.layout = list(preferences.moved), preferences.layout
     interface.theme, interface.scale = preferences.theme, preferences.interface_scale
-    interface.axes_shown = preferences.axes_shown
+    interface.axes_shown, interface.language = preferences.axes_shown, preferences.language
     app.controllers.dead_zone = preferences.dead_zone
     app.settings = replace(app.settings, background=preferences.background, surroundings=preferences.surroundings)
     if preferences.backdrop != PLAIN:
@@ -185,6 +186,7 @@ def current_preferences(app: App) -> Preferences:
         theme=interface.theme,
         interface_scale=interface.scale,
         axes_shown=interface.axes_shown,
+        language=interface.language,
         dead_zone=app.controllers.dead_zone,
         target_fps=app.resolution.target_fps,
         dynamic_resolution=app.resolution.enabled,

@@ -1,0 +1,176 @@
+"""Languages of the interface: catalogues are whole, agree with the code, and reach everything that is drawn."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import viewer
+from scenepack import save_pack
+from tests.viewer.conftest import toy_pack
+from tests.viewer.scenes import photographed
+from viewer.app.commands import run
+from viewer.core import language
+from viewer.core.annotations import Annotations, Bookmark, Measurement, Scale
+from viewer.core.language import FIELD, LANGUAGES, catalogue, translated
+from viewer.core.log import Dialog
+from viewer.features.crop import crop
+from viewer.features.opening.open_prompt import ask_to_open
+from viewer.features.preferences.preferences import Preferences, apply_preferences, current_preferences
+from viewer.interface.layout import PAGES
+
+OTHERS = [name for name in LANGUAGES if name != "en"]
+PRINTF = re.compile(r"%[-+ #0-9.]*[a-zA-Z%]")
+SENTENCES = re.compile(r"(?<=[.:!?]) +")
+ICONS = re.compile(r"^([\ue000-\uf8ff\s]|\+\s)+")
+# What no catalogue has: numbers with their units, keys, names, and what is the same in all languages.
+SAME = re.compile(
+    r"[\W\d_]*|[\d\W]*(MB|GiB|MiB|fps|ms|dB|px|s|m|cm|mm|in|ft|x|y|z)[\W\d]*|.*\b(Ctrl|Cmd|Num|Num\d|Shift|Alt)\b.*"
+    r"|[?WASDEQ ]+( or F1)?|\d+ (Fotos|写真)|ms +\d+ fps|F\d+|[A-Z?]|-?[xyz]|llvmpipe.*|(View|Place) \d+|r_\d+|test|train|val"
+    r"|(Space|Tab|Home|Enter|Escape|Backspace|Delete|PageUp|PageDown|Esc)( or .*)?|snerg|toy.*|English|Deutsch|日本語|\S*/\S*"
+    r"|.*\.(png|zip|json|mp4)",
+    re.IGNORECASE,
+)
+
+
+@pytest.fixture(autouse=True)
+def english_afterwards() -> Iterator[None]:
+    yield
+    language.use("en")
+
+
+def test_catalogues_have_the_same_texts_and_none_is_empty() -> None:
+    first, *others = (catalogue(name) for name in OTHERS)
+    assert all(first.keys() == other.keys() for other in others)
+    assert all(text.strip() for name in OTHERS for text in catalogue(name).values())
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_fields_and_formats_of_a_translation_are_those_of_the_text(name: str) -> None:
+    for english, text in catalogue(name).items():
+        count = len(FIELD.findall(english))
+        numbers = [int(number or i) for i, number in enumerate(FIELD.findall(text))]
+        assert sorted(numbers) == list(range(count)), english
+        formats = PRINTF.findall(english) if "%." in english or "%d" in english else []
+        assert PRINTF.findall(text) == formats or not formats, english
+        assert english.endswith("…") == text.endswith("…"), english
+
+
+@cache
+def texts_of_the_code() -> tuple[set[str], list[re.Pattern[str]]]:
+    """Texts in viewer/, whole and by sentence, and patterns of those in which something is filled in."""
+    whole, patterns = set(), []
+    for file in Path(viewer.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                text = ICONS.sub("", node.value).split("##")[0].strip()
+                whole |= {text, text.capitalize(), text.replace("-", " "), *SENTENCES.split(text), text.split("  (")[0]}
+            elif isinstance(node, ast.JoinedStr):
+                parts = [part.value if isinstance(part, ast.Constant) else "\0" for part in node.values]
+                text = "".join(map(str, parts)).split("##")[0].strip()
+                for part in (text, re.sub(r"^\0 +", "", text), *SENTENCES.split(text)):
+                    if re.search("[a-zA-Z°³]", part):
+                        patterns.append(re.compile(".*".join(map(re.escape, part.split("\0"))), re.DOTALL))
+                        whole.add(part.replace("\0", "").strip())
+    return whole, patterns
+
+
+def is_in_the_code(english: str) -> bool:
+    whole, patterns = texts_of_the_code()
+    filled = FIELD.sub("7", english)
+    if english in whole or any(pattern.fullmatch(filled) for pattern in patterns):
+        return True
+    pieces = [FIELD.sub("", piece).strip() for piece in re.split(r", |: |(?<=\}) ", english)]  # put together there
+    return all(piece in whole or any(pattern.fullmatch(piece) for pattern in patterns) for piece in pieces)
+
+
+def test_no_catalogue_has_a_text_that_the_code_does_not_have() -> None:
+    assert not [english for english in catalogue("de") if not is_in_the_code(english)]
+
+
+@pytest.mark.parametrize(
+    ("english", "german"),
+    [("Cancel", "Abbrechen"), ("\uf0c5  Copy##name", "\uf0c5  Kopieren##name"),
+     ("\uf030   Picture###page-view", "\uf030   Bild###page-view"), ("+  Keyframe", "+  Schlüsselbild"),
+     ("Saved a.png", "a.png gespeichert"), ("Writing a.mp4, 3 s left", "a.mp4 wird geschrieben, noch 3 s"),
+     ("Play  (P)", "Abspielen  (P)"), ("Paint on surfaces. Esc stops.", "Auf Flächen malen. Esc beendet."),
+     ("A film of 4 seconds through 3 views", "Ein Film von 4 Sekunden durch 3 Ansichten"),
+     ("“Undo” failed", "„Rückgängig“ ist fehlgeschlagen"), ("##rail", "##rail"), ("my scene", "my scene"), ("", "")],
+)  # fmt: skip
+def test_what_is_drawn_is_looked_up_without_icons_and_ids(english: str, german: str) -> None:
+    language.use("de")
+    assert translated(english) == german
+    language.use("fr")
+    assert language.current() == "en" and translated(english) == english
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_everything_that_the_interface_shows_is_in_the_catalogue(name: str, offscreen, app, tmp_path) -> None:
+    ui = offscreen(app, size=(1280, 900))
+    drawn: set[str] = set()
+    language.use(name)
+    look_up = language.translated
+    heard = pytest.MonkeyPatch()
+    heard.setattr(language, "translated", lambda text: drawn.add(text) or look_up(text))
+    app.interface.language = name
+    ui.settle()  # the start page
+    app.resolution.rest_scale = 0.1
+    pack = photographed(toy_pack(), tmp_path / "toy_scene", 4)
+    save_pack(pack, tmp_path / "toy")
+    app.show(pack, tmp_path / "toy", "toy")
+    point = (0.0, 0.0, 0.4)
+    lines = (Measurement("line", (point, (0.5, 0.0, 0.4))), Measurement("point", (point,)))
+    marks = (Bookmark("View 1", (0, 0, 3), (0, 0, 0)), Bookmark("Place 1", (0, 0, 3), (0, 0, 0), point=point))
+    app.annotations.current = Annotations(Scale(2.0, "m"), lines, marks)
+    app.filming.turntable(app)
+    app.filming.aperture = 0.1
+    for page in PAGES:
+        app.interface.page = page.id
+        ui.settle()
+    for tool in ("line", "angle", "point", "scale", "ground", "origin"):
+        app.measure_tool.choose(app, tool)
+        app.interface.page = "move" if tool in ("ground", "origin") else "measure"
+        ui.settle()
+    app.measure_tool.choose(app, "")
+    app.set(crop=crop.whole(app.scene.pack))
+    for page in ("crop", "erase", "camera"):
+        app.interface.page = page
+        app.scene.rig.flying = page == "camera"
+        ui.settle()
+    for command in ("help", "export-scene"):
+        run(app, command)
+        ui.settle()
+        app.interface.help_shown, app.exporting.asking = False, False
+    app.exporting.dismiss()
+    ask_to_open(app)
+    ui.settle()
+    app.open_prompt = None
+    app.messages.dialogs.append(Dialog("Nothing was selected", "The Erase page saves what is left as a new pack."))
+    ui.settle()
+    heard.undo()
+    values = {text.casefold() for text in catalogue(name).values()} | {text.casefold() for text in catalogue(name)}
+    left = set()
+    for text in drawn:
+        shown = PRINTF.sub("", ICONS.sub("", text.split("##")[0])).strip()
+        translated_already = shown.casefold() in values or shown.endswith("…") or not shown.isascii()
+        if look_up(text) == text and not translated_already and not SAME.fullmatch(shown):
+            left.add(shown)
+    assert not left, "\n".join(sorted(left))
+
+
+def test_the_language_is_switched_while_running_and_remembered(offscreen, app) -> None:
+    ui = offscreen(app)
+    app.interface.page = "settings"
+    app.show(toy_pack(), Path("toy"))
+    ui.settle()
+    apply_preferences(app, Preferences(language="de", page="settings"))
+    ui.settle()
+    assert language.current() == "de" and current_preferences(app).language == "de"
+    app.interface.language = "en"
+    ui.settle()
+    assert language.current() == "en"
