@@ -318,7 +318,9 @@ def _sample_slopes(count, phase, sampled_below, inputs, scratch, metrics):
             total, counted = total + sums[n], counted + 1
     metrics[SAMPLES] = counted
     least, kept = np.float32(sampled_below * total / max(counted, 1)), 0
-    due = (phase * np.float32(4096.0)) % np.float32(1.0)  # low bits of a random number whose high bits placed the samples
+    due = (phase * np.float32(4096.0)) % np.float32(
+        1.0
+    )  # low bits of a random number whose high bits placed the samples
     for n in range(count):
         if scratch.light[n] == 0:
             continue
