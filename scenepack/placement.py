@@ -102,7 +102,7 @@ def placement_from_json(value: Any) -> Placement:
     skew = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if skew > SKEWED or np.linalg.det(rotation) < 0:
         raise ValueError("a placement's rotation: expected a rotation")
-    x, y, z = rotation if skew < ROUNDED else _rows(rotation)
+    x, y, z = rotation if skew < ROUNDED else np.array(_rows(rotation))
     return Placement((_triple(x), _triple(y), _triple(z)), _triple(origin))
 
 

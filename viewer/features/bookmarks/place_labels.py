@@ -84,4 +84,5 @@ def _font(size: int, text: str) -> ImageFont.FreeTypeFont:
 
 def _is_box(font: ImageFont.FreeTypeFont, letter: str) -> bool:
     """Whether a font draws a letter as it draws those it does not have."""
-    return not letter.isspace() and bytes(font.getmask(letter)) == bytes(font.getmask("\U0010ffff"))
+    drawn, box = (bytes(font.getmask(each)) for each in (letter, "\U0010ffff"))  # pyright: ignore[reportArgumentType]
+    return not letter.isspace() and drawn == box
