@@ -125,7 +125,7 @@ def render(
     """
     asked = {
         "--eye": eye, "--target": target, "--up": up, "--orbit": orbit, "--scene": scene, "--index": index, "--fov": fov,
-        "--ortho-height": ortho_height, "--eye-distance": eye_distance, "--aperture": aperture, "--focus": focus,
+        "--lens-rays": lens_rays, "--ortho-height": ortho_height, "--eye-distance": eye_distance, "--aperture": aperture, "--focus": focus,
         "--projection": None if projection == "perspective" else projection,
     }  # fmt: skip
     _check_choice({option: value for option, value in asked.items() if value is not None})
@@ -133,9 +133,6 @@ def render(
         raise UserError("is out of range", where="--fps", expected=f"1 to {MOST_FPS}", found=fps)
     if not 1 <= samples <= MOST_SAMPLES:
         raise UserError("is out of range", where="--samples", expected=f"1 to {MOST_SAMPLES}", found=samples)
-    if not LENS_RAYS[0] <= lens_rays <= LENS_RAYS[1]:
-        expected = "{} to {}".format(*LENS_RAYS)
-        raise UserError("is out of range", where="--lens-rays", expected=expected, found=lens_rays)
     kind = _kind_of(out)
     transparent, exr = background == TRANSPARENT, EXR in (kind, f".{format}")
     settings = RenderSettings(
@@ -246,6 +243,9 @@ def _check_choice(given: Mapping[str, Any]) -> None:
         raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
     if not 0 < height < FARTHEST:
         raise UserError("is not a height", where="--ortho-height", expected="grid units above 0", found=height)
+    if not LENS_RAYS[0] <= given.get("--lens-rays", LENS_RAYS[0]) <= LENS_RAYS[1]:
+        expected = "{} to {}".format(*LENS_RAYS)
+        raise UserError("is out of range", where="--lens-rays", expected=expected, found=given["--lens-rays"])
     for option in ("--aperture", "--focus"):
         if not 0 < given.get(option, 1.0) < FARTHEST:
             raise UserError("is not a length", where=option, expected="above 0", found=given[option])
