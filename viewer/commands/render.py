@@ -125,8 +125,8 @@ def render(
     """
     asked = {
         "--eye": eye, "--target": target, "--up": up, "--orbit": orbit, "--scene": scene, "--index": index, "--fov": fov,
-        "--lens-rays": lens_rays, "--ortho-height": ortho_height, "--eye-distance": eye_distance, "--aperture": aperture, "--focus": focus,
-        "--projection": None if projection == "perspective" else projection,
+        "--ortho-height": ortho_height, "--eye-distance": eye_distance, "--aperture": aperture, "--focus": focus,
+        "--projection": None if projection == "perspective" else projection, "--lens-rays": lens_rays,
     }  # fmt: skip
     _check_choice({option: value for option, value in asked.items() if value is not None})
     if not 1 <= fps <= MOST_FPS:
