@@ -285,7 +285,14 @@ def _list_rays(count, scratch, shading):
 
 
 @kernel
-def train_chunk(chunk, part, grid, field, batch, numbers, scratch, shading, output):
+def train_chunks(first, last, part, grid, field, batch, numbers, scratch, shading, output):
+    """Samples, loss and gradients of chunks first … last - 1, one part, into `output`."""
+    for chunk in range(first, last):  # here, because a call from Python takes as long as a tenth of a chunk
+        _train_chunk(chunk, part, grid, field, batch, numbers, scratch, shading, output)
+
+
+@kernel
+def _train_chunk(chunk, part, grid, field, batch, numbers, scratch, shading, output):
     """Samples, loss and gradients of one chunk into `output`."""
     low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
     metrics, gradient = output.metrics[chunk], output.gradient[part]

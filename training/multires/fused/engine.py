@@ -32,7 +32,7 @@ from training.multires.fused.chunk import (
     make_scratch,
     query_points,
     smooth_chunk,
-    train_chunk,
+    train_chunks,
 )
 from training.multires.fused.compiled import Workers, kernel
 from training.multires.fused.corners import BLOCK, scatter
@@ -149,10 +149,10 @@ class FusedEngine:
             output = self._make_room(room, chunks + of_pairs, parts + of_pairs, len(field.levels.resolution))
 
             def work(worker: int, part: int, output: Output = output) -> None:
-                for chunk in range(part * CHUNKS_TOGETHER, min((part + 1) * CHUNKS_TOGETHER, chunks)):
-                    train_chunk(
-                        chunk, part, grid, field, batch, numbers, self.scratch[worker], self.shading[worker], output
-                    )
+                low, high = part * CHUNKS_TOGETHER, min((part + 1) * CHUNKS_TOGETHER, chunks)
+                train_chunks(
+                    low, high, part, grid, field, batch, numbers, self.scratch[worker], self.shading[worker], output
+                )
 
             self.workers.share(parts, work)
             if output.counts.min() >= 0:

@@ -11,32 +11,36 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import distance_transform_cdt
 
 from training.multires.fused.compiled import kernel
 
-BLOCK_BITS = 3  # blocks of 8³ cells are skipped at once where all are off
+COARSE_BITS = 2  # a coarse cell is 4³ cells
 FLAT = np.float32(1e-12)  # a direction's component this small leaves no cell
 U = np.uintp  # of indices, which Numba then does not turn around
 CLOSE = 1e-3  # steps: a stretch that is skipped ends so much early, for rounding
 
 
 class Grid(NamedTuple):
-    """The occupancy grid for compiled loops: bits uint32, one bit a cell, x fastest; blocks uint8, 1 where any of 8³ cells is
-    on; side: cells along each axis.
+    """The occupancy grid for compiled loops, by coarse cells, x fastest. distances uint8: how many coarse cells, also diagonally,
+    to the next one that holds anything; 0 where it does. cells uint64: a bit for each cell within, x fastest. side: cells along
+    each axis.
     """
 
-    bits: np.ndarray
-    blocks: np.ndarray
+    distances: np.ndarray
+    cells: np.ndarray
     side: int
 
 
 def grid_of(occupied: np.ndarray) -> Grid:
     """The grid of bool [R, R, R]; R is a multiple of 8."""
-    side, block = occupied.shape[0], 1 << BLOCK_BITS
-    coarse = side // block
-    blocks = occupied.reshape(coarse, block, coarse, block, coarse, block).any((1, 3, 5))
-    bits = np.packbits(occupied.ravel(), bitorder="little").view(np.uint32)
-    return Grid(bits, np.ascontiguousarray(blocks.ravel(), np.uint8), side)
+    side, size = occupied.shape[0], 1 << COARSE_BITS
+    coarse = side // size
+    within = occupied.reshape(coarse, size, coarse, size, coarse, size).transpose(0, 2, 4, 1, 3, 5)
+    cells = np.packbits(within.reshape(-1, size**3), axis=1, bitorder="little").view(np.uint64).ravel()
+    empty = (cells == 0).reshape(coarse, coarse, coarse)
+    distances = distance_transform_cdt(empty, "chessboard") if not empty.all() else np.full(empty.shape, coarse)
+    return Grid(np.ascontiguousarray(distances, np.uint8).ravel(), cells, side)
 
 
 @kernel(inline="always")
@@ -46,10 +50,11 @@ def _inverse(direction):
 
 
 @kernel(inline="always")
-def _leaving(origin, inverse, cell, bits):
-    """t where a ray leaves, along one axis, the block of 2^bits cells around `cell`; inverse: of its direction."""
-    wall = ((cell >> bits) + (inverse > 0)) << bits
-    return (np.float32(wall) - origin) * inverse
+def _leaving(origin, inverse, cell, bits, distance):
+    """t where a ray leaves, along one axis, the cube of 2 distance - 1 blocks of 2^bits cells around the block of `cell`;
+    inverse: of its direction."""
+    block = (cell >> bits) + (distance if inverse > 0 else 1 - distance)
+    return (np.float32(block << bits) - origin) * inverse
 
 
 @kernel(inline="always")
@@ -73,9 +78,9 @@ def piece_from(rays, ray, piece, t):
 def march_ray(grid, batch, ray, chunk_ray, step, most, scratch, count, room):
     """Adds at most so many samples of a ray in occupied cells to scratch, from its scratch.next_k on; their number then, -1 where
     the room does not suffice. scratch: see training.multires.fused.chunk; scratch.alive is false where the ray has ended."""
-    bits, blocks, side = grid.bits, grid.blocks, np.int64(grid.side)
+    distances, cells, side = grid.distances, grid.cells, np.int64(grid.side)
     unit, close, one, last = np.float32(1.0) / np.float32(side), np.float32(CLOSE), np.float32(1.0), side - 1
-    coarse, block_bits = side >> BLOCK_BITS, np.int64(BLOCK_BITS)
+    coarse, bits, three = side >> COARSE_BITS, np.int64(COARSE_BITS), np.int64(3)
     start, stop, phase, k = batch.start[ray], batch.end[ray], batch.phase[ray], scratch.next_k[chunk_ray]
     t = start + (phase + np.float32(k)) * step
     piece, until, ox, oy, oz, dx, dy, dz = piece_from(batch, ray, 0, t)
@@ -87,12 +92,11 @@ def march_ray(grid, batch, ray, chunk_ray, step, most, scratch, count, room):
             ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
         px, py, pz = ox + t * dx, oy + t * dy, oz + t * dz
         x, y, z = min(max(np.int64(px), 0), last), min(max(np.int64(py), 0), last), min(max(np.int64(pz), 0), last)
-        size = np.int64(0)
-        if blocks[U(((z >> BLOCK_BITS) * coarse + (y >> BLOCK_BITS)) * coarse + (x >> BLOCK_BITS))] == 0:
-            size = block_bits
-        else:
-            cell = (z * side + y) * side + x
-            if bits[U(cell >> 5)] >> np.uint32(cell & 31) & np.uint32(1):
+        place = U(((z >> bits) * coarse + (y >> bits)) * coarse + (x >> bits))
+        size, distance = bits, np.int64(distances[place])
+        if distance == 0:
+            within = np.uint64(((z & three) << 4) + ((y & three) << 2) + (x & three))
+            if cells[place] >> within & np.uint64(1):
                 if count >= room:
                     return -1
                 at = U(count)
@@ -105,7 +109,10 @@ def march_ray(grid, batch, ray, chunk_ray, step, most, scratch, count, room):
                     return count
                 t = start + (phase + np.float32(k)) * step
                 continue
-        out = min(_leaving(ox, ix, x, size), _leaving(oy, iy, y, size), _leaving(oz, iz, z, size), until)
+            size, distance = np.int64(0), np.int64(1)
+        out = min(
+            _leaving(ox, ix, x, size, distance), _leaving(oy, iy, y, size, distance), _leaving(oz, iz, z, size, distance), until
+        )  # fmt: skip
         k = max(k + 1, np.int64((out - start) * per_step - phase - close) + 1)
         t = start + (phase + np.float32(k)) * step
     scratch.alive[chunk_ray] = False
