@@ -80,5 +80,8 @@ def test_a_dense_small_window_has_a_menu_for_its_buttons_and_pages(offscreen, ap
     shown = int((480 - 96 - 40 + 16) / 80) - 1
     ui.click(640 - 50, 2 * (48 + 10 + 16 + 40 * shown))
     menu = imgui.get_current_context().open_popup_stack[0].window
+    for _ in range(10):  # it is higher than the window
+        ui.wheel(-3.0, menu.pos.x + 60, menu.pos.y + 100)
+    ui.settle()
     ui.click(menu.pos.x + 60, menu.pos.y + menu.size.y - menu.window_padding.y - 15)  # its last line
     assert app.interface.over == PAGES[-1].id
