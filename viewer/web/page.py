@@ -32,7 +32,7 @@ MODULES = (
     "controls.js",
     "main.js",
 )
-WORKER = "decode.js"
+LOADER, WORKER = "loader.js", "decode.js"
 INDEX = "index.html"
 
 
@@ -52,19 +52,19 @@ def scene_files(pack: Pack, content: PageContent, on_progress: OnProgress = lamb
 
 def assemble_page(title: str, description: Mapping[str, Any], data: Iterable[bytes] = ()) -> bytes:
     """index.html, filled in. description: for viewer/web/static/scene.js. data: of its levels; none: in files."""
-    style = re.sub(r"(?<=[{},;])\n", "", re.sub(r";?\n?\}", "}", _text("style.css")))
-    script, inside = bundle(MODULES), list(data)
+    style, loader, script, inside = _text("style.css"), _text(LOADER), bundle(MODULES), list(data)
     asks = "'none'" if inside and not description["live"] else "'self'"
     csp = (
-        f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; worker-src blob:; child-src blob:; "
-        f"img-src data:; connect-src {asks}; base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; script-src '{_hash(loader)}' '{_hash(script)}'; style-src '{_hash(style)}'; "
+        f"worker-src blob:; child-src blob:; img-src data:; connect-src {asks}; base-uri 'none'; form-action 'none'"
     )
-    packed = json.dumps({**description, "worker": _text(WORKER)}, separators=(",", ":"), allow_nan=False).encode()
+    whole = {**description, "script": script, "worker": _text(WORKER)}
+    packed = json.dumps(whole, separators=(",", ":"), allow_nan=False).encode()
     parts = {
         "title": html.escape(one_line(title, LONGEST_TITLE)),
         "policy": csp,
         "style": style,
-        "script": script,
+        "loader": loader,
         "scene": _base64(zlib.compress(packed, 9)),
         "data": "\n".join(f'<script type="text/plain" class="data">{_base64(each)}</script>' for each in inside),
     }
@@ -72,24 +72,13 @@ def assemble_page(title: str, description: Mapping[str, Any], data: Iterable[byt
 
 
 def bundle(names: tuple[str, ...]) -> str:
-    """ES modules of the page as one, in this order: their imports of one another fall away."""
-    texts = []
-    for name in names:
-        text = re.sub(r"^import [^;]*;\n", "", _text(name), flags=re.M)
-        texts.append(re.sub(r"^export ", "", text, flags=re.M))
-    return "\n".join(texts)
+    """ES modules of the page as one script, in this order: their imports of one another fall away."""
+    texts = (re.sub(r"^import [^;]*;\n|^export ", "", _text(name), flags=re.M) for name in names)
+    return '"use strict";{\n' + "\n".join(texts) + "}"
 
 
 def _text(name: str) -> str:
-    """A file of the page without indentation, comments and most spaces; those in quotes and in lines with ` or / stay."""
-    text = re.sub(r"^\s*/\*\*.*?\*/\n", "", (FOLDER / name).read_text(encoding="utf-8"), flags=re.M | re.S)
-    lines = (re.sub(r"(^|; *)//.*", r"\1", line.strip()).strip() for line in text.splitlines())
-    marks = {".js": r" *([=*<>?:,;{}()&|]) *", ".css": r" *([{};,]) *|(?<=:) +"}.get(Path(name).suffix, r"()(?!)")
-    quoted = r"(\"[^\"]*\"|'[^']*')"
-    parts = (re.split(quoted, line) if not re.search("[`/]", line) else ["", line] for line in lines if line)
-    return "\n".join(
-        "".join(part if i % 2 else re.sub(marks, r"\1", part) for i, part in enumerate(line)) for line in parts
-    )
+    return (FOLDER / name).read_text(encoding="utf-8")
 
 
 def _base64(data: bytes) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 import re
 import zlib
@@ -25,7 +26,7 @@ from viewer.web import page
 from viewer.web.description import PageContent
 from viewer.web.page import FOLDER, MODULES, bundle, scene_page
 
-MOST_BYTES, MOST_OF_DEMO = 62_000, 9_000_000
+MOST_BYTES, MOST_OF_DEMO = 60_000, 9_000_000
 HOSTILE = (
     "</script><script>window.broken = 1</script>",
     "<!--<script>",
@@ -100,7 +101,14 @@ def test_the_policy_allows_the_pages_own_script_and_nothing_from_elsewhere(shape
     policy = re.search(r'Content-Security-Policy" content="([^"]+)"', html)
     assert policy is not None and "default-src 'none'" in policy[1] and "unsafe" not in policy[1]
     assert not re.search(r"\b(?:https?:)?//[a-z]", re.sub(r"<script.*", "", html, flags=re.S))
-    assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\(|new Function|https?://", html)
+    loader, scene = re.search(r"<script>(.*?)</script>", html, re.S), described(html.encode())
+    assert loader is not None
+    unsafe = r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\(|new Function|https?://"
+    for text in (html, scene["script"], scene["worker"]):
+        assert not re.search(unsafe, text)
+    hashes = re.findall(r"'sha256-([^']+)'", policy[1].partition("script-src")[2].partition(";")[0])
+    digests = [hashlib.sha256(text.encode()).digest() for text in (loader[1], scene["script"])]
+    assert [base64.b64decode(each) for each in hashes] == digests
 
 
 @pytest.mark.parametrize("text", HOSTILE)
@@ -199,6 +207,6 @@ def test_what_the_reader_refuses_the_export_refuses(spoil: dict, tmp_path: Path,
 
 
 def test_pages_hold_what_the_code_says() -> None:
-    assert {path.name for path in FOLDER.iterdir()} == {*MODULES, page.WORKER, "index.html", "style.css"}
+    assert {path.name for path in FOLDER.iterdir()} == {*MODULES, page.LOADER, page.WORKER, "index.html", "style.css"}
     names = re.findall(r"\{\{(\w+)\}\}", (FOLDER / "index.html").read_text(encoding="utf-8"))
-    assert sorted(names) == sorted({"title", "policy", "style", "script", "scene", "data"})
+    assert sorted(names) == sorted({"title", "policy", "style", "loader", "scene", "data"})

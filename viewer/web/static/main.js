@@ -4,7 +4,7 @@ import { Controls } from "./controls.js";
 import { Overlay } from "./overlay.js";
 import { Renderer } from "./renderer.js";
 import { Resolution } from "./resolution.js";
-import { readScene, unpack } from "./scene.js";
+import { sceneOf, unpack } from "./scene.js";
 import { cross, mix, norm, scaled } from "./vectors.js";
 
 const NAMES = {
@@ -18,6 +18,7 @@ const COARSE = "#coarse"; // of the address: the last attempt to show more ended
 const SHARES = ["", "half", "a quarter of its", "an eighth of its"];
 const TURNTABLE = 0.06; // of a picture's height that a second's dragging would be
 
+const { read, fail } = globalThis.snerg;
 /** @returns {any} */
 const element = (id) => document.getElementById(id);
 const canvas = element("view");
@@ -248,12 +249,6 @@ function fit() {
   touch();
 }
 
-function fail(message, title = "This scene cannot be shown") {
-  element("notice").className = "failed";
-  element("notice-title").textContent = title;
-  element("notice-text").textContent = message;
-}
-
 // Shows the levels of a scene, the coarsest first; stays at one where the next fails.
 async function load(found) {
   const first = !scene;
@@ -323,7 +318,7 @@ async function follow() {
       if (answer.status !== 200) continue;
       const page = new DOMParser().parseFromString(await answer.text(), "text/html");
       const text = page.getElementById("scene").textContent;
-      if (text !== shown) await load(await readScene(page));
+      if (text !== shown) await load(sceneOf(await read(page), page));
       shown = text;
       tag = answer.headers.get("ETag");
     } catch (error) {
@@ -332,29 +327,29 @@ async function follow() {
   }
 }
 
-async function start() {
+// Shows the scene of a description.
+async function start(description) {
   element("notice-title").textContent = document.title;
   gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" });
   if (!gl) throw new Error("This browser has no WebGL 2. Try a current Chrome, Edge, Firefox or Safari, with hardware acceleration.");
-  if (!("DecompressionStream" in window)) throw new Error("This browser is too old. Try a current Chrome, Edge, Firefox or Safari.");
   let loading = true;
   canvas.addEventListener("webglcontextlost", () => {
     if (!loading || !renderer) return fail("The graphics driver restarted. Load the page again.");
     location.hash = COARSE; // it had the coarse level, and broke under the next
     location.reload();
   });
-  await load(await readScene());
+  await load(sceneOf(description));
   loading = false;
   follow();
 }
 
-// For pages around this one, and for tests: the camera, and pictures of any view.
+// For loader.js, for pages around this one, and for tests: the camera, and pictures of any view.
 globalThis.snerg = {
+  ...globalThis.snerg,
+  start,
   get camera() { return camera; },
   get scene() { return scene; },
   get level() { return renderer?.scene; },
-  ready: start(),
   get resting() { return !frame; },
   picture: (view, wanted, width, height) => renderer.picture(view, { ...settings, ...wanted }, width, height),
 };
-globalThis.snerg.ready.catch((error) => fail(error.message));

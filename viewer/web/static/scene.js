@@ -3,11 +3,8 @@
 const FROM_DISK =
   "Browsers do not let a page in a folder read the files beside it. Put the folder on a web server; or run python3 -m http.server in it, and open localhost:8000.";
 
-// The description in a page: this one, or a newer one.
-export async function readScene(page = document) {
-  const bytes = Uint8Array.from(atob(page.getElementById("scene").textContent), (character) => character.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  const scene = await new Response(stream).json();
+// A description, see viewer/web/description.py, of a page: this one, or a newer one.
+export function sceneOf(scene, page = document) {
   for (const level of scene.levels) level.shaders = { ...scene.shaders, common: level.defines + scene.shaders.common };
   scene.inside = [...page.querySelectorAll("script.data")];
   return scene;
