@@ -26,12 +26,22 @@ HARNESS = """<script>
     const page = new DOMParser().parseFromString(new TextDecoder().decode(Uint8Array.from(atob("PAGE"), c => c.charCodeAt(0))), "text/html");
     const bytes = Uint8Array.from(atob(page.getElementById("scene").textContent), c => c.charCodeAt(0));
     const scene = new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).json();
-    const data = [...page.querySelectorAll(".data")].at(-1).textContent;
+    const data = new Blob([[...page.querySelectorAll(".data")].at(-1).textContent]);
     const base64 = (bytes) => { let s = ""; for (let i = 0; i < bytes.length; i += 4096) s += String.fromCharCode(...bytes.subarray(i, i + 4096)); return btoa(s); };
     window.decoded = scene.then((scene) => new Promise((resolve) => {
+        const level = scene.levels.at(-1), { size: [width, height, depth], slots: [nx, ny], block, features } = level.atlas;
+        const answer = { atlas: new Uint8Array(4 * width * height * depth) }, line = features ? 2 * block : block;
         const worker = new Worker(URL.createObjectURL(new Blob([scene.worker])));
-        worker.onmessage = ({ data }) => { if (data.progress === undefined) resolve(data); };
-        worker.postMessage({ data, level: scene.levels.at(-1) });
+        worker.onmessage = ({ data: { grids, slot, texels, progress, error } }) => {
+            if (grids) Object.assign(answer, grids);
+            else if (texels) for (let z = 0; z < block; z++) for (let y = 0; y < block; y++) {
+                const [by, bz] = [Math.floor(slot / nx) % ny, Math.floor(slot / (nx * ny))];
+                const at = line * (slot % nx) + width * (block * by + y + height * (block * bz + z)), from = line * (y + block * z);
+                answer.atlas.set(texels.subarray(4 * from, 4 * (from + line)), 4 * at);
+            } else if (progress === undefined) resolve({ ...answer, error });
+            if (texels) worker.postMessage(texels, [texels.buffer]);
+        };
+        worker.postMessage({ data, inside: true, level });
     }));
 </script>"""  # noqa: E501
 

@@ -136,9 +136,9 @@ LACKS = {
     "const error = WebGL2RenderingContext.prototype.getError;"
     "WebGL2RenderingContext.prototype.getError = function () {"
     "  const was = full; full = false; return was ? 0x505 : error.call(this) }",
-    "could not hold more": "const write = WebGL2RenderingContext.prototype.texSubImage3D;"
-    "WebGL2RenderingContext.prototype.texSubImage3D = function (...words) { write.apply(this, words);"
-    "  if (Math.max(...words.slice(5, 8)) > LIMIT) this.getExtension('WEBGL_lose_context').loseContext() }",
+    "could not hold more": "const store = WebGL2RenderingContext.prototype.texStorage3D;"
+    "WebGL2RenderingContext.prototype.texStorage3D = function (...words) { store.apply(this, words);"
+    "  if (Math.max(...words.slice(3)) > LIMIT) this.getExtension('WEBGL_lose_context').loseContext() }",
 }
 
 

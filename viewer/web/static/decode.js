@@ -1,8 +1,22 @@
 // The worker that unpacks a scene: the other end of viewer/web/atlas_stream.py and films.py, which have the notation.
 //
-// Receives { data: bytes or their base64, level: of the page's description }; answers { progress } while it works, then
-// { indirection, skipGrid, hull, atlas }: bytes of the textures as they are uploaded, and of the hull's corners. { error } where the
-// file is damaged.
+// Receives { data: a Blob of bytes or of their base64, inside: whether of their base64, level: of the page's description }. Answers
+// { progress } while it works; { grids: { indirection, skipGrid, hull } }, bytes of the textures and of the hull's corners; { slot,
+// texels } for each macroblock, which shall be sent back, since browsers would keep their memory for a while; and at the end {}.
+// { error } where the file is damaged.
+//
+// The atlas is an array by slot: Uint32Array of block × block × width voxels, the features beside the rest along x. A macroblock is
+// kept as long as others look at it: three layers of the grid, where not all is decoded at once.
+
+const AWAY = 32; // macroblocks that the page may have before more are decoded
+const spare = []; // texels that were sent back
+let away = 0;
+let onReturn = (_) => {};
+
+function texelsOf(slot, atlas, { width, block }) {
+  atlas[slot] ??= spare.pop()?.fill(0) ?? new Uint32Array(width * block * block);
+  return atlas[slot];
+}
 
 function bytesOfBase64(text) {
   if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
@@ -15,28 +29,25 @@ function bytesOfBase64(text) {
   return bytes;
 }
 
-async function inflate(bytes, [offset, length]) {
-  const stream = new Blob([bytes.subarray(offset, offset + length)]).stream();
-  return new Uint8Array(await new Response(stream.pipeThrough(new DecompressionStream("deflate"))).arrayBuffer());
+// A section of the data, inflated.
+async function inflate({ data, inside }, [offset, length]) {
+  let section = data.slice(offset, offset + length);
+  if (inside) {
+    const first = Math.floor(offset / 3); // groups of three bytes are four characters
+    const text = await data.slice(4 * first, 4 * Math.ceil((offset + length) / 3)).text();
+    section = new Blob([bytesOfBase64(text).subarray(offset - 3 * first, offset - 3 * first + length)]);
+  }
+  return new Uint8Array(await new Response(section.stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer());
 }
 
-// Where a macroblock's padded copy begins in the atlas, in voxels.
-function originOf(slot, { size: [width, height], slots: [nx, ny], block, features }) {
-  const x = (slot % nx) * (features ? 2 : 1);
-  const y = Math.floor(slot / nx) % ny;
-  const z = Math.floor(slot / (nx * ny));
-  return block * (x + width * (y + height * z));
-}
-
-// The same of the macroblock at a place in the indirection grid.
-function originAt(at, indirection, layout) {
-  const { slots } = layout;
-  return originOf(indirection[at] + slots[0] * (indirection[at + 1] + slots[1] * indirection[at + 2]), layout);
+// The slot of the macroblock at a place in the indirection grid.
+function slotAt(at, indirection, { slots }) {
+  return indirection[at] + slots[0] * (indirection[at + 1] + slots[1] * indirection[at + 2]);
 }
 
 // Macroblocks from `first` on, as many as `bits` are of.
 function decodeChunk(bits, differences, first, layout, atlas) {
-  const { size: [width, height], block, features, padding, count } = layout;
+  const { width, block, features, padding, count } = layout;
   const side = padding ? block : block - 2;
   const parts = features ? 2 : 1;
   const stored = differences.length / (4 * parts);
@@ -72,47 +83,47 @@ function decodeChunk(bits, differences, first, layout, atlas) {
           rgba[4 * voxel + 3] = alpha;
           next++;
         }
-    const inner = padding ? 0 : 1 + width * (1 + height);
+    const texels = texelsOf(first + number, atlas, layout);
+    const inner = padding ? 0 : 1 + width * (1 + block);
     for (let part = 0; part < parts; part++)
       for (let z = 0; z < side; z++)
         for (let y = 0; y < side; y++) {
           const from = 1 + wide * (y + 1 + wide * (z + 1));
-          const to = originOf(first + number, layout) + part * block + inner + width * (y + height * z);
-          atlas.set(words[part].subarray(from, from + side), to);
+          const to = part * block + inner + width * (y + block * z);
+          for (let x = 0; x < side; x++) texels[to + x] = words[part][from + x];
         }
   }
   if (next !== stored || !blocks) throw new Error();
   return blocks;
 }
 
-// Copies the neighbours' voxels around each macroblock: what scenepack.padding does. atlas: Uint32Array, a voxel each.
-function restorePadding(atlas, indirection, layout, [nx, ny, nz]) {
-  const { size: [width, height], block, features } = layout;
+// Copies the neighbours' voxels around the macroblocks of a layer z of the grid: what scenepack.padding does.
+function restorePadding(atlas, indirection, layout, [nx, ny], z) {
+  const { width, block } = layout;
   const entry = (x, y, z) => 4 * (x + nx * (y + ny * z));
   const [last, steps] = [block - 1, [-1, 0, 1]];
   const to = { "-1": 0, 0: 1, 1: last };
   const from = { "-1": last - 1, 0: 1, 1: 1 };
   const lengths = { "-1": 1, 0: block - 2, 1: 1 };
-  for (let z = 1; z < nz - 1; z++)
-    for (let y = 1; y < ny - 1; y++)
-      for (let x = 1; x < nx - 1; x++) {
-        if (indirection[entry(x, y, z) + 3]) continue;
-        const own = originAt(entry(x, y, z), indirection, layout);
-        for (const dz of steps)
-          for (const dy of steps)
-            for (const dx of steps) {
-              const near = entry(x + dx, y + dy, z + dz);
-              if (indirection[near + 3] || !(dx || dy || dz)) continue;
-              const other = originAt(near, indirection, layout);
-              for (let part = 0; part < (features ? 2 : 1); part++)
-                for (let k = 0; k < lengths[dz]; k++)
-                  for (let j = 0; j < lengths[dy]; j++) {
-                    const target = own + part * block + to[dx] + width * (to[dy] + j + height * (to[dz] + k));
-                    const source = other + part * block + from[dx] + width * (from[dy] + j + height * (from[dz] + k));
-                    atlas.copyWithin(target, source, source + lengths[dx]);
-                  }
-            }
-      }
+  for (let y = 1; y < ny - 1; y++)
+    for (let x = 1; x < nx - 1; x++) {
+      if (indirection[entry(x, y, z) + 3]) continue;
+      const own = atlas[slotAt(entry(x, y, z), indirection, layout)];
+      for (const dz of steps)
+        for (const dy of steps)
+          for (const dx of steps) {
+            const near = entry(x + dx, y + dy, z + dz);
+            if (indirection[near + 3] || !(dx || dy || dz)) continue;
+            const other = atlas[slotAt(near, indirection, layout)];
+            for (let part = 0; part < width; part += block)
+              for (let k = 0; k < lengths[dz]; k++)
+                for (let j = 0; j < lengths[dy]; j++) {
+                  const target = part + to[dx] + width * (to[dy] + j + block * (to[dz] + k));
+                  const source = part + from[dx] + width * (from[dy] + j + block * (from[dz] + k));
+                  for (let i = 0; i < lengths[dx]; i++) own[target + i] = other[source + i];
+                }
+          }
+    }
 }
 
 // Films: what scenepack.codecs.streams does, plane by plane, straight into the atlas.
@@ -122,10 +133,10 @@ const DAMAGED = "the scene's data are damaged";
 const NO_FILMS = "This browser does not decode AV1 in 4:4:4. Chrome, Edge and Firefox do, from disk and over https.";
 
 // each(number, planes): called for every frame, with its planes [bytes, bytes from row to row].
-async function playFilm(bytes, { codec, at, sizes }, codedWidth, codedHeight, each) {
+async function playFilm(source, { codec, at, sizes }, codedWidth, codedHeight, each) {
   const settings = { codec, codedWidth, codedHeight, hardwareAcceleration: /** @type {const} */ ("prefer-software") };
   if (!("VideoDecoder" in self) || !(await VideoDecoder.isConfigSupported(settings)).supported) throw new Error(NO_FILMS);
-  const samples = await inflate(bytes, at);
+  const samples = await inflate(source, at);
   let [number, from, buffer] = [0, 0, new Uint8Array(0)];
   let copied = Promise.resolve();
   const copy = async (frame) => {
@@ -154,38 +165,38 @@ async function playFilm(bytes, { codec, at, sizes }, codedWidth, codedHeight, ea
 
 const clamped = (v) => Math.min(Math.max(v, 0), 255);
 
-// Calls voxel(pixel of the plane, byte of the atlas) for all voxels of a piece's plane z that lie in macroblocks.
-function inPlane({ corner, shape: [width, height] }, z, layout, indirection, [nx, ny], voxel) {
-  const { size: [across, down], block } = layout;
+// Calls voxel(pixel of the plane, bytes of its macroblock, which of them) for all voxels of a piece's plane z that lie in macroblocks.
+function inPlane({ corner, shape: [width, height] }, z, layout, indirection, [nx, ny], atlas, voxel) {
+  const { width: across, block } = layout;
   const side = block - 2;
   for (let by = 0; by < height / side; by++)
     for (let bx = 0; bx < width / side; bx++) {
       const at = 4 * (corner[0] + bx + 1 + nx * (corner[1] + by + 1 + ny * (corner[2] + Math.floor(z / side) + 1)));
       if (indirection[at + 3]) continue;
-      const origin = originAt(at, indirection, layout) + 1 + across * (1 + down * (1 + (z % side)));
+      const texels = new Uint8Array(texelsOf(slotAt(at, indirection, layout), atlas, layout).buffer);
+      const origin = 1 + across * (1 + block * (1 + (z % side)));
       for (let y = 0; y < side; y++)
-        for (let x = 0; x < side; x++) voxel(bx * side + x, by * side + y, 4 * (origin + x + across * y));
+        for (let x = 0; x < side; x++) voxel(bx * side + x, by * side + y, texels, 4 * (origin + x + across * y));
     }
 }
 
-async function decodePiece(bytes, piece, layout, indirection, grid, atlas, onFrame) {
+async function decodePiece(source, piece, layout, indirection, grid, atlas, onFrame) {
   const { shape: [width, height], films } = piece;
-  const occupied = await inflate(bytes, piece.occupied);
+  const occupied = await inflate(source, piece.occupied);
   const cubes = [width, height].map((side) => (side + 1) >> 1); // a byte for each 2³ voxels
   const isOccupied = (x, y, z) =>
     (occupied[(x >> 1) + cubes[0] * ((y >> 1) + cubes[1] * (z >> 1))] >> (7 - (x & 1) - 2 * (y & 1) - 4 * (z & 1))) & 1;
-  const texels = new Uint8Array(atlas.buffer);
   const coded = (side) => 16 * Math.ceil(side / 16);
   const second = 4 * layout.block; // from a voxel's rgba to its features
   const times = (value, alpha) => Math.floor((value * alpha + 127) / 255);
-  const plane = (z, voxel) => { inPlane(piece, z, layout, indirection, grid, voxel); onFrame(); };
+  const plane = (z, voxel) => { inPlane(piece, z, layout, indirection, grid, atlas, voxel); onFrame(); };
   const grey = (write) => (z, [[luma, row]]) =>
-    plane(z, (x, y, to) => write(luma[x + row * y], to, x, y, z));
+    plane(z, (x, y, texels, to) => write(luma[x + row * y], texels, to, x, y, z));
   // BT.709, all 256 levels, in the whole numbers that libyuv computes with
   const colour = (part) => (z, planes) => {
     if (planes.length !== 3) throw new Error(NO_FILMS);
     const [[luma, row], [blues, row2], [reds, row3]] = planes;
-    plane(z, (x, y, to) => {
+    plane(z, (x, y, texels, to) => {
       const alpha = texels[to + 3];
       if (!alpha) return;
       const light = (luma[x + row * y] * 257 * 16320) >> 16;
@@ -196,12 +207,12 @@ async function decodePiece(bytes, piece, layout, indirection, grid, atlas, onFra
     });
   };
   const steps = [
-    grey((value, to, x, y, z) => { texels[to + 3] = isOccupied(x, y, z) ? Math.max(value, 1) : 0; }),
+    grey((value, texels, to, x, y, z) => { texels[to + 3] = isOccupied(x, y, z) ? Math.max(value, 1) : 0; }),
     colour(0),
     colour(second),
-    grey((value, to) => { texels[to + second + 3] = times(value, texels[to + 3]); }),
+    grey((value, texels, to) => { texels[to + second + 3] = times(value, texels[to + 3]); }),
   ];
-  for (const [i, film] of films.entries()) await playFilm(bytes, film, coded(width), coded(height), steps[i]);
+  for (const [i, film] of films.entries()) await playFilm(source, film, coded(width), coded(height), steps[i]);
 }
 
 // Words from all their low bytes, then all their high bytes.
@@ -211,34 +222,67 @@ function interleaved(halves) {
   return words;
 }
 
-async function decode({ data, level }) {
-  const bytes = typeof data === "string" ? bytesOfBase64(data) : data;
-  const layout = level.atlas;
-  const indirection = await inflate(bytes, level.indirection.at);
-  const skipGrid = interleaved(await inflate(bytes, level.skip_grid.at));
-  const hull = level.hull ? await inflate(bytes, level.hull) : null;
-  const atlas = new Uint32Array(layout.size[0] * layout.size[1] * layout.size[2]);
+// How many macroblocks lie before each layer z of the grid, and in all.
+function slotsBefore(indirection, [nx, ny, nz]) {
+  const before = [0];
+  for (let z = 0; z < nz; z++) {
+    const layer = indirection.subarray(4 * nx * ny * z, 4 * nx * ny * (z + 1));
+    before.push(before[z] + layer.filter((value, i) => i % 4 === 3 && !value).length);
+  }
+  return before;
+}
+
+async function decode({ data, inside, level }) {
+  const source = { data, inside };
+  const layout = { ...level.atlas, width: level.atlas.block * (level.atlas.features ? 2 : 1) };
+  const { padding, count } = layout;
+  const grid = level.indirection.size;
+  const indirection = await inflate(source, level.indirection.at);
+  const skipGrid = interleaved(await inflate(source, level.skip_grid.at));
+  const hull = level.hull ? await inflate(source, level.hull) : null;
+  postMessage({ grids: { indirection, skipGrid, hull } });
+  const before = slotsBefore(indirection, grid);
+  const atlas = [];
+  let [layer, sent] = [1, 0]; // the first whose padding is missing; macroblocks that are sent
+  // Sends the macroblocks that are complete and needed no more now that the first `decoded` are there.
+  const send = (decoded) => {
+    for (; !padding && layer < grid[2] - 1 && decoded >= before[layer + 2]; layer++)
+      restorePadding(atlas, indirection, layout, grid, layer);
+    const complete = padding || decoded === count ? decoded : before[layer - 1];
+    for (; sent < complete; sent++) {
+      const texels = new Uint8Array(atlas[sent].buffer);
+      postMessage({ slot: sent, texels }, { transfer: [texels.buffer] });
+      atlas[sent] = null;
+      away++;
+    }
+  };
   let done = 0;
   if (layout.pieces) {
     const frames = layout.pieces.flatMap(({ films }) => films.map(({ sizes }) => sizes.length)).reduce((sum, n) => sum + n, 0);
     const report = () => { if (!(++done % 32)) postMessage({ progress: done / frames }); };
-    for (const piece of layout.pieces) await decodePiece(bytes, piece, layout, indirection, level.indirection.size, atlas, report);
+    for (const piece of layout.pieces) await decodePiece(source, piece, layout, indirection, grid, atlas, report);
+    send(count);
   } else {
     for (const [bits, differences] of layout.chunks) {
-      done += decodeChunk(await inflate(bytes, bits), await inflate(bytes, differences), done, layout, atlas);
-      postMessage({ progress: done / layout.count });
+      done += decodeChunk(await inflate(source, bits), await inflate(source, differences), done, layout, atlas);
+      send(done);
+      postMessage({ progress: done / count });
+      while (away > AWAY) await new Promise((resolve) => { onReturn = resolve; });
     }
-    if (done !== layout.count) throw new Error();
+    if (done !== count) throw new Error();
   }
-  if (!layout.padding) restorePadding(atlas, indirection, layout, level.indirection.size);
-  const answer = { indirection, skipGrid, hull, atlas: new Uint8Array(atlas.buffer) };
-  postMessage(answer, { transfer: [atlas.buffer] });
+  postMessage({});
 }
 
 // Browsers have words of their own for what cannot be inflated, played or read as base64.
 function wordsFor(error) {
-  if (error instanceof RangeError) return "there is not enough memory for this scene";
+  if (error instanceof RangeError || error.name === "NotReadableError") return "there is not enough memory for this scene";
   return error.message === NO_FILMS ? NO_FILMS : DAMAGED;
 }
 
-self.onmessage = (event) => decode(event.data).catch((error) => postMessage({ error: wordsFor(error) }));
+self.onmessage = ({ data }) => {
+  if (data.level) return decode(data).catch((error) => postMessage({ error: wordsFor(error) }));
+  spare.push(new Uint32Array(data.buffer));
+  away--;
+  onReturn(null);
+};

@@ -262,6 +262,10 @@ async function load(found) {
     buildInterface();
   } else camera.follow(scene.camera);
   describe();
+  await showLevels().finally(() => scene.worker.terminate());
+}
+
+async function showLevels() {
   const { length } = scene.levels;
   for (let index = 0; index < length; index++) {
     const coarser = `Shown at ${SHARES[scene.levels[Math.max(index - 1, 0)].halvings] ?? "a fraction of its"} resolution.`;
@@ -280,15 +284,15 @@ async function load(found) {
 
 async function show(index, coarser) {
   const next = new Renderer(gl, scene.levels[index]);
-  const report = (share, words) => {
+  const report = (share) => {
     element("progress").value = share;
-    element("notice-text").textContent = words;
     if (index) status(`${coarser} ${Math.round(100 * share)} % of the rest is here.`);
   };
-  report(0, "Loading…");
+  element("notice-text").textContent = "Loading…";
+  report(0);
   try {
-    const unpacked = await unpack(scene, index, (share) => report(0.8 * share, "Unpacking…"));
-    await next.upload(unpacked, (share) => report(0.8 + 0.2 * share, "To the graphics card…"));
+    await unpack(scene, index, next, report);
+    next.check();
   } catch (error) {
     next.release();
     throw error;

@@ -4,7 +4,6 @@
 // sRGB or null for the gradient, surroundings }. Sizes and boxes are in pixels from the lower left corner.
 import { cross, dot, norm, radians, scaled, subtract, transform } from "./vectors.js";
 
-const LAYERS_A_FRAME = 16 << 20; // bytes uploaded at once
 const NO_MEMORY = "This device has not enough graphics memory for it.";
 const HEADER = "#version 300 es\n";
 
@@ -24,13 +23,15 @@ export class Renderer {
     this.program(Object.keys(scene.shaders.modes)[0], true); // drivers compile while the worker unpacks
   }
 
-  // Fills the textures; resolves once all is there.
-  async upload({ indirection, skipGrid, hull, atlas }, onProgress) {
+  // Takes the grids, and makes room for the atlas.
+  begin({ indirection, skipGrid, hull }) {
     const { gl, scene } = this;
     this.textures = {
       indirection: this.texture(gl.RGBA8UI, scene.indirection.size, gl.NEAREST),
       skip_grid: this.texture(gl.R16UI, scene.skip_grid.size, gl.NEAREST),
+      atlas_rgba: this.texture(gl.RGBA8, scene.atlas.size, gl.LINEAR),
     };
+    this.check();
     gl.bindTexture(gl.TEXTURE_3D, this.textures.indirection);
     const whole = (size) => [0, 0, 0, 0, ...size];
     gl.texSubImage3D(gl.TEXTURE_3D, ...whole(scene.indirection.size), gl.RGBA_INTEGER, gl.UNSIGNED_BYTE, indirection);
@@ -38,19 +39,20 @@ export class Renderer {
     const words = new Uint16Array(skipGrid.buffer);
     gl.texSubImage3D(gl.TEXTURE_3D, ...whole(scene.skip_grid.size), gl.RED_INTEGER, gl.UNSIGNED_SHORT, words);
     if (hull) this.hull = this.corners(hull);
-    const [width, height, depth] = scene.atlas.size;
-    this.textures.atlas_rgba = this.texture(gl.RGBA8, scene.atlas.size, gl.LINEAR);
-    if (gl.getError() !== gl.NO_ERROR) throw new Error(NO_MEMORY);
-    const step = Math.max(1, Math.floor(LAYERS_A_FRAME / (4 * width * height)));
-    for (let z = 0; z < depth; z += step) {
-      const layers = Math.min(step, depth - z);
-      gl.bindTexture(gl.TEXTURE_3D, this.textures.atlas_rgba);
-      const box = [0, 0, 0, z, width, height, layers];
-      gl.texSubImage3D(gl.TEXTURE_3D, ...box, gl.RGBA, gl.UNSIGNED_BYTE, atlas, 4 * width * height * z);
-      onProgress((z + layers) / depth);
-      await new Promise(requestAnimationFrame);
-    }
-    if (gl.getError() !== gl.NO_ERROR) throw new Error(NO_MEMORY);
+  }
+
+  // Fills a slot of the atlas.
+  fill(slot, texels) {
+    const { gl } = this;
+    const { slots: [nx, ny], block, features } = this.scene.atlas;
+    const [width, y, z] = [features ? 2 * block : block, Math.floor(slot / nx) % ny, Math.floor(slot / (nx * ny))];
+    const box = [width * (slot % nx), block * y, block * z, width, block, block];
+    gl.bindTexture(gl.TEXTURE_3D, this.textures.atlas_rgba);
+    gl.texSubImage3D(gl.TEXTURE_3D, 0, ...box, gl.RGBA, gl.UNSIGNED_BYTE, texels);
+  }
+
+  check() {
+    if (this.gl.getError() !== this.gl.NO_ERROR) throw new Error(NO_MEMORY);
   }
 
   // Frees what it has on the card.

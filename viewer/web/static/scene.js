@@ -7,46 +7,56 @@ const FROM_DISK =
 export function sceneOf(scene, page = document) {
   for (const level of scene.levels) level.shaders = { ...scene.shaders, common: level.defines + scene.shaders.common };
   scene.inside = [...page.querySelectorAll("script.data")];
+  scene.worker = new Worker(URL.createObjectURL(new Blob([scene.worker], { type: "text/javascript" })));
   return scene;
 }
 
-// The bytes of a level, or their base64. onProgress: called with the share that has arrived.
+// The data of a level, or their base64 where they are inside the page. onProgress: called with the share that has arrived.
 async function dataOf(scene, index, onProgress) {
   const inside = scene.inside[index];
   if (inside) {
-    const text = inside.textContent.trim();
-    inside.textContent = ""; // as large as the scene
-    return text;
+    const data = new Blob([inside.textContent]); // outside of the page's memory
+    inside.textContent = "";
+    return data;
   }
   if (location.protocol === "file:") throw new Error(FROM_DISK);
   const level = scene.levels[index];
   const answer = await fetch(level.file);
   if (!answer.ok) throw new Error(`${level.file}: the server answers ${answer.status}.`);
-  const bytes = new Uint8Array(level.bytes);
-  const reader = answer.body.getReader();
-  for (let at = 0; ; ) {
-    const { done, value } = await reader.read();
-    if (done && at === bytes.length) return bytes;
-    if (done || at + value.length > bytes.length) throw new Error(`${level.file} is not complete.`);
-    bytes.set(value, at);
-    at += value.length;
-    onProgress(at / bytes.length);
-  }
+  let arrived = 0;
+  const counted = new TransformStream({
+    transform(piece, controller) {
+      arrived += piece.length;
+      onProgress(arrived / level.bytes);
+      controller.enqueue(piece);
+    },
+  });
+  const data = await new Response(answer.body.pipeThrough(counted)).blob();
+  if (data.size !== level.bytes) throw new Error(`${level.file} is not complete.`);
+  return data;
 }
 
-// The textures' bytes of a level; see decode.js. onProgress: called with the share that is done.
-export async function unpack(scene, index, onProgress) {
-  const data = await dataOf(scene, index, (share) => onProgress(0.5 * share));
-  const begun = typeof data === "string" ? 0 : 0.5;
-  const worker = new Worker(URL.createObjectURL(new Blob([scene.worker], { type: "text/javascript" })));
+// Unpacks a level into the textures of a renderer. onProgress: called with the share that is done.
+export async function unpack(scene, index, renderer, onProgress) {
+  const inside = index in scene.inside;
+  const begun = inside ? 0 : 0.5;
+  const data = await dataOf(scene, index, (share) => onProgress(begun * share));
+  const { worker } = scene;
   return new Promise((resolve, reject) => {
     worker.onerror = (event) => reject(new Error(event.message || "the scene could not be unpacked"));
-    worker.onmessage = ({ data: answer }) => {
-      if (answer.progress !== undefined) return onProgress(begun + (1 - begun) * answer.progress);
-      worker.terminate();
-      if (answer.error) reject(new Error(answer.error));
-      else resolve(answer);
+    worker.onmessage = ({ data: { grids, slot, texels, progress, error } }) => {
+      if (error) return reject(new Error(error));
+      if (progress !== undefined) return onProgress(begun + (1 - begun) * progress);
+      try {
+        if (grids) renderer.begin(grids);
+        else if (texels) {
+          renderer.fill(slot, texels);
+          worker.postMessage(texels, [texels.buffer]);
+        } else resolve(null);
+      } catch (problem) {
+        reject(problem);
+      }
     };
-    worker.postMessage({ data, level: scene.levels[index] }, typeof data === "string" ? [] : [data.buffer]);
+    worker.postMessage({ data, inside, level: scene.levels[index] });
   });
 }
