@@ -40,7 +40,9 @@ RATIO = 0.85  # of the distances to the nearest and the second nearest feature, 
 TOGETHER = 50  # pictures that one is compared with at once: 8 MB
 FEWEST_ALIKE = 4  # such matches; fewer are chance
 FEWEST_INLIERS = 15  # COLMAP's own for a pair that matches
-FEWEST_FOR_LENS = 10  # pictures of one camera whose second distortion coefficient and principal point are fitted
+FEWEST_FOR_LENS = 10  # pictures of one camera whose other parameters are fitted than focal length and one of distortion
+SQUEEZED = 0.03  # pixels whose width and height differ more are not square; lenses make a hundredth
+MUCH_BETTER = 0.85  # of the reprojection error with square pixels: what is left with others, at most
 FARTHEST_CENTRE = 0.08  # of the picture's side, from its middle
 STILL = 0.003  # of the picture's longer side: matches that move less on average stand still
 MOST_STILL = 0.5  # of the pairs that match; a walk has neighbours that hardly differ, but not so many
@@ -102,6 +104,9 @@ def reconstruct(task: Task, on_progress: OnProgress) -> Found:
     models = [] if found.is_static else _map(task, on_progress)
     if not models:
         return found
+    squeezed = _with_two_focals(models[0])
+    if squeezed is not None:
+        models = _map_again(task, squeezed, on_progress) or [squeezed, *models[1:]]
     best = _with_fitted_lens(models[0])
     folder = task.work / MODEL
     shutil.rmtree(folder, ignore_errors=True)
@@ -185,7 +190,9 @@ def _begin_database(task: Task) -> None:
         camera_of = {image.name: image.camera_id for image in database.read_all_images()}
         for group in task.groups:
             camera = database.read_camera(camera_of[group.names[0]])
-            camera.focal_length = group.focal or UNKNOWN_FOCAL * max(camera.width, camera.height)
+            focal = group.focal or UNKNOWN_FOCAL * max(camera.width, camera.height)
+            camera.model = getattr(pycolmap.CameraModelId, LENS)  # where a process was killed, it may be another
+            camera.params = [focal, camera.width / 2, camera.height / 2, 0.0]
             camera.has_prior_focal_length = group.focal is not None
             database.update_camera(camera)
 
@@ -332,7 +339,7 @@ def _matches_found(task: Task) -> Found:
 # --- poses ------------------------------------------------------------------------------------------------------------
 
 
-def _map(task: Task, on_progress: OnProgress) -> list[Any]:
+def _map(task: Task, on_progress: OnProgress, title: str = "poses") -> list[Any]:
     """Models, the largest first."""
     folder = task.work / MODELS
     shutil.rmtree(folder, ignore_errors=True)
@@ -345,9 +352,9 @@ def _map(task: Task, on_progress: OnProgress) -> list[Any]:
     def next_image() -> None:
         nonlocal added
         added += 1
-        on_progress("poses", min(added, total), total)
+        on_progress(title, min(added, total), total)
 
-    on_progress("poses", 0, total)
+    on_progress(title, 0, total)
     pycolmap.set_random_seed(task.seed)  # here, whatever this process did before
     models = pycolmap.incremental_mapping(
         task.database, task.images, folder, options, next_image_callback=next_image
@@ -355,23 +362,49 @@ def _map(task: Task, on_progress: OnProgress) -> list[Any]:
     return sorted(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
 
 
+def _with_two_focals(model: Any) -> Any:
+    """The model with two focal lengths for cameras whose pixels are clearly not square; None where none has such.
+
+    Pictures that were squeezed to a square, say: poses with one focal length are wrong by degrees.
+    """
+    pictures = _pictures_of_cameras(model)
+    fitted = pycolmap.Reconstruction(model)
+    for number, camera in fitted.cameras.items():
+        if pictures[number] >= FEWEST_FOR_LENS:
+            focal, cx, cy, k = camera.params
+            camera.model = pycolmap.CameraModelId.OPENCV
+            camera.params = [focal, focal, cx, cy, k, 0.0, 0.0, 0.0]
+    _adjust(fitted)
+    squeezed = any(
+        abs(np.log(camera.focal_length_x / camera.focal_length_y)) > SQUEEZED for camera in fitted.cameras.values()
+    )
+    before, after = (each.compute_mean_reprojection_error() for each in (model, fitted))
+    return fitted if squeezed and after < MUCH_BETTER * before else None
+
+
+def _map_again(task: Task, squeezed: Any, on_progress: OnProgress) -> list[Any]:
+    """Models of cameras that begin as in `squeezed`; none where fewer pictures get a pose."""
+    with _opened(task) as database:
+        for camera in squeezed.cameras.values():
+            camera.has_prior_focal_length = True
+            database.update_camera(camera)
+    models = _map(task, on_progress, "poses of squeezed pictures")
+    return models if models and models[0].num_reg_images() >= squeezed.num_reg_images() else []
+
+
 def _with_fitted_lens(model: Any) -> Any:
     """The model with a second distortion coefficient and the principal point fitted, for cameras of enough pictures.
 
     Phones crop for stabilisation, which moves the principal point. Where the fit runs away, the model stays as it is.
     """
-    pictures = Counter(model.image(number).camera_id for number in model.reg_image_ids())
+    pictures = _pictures_of_cameras(model)
     if min(pictures.values()) < FEWEST_FOR_LENS:
         return model
     fitted = pycolmap.Reconstruction(model)
     for camera in fitted.cameras.values():
-        focal, cx, cy, k = camera.params
-        camera.model = pycolmap.CameraModelId.RADIAL
-        camera.params = [focal, cx, cy, k, 0.0]
-    options = pycolmap.BundleAdjustmentOptions(refine_principal_point=True, print_summary=False)
-    options.ceres.solver_options.num_threads = 1
-    pycolmap.bundle_adjustment(fitted, options)
-    fitted.update_point_3d_errors()
+        if camera.model == getattr(pycolmap.CameraModelId, LENS):
+            camera.model, camera.params = pycolmap.CameraModelId.RADIAL, [*camera.params, 0.0]
+    _adjust(fitted, refine_principal_point=True)
     off = [
         max(abs(camera.principal_point_x / camera.width - 0.5), abs(camera.principal_point_y / camera.height - 0.5))
         for number, camera in fitted.cameras.items()
@@ -379,6 +412,19 @@ def _with_fitted_lens(model: Any) -> Any:
     ]
     better = fitted.compute_mean_reprojection_error() <= model.compute_mean_reprojection_error()
     return fitted if better and max(off) < FARTHEST_CENTRE else model
+
+
+def _pictures_of_cameras(model: Any) -> Counter[int]:
+    """How many pictures with a pose each camera has, by its number."""
+    return Counter(model.image(number).camera_id for number in model.reg_image_ids())
+
+
+def _adjust(model: Any, **refined: bool) -> None:
+    """Adjusts poses, points and lenses to one another. refined: see pycolmap.BundleAdjustmentOptions."""
+    options = pycolmap.BundleAdjustmentOptions(print_summary=False, **refined)
+    options.ceres.solver_options.num_threads = 1
+    pycolmap.bundle_adjustment(model, options)
+    model.update_point_3d_errors()
 
 
 def _batches(items: Sequence[Any], size: int) -> list[Sequence[Any]]:

@@ -13,10 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from baker.commands.make import main as snerg_make
 from console import UserError
 from tests.training.posing.conftest import COUNT, Found, write_photographs
+from tests.training.posing.rooms import cameras, photograph
 from tools.pose_error import pose_error
 from training.posing import child_process, find
 from training.posing.find import find_poses, posed_scene
@@ -43,6 +45,24 @@ def test_the_cameras_of_bare_photographs_are_found(found: Found):
     assert result.positions.max() < 0.01 and result.degrees.max() < 1.0
     focals = {name: one.camera.fx / one.camera.width for name, one in photographs_of(scene).items()}
     assert np.allclose(list(focals.values()), 268.8 / 256, rtol=0.02)
+
+
+@pytest.mark.slow
+def test_pixels_that_are_not_square_are_found(tmp_path: Path):
+    pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
+    (tmp_path / "photographs").mkdir()
+    views = []
+    for number, camera in enumerate(cameras(12)):
+        narrow = replace(camera, width=192, fx=0.75 * camera.fx, cx=96.0)
+        Image.fromarray(photograph(narrow)).save(tmp_path / "photographs" / f"p{number:02}.png")
+        views.append(Photograph(f"p{number:02}", narrow, lambda: None))  # type: ignore[arg-type, return-value]
+    scene = load(posed_scene(tmp_path / "photographs", tmp_path / "out"))
+    result = pose_error(scene, replace(scene, splits={"train": tuple(views)}))
+    assert len(result.names) == 12
+    assert result.positions.max() < 0.01 and result.degrees.max() < 0.5
+    assert [one.camera.fx / one.camera.fy for one in photographs_of(scene).values()] == pytest.approx(
+        [0.75] * 12, rel=0.01
+    )
 
 
 def test_the_users_folder_is_left_as_it_was_and_the_scene_holds_no_copies_of_what_can_be_used(found: Found):
