@@ -226,7 +226,7 @@ def test_the_first_view_the_credits_and_measurements_come_along(show: Show, shap
     line = Measurement("line", ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
     behind = Measurement("point", ((0.0, 0.0, 9.0),))
     notes = Annotations(Scale(0.5, "m"), (line, behind))
-    pose = '{"eye": [0, 1, 4], "target": [0, 0, 0], "fov": 40}'
+    pose = '{"eye": [0, 0.5, 2], "target": [0, 0, 0], "fov": 40}'  # in metres, half as many as grid units
     browser = show(shapes, PageContent("x", "Photographs: <b>A. B.</b>", pose=pose, annotations=notes), size=SIZE)
     start = browser.evaluate("snerg.camera.view(0)")
     np.testing.assert_allclose(start["eye"], (0, 1, 4), atol=1e-6)
