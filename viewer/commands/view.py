@@ -51,6 +51,7 @@ PageName = Literal[
     "crop",
     "erase",
     "measure",
+    "move",
     "photographs",
     "compare",
     "film",
