@@ -13,6 +13,7 @@ import numpy as np
 
 from console.progress_protocol import Report
 from scenepack.editing import Selection
+from scenepack.placement import Placement
 from training.scenes.colmap import SparsePoints
 from viewer.app.application import App
 from viewer.app.commands import run
@@ -27,6 +28,7 @@ from viewer.features.making.make_job import MakeJob
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.review import Review, SparsePreview
 from viewer.features.opening.session import Seen, Session
+from viewer.features.placing import placing
 from viewer.interface.layout import PAGES
 
 
@@ -160,6 +162,10 @@ def _scaling(app: App, scenes: Scenes) -> None:
     app.measure_tool.tool, app.measure_tool.draft = "scale", ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0))
 
 
+def _placed(app: App, scenes: Scenes) -> None:
+    placing.put(app, Placement(origin=(0.0, -0.5, 0.0)))
+
+
 def _bookmarked(app: App, scenes: Scenes) -> None:
     for name, command in (("A view with a name that is longer than the list is wide", "front"), ("Above", "top")):
         run(app, command)
@@ -191,6 +197,7 @@ PLACES: dict[str, Prepare] = {
     "bookmarks, two of them": _page("bookmarks", _bookmarked),
     "measure, three of them": _page("measure", _measured),
     "measure, a known length": _page("measure", _scaling),
+    "move, another origin": _page("move", _placed),
     "photographs, frusta": _page("photographs", lambda app, _: setattr(app.comparison, "frusta", True)),
     "photographs, one of them": _page("photographs", _stand_in),
     "compare, two packs": _page("compare", _compare),
