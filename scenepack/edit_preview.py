@@ -41,7 +41,7 @@ class EditPreview:
         return self._goal != (removed, selected)
 
     def follow(self, removed: Selection, selected: Selection, seconds: float = inf) -> None:
-        """Shows these edits in the atlas; stops after about `seconds`, and the next call goes on."""
+        """Applies these edits to the atlas. Stops after about `seconds`; the next call continues."""
         end = time.perf_counter() + seconds
         if self.differs(removed, selected):
             self._goal = removed, selected

@@ -24,7 +24,8 @@ SCALES = (1e-12, 1e12)  # placed units per grid unit
 Unit = Literal["", "m", "cm", "mm", "in", "ft"]  # "" while it is unknown
 UNITS: tuple[Unit, ...] = get_args(Unit)
 NOT_TURNED: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-SKEWED, ROUNDED = 1e-3, 1e-12  # by which a rotation that was written down may miss one; less is left as it is
+# Of R Rᵀ from the identity: a stored matrix with a larger error is refused; one with a smaller error is not corrected
+SKEWED, ROUNDED = 1e-3, 1e-12
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,9 @@ class Placement:
         from_, to = before @ up, np.array([0.0, 1.0, 0.0])
         axis = np.cross(from_, to)
         sine, cosine = np.linalg.norm(axis), float(from_ @ to)
-        axis = axis / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])  # as it is, or upside down
+        axis = (
+            axis / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])
+        )  # level already, or upside down: any axis does
         turned = Rotation.from_rotvec(np.arctan2(sine, cosine) * axis).as_matrix() @ before
         origin = np.array(self.origin)
         if through is not None:

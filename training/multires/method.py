@@ -194,8 +194,10 @@ class MultiresMethod:
 
 
 class Engine(Protocol):
-    """Agrees with training.multires.field to rounding. What is random about a step comes from the seed and the step alone; two
-    engines may draw differently. An engine may keep what it derives from a state in state.kept.
+    """Agrees with training.multires.field to rounding; gradients may agree on average only.
+
+    What is random about a step comes from the seed and the step alone; two engines may draw differently. An engine may keep what
+    it derives from a state in state.kept.
     """
 
     def adopt(self, state: State) -> State:

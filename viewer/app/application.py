@@ -119,9 +119,8 @@ class App:
         self.gallery.scene_changed(pack)
         path = entry.scene.path
         self.annotations.open_pack(self, pack, path if path.exists() else None, entry.annotations)
-        self.scene.rig.stand_in(
-            self.annotations.current.placement.rotation
-        )  # it may be kept elsewhere than in the pack
+        # the annotations may be kept elsewhere than in the pack, which the rig knows
+        self.scene.rig.begin_placed(self.annotations.current.placement.rotation)
         self.measure_tool.drop()
         self.erasing = self.erasing.of_another_scene()
         self.bookmarks.drop()

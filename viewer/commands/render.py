@@ -357,7 +357,7 @@ def _drawn(
                 eyes = [draw(camera, settings) for camera in cameras]
                 if not pictures and annotations.bookmarks:
                     eyes = [
-                        with_places(eye, renderer.pack, camera, settings, annotations)
+                        with_places(eye, camera, renderer.pack, settings, annotations)
                         for eye, camera in zip(eyes, cameras, strict=True)
                     ]
                 pictures.append(np.concatenate(eyes, axis=int(beside)))

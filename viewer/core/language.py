@@ -1,8 +1,8 @@
 """The language of the interface: one catalogue for each besides English, which is what the code says.
 
 A catalogue is JSON: English text to its translation. `{}` stands for what is filled in, in the same order; `{0}`, `{1}` where a
-translation needs another order. What the interface is about to draw is looked up (viewer.interface.ui); what no catalogue has,
-such as names of packs and what readers complain of, is drawn as it is.
+translation needs another order. viewer.interface.ui looks up each text before it is drawn. A text that no catalogue has, such
+as a pack's name or a reader's complaint, is not translated.
 """
 
 from __future__ import annotations

@@ -261,7 +261,7 @@ def _shaders(pack: Pack, look: Look | None) -> dict[str, Any]:
 def _camera(pack: Pack, start: str | None, annotations: Annotations) -> dict[str, Any]:
     """The first view, what it turns about, its limits, and the bookmarks."""
     rig = orbit_camera_for(pack)
-    rig.stand_in(annotations.placement.rotation)
+    rig.begin_placed(annotations.placement.rotation)
     home, fov = rig.home_pose, rig.home_fov
     if start is not None:
         try:

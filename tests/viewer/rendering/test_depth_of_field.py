@@ -1,4 +1,4 @@
-"""Depth of field: what is in focus stays as it is, and the rest is blurred as a thin lens blurs it."""
+"""Depth of field: the plane in focus is sharp, and everything else is blurred as by a thin lens."""
 
 from __future__ import annotations
 

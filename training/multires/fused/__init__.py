@@ -1,4 +1,5 @@
-"""The multi-resolution field on processors: loops compiled by Numba, which agree with training.multires.field.
+"""The multi-resolution field on processors: loops compiled by Numba, which agree with training.multires.field;
+gradients agree on average.
 
 vectors   SIMD operations for LLVM             network   the decoder's matrix products and activations
 corners   vertices around samples, by level    view_mlp  the deferred head over a chunk of rays

@@ -1,7 +1,8 @@
 """A chunk of rays through the field, forward and backward, by one worker; its samples stay in the cache meanwhile.
 
 Samples come wave by wave: a few of each ray that still has light, so that a ray ends exactly where its light does and blocks of
-samples are full. Within a ray they are in order. What training.multires.field defines, computed in float32.
+samples are full. Within a ray they are in order. What training.multires.field defines, computed in float32. The gradient is that
+of some of the samples, and exact on average (_sample_slopes).
 
 Notation: n samples of a chunk, in blocks; I inputs of the decoder; CHUNK rays. Arrays of samples are flat.
 """
@@ -325,9 +326,8 @@ def _sample_slopes(count, phase, sampled_below, inputs, scratch, metrics):
             total, counted = total + sums[n], counted + 1
     metrics[SAMPLES] = counted
     least, kept = np.float32(sampled_below * total / max(counted, 1)), 0
-    due = (phase * np.float32(4096.0)) % np.float32(
-        1.0
-    )  # low bits of a random number whose high bits placed the samples
+    # low bits of a random number whose high bits placed the samples
+    due = (phase * np.float32(4096.0)) % np.float32(1.0)
     for n in range(count):
         if scratch.light[n] == 0:
             continue

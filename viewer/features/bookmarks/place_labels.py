@@ -24,7 +24,7 @@ WIDEST = 0.4  # a title, of the picture's width
 
 
 def with_places(
-    picture: np.ndarray, pack: Pack, camera: ViewCamera, settings: RenderSettings, annotations: Annotations
+    picture: np.ndarray, camera: ViewCamera, pack: Pack, settings: RenderSettings, annotations: Annotations
 ) -> np.ndarray:
     """The picture of a camera, uint8 [h, w, 3], with the places that nothing covers."""
     marked = [(i, view) for i, view in enumerate(annotations.bookmarks, 1) if view.point is not None]

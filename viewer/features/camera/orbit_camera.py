@@ -306,8 +306,8 @@ class OrbitCamera:
             self._level(replace(self.table, placed=placed))
             self.home_pose = self._home()
 
-    def stand_in(self, placed: Rows) -> None:
-        """As place(), and the first view is that of the placed frame; for a rig whose camera nobody has moved."""
+    def begin_placed(self, placed: Rows) -> None:
+        """As place(), before anybody has moved the camera: the first view becomes that of the placed frame."""
         if not self.bounded and placed != self.table.placed:
             self.table = replace(self.table, placed=placed)
             self.home_pose = self.goal = self.shown = self._home()

@@ -12,8 +12,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError
-from scenepack.pack import Pack
-from viewer.core.annotations import Annotations, Point
+from viewer.core.annotations import Point
 from viewer.core.files import FileRequest
 from viewer.core.pose import fitted, triple, view_camera
 from viewer.features.bookmarks.place_labels import with_places
@@ -22,7 +21,7 @@ from viewer.features.film.film_export import Export, Layers
 from viewer.features.film.pictures import EXR, passes_for
 from viewer.features.measuring.surface import depth_in_middle, depth_of
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.settings import Aperture, Mode, RenderSettings
+from viewer.rendering.settings import Aperture, Mode
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -253,10 +252,10 @@ class Filming:
             modes = tuple(dict.fromkeys((settings.mode, *self.besides)))
             passes = passes_for(modes, settings, transparent=self.transparent, exr=exr)
             layers = Layers(passes, app.canvas.raw, app.scene.pack)
-        put, places, pack = copy_picture if target is COPY else None, app.annotations.current, app.scene.pack
-        finish = None
+        put, finish = copy_picture if target is COPY else None, None
         if self.annotated:
-            finish = partial(_with_places, pack, settings, places)
+            pack, annotations = app.scene.pack, app.annotations.current
+            finish = partial(with_places, pack=pack, settings=settings, annotations=annotations)
         self.export = Export(cameras, settings, target, app.canvas.snapshot, self.fps, side, layers, finish, put)
         self.playing = False
         app.touch()
@@ -281,12 +280,6 @@ class Filming:
             self.export.cancel()
             self.export = None
             app.messages.say("The export was cancelled")
-
-
-def _with_places(
-    pack: Pack, settings: RenderSettings, annotations: Annotations, picture: np.ndarray, camera: ViewCamera
-) -> np.ndarray:
-    return with_places(picture, pack, camera, settings, annotations)
 
 
 REMEDY = "save it with Ctrl+S instead"

@@ -165,7 +165,7 @@ class Opening:
             app.refine(app.scene, pack)
             app.scene.whole = True
             finer = app.undoable(orbit_camera_for(pack))
-            finer.stand_in(app.annotations.current.placement.rotation)
+            finer.begin_placed(app.annotations.current.placement.rotation)
             app.scene.rig = app.scene.rig.grown(finer)
             app.opened()
         else:

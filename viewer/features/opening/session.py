@@ -211,7 +211,7 @@ def _apply(app: App, seen: Seen) -> None:
     assert app.scene is not None
     marks = joined(app.annotations.current, seen.annotations)
     app.annotations.current = replace(marks, placement=allowed(marks.placement, app.scene.pack))
-    app.scene.rig.stand_in(marks.placement.rotation)
+    app.scene.rig.begin_placed(marks.placement.rotation)
     place(app.scene.rig, seen.camera, orthographic=seen.orthographic)
     app.set(crop=None if app.scene.rig.bounded else seen.crop, near=seen.near)
     app.touch()

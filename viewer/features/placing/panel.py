@@ -63,7 +63,7 @@ def _angles(app: App, placement: Placement) -> None:
     angles = list(placement.angles)
     for i, (name, most) in enumerate(ANGLES):
         label(name)
-        changed, value = imgui.slider_float(f"##{name}", round(angles[i], 3) + 0.0, -most, most, "%.1f°")
+        changed, value = imgui.slider_float(f"##{name}", round(angles[i], 1) + 0.0, -most, most, "%.1f°")
         if imgui.is_item_activated():
             app.scene.rig.remember()
         if changed:
@@ -94,7 +94,7 @@ def draw(app: App, box: Box) -> None:
             for j in range(side - 1):
                 edges += [(i * side + j, i * side + j + 1), (j * side + i, (j + 1) * side + i)]
         points = origin + step * (x.reshape(-1, 1) * placed[0] + z.reshape(-1, 1) * placed[2])
-        screen.lines(points, edges, theme.packed(theme.TEXT, 0.35), px(1))
+        screen.lines(points, edges, theme.packed(theme.MUTED, 0.6), px(1))  # seen on white and on black
     for axis, colour in zip(placed, AXIS_COLOURS, strict=True):
         ends = np.stack([origin, origin + 2 * step * axis])
         screen.lines(ends, [(0, 1)], theme.packed(theme.BASE, 0.75), px(5))

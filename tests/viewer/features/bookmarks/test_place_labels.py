@@ -83,5 +83,5 @@ def test_a_transparent_picture_has_none(folder: Path, tmp_path: Path, capsys) ->
 def test_titles_stay_within_the_picture_and_are_cut_where_they_are_long() -> None:
     long = Annotations(bookmarks=(Bookmark("W" * 100, (0, 0, 3), (0, 0, 0), point=(0.4, 0.2, FAR_BAR + 0.05)),))
     white = np.full((160, 240, 3), 255, np.uint8)
-    changed = np.argwhere((with_places(white, bars(), CAMERA, RenderSettings(), long) != 255).any(axis=2))
+    changed = np.argwhere((with_places(white, CAMERA, bars(), RenderSettings(), long) != 255).any(axis=2))
     assert 40 < np.ptp(changed[:, 1]) < 0.55 * 240
