@@ -157,11 +157,13 @@ def slider(
     return moved / times if changed else value
 
 
-def switch(name: str, on: bool, title: str = "", title_width: float = LABEL_WIDTH) -> bool:
+def switch(name: str, on: bool, title: str = "") -> bool:
     """A sliding switch at the right end of a row, which begins with a title or a label; the new state."""
-    if title:
-        label(title, title_width)
     height, width = px(18), px(32)
+    if title:
+        imgui.align_text_to_frame_padding()
+        write(elided(title, imgui.get_content_region_avail().x - width - px(8)), theme.MUTED)
+        imgui.same_line()
     x = imgui.get_content_region_avail().x - width
     imgui.set_cursor_pos(ImVec2(imgui.get_cursor_pos_x() + max(0.0, x), imgui.get_cursor_pos_y() + px(5)))
     at = imgui.get_cursor_screen_pos()

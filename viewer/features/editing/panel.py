@@ -57,7 +57,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         mode = segments("mode", list(MODES), "add" if erasing.adds else "subtract", MODES)
         erasing.adds = erasing.adds if mode is None else mode == "add"
         if erasing.tool == "lasso":
-            erasing.through = switch("through", erasing.through, "What is hidden, too", 150.0)
+            erasing.through = switch("through", erasing.through, "What is hidden, too")
         elif erasing.tool == "brush":
             label("Radius")
             flags = imgui.SliderFlags_.logarithmic

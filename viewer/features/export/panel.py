@@ -93,7 +93,7 @@ def _choices(app: App, plan: ExportPlan) -> None:
         tip("Where the surface lies. Lower includes thinner mist.")
         label("Parts", LABELS)
         plan.keep = segments("keep", list(KEPT), plan.keep) or plan.keep
-        plan.smooth = switch("smooth", plan.smooth, "Smooth", LABELS)
+        plan.smooth = switch("smooth", plan.smooth, "Smooth")
     if plan.kind == "mesh":
         label("Triangles", LABELS)
         plan.faces = segments("faces", list(FACES), plan.faces) or plan.faces
@@ -107,7 +107,7 @@ def _choices(app: App, plan: ExportPlan) -> None:
             plan.frame = picked  # type: ignore[assignment]
         hint(_frame_hint(plan, app.annotations.current.scale))
     if app.settings.crop is not None:
-        plan.crop = switch("cropped", plan.crop, "Crop box only", LABELS)
+        plan.crop = switch("cropped", plan.crop, "Crop box only")
     if plan.kind == "page":
         imgui.dummy(ImVec2(0, px(4)))
         if imgui.button(f"{fa.ICON_FA_SHARE_NODES}  Share…", ImVec2(px(112), 0)):

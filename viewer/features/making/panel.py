@@ -137,9 +137,9 @@ def _choices(app: App, plan: Plan) -> None:
     _indented(f"Trained on {size[0]} × {size[1]} pixels each." if size else "")
     _indented(what_it_needs(plan, max(size)) if size else "")
     if survey.forward:
-        plan.spherify = switch("spherify", plan.spherify, "360° capture", LABELS)
+        plan.spherify = switch("spherify", plan.spherify, "360° capture")
     if plan.masked:
-        plan.masks = switch("masks", plan.cut_out, "Cut out", LABELS)
+        plan.masks = switch("masks", plan.cut_out, "Cut out")
         tip("Keep only what the masks show")
     elif survey.masks:
         label("Cut out", LABELS)

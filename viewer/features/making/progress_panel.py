@@ -183,7 +183,7 @@ def _choices(app: App, review: Review, shown: bool) -> None:
     if review.kind == "forward" or not shown:
         return
     _upright(app, review)
-    on = switch("box", app.settings.crop is not None, "Box", LABELS)
+    on = switch("box", app.settings.crop is not None, "Box")
     tip("Show the box that is trained, and drag its faces")
     if on != (app.settings.crop is not None):
         review.show_box(app, on)
@@ -195,7 +195,7 @@ def _choices(app: App, review: Review, shown: bool) -> None:
 
 def _upright(app: App, review: Review) -> None:
     """What is up: the cameras' own, or the ground's, which is clicked on."""
-    picking = switch("up", review.picking, "Up", LABELS)
+    picking = switch("up", review.picking, "Up")
     if picking != review.picking:
         review.hold()
         review.picking = picking
