@@ -9,13 +9,13 @@ from __future__ import annotations
 import csv
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from console import UserError
 from console.json_text import read_json_file
@@ -110,16 +110,19 @@ class ExportFile:
 MOST_BYTES = 256 << 20
 MOST_SKEW = 1e-3  # b2, of the focal length: no lens here is skewed
 KINDS = {"frame": PERSPECTIVE, "fisheye": FISHEYE, "spherical": EQUIRECTANGULAR}
-# By our names: theirs.
-METASHAPE_COEFFICIENTS = {"k1": "k1", "k2": "k2", "k3": "k3", "k4": "k4", "p1": "p2", "p2": "p1"}
+METASHAPE_COEFFICIENTS = {
+    "k1": "k1",
+    "k2": "k2",
+    "k3": "k3",
+    "k4": "k4",
+    "p1": "p2",
+    "p2": "p1",
+}  # by our names, theirs
 
 
-# A camera's transform is chunk_T_camera, OpenCV axes. Metashape's lens model: k1 … k4 as everywhere, its p1, p2 are OpenCV's p2,
-# p1; fx = f + b1; cx and cy count from the middle of the picture (Metashape's manual, "Camera models").
-
-
-def read_metashape(file: Path, _: object) -> Reconstruction:
-    """The cameras that have a pose, by label. UserError for anything else."""
+def _read_metashape(file: Path, _: SizeOf) -> Reconstruction:
+    """A camera's transform is chunk_T_camera, OpenCV axes. Of its lens, fx = f + b1; cx and cy count from the middle of the
+    picture (Metashape's manual, "Camera models")."""
     export = ExportFile("Metashape", file)
     cameras: dict[str, Camera] = {}
     for chunk in _document(file, export).iter("chunk"):
@@ -206,9 +209,13 @@ SizeOf = Callable[[str], tuple[int, int]]  # width and height of the picture of 
 
 class Program(NamedTuple):
     name: str
-    find: Callable[[Path], Path | None]  # what it wrote into a folder: a file, or a folder of files
-    read: Callable[[Path, SizeOf], Reconstruction]
-    pictures: tuple[str, ...] = ("images", ".")  # where its pictures lie; the first that is there
+    files: tuple[str, ...]  # patterns of those that it writes into a folder
+    wrote: Callable[[bytes], bool]  # whether it wrote a file, by the first HEAD_BYTES
+    read: Callable[[Path, SizeOf], Reconstruction]  # of the first such file
+    pictures: tuple[str, ...] = (
+        "images",
+        ".",
+    )  # where its pictures lie: one of these must be there, and the first counts
 
 
 def recognises(path: Path) -> bool:
@@ -220,10 +227,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
     """Reads the cameras and the headers of the pictures."""
     found = _found(path)
     assert found is not None
-    program, file = found
-    own = "corrected_images" if file.name == "corrected_cameras" else None
-    folders = [file.parent / own] if own else [path / folder for folder in program.pictures]
-    folder = next((folder for folder in folders if folder.is_dir()), path)
+    program, file, folder = found
     finder = FileFinder(folder, path)
 
     def size_of(name: str) -> tuple[int, int]:
@@ -233,32 +237,15 @@ def read(path: Path, options: SceneOptions) -> Scene:
     return scene_of(path, program.read(file, size_of), finder, folder, 1, options)
 
 
-def _found(path: Path) -> tuple[Program, Path] | None:
-    found = ((program, program.find(path)) for program in PROGRAMS)
-    return next(((program, file) for program, file in found if file is not None), None)
-
-
-def _with_head(path: Path, pattern: str, says: Callable[[bytes], bool]) -> Path | None:
-    """The first file of a folder that fits the pattern and whose first bytes say what they should."""
-    for file in sorted(path.glob(pattern)):
-        if file.is_file():
+def _found(path: Path) -> tuple[Program, Path, Path] | None:
+    """The program, the first file that it wrote, and the folder of its pictures."""
+    for program in PROGRAMS:
+        folder = next((path / name for name in program.pictures if (path / name).is_dir()), None)
+        for file in (file for pattern in program.files for file in sorted(path.glob(pattern)) if file.is_file()):
             with file.open("rb") as opened:
-                if says(opened.read(HEAD_BYTES)):
-                    return file
+                if program.wrote(opened.read(HEAD_BYTES)) and folder is not None:
+                    return program, file, folder
     return None
-
-
-def _matrix(R: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """[R | t] as [4, 4]."""
-    return np.vstack([np.column_stack([R, t]), [0, 0, 0, 1]])
-
-
-def _about(rotation: np.ndarray) -> np.ndarray:
-    """The rotation [3, 3] about a vector [3], by an angle that is its length (Rodrigues' formula)."""
-    angle = np.linalg.norm(rotation)
-    x, y, z = rotation / max(angle, 1e-12)
-    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across
 
 
 # --- RealityCapture, RealityScan --------------------------------------------------------------------------------------
@@ -293,14 +280,14 @@ def _read_realitycapture(file: Path, size_of: SizeOf) -> Reconstruction:
         x, y, z, heading, pitch, roll, f, px, py, *rest = (
             export.numbers([values.get(column, "0") or "0"], 1, f"{column} of {name}")[0] for column in COLUMNS
         )
-        R = _about(np.radians([0, 0, -heading])) @ _about(np.radians([pitch, 0, 0])) @ _about(np.radians([0, roll, 0]))
+        R = Rotation.from_euler("ZXY", [-heading, pitch, roll], degrees=True).as_matrix()
         width, height = size_of(name)
         scale = max(width, height) / FILM_MM
         coefficients = {key: float(value) for key, value in zip(COEFFICIENTS, rest, strict=True)}
         centre = 0.5 * width + scale * px, 0.5 * height + scale * py
         if name in cameras:
             raise export.damaged("a name that comes twice", name)
-        cameras[name] = export.camera(name, _matrix(R, np.array([x, y, z])), (width, height), [scale * f], centre,
+        cameras[name] = export.camera(name, np.column_stack([R, [x, y, z]]), (width, height), [scale * f], centre,
                                       coefficients=coefficients)  # fmt: skip
     return export.reconstruction(cameras)
 
@@ -308,20 +295,10 @@ def _read_realitycapture(file: Path, size_of: SizeOf) -> Reconstruction:
 # --- apps for phones --------------------------------------------------------------------------------------------------
 
 
-def _files_with(folders: Sequence[str], pattern: str, key: bytes) -> Callable[[Path], Path | None]:
-    """The first of some folders in which a JSON file names a key."""
-
-    def find(path: Path) -> Path | None:
-        there = (path / folder for folder in folders)
-        return next((folder for folder in there if _with_head(folder, pattern, lambda head: key in head)), None)
-
-    return find
-
-
-def _read_polycam(folder: Path, _: SizeOf) -> Reconstruction:
+def _read_polycam(first: Path, _: SizeOf) -> Reconstruction:
     """keyframes/cameras/TIME.json: t_ij of a camera-to-world matrix in OpenGL axes, and the lens in pixels."""
     cameras = {}
-    for file in sorted(folder.glob("*.json")):
+    for file in sorted(first.parent.glob("*.json")):
         export = ExportFile("Polycam", file)
         values = export.json(dict)
         matrix = [[export.number(values, f"t_{row}{column}") for column in range(4)] for row in range(3)]
@@ -329,13 +306,13 @@ def _read_polycam(folder: Path, _: SizeOf) -> Reconstruction:
             [export.number(values, key) for key in keys] for keys in (("width", "height"), ("fx", "fy"), ("cx", "cy"))
         )
         cameras[file.stem] = export.camera(file.stem, matrix, size, focal, centre)
-    return ExportFile("Polycam", folder).reconstruction(cameras)
+    return ExportFile("Polycam", first.parent).reconstruction(cameras)
 
 
-def _read_scanner_app(folder: Path, size_of: SizeOf) -> Reconstruction:
+def _read_scanner_app(first: Path, size_of: SizeOf) -> Reconstruction:
     """frame_N.json of ARKit: cameraPoseARFrame, camera-to-world in OpenGL axes, and intrinsics [3, 3] in pixels."""
     cameras = {}
-    for file in sorted(folder.glob("frame_*.json")):
+    for file in sorted(first.parent.glob("frame_*.json")):
         export = ExportFile("3D Scanner App", file)
         values = export.json(dict)
         matrix = export.numbers(values.get("cameraPoseARFrame"), 16, "cameraPoseARFrame").reshape(4, 4)
@@ -345,13 +322,10 @@ def _read_scanner_app(folder: Path, size_of: SizeOf) -> Reconstruction:
         K = K.T if np.any(K[2, :2]) else K
         size = size_of(file.stem)
         cameras[file.stem] = export.camera(file.stem, matrix, size, (K[0, 0], K[1, 1]), K[:2, 2])
-    return ExportFile("3D Scanner App", folder).reconstruction(cameras)
+    return ExportFile("3D Scanner App", first.parent).reconstruction(cameras)
 
 
-def _find_record3d(path: Path) -> Path | None:
-    keys = (b'"poses"', b'"K"', b'"initPose"', b'"frameTimestamps"', b'"perFrameIntrinsicCoeffs"')
-    has_pictures = any((path / folder).is_dir() for folder in ("rgb", "rgbd"))
-    return _with_head(path, "metadata.json", lambda head: any(key in head for key in keys)) if has_pictures else None
+RECORD3D_KEYS = (b'"poses"', b'"K"', b'"initPose"', b'"frameTimestamps"', b'"perFrameIntrinsicCoeffs"')
 
 
 def _read_record3d(file: Path, _: SizeOf) -> Reconstruction:
@@ -366,15 +340,12 @@ def _read_record3d(file: Path, _: SizeOf) -> Reconstruction:
     cameras = {}
     for index, row in enumerate(poses):
         *turn, x, y, z = export.numbers(row, 7, f"pose {index}")
-        length = np.linalg.norm(turn)
-        if length < 0.5:
+        if np.linalg.norm(turn) < 0.5:
             raise export.damaged(f"pose {index} has no rotation")
-        vector, real = np.array(turn[:3]) / length, turn[3] / length
-        sine = np.linalg.norm(vector)
-        R = _about(vector / max(sine, 1e-12) * 2 * np.arctan2(sine, real))
+        world_T_camera = np.column_stack([Rotation.from_quat(turn).as_matrix(), [x, y, z]])
         lens = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
         lens = lens if lenses is None else export.numbers(lenses[index], 4, f"lens {index}")
-        cameras[f"{index}"] = export.camera(f"{index}", _matrix(R, np.array([x, y, z])), size, lens[:2], lens[2:])
+        cameras[f"{index}"] = export.camera(f"{index}", world_T_camera, size, lens[:2], lens[2:])
     return export.reconstruction(cameras)
 
 
@@ -388,11 +359,6 @@ OPENSFM = {
 }  # fmt: skip
 
 
-def _find_opensfm(path: Path) -> Path | None:
-    files = (path / folder / "reconstruction.json" for folder in (".", "opensfm"))
-    return next((file for file in files if file.is_file()), None)
-
-
 def _read_opensfm(file: Path, _: SizeOf) -> Reconstruction:
     """The largest of the reconstructions: cameras in units of the picture's longer side, shots as camera_T_world."""
     export = ExportFile("OpenSfM", file)
@@ -402,8 +368,8 @@ def _read_opensfm(file: Path, _: SizeOf) -> Reconstruction:
     cameras = {}
     for name, shot in shots.items():
         lens = export.entry(lenses, str(shot.get("camera")) if isinstance(shot, dict) else "camera", dict)
-        R = _about(export.numbers(shot.get("rotation"), 3, f"rotation of {name}"))
-        t = export.numbers(shot.get("translation"), 3, f"translation of {name}")
+        rotation, t = (export.numbers(shot.get(key), 3, f"{key} of {name}") for key in ("rotation", "translation"))
+        camera_T_world = np.column_stack([Rotation.from_rotvec(rotation).as_matrix(), t])
         kind = str(lens.get("projection_type"))
         if kind not in OPENSFM:
             raise UserError("this lens model is not supported", where=file, expected=", ".join(OPENSFM), found=kind[:40],
@@ -417,25 +383,17 @@ def _read_opensfm(file: Path, _: SizeOf) -> Reconstruction:
             centre = [scale * export.number(lens, "c_x", 0.0), scale * export.number(lens, "c_y", 0.0)]
             coefficients = {key: export.number(lens, key, 0.0) for key in ("k1", "k2", *further)}
         middle = centre[0] + 0.5 * width, centre[1] + 0.5 * height
-        world_T_camera = np.linalg.inv(_matrix(R, t)) @ OPENGL_FROM_OPENCV
-        model = Model(projection, ())
-        cameras[name] = export.camera(name, world_T_camera, size, focal, middle, model, coefficients)
-    points = (found or {}).get("points") or {}
-    rows = [export.numbers([point["coordinates"], point.get("color", (0, 0, 0))], 6, "a point") if isinstance(point, dict)
-            and "coordinates" in point else export.numbers(None, 6, "a point") for point in points.values()]  # fmt: skip
-    table = np.array(rows, np.float64).reshape(-1, 6)
+        world_T_camera = np.linalg.inv(pose(camera_T_world, f"{file} {name}")) @ OPENGL_FROM_OPENCV
+        cameras[name] = export.camera(name, world_T_camera, size, focal, middle, Model(projection, ()), coefficients)
+    points = [point if isinstance(point, dict) else {} for point in (found.get("points") or {}).values()]
+    rows = [[point.get("coordinates"), point.get("color", (0, 0, 0))] for point in points]
+    table = np.array([export.numbers(row, 6, "a point") for row in rows], np.float64).reshape(-1, 6)
     return export.reconstruction(cameras, table[:, :3], table[:, 3:])
 
 
 # --- Bundler ----------------------------------------------------------------------------------------------------------
 
-BUNDLES = ("bundle*.out", "bundle/bundle*.out")
 LISTS = ("list.txt", "bundle.list.txt", "bundle.out.list.txt")  # the pictures' names, beside the file or above
-
-
-def _find_bundler(path: Path) -> Path | None:
-    there = (_with_head(path, pattern, lambda head: head.startswith(b"# Bundle file")) for pattern in BUNDLES)
-    return next((file for file in there if file is not None), None)
 
 
 def _read_bundler(file: Path, size_of: SizeOf) -> Reconstruction:
@@ -467,14 +425,14 @@ def _read_bundler(file: Path, size_of: SizeOf) -> Reconstruction:
         f, k1, k2, *rest = take(15, f"camera {index}")
         if f == 0:
             continue  # it has no pose
-        camera_T_world = pose(_matrix(np.reshape(rest[:9], (3, 3)), np.array(rest[9:])), f"{file} {name}")
+        camera_T_world = pose(np.column_stack([np.reshape(rest[:9], (3, 3)), rest[9:]]), f"{file} {name}")
         width, height = size = size_of(name)
         cameras[name] = export.camera(name, np.linalg.inv(camera_T_world), size, [f], (width / 2, height / 2),
                                       coefficients={"k1": float(k1), "k2": float(k2)})  # fmt: skip
         seen[name] = []
-    table = np.zeros((points, 6)) if points * 12 <= length else None  # bytes that a point takes at least
-    if table is None:
+    if points * 12 > length:  # bytes that a point takes at least
         raise export.damaged(f"{points} points in {length} bytes")
+    table = np.zeros((points, 6))
     for row in range(points):
         table[row] = take(6, f"point {row}")
         for view in take(4 * whole(f"views of point {row}", length), f"views of point {row}")[::4]:
@@ -485,13 +443,14 @@ def _read_bundler(file: Path, size_of: SizeOf) -> Reconstruction:
 
 
 PROGRAMS = (
-    Program("Metashape", partial(_with_head, pattern="*.xml", says=lambda head: b"<document" in head and b"<chunk" in head),
-            read_metashape),
-    Program("RealityCapture", partial(_with_head, pattern="*.csv", says=_is_realitycapture), _read_realitycapture),
-    Program("Polycam", _files_with(("keyframes/corrected_cameras", "keyframes/cameras"), "*.json", b'"t_00"'),
-            _read_polycam, ("keyframes/images",)),
-    Program("3D Scanner App", _files_with((".",), "frame_*.json", b'"cameraPoseARFrame"'), _read_scanner_app, (".",)),
-    Program("Record3D", _find_record3d, _read_record3d, ("rgb", "rgbd")),
-    Program("OpenSfM", _find_opensfm, _read_opensfm),
-    Program("Bundler", _find_bundler, _read_bundler),
+    Program("Metashape", ("*.xml",), lambda head: b"<document" in head and b"<chunk" in head, _read_metashape),
+    Program("RealityCapture", ("*.csv",), _is_realitycapture, _read_realitycapture),
+    Program("Polycam", ("keyframes/corrected_cameras/*.json",), lambda head: b'"t_00"' in head, _read_polycam,
+            ("keyframes/corrected_images", ".")),
+    Program("Polycam", ("keyframes/cameras/*.json",), lambda head: b'"t_00"' in head, _read_polycam, ("keyframes/images", ".")),
+    Program("3D Scanner App", ("frame_*.json",), lambda head: b'"cameraPoseARFrame"' in head, _read_scanner_app, (".",)),
+    Program("Record3D", ("metadata.json",), lambda head: any(key in head for key in RECORD3D_KEYS), _read_record3d,
+            ("rgb", "rgbd")),
+    Program("OpenSfM", ("reconstruction.json", "opensfm/reconstruction.json"), lambda head: True, _read_opensfm),
+    Program("Bundler", ("bundle*.out", "bundle/bundle*.out"), lambda head: head.startswith(b"# Bundle file"), _read_bundler),
 )  # fmt: skip
