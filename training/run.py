@@ -27,7 +27,7 @@ from training.dataset import RayDataset, make_dataset
 from training.devices import agree, is_writer, together
 from training.method import Method
 from training.scenes import Scene, SceneOptions, load_scene
-from training.scenes.scene_options import checked_box, checked_up, require_rays
+from training.scenes.scene_options import require_rays
 
 FORMAT = 1
 
@@ -232,11 +232,8 @@ def read_description(path: Path) -> RunDescription:
             raise UserError("made by another version of snerg", where=file, expected=FORMAT, found=document["format"])
         os.fsencode(document["scene"])  # ValueError where it could be no path
         config = from_json(TrainConfig, document["config"], str(file))
-        values = document["scene_options"]
-        options, box, up = SceneOptions(**{**values, "aabb": None, "up": None}), values.get("aabb"), values.get("up")
-        require_valid(options, str(file))
-        box, up = None if box is None else checked_box(box), None if up is None else checked_up(up)
-        options = replace(options, aabb=box, up=up)  # JSON knows no tuples
+        options = SceneOptions(**document["scene_options"])
+        require_valid(replace(options, aabb=None, up=None), str(file))  # whose numbers may be negative
         return RunDescription(config, Path(document["scene"]), options, dict(document.get("provenance", {})))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UserError("the run's description is damaged", where=file, found=str(error)[:100]) from error

@@ -10,8 +10,8 @@ from PIL import Image
 from tests.fuzz.words import require_words
 from tools.procedural import write_procedural_scene
 from training.scenes import load_scene
-from training.scenes.scene import SceneOptions, camera_rays, picture_stems
-from training.scenes.scene_options import box_line
+from training.scenes.scene import camera_rays, picture_stems
+from training.scenes.scene_options import SceneOptions, box_line
 from viewer.core.files import kind_of, scene_around
 
 BASES = ("blender", "llff", "llff-around", "transforms", "colmap", "colmap-forward")

@@ -7,7 +7,6 @@ image shows), any other where those of transforms.json are. Near, far and box co
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +15,12 @@ from console import UserError
 from training.scenes.colmap_files import Reconstruction, model_suffix, read_reconstruction
 from training.scenes.files import PICTURE_SUFFIXES, FileFinder, clean_name, is_hidden, notice
 from training.scenes.llff import choose_factor, masks_folder, masks_of, picture_folders
-from training.scenes.photographs import moved, photograph_of, target_size, tell_turned
+from training.scenes.photographs import moved, photographs_of
 from training.scenes.pictures import picture_size
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward
-from training.scenes.scene import HELD_OUT_BY_NAME, Photograph, Scene, SceneOptions, hold_out
-from training.scenes.scene_options import UP, axes_of
+from training.scenes.scene import HELD_OUT_BY_NAME, Photograph, Scene, hold_out
+from training.scenes.scene_options import UP, SceneOptions, axes_of
 from training.scenes.space import (
     PointCloud,
     Space,
@@ -58,10 +57,8 @@ def scene_of(
     pictures = [picture for picture in listed if picture is not None]
     names = [clean_name(name) for name in found.names]
     masks = masks_of(path, factor, names) if options.masks else [None] * len(names)
-    shrink = partial(target_size, factor=factor, downscale=options.downscale)
     described = zip(names, pictures, found.cameras, masks, strict=True)
-    photographs = [photograph_of(name, picture, camera, shrink, mask) for name, picture, camera, mask in described]
-    tell_turned(path, photographs)
+    photographs = photographs_of(path, described, factor, options.downscale)
     photographs, space = _placed(path, found, photographs, options)
     kind = "colmap" if recognises(path) else "program"
     return Scene(path=path, kind=kind, splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),

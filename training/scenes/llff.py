@@ -6,17 +6,17 @@ and (height, width, focal length) of the full-size pictures; then nearest and fa
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from console import UserError
 from training.scenes.files import find_masks, notice, visible_files
-from training.scenes.photographs import photograph_of, target_size, tell_turned
+from training.scenes.photographs import photographs_of
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward, pose
-from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Scene, SceneOptions, hold_out
+from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Scene, hold_out
+from training.scenes.scene_options import SceneOptions
 from training.scenes.space import frame_forward, frame_of_sphere, space_forward, space_of_bounds
 
 LOOKED_FOR = "poses_bounds.npy with images or images_K (LLFF)"
@@ -48,10 +48,8 @@ def read(path: Path, options: SceneOptions) -> Scene:
     cameras = [
         Camera(world_T_camera, width, height, focal, focal, width / 2, height / 2) for world_T_camera in frame.poses(P)
     ]
-    shrink = partial(target_size, factor=factor, downscale=options.downscale)
-    described = zip(sources, cameras, masks, strict=True)
-    photographs = [photograph_of(source.stem, source, camera, shrink, mask) for source, camera, mask in described]
-    tell_turned(path, photographs)
+    described = zip([source.stem for source in sources], sources, cameras, masks, strict=True)
+    photographs = photographs_of(path, described, factor, options.downscale)
     if spherified:
         opaque = not options.masks and not may_be_transparent(photographs)
         space = space_of_bounds(photographs, bounds * frame.scale, opaque=opaque)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,20 +16,29 @@ SHAPE_TOLERANCE = 0.01  # how far width over height may differ, as a share; or b
 Size = tuple[int, int]  # width, height
 
 
+def photographs_of(
+    where: Path, described: Iterable[tuple[str, Path, Camera, Path | None]], factor: int, downscale: int
+) -> list[Photograph]:
+    """Photographs of names, pictures (`factor` times smaller than full size), cameras and masks. Errors as photograph_of."""
+    photographs = [photograph_of(*one, factor, downscale) for one in described]
+    tell_turned(where, photographs)
+    return photographs
+
+
 def photograph_of(
-    name: str, picture: Path, described: Camera | Callable[[Size], Camera], shrink: Callable[[Size], Size],
-    mask: Path | None, shape: Size | None = None,
+    name: str, picture: Path, described: Camera | Callable[[Size], Camera], mask: Path | None, factor: int, downscale: int,
+    shape: Size | None = None,
 ) -> Photograph:  # fmt: skip
     """A picture turned as EXIF says, or as it is stored where the camera fits only that. UserError where it fits neither.
 
-    described: the camera, or the camera for a size of picture. shrink: the size to train on, for the stored one. shape: a size
-    whose shape the picture must have, too."""
+    described: the camera, or the camera for a size of picture. factor: how many times smaller than full size the picture is.
+    shape: a size whose shape the picture must have, too."""
     upright = picture_size(picture)
     for as_stored in [False, True] if is_turned(picture) else [False]:
         stored = picture_size(picture, as_stored)
         camera = described if isinstance(described, Camera) else described(stored)
         if _same_shape(stored, (camera.width, camera.height)) and (shape is None or _same_shape(stored, shape)):
-            size = shrink(stored)
+            size = _target_size(stored, min(1.0, factor / downscale), downscale)
             return Photograph(name, camera.resized(*size), PictureLoader(picture, stored, size, mask, as_stored))
     camera = described if isinstance(described, Camera) else described(upright)
     expected = (camera.width, camera.height)
@@ -38,10 +47,8 @@ def photograph_of(
                     found=times(upright))  # fmt: skip
 
 
-def target_size(stored: Size, factor: int, downscale: int) -> Size:
-    """Size of the pictures to train on, from stored ones that are `factor` times smaller than full size: fractions of a pixel
-    are left out."""
-    scale = min(1.0, factor / downscale)
+def _target_size(stored: Size, scale: float, downscale: int) -> Size:
+    """Size of the pictures to train on: fractions of a pixel are left out."""
     size = int(stored[0] * scale + 1e-6), int(stored[1] * scale + 1e-6)
     if min(size) < 1:
         raise UserError("downscale leaves no picture", where=f"--downscale {downscale}", found=times(stored),

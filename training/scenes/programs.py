@@ -25,7 +25,8 @@ from training.scenes.files import FileFinder
 from training.scenes.lens import EQUIRECTANGULAR, FISHEYE, MODELS, PERSPECTIVE, Model
 from training.scenes.pictures import picture_size
 from training.scenes.poses import pose
-from training.scenes.scene import Camera, Scene, SceneOptions
+from training.scenes.scene import Camera, Scene
+from training.scenes.scene_options import SceneOptions
 from training.scenes.space import in_picture
 
 MOST_JSON_BYTES = 512 << 20  # reconstructions of OpenSfM hold all points
@@ -110,14 +111,8 @@ class ExportFile:
 MOST_BYTES = 256 << 20
 MOST_SKEW = 1e-3  # b2, of the focal length: no lens here is skewed
 KINDS = {"frame": PERSPECTIVE, "fisheye": FISHEYE, "spherical": EQUIRECTANGULAR}
-METASHAPE_COEFFICIENTS = {
-    "k1": "k1",
-    "k2": "k2",
-    "k3": "k3",
-    "k4": "k4",
-    "p1": "p2",
-    "p2": "p1",
-}  # by our names, theirs
+# By our names: theirs.
+METASHAPE_COEFFICIENTS = {"k1": "k1", "k2": "k2", "k3": "k3", "k4": "k4", "p1": "p2", "p2": "p1"}
 
 
 def _read_metashape(file: Path, _: SizeOf) -> Reconstruction:

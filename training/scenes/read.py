@@ -17,8 +17,8 @@ import numpy as np
 from console import Notice, UserError
 from training.scenes import colmap, llff, programs, transforms
 from training.scenes.files import PICTURE_SUFFIXES
-from training.scenes.scene import Scene, SceneOptions, camera_rays, pixel_grid
-from training.scenes.scene_options import UP, checked_box, checked_up, with_box
+from training.scenes.scene import Scene, camera_rays, pixel_grid
+from training.scenes.scene_options import UP, SceneOptions, with_box
 
 MOST_OF_A_LENS = 1e7  # pixels, or a coefficient of its distortion; beyond, some pixels have no ray
 LEAST_FOCAL = 1e-3  # pixels; below, squares of the picture's own coordinates leave the range of floats
@@ -30,7 +30,7 @@ LAYOUTS = (transforms, llff, colmap, programs)  # the more particular first: oth
 def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: Any) -> Scene:
     """Reads the posed photographs in a folder; pictures are decoded when asked for. changes: single options. UserError for
     whatever is wrong with the folder, its descriptions or its pictures; a Notice of what is left out, and of guesses."""
-    path, options = Path(path), _checked(replace(options, **changes))
+    path, options = Path(path), replace(options, **changes)
     if not os.path.isdir(path):  # Path.is_dir raises where a name is too long
         what = "not a folder" if os.path.exists(path) else "no such folder"
         raise UserError(what, where=path, expected="a scene: a folder of photographs with camera poses")
@@ -68,15 +68,6 @@ def suggested_downscale(scene: Path, longest_side: int | None) -> int:
 def has_poses(path: Path) -> bool:
     """Whether a folder is laid out as a scene, whatever is wrong with it."""
     return os.path.isdir(path) and any(layout.recognises(path) for layout in LAYOUTS)
-
-
-def _checked(options: SceneOptions) -> SceneOptions:
-    """The options as whole and finite numbers. UserError where they are none."""
-    downscale = options.downscale
-    if isinstance(downscale, bool) or not 1 <= downscale < math.inf or int(downscale) != downscale:
-        raise UserError("downscale must be a whole number of at least 1", where="--downscale", found=downscale)
-    return replace(options, downscale=int(downscale), aabb=None if options.aabb is None else checked_box(options.aabb),
-                   up=None if options.up is None else checked_up(options.up))  # fmt: skip
 
 
 def _require_sound(scene: Scene) -> None:

@@ -64,21 +64,6 @@ def picture_stems(photographs: Sequence[Photograph]) -> list[str]:
     return stems
 
 
-Box = tuple[float, float, float, float, float, float]  # x0, y0, z0, x1, y1, z1
-Direction = tuple[float, float, float]  # of any length above 0
-
-
-@dataclass(frozen=True)
-class SceneOptions:
-    """How a folder is to be read; a run stores it to read the same photographs again."""
-
-    downscale: int = 1  # divide width and height of the pictures by this whole number, averaging over areas
-    spherify: bool | None = None  # LLFF, COLMAP: seen from all around, or forward-facing; None: as the cameras look
-    masks: bool = False  # captures: cut the object out by the masks beside the pictures (alpha 0 where black)
-    aabb: Box | None = None  # not in NDC: what holds the content, in the training frame; None: the reader's own
-    up: Direction | None = None  # COLMAP, not in NDC: in the frame as it is without this; None: the cameras' mean
-
-
 @dataclass(frozen=True)
 class Scene:
     """Posed photographs by split, and what a trainer must know of the space they show."""

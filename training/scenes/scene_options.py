@@ -1,12 +1,13 @@
-"""Options of a scene: the box that holds the content (--aabb), and what is up (--up).
+"""Options of a scene; of these the box that holds the content (--aabb), and what is up (--up).
 
 Both are in the training frame without --up (docs/scenes.md), which the window shows.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,33 @@ from console import UserError
 from console.arguments import parse_numbers
 from training.scenes.files import notice
 from training.scenes.poses import normalised
-from training.scenes.scene import Box, Camera, Direction, Scene, camera_rays, pixel_grid
+from training.scenes.scene import Camera, Scene, camera_rays, pixel_grid
 
 AABB, UP = "--aabb", "--up"
 PROBES = 17  # pixels along each side of a picture whose rays are tried
 FEWEST_MEETING = 0.5  # share of the photographs that see the box, else the user is warned
 SHORTEST = 1e-6  # of a direction
+Box = tuple[float, float, float, float, float, float]  # x0, y0, z0, x1, y1, z1
+Direction = tuple[float, float, float]  # of any length above 0
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """How a folder is to be read; a run stores it to read the same photographs again. UserError for values without sense."""
+
+    downscale: int = 1  # divide width and height of the pictures by this whole number, averaging over areas
+    spherify: bool | None = None  # LLFF, COLMAP: seen from all around, or forward-facing; None: as the cameras look
+    masks: bool = False  # captures: cut the object out by the masks beside the pictures (alpha 0 where black)
+    aabb: Box | None = None  # not in NDC: what holds the content, in the training frame; None: the reader's own
+    up: Direction | None = None  # COLMAP, not in NDC: in the frame as it is without this; None: the cameras' mean
+
+    def __post_init__(self) -> None:
+        downscale = self.downscale
+        if isinstance(downscale, bool) or not 1 <= downscale < math.inf or int(downscale) != downscale:
+            raise UserError("downscale must be a whole number of at least 1", where="--downscale", found=downscale)
+        object.__setattr__(self, "downscale", int(downscale))
+        object.__setattr__(self, "aabb", None if self.aabb is None else checked_box(self.aabb))
+        object.__setattr__(self, "up", None if self.up is None else checked_up(self.up))
 
 
 def parse_box(text: str | None) -> Box | None:

@@ -19,10 +19,11 @@ from console import UserError
 from console.json_text import read_json_file
 from training.scenes.files import FileFinder, clean_name, few, find_masks, notice, without_suffix
 from training.scenes.lens import EQUIRECTANGULAR, FISHEYE, MODELS, PERSPECTIVE
-from training.scenes.photographs import moved, photograph_of, target_size, tell_turned
+from training.scenes.photographs import moved, photograph_of, tell_turned
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import pose
-from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Photograph, Scene, SceneOptions, hold_out
+from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Photograph, Scene, hold_out
+from training.scenes.scene_options import SceneOptions
 from training.scenes.space import (
     Frame,
     PointCloud,
@@ -274,12 +275,11 @@ def _photographs(
     path: Path, description: Path, frames: Sequence[_Frame], options: SceneOptions
 ) -> tuple[Photograph, ...]:
     masks = _masks(path, frames) if options.masks else [None] * len(frames)
-    shrink = partial(target_size, factor=1, downscale=options.downscale)
     photographs, shape = [], None
     for frame, mask in zip(frames, masks, strict=True):
         read = partial(read_camera, frame.world_T_camera, frame.values, where=f"{description} frame {frame.name}")
         own_shape = frame.own_focal or {"w", "h"} <= frame.values.keys()
-        one = photograph_of(frame.name, frame.picture, read, shrink, mask, None if own_shape else shape)
+        one = photograph_of(frame.name, frame.picture, read, mask, 1, options.downscale, None if own_shape else shape)
         photographs.append(one)
         if not own_shape:  # one focal length without a size is of pictures of one shape
             shape = shape or one.load.source_size
