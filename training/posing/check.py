@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
+from scipy.sparse.csgraph import connected_components
 
 from console import UserError, progress
 from console.atomic import replacing
@@ -50,7 +51,9 @@ class Verdict:
 
     names: tuple[str, ...]  # as the user knows them
     sharpness: np.ndarray  # [N]
+    good_sharpness: float  # their median as a share of what is good, 0 to 1
     overlap: np.ndarray  # [N]: share of the features that PARTNERS others have, on average
+    good_overlap: float  # their median, likewise
     partners: np.ndarray  # int [N]: how many others match
     exposure: np.ndarray  # x [N]
     moving: float  # share of the matches that do not fit a scene that stands still, median of the pairs
@@ -66,16 +69,6 @@ class Verdict:
     def retake(self) -> dict[str, str]:
         """Why, by name, a photograph should be taken again."""
         return {**self.set_aside, **self.weakly_connected, **self.differently_exposed}
-
-    @property
-    def good_sharpness(self) -> float:
-        """The median sharpness as a share of what is good, 0 to 1."""
-        return min(_median(self.sharpness) / GOOD_SHARPNESS, 1.0)
-
-    @property
-    def good_overlap(self) -> float:
-        """The median overlap, likewise."""
-        return min(_median(self.overlap) / GOOD_OVERLAP, 1.0)
 
     def as_json(self) -> dict[str, Any]:
         """What `snerg-make --check --json` writes (docs/scenes.md)."""
@@ -154,7 +147,8 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
     overlap = np.sort(matches, axis=1)[:, -PARTNERS:].mean(1)
     sharp = np.array([sharpness(preview) for preview in previews])
     exposure = _exposures(previews, pairs, row)
-    together = _largest_part(matches > 0)
+    part = connected_components(matches > 0)[1]
+    together = part == np.bincount(part).argmax()
     share = (matches > 0).sum() / max(len(files) * (len(files) - 1), 1)
     kind = "seen from one side" if share > AROUND_SHARE else WALK
     if pairs and np.mean(turned) > TURNED:
@@ -171,12 +165,12 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
         elif abs(exposure[index]) > EXPOSURE_JUMP:
             how = "brighter" if exposure[index] > 0 else "darker"
             exposed[name] = f"{abs(np.expm1(exposure[index])):.0%} {how} than the others"
-    quality = min(_median(sharp) / GOOD_SHARPNESS, 1.0) ** 0.5 * min(_median(overlap) / GOOD_OVERLAP, 1.0) ** 0.5
-    quality *= len(files) / (len(files) + FEWEST)
+    good_sharpness, good_overlap = min(_median(sharp) / GOOD_SHARPNESS, 1.0), min(_median(overlap) / GOOD_OVERLAP, 1.0)
+    quality = (good_sharpness * good_overlap) ** 0.5 * len(files) / (len(files) + FEWEST)
     quality *= together.mean() / (1.0 + (_spread(exposure) / EXPOSURE_SPREAD) ** 2)
     quality *= 0.3 if is_static or kind.startswith("turned") else 1.0
-    return Verdict(names, sharp, overlap, partners, exposure, _median(moving), float(together.mean()), matches, kind,
-                   dict(prepared.aside), weak, exposed, 100.0 * float(quality))  # fmt: skip
+    return Verdict(names, sharp, good_sharpness, overlap, good_overlap, partners, exposure, _median(moving),
+                   float(together.mean()), matches, kind, dict(prepared.aside), weak, exposed, 100.0 * float(quality))  # fmt: skip
 
 
 def _exposures(previews: Sequence[np.ndarray], pairs: Sequence[dict[str, Any]], row: dict[str, int]) -> np.ndarray:
@@ -205,17 +199,6 @@ def _exposures(previews: Sequence[np.ndarray], pairs: Sequence[dict[str, Any]], 
         return np.zeros(len(previews))
     x = np.linalg.lstsq(np.array(system), np.array(ratios), rcond=None)[0]
     return x - np.median(x)
-
-
-def _largest_part(linked: np.ndarray) -> np.ndarray:
-    """bool [N]: which belong to the largest part of a graph bool [N, N]."""
-    part = np.arange(len(linked))
-    for _ in range(len(linked)):
-        lowest = np.where(linked | np.eye(len(linked), dtype=bool), part, len(linked)).min(1)
-        if (lowest == part).all():
-            break
-        part = lowest
-    return part == np.bincount(part).argmax()
 
 
 def _median(values: Sequence[float] | np.ndarray) -> float:

@@ -84,10 +84,9 @@ def serve() -> None:
 
 def _task(request: Mapping[str, Any]) -> Any:
     """A mapping.Task of the request's values."""
-    from training.posing.mapping import Group, Task
+    from training.posing.mapping import Task
 
-    paths = {name: Path(request[name]) for name in ("images", "work", "masks") if name in request}
-    return Task(**{**request, **paths, "groups": [Group(**group) for group in request["groups"]]})
+    return Task(**{**request, **{name: Path(request[name]) for name in ("images", "work", "masks") if name in request}})
 
 
 def _reconstruct(request: Mapping[str, Any], on_progress: OnProgress) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import shutil
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
@@ -54,19 +54,11 @@ OnProgress = Callable[[str, float, float], None]  # what goes on, units done, un
 
 
 @dataclass(frozen=True)
-class Group:
-    """Pictures of one camera."""
-
-    names: Sequence[str]
-    focal: float | None  # in pixels, None where it is not known
-
-
-@dataclass(frozen=True)
 class Task:
     images: Path  # the folder of prepared pictures
     work: Path  # what is found is kept there
     names: Sequence[str]  # of all pictures, in order
-    groups: Sequence[Group]
+    groups: Sequence[tuple[Sequence[str], float | None]]  # see prepare.camera_groups
     seed: int = 0
     masks: Path = Path()  # a folder of masks NAME.png
     masked: Sequence[str] = ()  # the pictures that have one: features are found where it is not black
@@ -135,21 +127,14 @@ def matching_pairs(task: Task, on_progress: OnProgress) -> tuple[list[Pair], boo
     _features_and_matches(task, on_progress)
     found = []
     with _opened(task) as database:
-        images = {image.image_id: image for image in database.read_all_images()}
         sizes = {camera.camera_id: (camera.width, camera.height) for camera in database.read_all_cameras()}
-        for pair, inliers in zip(*database.read_two_view_geometry_num_inliers(), strict=True):
-            if inliers < FEWEST_INLIERS:
-                continue
-            both = pycolmap.pair_id_to_image_pair(pair)
-            geometry, matches = database.read_two_view_geometry(*both), len(database.read_matches(*both))
-            rows = np.asarray(geometry.inlier_matches)[:: max(inliers // PLACES, 1)]
-            shares = [
-                np.asarray(database.read_keypoints(n))[rows[:, k], :2] / sizes[images[n].camera_id]
-                for k, n in enumerate(both)
-            ]
-            features = min(database.num_keypoints_for_image(number) for number in both)
-            first, second = (images[number].name for number in both)
-            turned = geometry.config in (GEOMETRY.PANORAMIC, GEOMETRY.PLANAR_OR_PANORAMIC)
+        for both, config, places in _verified_pairs(database):
+            inliers, (first, second) = len(places[0]), (image.name for image in both)
+            matches = len(database.read_matches(*(image.image_id for image in both)))
+            features = min(database.num_keypoints_for_image(image.image_id) for image in both)
+            some = [at[:: max(inliers // PLACES, 1)] for at in places]
+            shares = [at / sizes[image.camera_id] for image, at in zip(both, some, strict=True)]
+            turned = config in (GEOMETRY.PANORAMIC, GEOMETRY.PLANAR_OR_PANORAMIC)
             found.append(Pair(first, second, inliers / max(features, 1), 1 - inliers / max(matches, 1), turned,
                               np.concatenate(shares, 1).round(4).tolist()))  # fmt: skip
     return found, _matches_found(task).is_static
@@ -159,7 +144,7 @@ def measured(images: Path, names: Sequence[str]) -> tuple[float, float]:
     """Seconds that the features and the matches of some pictures of one camera take. Nothing of them is kept."""
     pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     with tempfile.TemporaryDirectory(prefix="snerg-measured-") as folder:
-        task = Task(images, Path(folder), names, [Group(names, None)])
+        task = Task(images, Path(folder), names, [(names, None)])
         _begin_database(task)
         started = time.monotonic()
         _extract(task, lambda *_: None)
@@ -184,16 +169,16 @@ def _begin_database(task: Task) -> None:
         for leftover in task.work.glob(f"{DATABASE}*"):
             leftover.unlink()
         pycolmap.Database.open(task.database).close()
-        for group in task.groups:
-            pycolmap.import_images(task.database, task.images, pycolmap.CameraMode.SINGLE, group.names, _reading())
+        for names, _ in task.groups:
+            pycolmap.import_images(task.database, task.images, pycolmap.CameraMode.SINGLE, names, _reading())
     with _opened(task) as database:
         camera_of = {image.name: image.camera_id for image in database.read_all_images()}
-        for group in task.groups:
-            camera = database.read_camera(camera_of[group.names[0]])
-            focal = group.focal or UNKNOWN_FOCAL * max(camera.width, camera.height)
+        for names, focal in task.groups:
+            camera = database.read_camera(camera_of[names[0]])
             camera.model = getattr(pycolmap.CameraModelId, LENS)  # where a process was killed, it may be another
-            camera.params = [focal, camera.width / 2, camera.height / 2, 0.0]
-            camera.has_prior_focal_length = group.focal is not None
+            guess = focal or UNKNOWN_FOCAL * max(camera.width, camera.height)
+            camera.params = [guess, camera.width / 2, camera.height / 2, 0.0]
+            camera.has_prior_focal_length = focal is not None
             database.update_camera(camera)
 
 
@@ -307,6 +292,22 @@ def _matches(a: np.ndarray, others: np.ndarray) -> np.ndarray:
     return (clear & (np.take_along_axis(back, nearest, axis=1) == np.arange(len(a)))).sum(axis=1)
 
 
+def _verified_pairs(database: Any) -> Iterator[tuple[list[Any], Any, list[np.ndarray]]]:
+    """The two images of each pair that matches, how one follows from the other (GEOMETRY), and where both show the features that
+    match, [M, 2] in pixels."""
+    images = {image.image_id: image for image in database.read_all_images()}
+    places: dict[int, np.ndarray] = {}
+    for pair, inliers in zip(*database.read_two_view_geometry_num_inliers(), strict=True):
+        if inliers >= FEWEST_INLIERS:
+            both = pycolmap.pair_id_to_image_pair(pair)
+            for number in {*both} - {*places}:
+                places[number] = np.asarray(database.read_keypoints(number))[:, :2]
+            geometry = database.read_two_view_geometry(*both)
+            rows = np.asarray(geometry.inlier_matches)
+            matching = [places[number][rows[:, k]] for k, number in enumerate(both)]
+            yield [images[number] for number in both], geometry.config, matching
+
+
 def _matches_found(task: Task) -> Found:
     """What is known before poses are looked for.
 
@@ -314,23 +315,15 @@ def _matches_found(task: Task) -> Found:
     outvote what turns.
     """
     with _opened(task) as database:
-        images = {image.image_id: image for image in database.read_all_images()}
-        features = {image.name: database.num_keypoints_for_image(number) for number, image in images.items()}
+        images = database.read_all_images()
+        features = {image.name: database.num_keypoints_for_image(image.image_id) for image in images}
         sides = {camera.camera_id: max(camera.width, camera.height) for camera in database.read_all_cameras()}
-        places: dict[int, np.ndarray] = {}
         matched = dict.fromkeys(features, 0)
         still = pairs = 0
-        for pair, inliers in zip(*database.read_two_view_geometry_num_inliers(), strict=True):
-            if inliers < FEWEST_INLIERS:
-                continue
-            both = pycolmap.pair_id_to_image_pair(pair)
-            for number in both:
-                matched[images[number].name] += 1
-                if number not in places:
-                    places[number] = np.asarray(database.read_keypoints(number))[:, :2]
-            found = database.read_two_view_geometry(*both).inlier_matches
-            first, second = places[both[0]][found[:, 0]], places[both[1]][found[:, 1]]
-            longest = max(sides[images[number].camera_id] for number in both)
+        for both, _, (first, second) in _verified_pairs(database):
+            for image in both:
+                matched[image.name] += 1
+            longest = max(sides[image.camera_id] for image in both)
             still += bool(np.median(np.linalg.norm(first - second, axis=-1)) < STILL * longest)
             pairs += 1
     return Found(features, matched, (still, pairs), is_static=still > MOST_STILL * pairs)

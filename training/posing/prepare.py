@@ -12,7 +12,6 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -77,17 +76,14 @@ def store(work: Path, key: object, prepared: Prepared) -> None:
     write_file(work / RECORD, json.dumps({"key": key, **asdict(prepared)}, indent=1))
 
 
-def camera_groups(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
-    """The pictures of each camera: {"names", "focal": in pixels, None where it is not known}."""
+def camera_groups(pictures: Sequence[Picture]) -> list[tuple[list[str], float | None]]:
+    """The names of each camera's pictures, and its focal length in pixels, None where it is not known."""
     groups: dict[str, list[Picture]] = {}
     for picture in pictures:
         groups.setdefault(picture.camera, []).append(picture)
-    found = []
-    for group in groups.values():
-        focals = [picture.focal for picture in group if picture.focal is not None]
-        names = [picture.name for picture in group]
-        found.append({"names": names, "focal": float(np.median(focals)) if focals else None})
-    return found
+    focals = [[picture.focal for picture in group if picture.focal is not None] for group in groups.values()]
+    known = [float(np.median(some)) if some else None for some in focals]
+    return [([picture.name for picture in group], focal) for group, focal in zip(groups.values(), known, strict=True)]
 
 
 # --- photographs ------------------------------------------------------------------------------------------------------
