@@ -169,8 +169,10 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
     quality = (good_sharpness * good_overlap) ** 0.5 * len(files) / (len(files) + FEWEST)
     quality *= together.mean() / (1.0 + (_spread(exposure) / EXPOSURE_SPREAD) ** 2)
     quality *= 0.3 if is_static or kind.startswith("turned") else 1.0
-    return Verdict(names, sharp, good_sharpness, overlap, good_overlap, partners, exposure, _median(moving),
-                   float(together.mean()), matches, kind, dict(prepared.aside), weak, exposed, 100.0 * float(quality))  # fmt: skip
+    return Verdict(
+        names, sharp, good_sharpness, overlap, good_overlap, partners, exposure, _median(moving), float(together.mean()),
+        matches, kind, dict(prepared.aside), weak, exposed, 100.0 * float(quality),
+    )  # fmt: skip
 
 
 def _exposures(previews: Sequence[np.ndarray], pairs: Sequence[dict[str, Any]], row: dict[str, int]) -> np.ndarray:
