@@ -195,7 +195,7 @@ def train(
     if stored is None and not photographs._chosen_size:
         options = replace(options, downscale=suggested_downscale(photographs.path, PRESETS[preset].longest_side))
     with _reporting(on_progress):
-        run = train_run(photographs.path, out, config, options, resume=stored or False)
+        run = train_run(photographs.path, out, config, options, resume=stored)
     return Run(out, run.step, run)
 
 

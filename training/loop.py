@@ -26,7 +26,7 @@ from training.devices import agree, anywhere, is_writer, together
 from training.libraries import keep_freed_memory
 from training.lock import only_one_trains
 from training.recorder import Recorder
-from training.run import Run, RunDescription, read_description, resume_run, start_run
+from training.run import Run, RunDescription, resume_run, start_run
 from training.scenes import SceneOptions
 from training.scenes.files import notice
 from training.scenes.read import AS_IT_IS
@@ -50,25 +50,25 @@ def train(
     config: TrainConfig,
     options: SceneOptions = AS_IT_IS,
     *,
-    resume: bool | RunDescription = False,
+    resume: RunDescription | None = None,
     watcher: Watcher | None = None,
 ) -> Run:
     """Trains into the folder `out` until config.steps, and returns the finished run.
 
-    options: how the photographs are read. resume: continue from the newest checkpoint in `out`; its photographs are read as
-    before; its description, where that was read already. watcher: asked after each step, in a single process. Ctrl-C saves a
-    checkpoint and raises a KeyboardInterrupt that says how to go on. UserError for bad scenes, divergence, a full disk, and an
-    `out` that exists already or that another process trains into.
+    options: how the photographs are read. resume: the description of the run in `out`, to continue from its newest checkpoint,
+    its photographs read as before. watcher: asked after each step, in a single process. Ctrl-C saves a checkpoint and raises a
+    KeyboardInterrupt that says how to go on. UserError for bad scenes, divergence, a full disk, and an `out` that exists
+    already or that another process trains into.
     """
     scene_path, out = Path(scene_path), Path(out)
     with ExitStack() as held:
         with together():
             if is_writer():
                 held.enter_context(only_one_trains(out))
-        if resume:
-            run = resume_run(out, read_description(out) if resume is True else resume, scene_path, config)
-        else:
+        if resume is None:
             run = start_run(out, scene_path, config, options)
+        else:
+            run = resume_run(out, resume, scene_path, config)
         return _train(run, watcher)
 
 

@@ -29,7 +29,7 @@ from training.multires.config import MultiresConfig
 from training.multires.jax_engine import JaxEngine
 from training.nerf.method import NerfMethod
 from training.recorder import Recorder, read_metrics
-from training.run import load_run
+from training.run import load_run, read_description
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -92,7 +92,7 @@ def test_a_run_stopped_by_ctrl_c_and_resumed_repeats_the_unbroken_one_exactly(
     assert signal.getsignal(signal.SIGINT) is before
     monkeypatch.undo()
     monkeypatch.setenv(PROGRESS, str(tmp_path / "progress.json"))
-    run = train(procedural_path, out, MINUTE, resume=True)
+    run = train(procedural_path, out, MINUTE, resume=read_description(out))
     report = read_report(tmp_path / "progress.json")
     assert report is not None and (report.begun, report.done, report.total) == (7, 12, 12)  # its place in the whole
     assert run.step == 12 and losses(out) == losses(unbroken)
@@ -109,7 +109,7 @@ def test_a_killed_run_goes_back_to_its_checkpoint_and_repeats_what_was_lost(
     (killed / "checkpoints" / "step_00000012.safetensors").unlink()
     with open(killed / "metrics.jsonl", "a") as journal:
         journal.write('{"step": 13, "los')  # cut off amid a line
-    train(procedural_path, killed, MINUTE, resume=True)
+    train(procedural_path, killed, MINUTE, resume=read_description(killed))
     assert losses(killed) == losses(unbroken)
 
 
@@ -170,7 +170,7 @@ def test_a_run_that_time_ends_ends_with_the_last_learning_rate(
         last = config.nerf.last_rate * (config.nerf.first_rate / config.nerf.last_rate) ** (1 - shares[-1])
         assert records[-1]["learning_rate"] == pytest.approx(last, rel=1e-4)
     more = dataclasses.replace(run.config, minutes=2.0)
-    resumed = train(procedural_path, run.path, more, resume=True)
+    resumed = train(procedural_path, run.path, more, resume=run.description)
     records = [r for r in read_metrics(run.path / "metrics.jsonl") if "loss" in r and r["step"] > run.step]
     assert resumed.step > run.step and 0.4 < records[0]["progress"] < 0.7 and records[-1]["progress"] > 0.9
 

@@ -20,6 +20,8 @@ from training.scenes.lens import Lens, directions_at, image_of, shows
 
 # What was photographed: cut out by alpha; from around, within a box or without an end; from one side.
 Kind = Literal["object", "surroundings", "unbounded", "forward"]
+Box = tuple[float, float, float, float, float, float]  # x0, y0, z0, x1, y1, z1
+Direction = tuple[float, float, float]  # of any length above 0
 
 
 @dataclass(frozen=True)

@@ -16,16 +16,12 @@ from console import UserError
 from console.arguments import parse_numbers
 from training.scenes.files import notice
 from training.scenes.poses import normalised
-from training.scenes.scene import Camera, Scene, camera_rays, pixel_grid
+from training.scenes.scene import Box, Camera, Direction, Scene, camera_rays, pixel_grid
 
 AABB, UP = "--aabb", "--up"
 PROBES = 17  # pixels along each side of a picture whose rays are tried
 FEWEST_MEETING = 0.5  # share of the photographs that see the box, else the user is warned
 SHORTEST = 1e-6  # of a direction
-Box = tuple[float, float, float, float, float, float]  # x0, y0, z0, x1, y1, z1
-Direction = tuple[float, float, float]  # of any length above 0
-
-
 @dataclass(frozen=True)
 class SceneOptions:
     """How a folder is to be read; a run stores it to read the same photographs again. UserError for values without sense."""
