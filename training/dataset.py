@@ -26,7 +26,6 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding
 
 from console import Notice, UserError
-from scenepack.constants import NDC_NEAR
 from training.devices import AXIS, SPLIT, WHOLE, anywhere, every_device, here, own_rows, put_split, put_whole, together
 from training.method import Rays
 from training.scenes import Camera, Scene, load_pixels
@@ -203,7 +202,7 @@ class RayDataset:
         directions /= jnp.linalg.norm(directions, axis=-1, keepdims=True)
         origins, viewdirs = pose[:, :, 3], directions
         if self.facts.ndc_camera is not None:
-            origins, directions = ndc_warp(origins, directions, *self.facts.ndc_camera)
+            origins, directions = ndc_rays(origins, directions, *self.facts.ndc_camera, xp=jnp)
         near, far = (jnp.full(origins.shape[:-1], t, jnp.float32) for t in (self.near, self.far))
         near = jnp.where(shown, near, far) if self.facts.distorted else near
         return Rays(origins, directions, viewdirs, near, far)
@@ -217,18 +216,6 @@ class RayDataset:
         near, far = (np.full(len(origins), t, np.float32) for t in (self.near, self.far))
         bounds = np.where(shown_pixels(camera).ravel(), near, far), far
         return Rays(*(jnp.asarray(v, jnp.float32) for v in (origins, directions, viewdirs)), *map(jnp.asarray, bounds))
-
-
-def ndc_warp(o: jax.Array, d: jax.Array, width: int, height: int, focal: float) -> tuple[jax.Array, jax.Array]:
-    """training.scenes.scene.ndc_rays in JAX: NeRF's appendix C with the near plane at NDC_NEAR."""
-    o = o - ((NDC_NEAR + o[..., 2]) / d[..., 2])[..., None] * d
-    scale = jnp.array([-2.0 * focal / width, -2.0 * focal / height], o.dtype)
-    position, slope = o[..., :2] / o[..., 2:], d[..., :2] / d[..., 2:]
-    inverse = 2.0 * NDC_NEAR / o[..., 2:]
-    return (
-        jnp.concatenate([scale * position, 1.0 + inverse], axis=-1),
-        jnp.concatenate([scale * (slope - position), -inverse], axis=-1),
-    )
 
 
 def row_step_for(scene: Scene) -> int:
@@ -271,16 +258,13 @@ def make_dataset(scene: Scene, *, folder: Path | None = None, contracted: bool =
                         remedy="check the photographs' alpha, or their masks")  # fmt: skip
     if channels == 3 and scene.kind == "blender":
         warnings.warn(Notice(f"{scene.path}: {OPAQUE}"), stacklevel=2)
-    whole = put_whole(
-        {
-            "world_T_camera": np.stack([c.world_T_camera[:3] for c in cameras]).astype(np.float32),
-            "intrinsics": np.array([[c.fx, c.fy, c.cx, c.cy] for c in cameras], np.float32),
-            "distortion": np.array([whole_lens(c.distortion) for c in cameras], np.float32),
-            "first": (np.cumsum(sizes) - sizes).astype(np.int32),
-            "width": np.array([c.width for c in cameras], np.int32),
-        },
-        mesh,
-    )
+    arrays = {
+        "world_T_camera": np.stack([c.world_T_camera[:3] for c in cameras]).astype(np.float32),
+        "intrinsics": np.array([[c.fx, c.fy, c.cx, c.cy] for c in cameras], np.float32),
+        "distortion": np.array([whole_lens(c.distortion) for c in cameras], np.float32),
+        "first": (np.cumsum(sizes) - sizes).astype(np.int32),
+        "width": np.array([c.width for c in cameras], np.int32),
+    }
     same_size = len({(camera.width, camera.height) for camera in cameras}) == 1
     facts = SceneFacts(
         near=float(scene.near),
@@ -296,4 +280,5 @@ def make_dataset(scene: Scene, *, folder: Path | None = None, contracted: bool =
         rendered=scene.kind == "blender",
         contraction=scene.contraction if contracted and channels == 3 else None,
     )
-    return RayDataset(pixels=put_split(own, count, mesh), **whole, facts=facts, count=count, mesh=mesh)
+    pixels = put_split(own, count, mesh)
+    return RayDataset(pixels=pixels, **put_whole(arrays, mesh), facts=facts, count=count, mesh=mesh)

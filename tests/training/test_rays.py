@@ -13,7 +13,7 @@ import pytest
 
 from console import Notice
 from tests.training.reconstructions import ndc_points
-from training.dataset import make_dataset, ndc_warp
+from training.dataset import make_dataset
 from training.scenes import Camera, Photograph, Scene
 from training.scenes import scene as numpy_rays
 from training.scenes.lens import MODELS
@@ -69,7 +69,7 @@ def test_ndc_rays_start_at_the_near_plane_and_reach_the_far_end_at_one():
     points = origins + directions * (depth / -directions[..., 2:])
     expected = warped + (1 - 1 / depth) * along
     np.testing.assert_allclose(ndc_points(points, 40, 30, 35.0), expected, atol=1e-9)
-    o, d = ndc_warp(jnp.asarray(origins), jnp.asarray(directions), 40, 30, 35.0)
+    o, d = numpy_rays.ndc_rays(jnp.asarray(origins), jnp.asarray(directions), 40, 30, 35.0, xp=jnp)
     np.testing.assert_allclose(o, warped, atol=1e-5)
     np.testing.assert_allclose(d, along, atol=1e-5)
 

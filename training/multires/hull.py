@@ -202,7 +202,7 @@ def _uncontract(place, inner):
 
 @njit(nogil=True, cache=True)
 def _from_ndc(place, ndc):
-    """A point of NDC space becomes one of the world: the inverse of training.dataset.ndc_warp."""
+    """A point of NDC space becomes one of the world: the inverse of training.scenes.scene.ndc_rays."""
     z = 2.0 * NDC_NEAR / min(place[2] - 1.0, -1e-6)
     place[0] *= -z * ndc[0] / (2.0 * ndc[2])
     place[1] *= -z * ndc[1] / (2.0 * ndc[2])

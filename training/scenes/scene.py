@@ -1,5 +1,5 @@
-"""A scene: posed photographs, as every reader returns them and as every other package sees them; rays of its cameras in NumPy,
-and the NDC warp (training.dataset has the JAX twin). No JAX here.
+"""A scene: posed photographs, as every reader returns them and as every other package sees them; rays of its cameras in NumPy
+(training.dataset has the JAX twin), and the NDC warp of either. No JAX here.
 
 Frames: OpenGL camera-to-world (x right, y up, z back) from the reader on. Rays: (x, y) pixel coordinates, pixel centres at +0.5;
 (u, v) = ((x - cx) / fx, (y - cy) / fy) image coordinates, y down, still distorted; training.scenes.lens undoes that.
@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from types import ModuleType
+from typing import Any, Literal
 
 import numpy as np
 
@@ -163,14 +164,13 @@ def pixels_of(camera: Camera, places: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def ndc_rays(
-    origins: np.ndarray, directions: np.ndarray, width: float, height: float, focal: float, near: float = NDC_NEAR
-) -> tuple[np.ndarray, np.ndarray]:
-    """NeRF's NDC warp (appendix C): rays [..., 3], not of unit length, so that t = 0 is the near plane z = -near and t = 1 is
-    infinity. width, height, focal: pixels of the reference camera."""
-    t = -(near + origins[..., 2]) / directions[..., 2]
-    o = origins + t[..., None] * directions
-    scale = -2.0 * focal / np.array([width, height])
+    origins: Any, directions: Any, width: float, height: float, focal: float, xp: ModuleType = np
+) -> tuple[Any, Any]:
+    """NeRF's NDC warp (appendix C): rays [..., 3], not of unit length, so that t = 0 is the near plane z = -NDC_NEAR and t = 1 is
+    infinity. width, height, focal: pixels of the reference camera. xp: the library of the arrays, NumPy or JAX's."""
+    o = origins - ((NDC_NEAR + origins[..., 2]) / directions[..., 2])[..., None] * directions
+    scale = xp.array([-2.0 * focal / width, -2.0 * focal / height], o.dtype)
     place, slope = o[..., :2] / o[..., 2:], directions[..., :2] / directions[..., 2:]
-    depth = 2.0 * near / o[..., 2:]
-    warped_origins = np.concatenate([scale * place, 1.0 + depth], axis=-1)
-    return warped_origins, np.concatenate([scale * (slope - place), -depth], axis=-1)
+    depth = 2.0 * NDC_NEAR / o[..., 2:]
+    warped_origins = xp.concatenate([scale * place, 1.0 + depth], axis=-1)
+    return warped_origins, xp.concatenate([scale * (slope - place), -depth], axis=-1)

@@ -22,6 +22,8 @@ AABB, UP = "--aabb", "--up"
 PROBES = 17  # pixels along each side of a picture whose rays are tried
 FEWEST_MEETING = 0.5  # share of the photographs that see the box, else the user is warned
 SHORTEST = 1e-6  # of a direction
+
+
 @dataclass(frozen=True)
 class SceneOptions:
     """How a folder is to be read; a run stores it to read the same photographs again. UserError for values without sense."""

@@ -159,7 +159,7 @@ def _through_lens(u, v, lens):
 
 @kernel
 def _warp_to_ndc(position, direction, ndc):
-    """training.dataset.ndc_warp for one ray, in place."""
+    """training.scenes.scene.ndc_rays for one ray, in place."""
     ahead = (NDC_NEAR + position[2]) / direction[2]
     for axis in range(3):
         position[axis] -= ahead * direction[axis]
