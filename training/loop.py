@@ -33,7 +33,7 @@ from training.scenes.read import AS_IT_IS
 from training.scenes.scene import few_line, split_line
 from training.scenes.scene_options import box_line, box_text
 
-AGREE_EVERY = 10  # steps between asking the other processes whether one is to stop
+AGREE_EVERY = 10  # steps between asking the other processes whether one is to stop, and process 0 for the time
 
 
 class Watcher(Protocol):
@@ -66,10 +66,8 @@ def train(
             if is_writer():
                 held.enter_context(only_one_trains(out))
         if resume is None:
-            run = start_run(out, scene_path, config, options)
-        else:
-            run = resume_run(out, resume, scene_path, config)
-        return _train(run, watcher)
+            return _train(start_run(out, scene_path, config, options), watcher)
+        return _train(resume_run(out, resume, scene_path, config), watcher)
 
 
 def _train(run: Run, watcher: Watcher | None) -> Run:
@@ -89,14 +87,17 @@ def _train(run: Run, watcher: Watcher | None) -> Run:
         if run.step and _is_pictured(run) and not validated:  # killed between checkpoint and validation
             recorder.validate()
 
-    annealing = Annealing(config.steps, config.minutes)
+    stopping, seconds = False, float(agree(np.array(recorder.seconds)))
     shown = progress("training", config.steps, quiet=not is_writer(), begun=run.step)
     with _stop_on_signal() as asked_to_stop, shown as bar:
         for step in range(run.step, config.steps):
-            progress_made = annealing.progress(step, recorder.seconds)
+            by_time = seconds / (60.0 * config.minutes) if config.minutes > 0 else 0.0
+            progress_made = min(max(step / config.steps, by_time), 1.0)  # how far down the learning rates are
             run.state, metrics = run.method.step(run.state, step, progress_made)
             run.step = step + 1
-            stopping, out_of_time = _must_stop(asked_to_stop(), recorder.seconds, config, run.step)
+            if jax.process_count() == 1 or run.step % AGREE_EVERY == 0 or run.step == config.steps:
+                stopping, seconds = anywhere(asked_to_stop()), float(agree(np.array(recorder.seconds)))
+            out_of_time = 0 < config.minutes * 60 <= seconds
 
             last = run.step == config.steps or out_of_time or stopping
             if last or run.step % config.log_every == 0:
@@ -153,28 +154,6 @@ def _is_pictured(run: Run) -> bool:
     """Whether the step that a run stands at ends with a validation."""
     every = run.config.validate_every
     return run.step == run.config.steps or bool(every and run.step % every == 0)
-
-
-class Annealing:
-    """How far down a run's learning rates are: by its steps, or by its time where that ends it sooner."""
-
-    def __init__(self, steps: int, minutes: float) -> None:
-        self.steps, self.minutes = steps, minutes
-        self._by_time: float | None = None
-
-    def progress(self, step: int, seconds: float) -> float:
-        """In [0, 1], before `step`, after so many seconds of the run; the same in every process."""
-        if self.minutes > 0 and (jax.process_count() == 1 or self._by_time is None or step % AGREE_EVERY == 0):
-            self._by_time = float(agree(np.array(seconds / (60.0 * self.minutes))))
-        return min(max(step / max(self.steps, 1), self._by_time or 0.0), 1.0)
-
-
-def _must_stop(asked: bool, seconds: float, config: TrainConfig, step: int) -> tuple[bool, bool]:
-    """(a signal came, the time is up), the same in every process; once a step, so that what is raised was saved before."""
-    late = 0 < config.minutes * 60 <= seconds
-    if jax.process_count() > 1 and step % AGREE_EVERY and step != config.steps:
-        return False, False
-    return anywhere(asked), bool(agree(np.array(late)))
 
 
 def _checkpoint(run: Run) -> None:
