@@ -50,6 +50,15 @@ def pose(matrix: Any, where: str) -> np.ndarray:
     return world_T_camera
 
 
+def finite_numbers(values: Any, count: int) -> np.ndarray | None:
+    """Values of any nesting as float64 [count]; None where they are others, or not all finite numbers."""
+    try:
+        numbers = np.array(values, np.float64).ravel()
+    except (TypeError, ValueError):
+        return None
+    return numbers if len(numbers) == count and np.isfinite(numbers).all() else None
+
+
 def normalised(v: np.ndarray) -> np.ndarray:
     """v / |v|."""
     return v / np.linalg.norm(v)

@@ -24,7 +24,7 @@ from training.scenes.colmap_files import LARGEST_SIDE, OPENGL_FROM_OPENCV, Recon
 from training.scenes.files import FileFinder
 from training.scenes.lens import EQUIRECTANGULAR, FISHEYE, MODELS, PERSPECTIVE, Model
 from training.scenes.pictures import picture_size
-from training.scenes.poses import pose
+from training.scenes.poses import finite_numbers, pose
 from training.scenes.scene import Camera, Scene
 from training.scenes.scene_options import SceneOptions
 from training.scenes.space import in_picture
@@ -55,11 +55,7 @@ class ExportFile:
 
     def numbers(self, values: Any, count: int, what: str) -> np.ndarray:
         """Finite numbers float64 [count]."""
-        try:
-            numbers = np.array(values, np.float64).ravel()
-        except (TypeError, ValueError):
-            numbers = np.zeros(0)
-        if len(numbers) != count or not np.isfinite(numbers).all():
+        if (numbers := finite_numbers(values, count)) is None:
             raise self.damaged(f"{what} is no list of {count} numbers" if count > 1 else f"{what} is no number")
         return numbers
 

@@ -15,7 +15,7 @@ import numpy as np
 from console import UserError
 from console.arguments import parse_numbers
 from training.scenes.files import notice
-from training.scenes.poses import normalised
+from training.scenes.poses import finite_numbers, normalised
 from training.scenes.scene import Box, Camera, Direction, Scene, camera_rays, pixel_grid
 
 AABB, UP = "--aabb", "--up"
@@ -50,8 +50,7 @@ def parse_box(text: str | None) -> Box | None:
 
 def checked_box(values: Sequence[float]) -> Box:
     """Six finite numbers, the low corner before the high one. UserError for anything else."""
-    numbers = np.array(values, np.float64)
-    if numbers.shape != (6,) or not np.isfinite(numbers).all():
+    if (numbers := finite_numbers(values, 6)) is None:
         raise UserError("is not a box", where=AABB, expected="x0,y0,z0,x1,y1,z1", found=values)
     for axis, low, high in zip("xyz", numbers[:3], numbers[3:], strict=True):
         if low >= high:
@@ -129,11 +128,8 @@ def parse_up(text: str | None) -> Direction | None:
 
 def checked_up(values: Sequence[float]) -> Direction:
     """Three finite numbers, not all 0. UserError for anything else."""
-    try:
-        numbers = np.array(values, np.float64)
-    except (TypeError, ValueError):
-        numbers = np.zeros(0)
-    if numbers.shape != (3,) or not np.isfinite(numbers).all() or np.linalg.norm(numbers) < SHORTEST:
+    numbers = finite_numbers(values, 3)
+    if numbers is None or np.linalg.norm(numbers) < SHORTEST:
         raise UserError("is no direction", where=UP, expected="x,y,z, not all 0", found=str(values)[:60])
     x, y, z = map(float, numbers)
     return x, y, z

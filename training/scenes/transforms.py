@@ -21,7 +21,7 @@ from training.scenes.files import FileFinder, clean_name, few, find_masks, notic
 from training.scenes.lens import EQUIRECTANGULAR, FISHEYE, MODELS, PERSPECTIVE
 from training.scenes.photographs import moved, photograph_of, tell_turned
 from training.scenes.pixels import may_be_transparent
-from training.scenes.poses import pose
+from training.scenes.poses import finite_numbers, pose
 from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Photograph, Scene, hold_out
 from training.scenes.scene_options import SceneOptions
 from training.scenes.space import (
@@ -319,13 +319,9 @@ def _box_of_file(document: dict[str, Any], description: Path, frame: Frame) -> n
 
 def _triples(value: Any, count: int, key: str, description: Path) -> np.ndarray:
     """`count` triples of finite numbers [count, 3] under a key. UserError for anything else."""
-    try:
-        numbers = np.array(value, np.float64).reshape(-1, 3)
-    except (TypeError, ValueError):
-        numbers = np.zeros((0, 3))
-    if numbers.shape != (count, 3) or not np.isfinite(numbers).all():
+    if (numbers := finite_numbers(value, 3 * count)) is None:
         raise UserError(f'"{key}" is no list of {3 * count} numbers', where=description, found=repr(value)[:60])
-    return numbers
+    return numbers.reshape(count, 3)
 
 
 def _points(path: Path, document: dict[str, Any], cameras: Sequence[Camera], frame: Frame) -> PointCloud | None:
