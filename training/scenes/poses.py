@@ -54,7 +54,7 @@ def finite_numbers(values: Any, count: int) -> np.ndarray | None:
     """Values of any nesting as float64 [count]; None where they are others, or not all finite numbers."""
     try:
         numbers = np.array(values, np.float64).ravel()
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
     return numbers if len(numbers) == count and np.isfinite(numbers).all() else None
 
