@@ -30,7 +30,7 @@ from training.devices import AXIS, SPLIT, WHOLE, anywhere, every_device, here, o
 from training.method import Rays
 from training.scenes import Camera, Scene, load_pixels
 from training.scenes.lens import PROJECTION, lens_functions, whole_lens
-from training.scenes.pixels import any_transparent, any_visible, may_be_transparent, pixel_counts, without_alpha
+from training.scenes.pixels import may_be_transparent, pixel_counts, without_alpha
 from training.scenes.scene import Kind, camera_rays, ndc_rays, shown_pixels
 
 NEWTON_STEPS = 6  # float32 converges sooner than the reader's float64
@@ -250,9 +250,10 @@ def make_dataset(scene: Scene, *, folder: Path | None = None, contracted: bool =
     with together():
         channels = 4 if may_be_transparent(photographs) else 3
         own = load_pixels(photographs, low, high, channels=channels, row_step=row_step, folder=folder)
-    if channels == 4 and not anywhere(any_transparent(own[: max(count - low, 0)])):
+    alpha = own[: max(count - low, 0), 3:]  # without the padding
+    if channels == 4 and not anywhere(bool(alpha.min(initial=255) < 255)):
         own, channels = without_alpha(own), 3
-    if channels == 4 and not anywhere(any_visible(own[: max(count - low, 0)])):
+    elif channels == 4 and not anywhere(bool(alpha.any())):
         why = "all masks hide everything" if scene.notes.get("masks") else "every pixel is transparent"
         raise UserError(f"there is nothing to see: {why}", where=scene.path, found=f"{len(cameras)} photographs",
                         remedy="check the photographs' alpha, or their masks")  # fmt: skip

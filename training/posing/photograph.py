@@ -31,7 +31,6 @@ THUMBNAIL = 32
 @dataclass(frozen=True)
 class PhotographFile:
     file: Path
-    size: tuple[int, int]  # upright, (width, height) in pixels
     needs_conversion: bool
     is_lossy: bool  # converted to JPEG, others to PNG
     camera: str  # the same for pictures of one camera with one focal length
@@ -51,7 +50,7 @@ def read_photograph(file: Path) -> PhotographFile:
     with file.open("rb") as data:
         digest = hashlib.file_digest(data, "sha256").hexdigest()
     return PhotographFile(
-        file, header.size, not (plain and named and header.orientation == 1 and not header.deep), header.format in LOSSY,
+        file, not (plain and named and header.orientation == 1 and not header.deep), header.format in LOSSY,
         camera, focal, digest, sharpness(preview), thumbnail(preview),
     )  # fmt: skip
 

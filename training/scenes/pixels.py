@@ -22,7 +22,7 @@ from training.scenes.scene import Camera, Photograph
 FILE_SHARE = 3  # pixels that take more than this part of the free memory, a third, go to a file
 DECODING = 24  # bytes for each pixel of a photograph while it is decoded
 ASSUMED_FREE = 4 << 30  # bytes, where the system does not tell
-TOGETHER = 1 << 24  # pixels that are tested at once
+TOGETHER = 1 << 24  # pixels that are moved at once
 ALIGNED = 64  # bytes: where arrays begin that JAX takes over on a processor (jnp.asarray) without copying them
 
 
@@ -85,16 +85,6 @@ def notice_masks(where: Path | None, extremes: Mapping[str, tuple[int, int]]) ->
     showing = sorted(name for name, (low, _) in extremes.items() if low == 255)
     for does, names in (("hide", hiding), ("show", showing)):
         notice(where, f"{len(names)} of {len(extremes)} masks {does}{'s' * (len(names) == 1)} everything", names)
-
-
-def any_transparent(pixels: np.ndarray) -> bool:
-    """Whether any of the pixels uint8 [N, 4] is not opaque."""
-    return any((pixels[low : low + TOGETHER, 3] != 255).any() for low in range(0, len(pixels), TOGETHER))
-
-
-def any_visible(pixels: np.ndarray) -> bool:
-    """Whether any of the pixels uint8 [N, 4] shows anything."""
-    return any(pixels[low : low + TOGETHER, 3].any() for low in range(0, len(pixels), TOGETHER))
 
 
 def without_alpha(pixels: np.ndarray) -> np.ndarray:
