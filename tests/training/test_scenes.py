@@ -13,6 +13,7 @@ from PIL import Image
 from baker.reports.evaluation import reading_of
 from console import UserError
 from tests.training.reconstructions import around, ball, write_colmap
+from tests.training.scenes.test_transforms import edit
 from tests.training.test_captures import circle, forward, write_llff
 from tests.training.test_training import MINUTE
 from training.commands.train import main
@@ -28,12 +29,6 @@ from training.scenes.scene_options import axes_of, box_text
 def copy(procedural_path: Path, tmp_path: Path) -> Path:
     """A copy of the procedural scene to spoil."""
     return Path(shutil.copytree(procedural_path, tmp_path / "scene"))
-
-
-def edit(path: Path, change) -> None:
-    document = json.loads(path.read_text())
-    change(document)
-    path.write_text(json.dumps(document))
 
 
 def complaint(path: Path, **options) -> str:

@@ -44,14 +44,8 @@ def losses(run: Path) -> dict[int, float]:
 
 
 # compiles and steps as fast as can be
-MINUTE = dataclasses.replace(
-    TINY,
-    steps=12,
-    batch_size=32,
-    log_every=1,
-    checkpoint_every=4,
-    nerf=dataclasses.replace(TINY.nerf, depth=1, width=8, coarse_samples=4, fine_samples=4, warmup_steps=2),
-)
+NERF = dataclasses.replace(TINY.nerf, depth=1, width=8, coarse_samples=4, fine_samples=4, warmup_steps=2)
+MINUTE = dataclasses.replace(TINY, steps=12, batch_size=32, log_every=1, checkpoint_every=4, nerf=NERF)
 
 
 @pytest.fixture(scope="module")
@@ -115,12 +109,8 @@ def test_a_killed_run_goes_back_to_its_checkpoint_and_repeats_what_was_lost(
 
 @pytest.mark.slow
 def test_divergence_stops_with_the_last_good_checkpoint_kept(procedural_path: Path, tmp_path: Path):
-    wild = dataclasses.replace(
-        MINUTE,
-        checkpoint_every=1,
-        log_every=3,
-        nerf=dataclasses.replace(MINUTE.nerf, first_rate=1e30, last_rate=1e30, warmup_steps=0),
-    )
+    nerf = dataclasses.replace(NERF, first_rate=1e30, last_rate=1e30, warmup_steps=0)
+    wild = dataclasses.replace(MINUTE, checkpoint_every=1, log_every=3, nerf=nerf)
     with pytest.raises(UserError, match=r"diverged at step .* lower learning rate"):
         train(procedural_path, tmp_path / "run", wild)
     if (tmp_path / "run" / "checkpoints").exists():

@@ -27,15 +27,9 @@ from training.method import Method
 
 EVERY = {"steps": 50, "log_every": 1, "checkpoint_every": 25, "validate_every": 0}
 # NeRF's endless last interval makes a ray opaque or clear by the sign of one density: the last bit of a sum would show.
-NERF = dataclasses.replace(
-    TINY,
-    batch_size=128,
-    **EVERY,
-    nerf=dataclasses.replace(
-        TINY.nerf, depth=2, width=16, skip_after=0, coarse_samples=8, fine_samples=8, warmup_steps=5, last_interval=0.5
-    ),
-)
-CONFIGS: dict[str, TrainConfig] = {"nerf": NERF}
+SMALL = {"depth": 2, "width": 16, "skip_after": 0, "coarse_samples": 8, "fine_samples": 8, "warmup_steps": 5}
+NERF = dataclasses.replace(TINY.nerf, **SMALL, last_interval=0.5)
+CONFIGS: dict[str, TrainConfig] = {"nerf": dataclasses.replace(TINY, batch_size=128, **EVERY, nerf=NERF)}
 SHARED = (0, 1, 2, 3, 4, 25, 40)
 TWINS = 4
 

@@ -62,21 +62,8 @@ def realitycapture(path: Path) -> None:
     lines = ["#cameras 12", "#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2"]
     for i, P in enumerate(POSES):
         heading, pitch, roll = Rotation.from_matrix(P[:3, :3]).as_euler("ZXY", degrees=True)
-        numbers = [
-            *P[:3, 3],
-            -heading,
-            pitch,
-            roll,
-            FOCAL * mm,
-            (CX - WIDE / 2) * mm,
-            (CY - HIGH / 2) * mm,
-            K1,
-            K2,
-            0,
-            0,
-            P1,
-            P2,
-        ]
+        lens = [FOCAL * mm, (CX - WIDE / 2) * mm, (CY - HIGH / 2) * mm, K1, K2, 0, 0, P1, P2]
+        numbers = [*P[:3, 3], -heading, pitch, roll, *lens]
         lines.append(",".join([f"IMG_{i:03d}.jpg", *(repr(float(n)) for n in numbers)]))
     (path / "cameras.csv").write_text("\n".join(lines) + "\n")
 
@@ -93,11 +80,8 @@ def polycam(path: Path) -> None:
 def scanner_app(path: Path) -> None:
     pictures(path, lambda i: f"frame_{i:05d}.jpg")
     for i, P in enumerate(POSES):
-        values = {
-            "cameraPoseARFrame": P.ravel().tolist(),
-            "intrinsics": [FOCAL, 0, CX, 0, FOCAL, CY, 0, 0, 1],
-            "frame_index": i,
-        }
+        K = [FOCAL, 0, CX, 0, FOCAL, CY, 0, 0, 1]
+        values = {"cameraPoseARFrame": P.ravel().tolist(), "intrinsics": K, "frame_index": i}
         (path / f"frame_{i:05d}.json").write_text(json.dumps(values))
 
 

@@ -100,26 +100,14 @@ def test_a_film_is_told_by_its_first_bytes_whatever_it_is_called(tmp_path: Path)
             container = container_of(film)
             assert container is not None and container.demuxer == demuxer
             assert require_source(film).kind == "film"
-    for head in (
-        b"RIFF\0\0\0\0WEBPVP8 ",
-        b"\0\0\0\x18ftypheic",
-        b"\0\0\0\x18ftypmif1",
-        b"#EXTM3U\n",
-        b"G" * 99,
-        b"GIF89a",
-    ):
+    stills = b"RIFF\0\0\0\0WEBPVP8 ", b"\0\0\0\x18ftypheic", b"\0\0\0\x18ftypmif1", b"GIF89a"
+    for head in (*stills, b"#EXTM3U\n", b"G" * 99):
         (tmp_path / "other").write_bytes(head + bytes(2000))
         assert container_of(tmp_path / "other") is None
     assert len(set(FILMS)) == len(FILMS) and all(suffix == suffix.lower() for suffix in FILMS)
 
 
 # Files are found where the description spells them otherwise, and never where two would do
-
-
-def touch(folder: Path, *names: str) -> None:
-    for name in names:
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(b"x")
 
 
 @pytest.mark.parametrize(
@@ -143,7 +131,7 @@ def touch(folder: Path, *names: str) -> None:
     ],
 )
 def test_a_picture_is_found_under_another_spelling(tmp_path: Path, stored: str, named: str):
-    touch(tmp_path, stored, "images/another.png", "other/0002.jpg")
+    files(tmp_path, stored, "images/another.png", "other/0002.jpg")
     found = FileFinder(tmp_path, tmp_path / "images").find(named)
     assert found is not None and found.samefile(tmp_path / stored)
 
@@ -163,12 +151,12 @@ def test_a_picture_is_found_under_another_spelling(tmp_path: Path, stored: str, 
     ],
 )
 def test_nothing_is_found_where_nothing_is_or_two_would_do(tmp_path: Path, stored: tuple[str, ...], named: str):
-    touch(tmp_path, *stored)
+    files(tmp_path, *stored)
     assert FileFinder(tmp_path).find(named) is None
 
 
 def test_what_is_named_exactly_wins(tmp_path: Path):
-    touch(tmp_path, "a.jpg", "A.jpg", "a.png", "images/a.jpg")
+    files(tmp_path, "a.jpg", "A.jpg", "a.png", "images/a.jpg")
     finder = FileFinder(tmp_path, tmp_path / "images")
     assert finder.find("a.jpg") == tmp_path / "a.jpg" and finder.find("A.jpg") == tmp_path / "A.jpg"
     assert finder.find("images/a.jpg") == tmp_path / "images/a.jpg"
@@ -176,7 +164,7 @@ def test_what_is_named_exactly_wins(tmp_path: Path):
 
 
 def test_two_names_never_lead_to_one_picture_by_guessing(tmp_path: Path):
-    touch(tmp_path, "01.jpg", "02.jpg")
+    files(tmp_path, "01.jpg", "02.jpg")
     finder = FileFinder(tmp_path)
     assert finder.find_all(["left/01.jpg", "right/01.jpg", "02.jpg"]) == [None, None, tmp_path / "02.jpg"]
     assert finder.find_all(["02.jpg", "right/02.jpg"]) == [tmp_path / "02.jpg", None]
