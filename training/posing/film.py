@@ -160,8 +160,8 @@ class Frame:
 
 
 @dataclass
-class _Best:
-    """The sharpest frame of an interval so far, as it was decoded."""
+class _Graded:
+    """A frame as it was decoded."""
 
     interval: int
     seconds: float
@@ -191,7 +191,9 @@ def take_frames(film: Path, folder: Path, most: int, on_progress: Callable[[str,
             on_progress("frames", seconds - start, max(end - start, 1e-3))
 
         candidates = CANDIDATES * most if (end - start) * PER_SECOND >= CANDIDATES * most else most
-        for best in _differing(_sharpest(film, times, candidates, on_frame)):
+        intervals = itertools.groupby(_graded(film, times, candidates, on_frame), key=lambda frame: frame.interval)
+        sharpest = (max(frames, key=lambda frame: frame.sharpness) for _, frames in intervals)
+        for best in _differing(sharpest):
             small = thumbnail(best.preview)
             changes.append(0.0 if before is None else LEAST_CHANGE + shift(before, small))
             before = small
@@ -270,9 +272,8 @@ def _times(film: Path) -> list[float]:
     return times
 
 
-def _sharpest(film: Path, times: Sequence[float], most: int, on_frame: Callable[[float], None]) -> Iterator[_Best]:
-    """The sharpest frame of each interval, in their order."""
-    best: _Best | None = None
+def _graded(film: Path, times: Sequence[float], most: int, on_frame: Callable[[float], None]) -> Iterator[_Graded]:
+    """All frames, with their sharpness and the interval that they are in, in their order."""
     intervals = intervals_of(times, most)
     with _opened(film) as (container, stream):
         base, aspect = float(stream.time_base), float(stream.sample_aspect_ratio or 1)
@@ -283,17 +284,10 @@ def _sharpest(film: Path, times: Sequence[float], most: int, on_frame: Callable[
             interval = intervals[min(bisect_left(times, seconds), len(times) - 1)]
             on_frame(seconds)
             preview = _grey(frame)
-            found = _Best(interval, seconds, sharpness(preview), frame, aspect, preview)
-            if best is not None and best.interval != interval:
-                yield best
-                best = None
-            if best is None or found.sharpness > best.sharpness:
-                best = found
-    if best is not None:
-        yield best
+            yield _Graded(interval, seconds, sharpness(preview), frame, aspect, preview)
 
 
-def _differing(frames: Iterator[_Best]) -> Iterator[_Best]:
+def _differing(frames: Iterator[_Graded]) -> Iterator[_Graded]:
     """Of frames in a row that show the same, since the camera rests, the sharpest; none of another size than the first."""
     before = next(frames, None)
     for frame in frames:
@@ -364,10 +358,11 @@ def _moving(container: Any, film: Path) -> int:
         streams = [stream for stream in streams if packets[stream.index] > 1]
     if not streams:
         raise UserError("there is no moving picture in this film", where=film)
-    readable = [stream for stream in streams if stream.codec_context is not None] or streams[:1]
-    if len(readable) > 1:
-        readable.sort(key=lambda s: (bool(s.disposition & Disposition.default), s.width * s.height), reverse=True)
-    return readable[0].index
+    readable = [stream for stream in streams if stream.codec_context is not None]
+    best = max(
+        readable, key=lambda s: (bool(s.disposition & Disposition.default), s.width * s.height), default=streams[0]
+    )
+    return best.index
 
 
 @contextmanager
