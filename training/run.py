@@ -159,11 +159,9 @@ def make_method(config: TrainConfig, dataset: RayDataset) -> Method:
         from training.nerf.method import NerfMethod
 
         return NerfMethod(config, dataset)
-    if config.method == "multires":
-        from training.multires.method import MultiresMethod
+    from training.multires.method import MultiresMethod
 
-        return MultiresMethod(config, dataset)
-    raise UserError("no such method", where="method", expected="nerf or multires", found=config.method)
+    return MultiresMethod(config, dataset)
 
 
 def settled(config: TrainConfig) -> TrainConfig:

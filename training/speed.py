@@ -24,6 +24,7 @@ import numpy as np
 
 from console.child_process import json_answers
 from training.scenes import Camera, Photograph, Scene
+from training.scenes.poses import look_at
 from training.scenes.scene import Kind
 
 PRESETS = ("quick", "normal", "full")  # of the multi-resolution field
@@ -56,9 +57,8 @@ def _ball() -> Scene:
     picture[..., 3] = np.hypot(from_centre, from_centre[:, None]) < focal / np.sqrt(4**2 - 1)
     photographs = []
     for angle in np.linspace(0.0, 2 * np.pi, 12, endpoint=False):
-        c, s = np.cos(angle), np.sin(angle)
-        pose = np.array([[-s, 0, c, 4 * c], [c, 0, s, 4 * s], [0, 1, 0, 0], [0, 0, 0, 1]])
-        camera = Camera(pose, side, side, focal, focal, side / 2, side / 2)
+        eye = 4 * np.array([np.cos(angle), np.sin(angle), 0.0])
+        camera = Camera(look_at(eye, eye, np.array([0.0, 0.0, 1.0])), side, side, focal, focal, side / 2, side / 2)
         photographs.append(Photograph(f"{len(photographs)}", camera, lambda: picture))
     box = np.array([[-1.3] * 3, [1.3] * 3])
     return Scene(Path("ball"), "blender", {"train": tuple(photographs)}, 2.0, 6.0, box, np.eye(4))

@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image
 
 from training.scenes import Camera
+from training.scenes.poses import look_at
 
 SIZE, FOCAL = (256, 192), 268.8  # pixels
 TILE = 512  # pixels of a wall's texture, over WALL units of length
@@ -31,12 +32,7 @@ def cameras(count: int) -> list[Camera]:
     for angle in np.linspace(-0.45, 0.45, count):
         turn = np.pi / 4 + angle
         eye = np.array([3.2 * np.cos(turn), 3.2 * np.sin(turn), 1.6 + 0.5 * np.sin(7 * angle)])
-        back = eye - np.array([0.6, 0.6, 0.7])
-        back /= np.linalg.norm(back)
-        right = np.cross([0, 0, 1], back)
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3] = np.stack([right, np.cross(back, right), back, eye], axis=1)
+        pose = look_at(eye, eye - np.array([0.6, 0.6, 0.7]), np.array([0.0, 0.0, 1.0]))
         out.append(Camera(pose, *SIZE, FOCAL, FOCAL, SIZE[0] / 2, SIZE[1] / 2))
     return out
 

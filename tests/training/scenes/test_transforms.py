@@ -14,6 +14,7 @@ from PIL import Image
 from console import Notice, UserError
 from tests.training.test_captures import circle, complaint, everyone
 from training.scenes import load_scene
+from training.scenes.poses import look_at
 from training.scenes.scene import Camera, Scene, camera_rays
 from training.scenes.scene_options import require_rays
 from training.scenes.space import PointCloud, space_of_capture
@@ -277,9 +278,8 @@ def test_rays_go_where_the_file_says_in_either_layout(tmp_path: Path):
 
 def camera_at(x: float) -> Camera:
     """A camera on the x axis that looks at the origin."""
-    pose = np.eye(4)
-    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[0, 3] = (0, 1, 0), (0, 0, 1), (1, 0, 0), x
-    return Camera(pose, 40, 40, 40.0, 40.0, 20.0, 20.0)
+    eye = np.array([x, 0.0, 0.0])
+    return Camera(look_at(eye, eye, np.array([0.0, 0.0, 1.0])), 40, 40, 40.0, 40.0, 20.0, 20.0)
 
 
 def test_rays_begin_before_what_the_camera_that_comes_closest_shows() -> None:
