@@ -105,10 +105,8 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
                 names = ", ".join("--" + name for name in changed)
                 remedy = "leave them out, or start another run"
                 raise UserError("a resumed run keeps its settings", where=names, remedy=remedy)
-            asked = dict(
-                downscale=downscale, spherify=spherify or None, masks=masks or None, aabb=box, up=upwards
-            ).items()
-            for name, value in asked:  # None: left out
+            read = {"spherify": spherify or None, "masks": masks or None, "aabb": box, "up": upwards}  # None: left out
+            for name, value in {"downscale": downscale, **read}.items():
                 before = getattr(stored.options, name)
                 if value is not None and value != before:
                     raise UserError("a run cannot change how its scene is read", where=f"--{name}", found=value,
