@@ -203,10 +203,8 @@ class Program(NamedTuple):
     files: tuple[str, ...]  # patterns of those that it writes into a folder
     wrote: Callable[[bytes], bool]  # whether it wrote a file, by the first HEAD_BYTES
     read: Callable[[Path, SizeOf], Reconstruction]  # of the first such file
-    pictures: tuple[str, ...] = (
-        "images",
-        ".",
-    )  # where its pictures lie: one of these must be there, and the first counts
+    # where its pictures lie: one of these must be there, and the first counts
+    pictures: tuple[str, ...] = ("images", ".")
 
 
 def recognises(path: Path) -> bool:

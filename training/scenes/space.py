@@ -315,7 +315,9 @@ def _with_frames(box: np.ndarray, cameras: Sequence[Camera], points: PointCloud)
 
 def _quantiles(values: np.ndarray, weights: np.ndarray, shares: Sequence[float] = INLIERS) -> np.ndarray:
     """Quantiles [2] of weighted values [K]; by default their ends without outliers."""
-    return np.quantile(values, shares, weights=weights, method="inverted_cdf")
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order]) / weights.sum()
+    return values[order][np.minimum(np.searchsorted(reached, shares), len(values) - 1)]
 
 
 def _not_forward(found: str) -> UserError:
