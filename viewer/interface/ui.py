@@ -24,7 +24,6 @@ from viewer.features.crop.panel import CropGizmo
 from viewer.features.export import panel as export_panel
 from viewer.features.export.panel import PreviewPane
 from viewer.features.making import panel as making_panel
-from viewer.features.making import progress_panel
 from viewer.features.opening.panel import FileDialogs, OpenDialog
 from viewer.interface import dialogs, keys, layout, top_bar, viewport
 from viewer.rendering.canvas import Canvas
@@ -137,10 +136,10 @@ class Ui:
             top_bar.show(app, canvas, regions.top, self.fonts)
             layout.show_rail(app, regions)
         layout.show_pages(app, canvas, regions, self.fonts)
-        progress_panel.show_job(app, canvas, picture, self.fonts)
+        making_panel.show_job(app, canvas, picture, self.fonts)
         export_panel.show_card(app, picture, self.fonts)
         export_panel.show_sharing(app, picture, self.fonts)
-        progress_panel.show_review(app, canvas, picture, self.fonts)
+        making_panel.show_review(app, canvas, picture, self.fonts)
         keys.show(app, self.fonts)
         self.open_dialog.show(app, size, self.fonts)
         self.file_dialogs.show(app, size, self.fonts)
