@@ -10,7 +10,7 @@ from imgui_bundle import ImVec2, imgui
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core.theme import Fonts
-from viewer.core.widgets import card, choice, figure, font, hint, label, px, segments, switch, tip
+from viewer.core.widgets import card, choice, figure, font, hint, label, px, segments, slider, switch, tip
 from viewer.features.display.display import BACKGROUNDS, PLAIN, modes_for, set_look
 from viewer.features.performance import panel as performance_panel
 from viewer.rendering.canvas import Canvas
@@ -38,34 +38,25 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("mode", fonts, "Display"):
         label("Mode")
         titles = {mode: title for mode, (title, _) in MODE_WORDS.items()}
-        picked = choice("mode", modes_for(app), app.settings.mode, titles)
-        if picked:
-            app.set(mode=picked)
+        app.set(mode=choice("mode", modes_for(app), app.settings.mode, titles) or app.settings.mode)
         hint(MODE_WORDS[app.settings.mode][1])
         if app.settings.mode in ("samples", "jumps"):
             label("Maximum")
-            changed, value = imgui.slider_float("##cost", app.settings.cost_scale, 4.0, 512.0, "%.0f")
-            if changed:
-                app.set(cost_scale=value)
+            app.set(cost_scale=slider("cost", app.settings.cost_scale, 4.0, 512.0, "%.0f"))
         _background(app)
         if app.scene is not None and app.scene.pack.contraction is not None:
-            shown = switch("surroundings", app.settings.surroundings, "Surroundings")
-            if shown != app.settings.surroundings:
-                app.set(surroundings=shown)
+            app.set(surroundings=switch("surroundings", app.settings.surroundings, "Surroundings"))
             tip("What lies beyond the inner cube of an unbounded scene")
     with card("look", fonts, "Colour"):
         _look(app)
     with card("resolution", fonts, "Resolution"):
-        picked = segments("rest", list(RESOLUTIONS), str(app.resolution.rest_scale), RESOLUTIONS)
-        if picked:
+        if picked := segments("rest", list(RESOLUTIONS), str(app.resolution.rest_scale), RESOLUTIONS):
             app.resolution.rest_scale = float(picked)
             app.touch()
         app.resolution.enabled = switch("dynamic", app.resolution.enabled, "Dynamic resolution")
         if app.resolution.enabled:
             label("Target")
-            changed, fps = imgui.slider_float("##target", app.resolution.target_fps, 10.0, 120.0, "%.0f fps")
-            if changed:
-                app.resolution.target_fps = fps
+            app.resolution.target_fps = slider("target", app.resolution.target_fps, 10.0, 120.0, "%.0f fps")
         hint("Draws fewer pixels while the camera moves, and all of them when it rests.")
     with card("time", fonts, "Frame time"):
         performance_panel.frame_time(app, fonts)
@@ -119,8 +110,7 @@ def _background(app: App) -> None:
     label("Behind it")
     titles = {PLAIN: "Plain", "gradient": "Gradient", "checker": "Checker"}
     now = app.settings.backdrop.style if app.settings.backdrop is not None else PLAIN
-    picked = segments("backdrop", list(titles), now, titles)
-    if picked:
+    if picked := segments("backdrop", list(titles), now, titles):
         app.set_backdrop(picked)
     tip("By opacity, after shading: the colours of the scene stay those that it was trained with")
 

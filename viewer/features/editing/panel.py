@@ -90,8 +90,7 @@ def _rules(app: App, erasing: Erasing) -> None:
     label("Parts below")
     flags = imgui.SliderFlags_.logarithmic
     changed, value = imgui.slider_int("##small", erasing.smaller_than, *SIZES, "%d voxels", flags)
-    if changed:
-        erasing.smaller_than = max(value, SIZES[0])
+    erasing.smaller_than = max(value, SIZES[0])
     _preview(app, "small", changed)
     label("Fainter than")
     changed, value = imgui.slider_float("##faint", erasing.fainter_than, *FAINTEST, "%.3f", flags)

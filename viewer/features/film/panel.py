@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
@@ -77,12 +80,12 @@ def _path(app: App, canvas: Canvas, filming: Filming) -> None:
             filming.show(app, value)
     width = half_width()
     if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Load…", ImVec2(width, 0)):
-        app.file_request = FileRequest("Load a camera path", "open", lambda p: filming.load(app, p), (".json",))
+        app.file_request = FileRequest("Load a camera path", "open", partial(filming.load, app), (".json",))
     imgui.same_line()
     imgui.begin_disabled(not path.keyframes)
     if imgui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save…", ImVec2(width, 0)):
-        name = "camera_path.json"
-        app.file_request = FileRequest("Save the path", "save", lambda p: filming.save(app, p), (".json",), name)
+        save = partial(filming.save, app)
+        app.file_request = FileRequest("Save the path", "save", save, (".json",), "camera_path.json")
     imgui.end_disabled()
 
 
@@ -101,9 +104,8 @@ def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
     if changed_by_buttons(move, update, partial(filming.remove, index)):
         return
     imgui.set_next_item_width(-1)
-    changed, value = imgui.slider_float("##leg", filming.path.keyframes[index].seconds, 0.2, 10.0, "%.1f s to next")
-    if changed:
-        filming.path.replace(index, seconds=value)
+    key = filming.path.keyframes[index]
+    filming.path.keyframes[index] = replace(key, seconds=slider("leg", key.seconds, 0.2, 10.0, "%.1f s to next"))
 
 
 def _size(filming: Filming) -> None:
@@ -111,26 +113,23 @@ def _size(filming: Filming) -> None:
     tip("All directions around the camera (equirectangular), level, twice as wide as high")
     if panorama != filming.panorama:
         filming.set_panorama(panorama)
-    sizes = PANORAMA_SIZES if filming.panorama else SIZES
-    current = next((name for name, size in sizes.items() if size == filming.size), "")
-    picked = segments("sizes", list(sizes), current)
-    if picked:
-        filming.size = sizes[picked]
+    filming.size = _pick("sizes", PANORAMA_SIZES if filming.panorama else SIZES, filming.size)
     label("Pixels")
     changed, value = imgui.input_int2("##pixels", list(filming.size))
     if changed:
         filming.set_size(*value[:2])
     label("Frames / s")
-    changed, fps = imgui.slider_float("##fps", filming.fps, 10.0, 60.0, "%.0f")
-    if changed:
-        filming.fps = float(round(fps))
+    filming.fps = float(round(slider("fps", filming.fps, 10.0, 60.0, "%.0f")))
     filming.annotated = switch("annotated", filming.annotated, "Annotated places")
     tip("Draws their numbers and titles into saved views and films, unless they have no background")
     label("Anti-aliasing")
-    current = next((name for name, samples in SAMPLES.items() if samples == filming.samples), "")
-    picked = segments("samples", list(SAMPLES), current)
-    if picked:
-        filming.samples = SAMPLES[picked]
+    filming.samples = _pick("samples", SAMPLES, filming.samples)
+
+
+def _pick(name: str, options: Mapping[str, Any], current: Any) -> Any:
+    """A choice between named values; the new one."""
+    picked = segments(name, list(options), next((title for title, value in options.items() if value == current), ""))
+    return options[picked] if picked else current
 
 
 def _still(app: App, filming: Filming) -> None:
@@ -166,10 +165,7 @@ def _depth_of_field(app: App, filming: Filming) -> None:
     filming.aperture = slider("aperture", filming.aperture, *APERTURES, "%.2f %%", times=100.0, flags=flags)
     tip("Diameter of the opening, of the scene's radius")
     label("Quality")
-    now = next((name for name, rays in LENS_QUALITY.items() if rays == filming.lens_rays), "")
-    filming.lens_rays = (
-        LENS_QUALITY[picked] if (picked := segments("rays", list(LENS_QUALITY), now)) else filming.lens_rays
-    )
+    filming.lens_rays = _pick("rays", LENS_QUALITY, filming.lens_rays)
     titles = ("Click on a surface" if filming.focusing else "Choose the focus", "The middle")
     pressed = two_buttons(f"{titles[0]}###focus", titles[1])
     if pressed == 0:
@@ -190,17 +186,14 @@ def _export(app: App, filming: Filming) -> None:
             filming.cancel(app)
         return
     imgui.begin_disabled(not filming.path.keyframes)
-    width = half_width()
+    width, write = half_width(), partial(filming.film, app)
     imgui.begin_disabled(not films_possible())
     if imgui.button(f"{fa.ICON_FA_FILM}  Film…", ImVec2(width, 0)):
-        app.file_request = FileRequest(
-            "Save the film", "save", lambda p: filming.film(app, p), tuple(FILMS), "flight.mp4"
-        )
+        app.file_request = FileRequest("Save the film", "save", write, tuple(FILMS), "flight.mp4")
     imgui.end_disabled()
     imgui.same_line()
     if imgui.button(f"{fa.ICON_FA_IMAGES}  Pictures…", ImVec2(width, 0)):
-        title = "A new folder for the pictures"
-        app.file_request = FileRequest(title, "save", lambda p: filming.film(app, p), (), "flight")
+        app.file_request = FileRequest("A new folder for the pictures", "save", write, (), "flight")
     imgui.end_disabled()
     if not films_possible():
         hint("Films need PyAV: pip install 'snerg[video]'")

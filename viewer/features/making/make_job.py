@@ -1,9 +1,4 @@
-"""Make job: the process that makes a scene, and what it leaves to look at: progress, previews, rejected photographs.
-
-A thread reads it. The writer replaces the file by a rename, so a file that is being read stays whole.
-
-training.posing writes the list beside the poses, or in its working folder if it failed.
-"""
+"""Make job: the process that makes a scene, and what it leaves to look at: progress, previews, rejected photographs."""
 
 from __future__ import annotations
 
@@ -44,11 +39,6 @@ class MakeJob:
     _picture_time: float = 0.0
 
     @property
-    def stopping(self) -> bool:
-        """Whether it was asked to stop."""
-        return self.child.stopping
-
-    @property
     def stage(self) -> int:
         """Number of the plan's stage, from 1; 0 before the first report."""
         if self.report is None:
@@ -59,12 +49,13 @@ class MakeJob:
     def poll(self) -> bool:
         """Reads new progress; True if there is something new to show."""
         report = self.child.report()
-        changed = report is not None and report != self.report
-        if changed and report is not None:
-            later, self.report = self.report is None or report.done != self.report.done, report
-            if later and "psnr" in report.metrics:
-                self.figures = [*self.figures[-KEPT_FIGURES + 1 :], report.metrics["psnr"]]
-        return self._read_picture() or changed
+        if report is None or report == self.report:
+            return self._read_picture()
+        later, self.report = self.report is None or report.done != self.report.done, report
+        if later and "psnr" in report.metrics:
+            self.figures = [*self.figures[-KEPT_FIGURES + 1 :], report.metrics["psnr"]]
+        self._read_picture()
+        return True
 
     def _read_picture(self) -> bool:
         file = self.plan.run / "validation" / "latest.png"
@@ -98,7 +89,7 @@ class TrainingPreview:
 
 
 class TrainingPreviewFile:
-    """Reads the file in a thread. Call `poll` now and then."""
+    """Reads the file in a thread. Call `poll` now and then. The writer renames it into place, so it is always whole."""
 
     def __init__(self, file: Path) -> None:
         self.file = file
@@ -107,11 +98,12 @@ class TrainingPreviewFile:
 
     def poll(self) -> TrainingPreview | None:
         """A preview that was read since the last call, if any. Never waits; starts to read a file that has changed."""
-        if self.reading:
-            return None
-        task, self._task = self._task, None
-        if task is not None and (read := task.result()) is not None:
-            return read
+        if self._task is not None:
+            if not self._task.finished:
+                return None
+            task, self._task = self._task, None
+            if (read := task.result()) is not None:
+                return read
         try:
             there = self.file.stat()
         except OSError:  # none yet, or no more
@@ -121,18 +113,14 @@ class TrainingPreviewFile:
             self._task = Task(self._read)
         return None
 
-    @property
-    def reading(self) -> bool:
-        return self._task is not None and not self._task.finished
-
     def _read(self) -> TrainingPreview | None:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 pack = load_pack(self.file)
-            made: Any = pack.metadata.get("provenance")
             work_out_ahead(pack)
-            return TrainingPreview(pack, int(made["steps"]))
+            provenance: Any = pack.metadata["provenance"]
+            return TrainingPreview(pack, int(provenance["steps"]))
         except Exception:  # gone meanwhile, or none of ours: the next will do, and the pack in the end
             return None
 
@@ -176,7 +164,7 @@ class RejectedPhotographs(Task[None]):
 
 
 def rejected_photographs_of(out: Path) -> RejectedPhotographs | None:
-    """Those listed in the folder for the results; None if there is no list or it is empty."""
+    """Those that training.posing listed beside the poses, or in its working folder if it failed; None for none."""
     for file in (out / POSED / REPORT, out / UNFINISHED):
         try:
             said = read_json_file(file)

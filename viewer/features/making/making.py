@@ -298,7 +298,7 @@ class Making:
         """Asks the job to stop; asked again, ends it at once."""
         if self.job is None:
             return
-        if self.job.stopping:
+        if self.job.child.stopping:
             self.job.child.kill()
         else:
             self.job.child.stop()
@@ -320,7 +320,7 @@ class Making:
         self.quit_after = True
         if self.job is None:
             app.quitting = True
-        elif not self.job.stopping:
+        elif not self.job.child.stopping:
             self.stop(app)
 
     def end(self) -> None:
@@ -367,7 +367,7 @@ class Making:
         elif status == 0:
             app.messages.say(f"{name} is ready")
             app.open(job.plan.pack, then=kept)
-        elif job.stopping:
+        elif job.child.stopping:
             app.messages.say(f"{name} was stopped; make it again to continue")
         else:
             self.failed = job.plan

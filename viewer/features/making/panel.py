@@ -309,9 +309,9 @@ def show_job(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
         return
     with corner_card("##job", box):
         note = f"{job.figures[-1]:.1f} dB" if job.figures else ""
-        if titled_button(job.plan.name, "Stop now" if job.stopping else "Stop", fonts, note):
+        if titled_button(job.plan.name, "Stop now" if job.child.stopping else "Stop", fonts, note):
             app.making.stop(app)
-        tip("Stop without saving" if job.stopping else "Finished work is kept. Make the scene again to continue.")
+        tip("Stop without saving" if job.child.stopping else "Finished work is kept. Make the scene again to continue.")
         if app.making.sparse_preview is not None and not app.making.sparse_preview_shown(app):
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", ImVec2(-1, px(28))):
                 app.making.show_points(app)
@@ -386,7 +386,7 @@ def _stages(job: MakeJob) -> None:
 
 def _status_text(job: MakeJob) -> str:
     """How far it is, in words."""
-    if job.stopping:
+    if job.child.stopping:
         training = job.plan.stages[max(job.stage, 1) - 1] == "Training"
         return "Ending…" if job.child.killed else f"Stopping{': saving a checkpoint' if training else ''}…"
     report = job.report

@@ -86,7 +86,7 @@ def test_stopping_lets_the_child_save_and_a_later_attempt_goes_on(making, tmp_pa
     live(app, lambda: (tmp_path / "pid").exists())
     pid = int((tmp_path / "pid").read_text())
     app.making.stop(app)
-    assert app.making.job.stopping
+    assert app.making.job.child.stopping
     live(app, lambda: app.making.job is None)
     assert (tmp_path / "saved").exists() and gone(pid) and not app.messages.dialogs
     assert "make it again" in app.messages.toast
