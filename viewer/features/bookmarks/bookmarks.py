@@ -6,7 +6,7 @@ import math
 import time
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,10 +29,8 @@ def bookmark_of(rig: OrbitCamera, fov: float, name: str) -> Bookmark:
     """The present view of a rig. fov: vertical, degrees. A photograph's camera is taken level, and without its lens."""
     pose = rig.shown
     if rig.held is not None:
-        held = rig.held.grid_T_camera
-        pose = Pose.from_matrix(held, pose.distance, rig.table)
-    low, high = FOVS
-    return Bookmark(name, triple(pose.eye(rig.table)), pose.pivot, rig.table.up, min(max(fov, low), high))
+        pose = Pose.from_matrix(rig.held.grid_T_camera, pose.distance, rig.table)
+    return Bookmark(name, triple(pose.eye(rig.table)), pose.pivot, rig.table.up, min(max(fov, FOVS[0]), FOVS[1]))
 
 
 def pose_of(bookmark: Bookmark, table: Turntable) -> Pose:
@@ -90,10 +88,8 @@ class Bookmarks:
         camera, settings = app.viewport.camera, app.settings
         if app.scene is None or camera is None:
             return set()
-        pack, view = (
-            app.scene.pack,
-            (camera.key, settings.crop, settings.near, settings.surroundings, id(app.scene.pack)),
-        )
+        pack = app.scene.pack
+        view = camera.key, settings.crop, settings.near, settings.surroundings, id(pack)
         points = {view.point for view in app.annotations.current.bookmarks if view.point is not None}
         self._looked = {point: found for point, found in self._looked.items() if point in points}
         stale = [point for point in points if self._looked.get(point, (0.0, None))[1] != view]
@@ -145,22 +141,22 @@ class Bookmarks:
         app.messages.say(app.annotations.current.bookmarks[self.selected].name)
 
     def give_name(self, app: App, index: int, name: str) -> None:
-        annotations = app.annotations.current
-        view = replace(annotations.bookmarks[index], name=named(name))
-        app.annotations.change(app, annotations.with_bookmark(index, view))
+        self._edit(app, index, name=named(name))
 
     def give_text(self, app: App, index: int, text: str) -> None:
-        annotations = app.annotations.current
-        view = replace(annotations.bookmarks[index], text=worded(text))
-        app.annotations.change(app, annotations.with_bookmark(index, view))
+        self._edit(app, index, text=worded(text))
 
     def update(self, app: App, index: int) -> None:
         """Puts a saved view where the camera is now."""
-        annotations = app.annotations.current
         if app.scene is not None:
-            old = annotations.bookmarks[index]
-            view = replace(bookmark_of(app.scene.rig, app.fov, old.name), point=old.point, text=old.text)
-            app.annotations.change(app, annotations.with_bookmark(index, view))
+            now = bookmark_of(app.scene.rig, app.fov, "")
+            self._edit(app, index, eye=now.eye, target=now.target, up=now.up, fov=now.fov)
+
+    @staticmethod
+    def _edit(app: App, index: int, **fields: Any) -> None:
+        annotations = app.annotations.current
+        view = replace(annotations.bookmarks[index], **fields)
+        app.annotations.change(app, annotations.with_bookmark(index, view))
 
     def move(self, app: App, index: int, by: int) -> None:
         """Moves a view earlier (-1) or later (1)."""
@@ -188,10 +184,10 @@ class Bookmarks:
             return
         if len(app.annotations.current.bookmarks) < 2:
             raise UserError("a film needs two views", remedy="bookmark some: Ctrl+D")
-        filming, keys = app.filming, self.keyframes(app)
-        filming.path, filming.selected, filming.time, filming.playing = CameraPath(keys), None, 0.0, False
+        app.filming.use(CameraPath(self.keyframes(app)))
         app.interface.opens("film")
-        app.messages.say(f"A film of {filming.path.duration:.0f} seconds through {len(keys)} views")
+        path = app.filming.path
+        app.messages.say(f"A film of {path.duration:.0f} seconds through {len(path.keyframes)} views")
         app.touch()
 
 
@@ -215,21 +211,18 @@ class ViewPictures:
     _drawn_with: tuple[object, ...] = ()
     _drew: bool = False  # in this frame
 
-    def clear(self, canvas: Canvas | None) -> None:
-        """Forgets the pictures, because another pack is shown."""
-        for key in self._pictures:
-            if canvas is not None:
-                canvas.drop_image(_name(key))
-        self._pictures.clear()
-
     def tick(self, app: App) -> None:
         """A new frame. Another background, or a finer pack, is another picture."""
         self._drew = False
         pack = app.scene.pack if app.scene is not None else None
         now = (id(pack), app.settings.background)
-        if now != self._drawn_with:
-            self._drawn_with = now
-            self.clear(app.canvas)
+        if now == self._drawn_with:
+            return
+        self._drawn_with = now
+        for key in self._pictures:
+            if app.canvas is not None:
+                app.canvas.drop_image(_name(key))
+        self._pictures.clear()
 
     def texture(self, app: App, canvas: Canvas, grid_T_camera: np.ndarray, fov: float) -> int | None:
         """OpenGL name of the picture of a view (float64 [4, 4]; vertical degrees); None while it is not drawn yet.

@@ -72,7 +72,6 @@ class Filming:
         return Filming(**{name: getattr(self, name) for name in KEPT})
 
     def set_panorama(self, on: bool) -> None:
-        """Stills and films show all directions from now on, or what the camera sees."""
         self.panorama = on
         self.size = next(iter((PANORAMA_SIZES if on else SIZES).values()))
 
@@ -88,6 +87,10 @@ class Filming:
         """What is written of what `camera` sees."""
         assert app.scene is not None
         return camera.as_panorama(self.size, app.scene.rig.table.axes[1]) if self.panorama else camera
+
+    def use(self, path: CameraPath) -> None:
+        """Takes another path, from its start."""
+        self.path, self.selected, self.time, self.playing = path, None, 0.0, False
 
     def add(self, app: App) -> None:
         """Makes the present view a keyframe, after the selected one."""
@@ -162,7 +165,7 @@ class Filming:
         for turn in turns:
             pose = replace(pose, azimuth=rig.goal.azimuth + turn)
             keys.append(Keyframe(pose.matrix(rig.table), rig.fov, 1.0))
-        self.path, self.selected, self.time = CameraPath(keys, closed=True), None, 0.0
+        self.use(CameraPath(keys, closed=True))
         app.messages.say("A turntable of 8 seconds")
 
     # Files
@@ -175,8 +178,7 @@ class Filming:
     def load(self, app: App, file: Path) -> None:
         """Reads such a file; the path that was there stays where it cannot be read."""
         if app.scene is not None:
-            self.path = load_path(file, app.scene.pack.worldspace_T_opengl)
-            self.selected, self.time, self.playing = None, 0.0, False
+            self.use(load_path(file, app.scene.pack.worldspace_T_opengl))
             app.messages.say(f"{len(self.path.keyframes)} keyframes from {file.name}")
 
     def still(self, app: App, target: Path, camera: ViewCamera | None = None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import unquote, urlsplit
@@ -49,7 +50,7 @@ def looks_like_path(text: str) -> bool:
 
 @dataclass
 class OpenPrompt:
-    recent: Sequence[Path]
+    recent: Sequence[Path]  # packs that were opened lately
     other: bool = False  # whether it asks for a pack to compare with
     text: str = ""  # as typed
     picked: int | None = None  # index of the suggestion that Enter opens; None: the typed path
@@ -59,7 +60,7 @@ class OpenPrompt:
 
     @property
     def lines(self) -> list[Path]:
-        """Suggestions below the text: recent paths that match it, or entries of the folder that is typed."""
+        """Suggestions below the text; see suggestions()."""
         if self._listed is None or self._listed[0] != self.text:
             self._listed = self.text, suggestions(self.text, self.recent)
         return self._listed[1]
@@ -111,18 +112,17 @@ def suggestions(text: str, recent: Sequence[Path]) -> list[Path]:
 def _entries(text: str) -> list[Path]:
     typed = expanded(text)
     folder, stem = (typed, "") if text.endswith((os.sep, "/")) or text == "~" else (typed.parent, typed.name.lower())
-    found: list[tuple[bool, str]] = []
+    found: list[tuple[bool, str, str]] = []  # folders come first
     try:
         with os.scandir(folder) as entries:
-            for _, entry in zip(range(MOST_ENTRIES), entries, strict=False):
+            for entry in islice(entries, MOST_ENTRIES):
                 name = entry.name.lower()
-                if not name.startswith(stem) or (name.startswith(".") and not stem.startswith(".")):
-                    continue
-                if entry.is_dir() or name.endswith(OPENABLE):
-                    found.append((not entry.is_dir(), entry.name))
+                shown = name.startswith(stem) and (stem.startswith(".") or not name.startswith("."))
+                if shown and (entry.is_dir() or name.endswith(OPENABLE)):
+                    found.append((not entry.is_dir(), name, entry.name))
     except (OSError, ValueError):
         return []
-    return [folder / name for _, name in sorted(found, key=lambda item: (item[0], item[1].lower()))[:SHOWN]]
+    return [folder / name for _, _, name in sorted(found)[:SHOWN]]
 
 
 def ask_to_open(app: App, *, other: bool = False) -> None:

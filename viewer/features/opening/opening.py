@@ -51,7 +51,7 @@ class Loading(Task[None]):
 
     @property
     def share(self) -> float:
-        """0 … 1 of its images are decoded."""
+        """Of its images that are decoded, 0 … 1."""
         return self.images[0] / max(self.images[1], 1)
 
     def _read(self) -> None:
@@ -82,7 +82,6 @@ class Loading(Task[None]):
 # --- Opening a pack ---
 
 SHOWN_NOTES = 4
-Then = Callable[[], None]
 
 
 @dataclass
@@ -91,11 +90,11 @@ class Opening:
 
     loading: Loading | None = None
     other: bool = False  # it shall be compared with, not shown instead
-    then: Then | None = None  # called once it is shown
+    then: Callable[[], None] | None = None  # called once it is shown
     noted: set[tuple[Path, str]] = field(default_factory=set)  # which notes of which pack were shown
     _share_shown: float = -1.0
 
-    def start(self, app: App, path: Path, *, other: bool = False, then: Then | None = None) -> None:
+    def start(self, app: App, path: Path, *, other: bool = False, then: Callable[[], None] | None = None) -> None:
         self.cancel(app)
         self.loading, self.other, self.then = Loading(path), other, then
         app.touch()
@@ -202,16 +201,17 @@ class OpenPacks:
     show_list: bool = False  # opens the pack menu in the next frame
 
     def add(self, entry: OpenPack, *, first: bool = False) -> list[str]:
-        """Adds a pack (first: at the head of the order) and closes others if there are too many; the names of those. A scene with
-        unsaved erasures stays open."""
+        """Adds a pack (first: at the head of the order) and closes others if there are too many; the names of those.
+
+        A scene with unsaved erasures stays open.
+        """
         self.drop(entry.scene.path)
         self.packs.insert(0 if first else len(self.packs), entry)
-        gone = []
-        while len(self.packs) > MOST_PACKS or sum(bytes_of(each.scene.pack) for each in self.packs) > MOST_BYTES:
-            others = [each for each in self.packs if not each.scene.unsaved]
-            if not others:
-                break
-            oldest = others[-1 if first else 0]
+        others, gone = [each for each in self.packs if not each.scene.unsaved], []
+        while others and (
+            len(self.packs) > MOST_PACKS or sum(bytes_of(each.scene.pack) for each in self.packs) > MOST_BYTES
+        ):
+            oldest = others.pop(-1 if first else 0)
             self.packs.remove(oldest)
             gone.append(oldest.scene.name)
         return gone

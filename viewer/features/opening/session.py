@@ -6,6 +6,7 @@ Marks are added to those that are kept with a pack, and take none of them away.
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -32,12 +33,11 @@ from viewer.core.annotations import (
 )
 from viewer.core.files import SESSION_SUFFIX, FileRequest
 from viewer.core.pose import FARTHEST
-from viewer.core.state import OpenScene
 from viewer.core.tasks import Autosave
 from viewer.features.bookmarks.bookmarks import bookmark_of, pose_of
-from viewer.features.camera.orbit_camera import OrbitCamera
 from viewer.features.comparison.comparison import How
 from viewer.features.crop.crop import Box
+from viewer.features.opening.opening import OpenPack
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -81,19 +81,17 @@ class Session:
 def session_of(app: App) -> Session | None:
     """What is open now; None where that is nothing that could be opened again."""
 
-    def seen(scene: OpenScene, crop: Box | None, near: float, annotations: Annotations) -> Seen:
-        view = bookmark_of(scene.rig, scene.rig.fov, scene.name)
-        return Seen(scene.path.resolve(), view, scene.rig.orthographic, crop, near, annotations)
+    def seen(entry: OpenPack) -> Seen:
+        scene, rig = entry.scene, entry.scene.rig
+        view, marks = bookmark_of(rig, rig.fov, scene.name), entry.annotations or Annotations()
+        return Seen(scene.path.resolve(), view, rig.orthographic, entry.crop, entry.near, marks)
 
-    scene = app.scene
-    if scene is None or not scene.whole or not scene.stays or not scene.path.exists():
+    shown = app.left_now()
+    if shown is None or not shown.scene.path.exists():
         return None
-    first = seen(scene, app.settings.crop, app.settings.near, app.annotations.current)
-    packs = app.open_packs.packs
-    others = (seen(each.scene, each.crop, each.near, each.annotations or Annotations()) for each in packs)
     compare, path = app.comparison, app.comparison.other_path
     against = (path.resolve(), compare.how) if compare.against == "pack" and path is not None else None
-    return Session((first, *others), against, app.interface.page)
+    return Session(tuple(map(seen, (shown, *app.open_packs.packs))), against, app.interface.page)
 
 
 # The file
@@ -188,15 +186,16 @@ def _relative(path: Path, folder: Path) -> str:
 
 def restore(app: App, session: Session) -> None:
     """Opens what a session names, one pack after the other, the one that is shown last. What fails is a dialog, and the end."""
-    order = [*session.packs[1:], session.packs[0]]
+    left = [*session.packs[1:], session.packs[0]]
 
-    def next_one(index: int) -> None:
-        app.open(order[index].path, then=lambda: arrived(index))
+    def open_next() -> None:
+        seen = left.pop(0)
+        app.open(seen.path, then=lambda: arrived(seen))
 
-    def arrived(index: int) -> None:
-        _apply(app, order[index])
-        if index + 1 < len(order):
-            next_one(index + 1)
+    def arrived(seen: Seen) -> None:
+        _apply(app, seen)
+        if left:
+            open_next()
             return
         if session.page:
             app.interface.opens(session.page)
@@ -204,26 +203,21 @@ def restore(app: App, session: Session) -> None:
             path, app.comparison.how = session.compare
             app.open(path, other=True)
 
-    next_one(0)
+    open_next()
 
 
 def _apply(app: App, seen: Seen) -> None:
     assert app.scene is not None
-    marks = joined(app.annotations.current, seen.annotations)
+    rig, marks = app.scene.rig, joined(app.annotations.current, seen.annotations)
     app.annotations.current = replace(marks, placement=allowed(marks.placement, app.scene.pack))
-    app.scene.rig.begin_placed(marks.placement.rotation)
-    place(app.scene.rig, seen.camera, orthographic=seen.orthographic)
-    app.set(crop=None if app.scene.rig.bounded else seen.crop, near=seen.near)
-    app.touch()
-
-
-def place(rig: OrbitCamera, view: Bookmark, *, orthographic: bool) -> None:
-    """Puts a rig where a view is, at once."""
-    rig.held, rig.fov = None, view.fov
-    rig.table = replace(rig.table, up=view.up)
-    rig.orthographic = orthographic and not rig.bounded
-    rig.go(pose_of(view, rig.table), remember=False)
+    rig.begin_placed(marks.placement.rotation)
+    rig.held, rig.fov = None, seen.camera.fov
+    rig.table = replace(rig.table, up=seen.camera.up)
+    rig.orthographic = seen.orthographic and not rig.bounded
+    rig.go(pose_of(seen.camera, rig.table), remember=False)
     rig.shown = rig.goal
+    app.set(crop=None if rig.bounded else seen.crop, near=seen.near)
+    app.touch()
 
 
 def joined(own: Annotations, other: Annotations) -> Annotations:
@@ -263,15 +257,15 @@ class Sessions:
         restore(app, load_session(file))
 
     def open_last(self, app: App) -> None:
-        """Goes on where the program was left."""
         if self.last is not None:
             restore(app, self.last)
 
     def ask_where_to_save(self, app: App) -> None:
-        name = f"{app.scene.name}{SESSION_SUFFIX}" if app.scene is not None else f"scene{SESSION_SUFFIX}"
-        start = app.scene.path.resolve().parent if app.scene is not None and app.scene.path.exists() else None
-        then = partial(self.save, app)
-        app.file_request = FileRequest("Save the session", "save", then, (SESSION_SUFFIX,), name, start)
+        if app.scene is not None:
+            name, path = f"{app.scene.name}{SESSION_SUFFIX}", app.scene.path
+            start = path.resolve().parent if path.exists() else None
+            save = partial(self.save, app)
+            app.file_request = FileRequest("Save the session", "save", save, (SESSION_SUFFIX,), name, start)
 
     def save(self, app: App, file: Path) -> None:
         """Writes what is open now. UserError where that is nothing, OSError where it cannot."""
@@ -288,15 +282,12 @@ class Sessions:
 
     def finish(self, app: App) -> None:
         """The program ends: what is open now is the last session."""
-        session = session_of(app) if self.file is not None else None
-        self._autosave.finish(session or self._autosave.saved)
+        if self.file is not None:
+            self._autosave.finish(session_of(app) or self._autosave.saved)
         self.file = None
 
     def _write(self, session: Session | None) -> None:
-        if self.file is None or session is None:
-            return
-        try:
+        assert self.file is not None and session is not None
+        with contextlib.suppress(OSError):  # it is a convenience: nobody is asked to do something about it
             self.file.parent.mkdir(parents=True, exist_ok=True)
             save_session(session, self.file)
-        except OSError:  # it is a convenience: nobody is asked to do something about it
-            return
