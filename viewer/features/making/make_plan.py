@@ -30,29 +30,25 @@ OURS = ("--no-view", "--poses-only", PREVIEWS)  # what a person who types the co
 
 @dataclass
 class Plan:
-    """source: the scene's or the run's folder. out: of a scene, the folder for run/ and pack/; of a run, the pack itself.
-
-    downscale, resolution (voxels a side), steps: None leaves them to the preset, or to the command. masks: None cuts out
-    where there is a mask for each photograph. aabb: the box to train, and up: what is up, training frame; None for the
-    reader's own. poses_only: no more is begun than finding poses. survey: of the scene's photographs. attempt: what an
-    older run in `out` says of itself; it is gone on with. place_problem: why nothing can be written there.
-    """
+    """None leaves a choice to the preset, or to the command."""
 
     subject: Subject
-    source: Path
-    out: Path
+    source: Path  # the scene's or the run's folder
+    out: Path  # of a scene, the folder for run/ and pack/; of a run, the pack itself
     preset: str = "normal"
     downscale: int | None = None
-    resolution: int | None = None
+    resolution: int | None = None  # voxels a side
     spherify: bool = False
-    masks: bool | None = None
+    masks: bool | None = None  # None cuts out where there is a mask for each photograph
     steps: int | None = None
-    aabb: Box | None = None
-    up: Direction | None = None
-    poses_only: bool = False
-    survey: Survey | None = field(default=None, repr=False)
-    attempt: dict | None = field(default=None, repr=False)
-    place_problem: str | None = field(default=None, repr=False)
+    aabb: Box | None = None  # the box to train, training frame
+    up: Direction | None = None  # likewise
+    poses_only: bool = False  # no more is begun than finding poses
+    survey: Survey | None = field(default=None, repr=False)  # of the scene's photographs
+    attempt: dict | None = field(
+        default=None, repr=False
+    )  # what an older run in `out` says of itself; it is gone on with
+    place_problem: str | None = field(default=None, repr=False)  # why nothing can be written there
 
     def __post_init__(self) -> None:
         self.choose(self.out)
@@ -69,12 +65,13 @@ class Plan:
     def of(cls, subject: Subject, path: Path) -> Plan:
         """How `path` would be made if nothing else is said. UserError where an unfinished run's description is broken."""
         path = path.resolve()
-        if subject == "scene" and found_poses(path):
-            source = _photographs_of(path / POSED)
-            return cls("scene", source, path, survey=Survey(source))
         if subject == "scene":
-            name = path.stem if is_film(path) else path.name
-            return cls("scene", path, _beside(path, f"{name}-snerg"), survey=Survey(path))
+            source, out = path, path
+            if found_poses(path):
+                source = _photographs_of(path / POSED)
+            else:
+                out = _beside(path, f"{path.stem if is_film(path) else path.name}-snerg")
+            return cls("scene", source, out, survey=Survey(source))
         if (path / "run").is_dir() and not (path / "config.json").is_file():  # snerg-make's DIR
             scene = _description(path / "run")["scene"]
             if scene and Path(scene).is_dir():
@@ -116,12 +113,10 @@ class Plan:
 
     @property
     def name(self) -> str:
-        """What it is called while it is made."""
         return self.source.parent.name if self.source.name == "run" else self.source.name
 
     @property
     def pack(self) -> Path:
-        """Where the finished pack is."""
         return self.out / "pack" if self.subject == "scene" else self.out
 
     @property
@@ -136,7 +131,6 @@ class Plan:
 
     @property
     def run(self) -> Path:
-        """The training run."""
         return self.out / "run" if self.subject == "scene" else self.source
 
     @property
@@ -192,17 +186,14 @@ class Plan:
 
     def _arguments(self) -> list[str]:
         words = [str(self.source), "--out", str(self.out)]
-        names = ["resolution"]
+        options: dict[str, object] = {"resolution": self.resolution}
         if self.subject == "scene":
             words += ["--preset", self.preset, "--no-view", PREVIEWS]
-            names = ["downscale", "steps", "resolution"]
             words += ["--spherify"] * self.spherify + ["--masks"] * self.cut_out + ["--poses-only"] * self.poses_only
-            for name in ("aabb", "up"):
-                value = getattr(self, name)
-                words += [] if value is None else [f"--{name}", ",".join(f"{number:g}" for number in value)]
-        for name in names:
-            if (value := getattr(self, name)) is not None:
-                words += [f"--{name}", str(value)]
+            aabb, up = (value and ",".join(f"{number:g}" for number in value) for value in (self.aabb, self.up))
+            options = {"aabb": aabb, "up": up, "downscale": self.downscale, "steps": self.steps, **options}
+        for name, value in options.items():
+            words += [] if value is None else [f"--{name}", str(value)]
         return words
 
 

@@ -51,16 +51,13 @@ Kind = Literal["subject", "room", "forward"]
 
 @dataclass(frozen=True)
 class SparsePreview:
-    """pack: the points and cameras. scene: read as seen from all around, which shows forward-facing ones best, too. points: in
-    its training frame. kind: found from the poses. boxes: by kind, the box [2, 3] that fits it, training frame; a
-    forward-facing scene has none.
-    """
-
-    pack: Pack
-    scene: Scene
-    points: SparsePoints
-    kind: Kind
-    boxes: Mapping[Kind, np.ndarray]
+    pack: Pack  # the points and cameras
+    scene: Scene  # read as seen from all around, which shows forward-facing ones best, too
+    points: SparsePoints  # in its training frame
+    kind: Kind  # found from the poses
+    boxes: Mapping[
+        Kind, np.ndarray
+    ]  # the box [2, 3] that fits each kind, training frame; a forward-facing scene has none
 
     @property
     def photographs(self) -> int:
@@ -69,8 +66,7 @@ class SparsePreview:
 
     def places_in_grid(self) -> np.ndarray:
         """The points float64 [M, 3] in the pack's grid frame."""
-        grid_T_training = np.linalg.inv(self.pack.worldspace_T_opengl)
-        return self.points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
+        return _placed(np.linalg.inv(self.pack.worldspace_T_opengl), self.points.places)
 
     def eyes(self) -> np.ndarray:
         """Where the cameras stand, float64 [N, 3], training frame."""
@@ -139,14 +135,12 @@ def points_pack(scene: Scene, points: SparsePoints) -> Pack:
     if _within(points.places, box).mean() < MOST_OUTSIDE:
         far = box_of_points(points.places, points.tracks, FARTHEST, box)
         box = np.stack([np.minimum(box[0], far[0]), np.maximum(box[1], far[1])])
-    corners = (box @ grid_T_training[:3, :3].T) + grid_T_training[:3, 3]
-    low, high = corners.min(0), corners.max(0)
+    low, high = _turned(box, grid_T_training)
     margin = 0.5 * (AROUND - 1) * (high - low)
     low, high = low - margin, high + margin
     voxel_size = float((high - low).max()) / SIDE
     blocks = np.ceil((high - low) / (voxel_size * BLOCK_SIZE)).astype(int)
-    places = points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
-    voxels = np.floor((places - low) / voxel_size).astype(int)
+    voxels = np.floor((_placed(grid_T_training, points.places) - low) / voxel_size).astype(int)
     inside = ((voxels >= 0) & (voxels < blocks * BLOCK_SIZE)).all(axis=1)
     if not inside.any():
         raise ValueError("no point lies in the box")
@@ -155,7 +149,7 @@ def points_pack(scene: Scene, points: SparsePoints) -> Pack:
     kept[tuple((voxels // BLOCK_SIZE).T)] = True
     indices, rgba, _ = fill_atlas(_macroblocks(voxels, colours), kept, BLOCK_SIZE)
     restore_padding(rgba, indices, BLOCK_SIZE)
-    x, y, z = (int(count) * BLOCK_SIZE for count in blocks)
+    x, y, z = (blocks * BLOCK_SIZE).tolist()
     return Pack(
         voxel_size=voxel_size, min_xyz=low, grid_size=(x, y, z), block_size=BLOCK_SIZE, atlas_indices=indices,
         atlas_rgba=rgba, atlas_features=None, view_mlp=None, worldspace_T_opengl=scene.worldspace_T_opengl,
@@ -170,9 +164,8 @@ def _macroblocks(voxels: np.ndarray, colours: np.ndarray) -> Iterator[tuple[tupl
     for number, place in enumerate(places.tolist()):
         rows = order[ends[number] : ends[number + 1]]
         content = np.zeros((BLOCK_SIZE,) * 3 + (8,), np.uint8)
-        content[tuple((voxels[rows] % BLOCK_SIZE).T)] = np.concatenate(
-            [colours[rows], np.full((len(rows), 1), 255, np.uint8), np.zeros((len(rows), 4), np.uint8)], axis=1
-        )
+        z, y, x = (voxels[rows] % BLOCK_SIZE).T
+        content[z, y, x, :3], content[z, y, x, 3] = colours[rows], 255
         yield tuple(place), content
 
 
@@ -240,7 +233,6 @@ class Review:
 
     @property
     def due(self) -> bool:
-        """Whether training begins now."""
         return self.until is not None and time.monotonic() >= self.until
 
     def hold(self) -> None:
@@ -303,5 +295,10 @@ class Review:
 
 def _turned(box: np.ndarray, to_T_from: np.ndarray) -> np.ndarray:
     """The box [2, 3] in another frame, whose axes are the same but for their order and signs."""
-    corners = np.asarray(box) @ to_T_from[:3, :3].T + to_T_from[:3, 3]
+    corners = _placed(to_T_from, np.asarray(box))
     return np.stack([corners.min(0), corners.max(0)])
+
+
+def _placed(to_T_from: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points float64 [M, 3] in another frame."""
+    return points @ to_T_from[:3, :3].T + to_T_from[:3, 3]

@@ -40,34 +40,23 @@ MEASURES = True  # the time that a run takes here
 POSES_FIRST = "Nothing says where the camera stood: that is found first."
 CELL = 160  # pixels a side: no small picture is larger
 COLUMNS, ROWS = 16, 16  # of the sheet; later pictures are counted, and not shown
-MODULE = "training.posing.preview"
 Box = tuple[int, int, int, int]
 
 
 class BarePreview(JsonTask):
-    """Starts to read `source` at once. Poll `news` from the main thread; close it in the end.
-
-    of_film: whether the source is a film.
-    count: number of photographs, or of frames that would be used; None before it is known.
-    names: of the pictures read so far, in order.
-    sheet, boxes: their thumbnails; see viewer.rendering.targets.Sheet.
-    aside: reasons for rejected pictures, by name; None before they are known.
-    seconds: estimated time for finding the poses, by stage; None before there is one.
-    error: why reading stopped early; "" if it did not.
-    """
+    """Starts to read `source` at once. Poll `news` from the main thread; close it in the end. None: not known yet."""
 
     def __init__(self, source: Source) -> None:
         self.of_film = source.kind == "film"
-        self.count: int | None = None
-        self.names: list[str] = []
-        self.sheet = np.zeros((ROWS * CELL, COLUMNS * CELL, 3), np.uint8)
+        self.count: int | None = None  # photographs, or frames that would be used
+        self.names: list[str] = []  # of the pictures read so far, in order
+        self.sheet = np.zeros((ROWS * CELL, COLUMNS * CELL, 3), np.uint8)  # thumbnails: viewer.rendering.targets.Sheet
         self.boxes: dict[int, Box] = {}
-        self.aside: Mapping[str, str] | None = None
-        self.seconds: Mapping[str, float] | None = None
-        self.error = ""
+        self.aside: Mapping[str, str] | None = None  # reasons for rejected pictures, by name
+        self.seconds: Mapping[str, float] | None = None  # estimated, for finding the poses, by stage
+        self.error = ""  # why reading stopped early
         self._folder = temporary_folder("snerg-preview-")
-        words = [str(source.path.resolve()), str(self._folder)]
-        super().__init__(MODULE, words, self._take)
+        super().__init__("training.posing.preview", [str(source.path.resolve()), str(self._folder)], self._take)
 
     def after(self) -> None:
         shutil.rmtree(self._folder, ignore_errors=True)
@@ -77,15 +66,14 @@ class BarePreview(JsonTask):
 
     def _take(self, message: Mapping[str, Any]) -> None:
         if "name" in message:
-            self._place(len(self.names), self._folder / message["file"] if message["file"] else None)
+            if message["file"] and len(self.names) < ROWS * COLUMNS:
+                self._place(len(self.names), self._folder / message["file"])
             self.names.append(message["name"])
         for fact in ("count", "aside", "seconds", "error"):
             if fact in message:
                 setattr(self, fact, message[fact])
 
-    def _place(self, index: int, file: Path | None) -> None:
-        if file is None or index >= ROWS * COLUMNS:
-            return
+    def _place(self, index: int, file: Path) -> None:
         try:
             with Image.open(file, formats=["JPEG"]) as opened:
                 picture = np.asarray(opened.convert("RGB"))[:CELL, :CELL]
@@ -104,7 +92,6 @@ class BarePreview(JsonTask):
 
 # --- Time, memory and disk ---
 
-SPEED_MODULE = "training.speed"
 # Of five captures in docs/results.md: baking took 0.8 to 1.1 times as long as training.
 BAKING_BY_TRAINING = 1.0
 # Peaks of snerg-make on lego at 800 x 800: 2.8, 3.5 and 4.8 GB at 512, 750 and 1000 voxels.
@@ -120,11 +107,11 @@ class TimeNeeded(JsonTask):
     """
 
     def __init__(self, sides: Sequence[int], unbounded: bool, after: Callable[[], object] = lambda: None) -> None:
-        words = ["unbounded"] * unbounded + [str(side) for side in sorted(set(sides))]
         self._runs: Mapping[str, Any] = {}
         self._per_sample: float | None = None
         self._after = after
-        super().__init__(SPEED_MODULE, words, self._take)
+        words = ["unbounded"] * unbounded + [str(side) for side in sorted(set(sides))]
+        super().__init__("training.speed", words, self._take)
 
     def before(self) -> None:
         with contextlib.suppress(Exception):  # it reports what went wrong itself
@@ -176,29 +163,21 @@ def poser_missing(source: Source) -> str | None:
 
 
 class Survey(Task[None]):
-    """Reads a scene's description and its pictures' headers in a thread. Poll `finished`, then take the rest.
-
-    error: why it is no scene that can be read. text: one line about it. kind: its layout, "" where it
-    has no poses. sizes: width, height in pixels by downscale.
-    automatic: the downscale of a preset that shrinks. forward: cameras (LLFF, COLMAP) that may be read as looking all around.
-    masks: whether there are any. masked: the downscales at which there is one for each photograph. bare: photographs or a
-    film without poses, which are found before training; None where there are poses. preview: of these, where this
-    installation finds poses. time: that a run takes here, where this installation trains.
-    """
+    """Reads a scene's description and its pictures' headers in a thread. Poll `finished`, then take the rest."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.time: TimeNeeded | None = None
-        self.bare: Source | None = None
-        self.preview: BarePreview | None = None
-        self.error: Exception | None = None
-        self.text = ""
-        self.kind = ""
-        self.sizes: dict[int, tuple[int, int]] = {}
-        self.automatic: dict[str, int] = {}
-        self.forward = False
-        self.masks = False
-        self.masked: set[int] = set()
+        self.time: TimeNeeded | None = None  # that a run takes here, where this installation trains
+        self.bare: Source | None = None  # photographs or a film whose poses must be found before training
+        self.preview: BarePreview | None = None  # of these, where this installation finds poses
+        self.error: Exception | None = None  # why it is no scene that can be read
+        self.text = ""  # one line about it
+        self.kind = ""  # its layout; "" where it has no poses
+        self.sizes: dict[int, tuple[int, int]] = {}  # width, height in pixels by downscale
+        self.automatic: dict[str, int] = {}  # the downscale of a preset that shrinks
+        self.forward = False  # cameras (LLFF, COLMAP) that may be read as looking all around
+        self.masks = False  # whether there are any
+        self.masked: set[int] = set()  # downscales at which there is one for each photograph
         with contextlib.suppress(UserError):  # several films: reported by the thread
             self.bare = None if has_poses(path) else find_source(path)
         if self.bare is None:
@@ -224,11 +203,8 @@ class Survey(Task[None]):
     @property
     def choices(self) -> list[int]:
         """Downscales that differ in what they give, from the largest pictures to the smallest."""
-        largest_first = sorted((-width, -downscale) for downscale, (width, _) in self.sizes.items())
-        found: dict[int, int] = {}
-        for width, downscale in largest_first:
-            found.setdefault(width, -downscale)
-        return [downscale for downscale in found.values() if downscale in DOWNSCALES]
+        by_width = dict(sorted((width, downscale) for downscale, (width, _) in self.sizes.items()))
+        return [downscale for downscale in reversed(by_width.values()) if downscale in DOWNSCALES]
 
     def size(self, preset: str, downscale: int | None) -> tuple[int, int] | None:
         """Pixels of the photographs that a run with these options trains on; None where it is not known."""
@@ -324,15 +300,14 @@ GROUPS = {
 class PhotographCheck:
     """Checks photographs, from the moment this is made. source, out: of the plan. Call `poll` now and then; close it in the end.
 
-    page: what the process writes. result: what it found, as `--json` has it; None before. error: why there is none, "" where
-    there is no error. report: the last progress. UserError where the process cannot be started.
+    UserError where the process cannot be started.
     """
 
     def __init__(self, source: Path, out: Path) -> None:
-        self.page = out / "check.html"
-        self.result: Mapping[str, Any] | None = None
-        self.error = ""
-        self.report: Report | None = None
+        self.page = out / "check.html"  # what the process writes
+        self.result: Mapping[str, Any] | None = None  # what it found, as `--json` has it
+        self.error = ""  # why there is no result
+        self.report: Report | None = None  # the last progress
         self._browser: Task[bool] | None = None
         words = [str(source), "--out", str(out), "--check", "--json"]
         self._process: FolderProcess | None = FolderProcess.start(
