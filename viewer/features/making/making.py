@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,7 +27,7 @@ from viewer.features.making.make_job import (
 )
 from viewer.features.making.make_plan import Plan, Subject
 from viewer.features.making.review import Kind, Review, SparsePreview, read_sparse_preview
-from viewer.features.making.survey import PhotographCheck
+from viewer.features.making.survey import PhotographCheck, Survey
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -37,18 +37,12 @@ AGAIN = (("OK", ""), ("Try again", "make-again"))  # buttons
 PARTING_S = 30.0  # for the process to save, where the program ends and there is no window to wait in
 
 
-@dataclass
-class SparsePreviewJob:
-    """Reads the sparse points of a plan's scene."""
+class SparsePreviewJob(Task[SparsePreview | None]):
+    """Reads the sparse points of a plan's scene. review: one follows, before training. before: the one that it replaces."""
 
-    plan: Plan
-    review: bool = False  # whether a review follows, before training
-    before: Review | None = None  # the review that the new one replaces
-    reader: Task[SparsePreview | None] = field(init=False)
-
-    def __post_init__(self) -> None:
-        plan = self.plan
-        self.reader = read_sparse_preview(plan.posed, plan.spherify or None, plan.cut_out, plan.up)
+    def __init__(self, plan: Plan, *, review: bool = False, before: Review | None = None) -> None:
+        self.plan, self.review, self.before = plan, review, before
+        super().__init__(lambda: read_sparse_preview(plan.posed, plan.spherify, plan.cut_out, plan.up))
 
 
 @dataclass
@@ -89,18 +83,21 @@ class Making:
             self.plan.choose(self.plan.out)
 
     @property
+    def _survey(self) -> Survey | None:
+        return None if self.plan is None else self.plan.survey
+
+    @property
     def busy(self) -> bool:
         """Whether something goes on that tick should look at now and then."""
-        survey = None if self.plan is None else self.plan.survey
         waits = any(each is not None for each in (self.job, self.reading, self.review, self._rejected))
         checks = self.check is not None and self.check.running
-        return waits or checks or (survey is not None and (survey.busy or not self._surveyed))
+        return waits or checks or (self._survey is not None and (self._survey.busy or not self._surveyed))
 
     def dismiss(self) -> None:
         """Closes the question."""
         self.end_check()
-        if self.plan is not None and self.plan.survey is not None:
-            self.plan.survey.close()
+        if self._survey is not None:
+            self._survey.close()
         self.plan = None
 
     def ask_for_photographs(self, app: App) -> None:
@@ -178,7 +175,7 @@ class Making:
         """Nothing is trained now; the poses stay in their folder."""
         if self.review is not None:
             app.messages.say(f"The camera poses of {self.review.plan.name} are kept; make it again to continue")
-        self._uncut(app)
+            self._uncut(app)
         self.review = None
 
     def _uncut(self, app: App) -> None:
@@ -228,11 +225,12 @@ class Making:
         """Shows what is trained so far; of what comes later, the newest, as long as this is shown."""
         if self.training_preview is None or self.job is None:
             return
-        kept = None if self.training_preview_shown(app) else self._kept_camera(app)
+        stand_there = self._kept_camera(app)
         plan, preview = self.job.plan, self.training_preview
+        shown = self.training_preview_shown(app)
         app.show_training_preview(preview, plan.preview_file, f"{plan.name}: {preview.description}")
-        if kept is not None:
-            kept()
+        if not shown:
+            stand_there()
 
     def training_preview_shown(self, app: App) -> bool:
         """Whether a state of what is being made is what is shown now."""
@@ -254,7 +252,7 @@ class Making:
 
     def _tick_look(self, app: App) -> None:
         reading, review = self.reading, self.review
-        if reading is not None and reading.reader.finished:
+        if reading is not None and reading.finished:
             self.reading = None
             self._take_sparse_preview(app, reading)
         elif review is not None and review.due:
@@ -264,7 +262,7 @@ class Making:
             app.touch(1)
 
     def _take_sparse_preview(self, app: App, reading: SparsePreviewJob) -> None:
-        before, self.sparse_preview = self.sparse_preview, reading.reader.result()
+        before, self.sparse_preview = self.sparse_preview, reading.result()
         if reading.review:
             if self.sparse_preview is None:  # too few points to see anything
                 self._begin(app, replace(reading.plan, poses_only=False))
@@ -280,16 +278,15 @@ class Making:
             self.show_points(app)
         app.touch()
 
-    def _kept_camera(self, app: App) -> Callable[[], None] | None:
+    def _kept_camera(self, app: App) -> Callable[[], None]:
         """What puts the camera where it is now among the points, or in what is trained so far, once something better is shown."""
-        scene = app.scene
-        if scene is None or not (self.sparse_preview_shown(app) or self.training_preview_shown(app)):
-            return None
-        rig = scene.rig
+        passing = self.sparse_preview_shown(app) or self.training_preview_shown(app)
+        rig = app.scene.rig if app.scene is not None and passing else None
 
         def then() -> None:
-            moved = rig.goal != rig.home_pose  # by then: the hands go on while a pack is read
-            if app.scene is not None and app.scene.rig.bounded == rig.bounded and moved:
+            # by then: the hands go on while a pack is read
+            moved = rig is not None and rig.goal != rig.home_pose
+            if moved and app.scene is not None and app.scene.rig.bounded == rig.bounded:
                 app.scene.rig.stand_as(rig)
 
         return then
@@ -332,8 +329,7 @@ class Making:
 
     def tick(self, app: App) -> None:
         """Time passes: looks at what the child is doing."""
-        survey = None if self.plan is None else self.plan.survey
-        if survey is not None and survey.finished and (not self._surveyed or survey.news()):
+        if self._survey is not None and self._survey.finished and (not self._surveyed or self._survey.news()):
             self._surveyed = True
             app.touch()
         if self._rejected is not None and self._rejected.finished:
@@ -360,7 +356,7 @@ class Making:
             app.touch()
             self._ended(app, job, status, kept)
 
-    def _ended(self, app: App, job: MakeJob, status: int, kept: Callable[[], None] | None) -> None:
+    def _ended(self, app: App, job: MakeJob, status: int, kept: Callable[[], None]) -> None:
         name = job.plan.name
         if status == 0 and job.plan.poses_only:
             self.reading = SparsePreviewJob(job.plan, review=True)

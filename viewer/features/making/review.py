@@ -27,7 +27,6 @@ from training.scenes.scene import Box, Direction, cameras_of
 from training.scenes.scene_options import composed
 from training.scenes.space import FARTHEST, HALF_SIDE, box_of_points, looks_inwards
 from viewer.core.pose import Pose, Turntable, project, triple
-from viewer.core.tasks import Task
 from viewer.features.camera.orbit_camera import DEFAULT_FOV
 from viewer.features.crop import crop
 from viewer.features.making.make_job import RejectedPhotographs
@@ -85,30 +84,23 @@ class SparsePreview:
 
 
 def read_sparse_preview(
-    folder: Path, spherify: bool | None = None, masks: bool = False, up: Direction | None = None
-) -> Task[SparsePreview | None]:
-    """Reads the scene in a folder in a thread; None if there are too few points.
-
-    spherify, masks, up: as training.scenes.SceneOptions has them.
-    """
-
-    def read() -> SparsePreview | None:
-        try:
-            with warnings.catch_warnings():  # what the reader has to say is said where training reads the scene
-                warnings.simplefilter("ignore")
-                forward = not spherify and load_scene(folder).ndc
-                scene = load_scene(folder, spherify=True, masks=masks, up=up)
-            points = sparse_points(scene)
-            if points is None or len(points.places) < FEWEST:
-                return None
-            provenance = {"scene": str(folder.resolve()), "spherify": True, "masks": masks}
-            pack = points_pack(scene, points).with_metadata(provenance=provenance, cameras=cameras_of(scene))
-            kind, boxes = _kinds(scene, points)
-            return SparsePreview(pack, scene, points, "forward" if forward else kind, boxes)
-        except Exception:  # the command that trains on the same folder says what is wrong with it
+    folder: Path, spherify: bool = False, masks: bool = False, up: Direction | None = None
+) -> SparsePreview | None:
+    """The points of the scene in a folder; None if there are too few. spherify, masks, up: as training.scenes.SceneOptions."""
+    try:
+        with warnings.catch_warnings():  # what the reader has to say is said where training reads the scene
+            warnings.simplefilter("ignore")
+            forward = not spherify and load_scene(folder).ndc
+            scene = load_scene(folder, spherify=True, masks=masks, up=up)
+        points = sparse_points(scene)
+        if points is None or len(points.places) < FEWEST:
             return None
-
-    return Task(read)
+        provenance = {"scene": str(folder.resolve()), "spherify": True, "masks": masks}
+        pack = points_pack(scene, points).with_metadata(provenance=provenance, cameras=cameras_of(scene))
+        kind, boxes = _kinds(scene, points)
+        return SparsePreview(pack, scene, points, "forward" if forward else kind, boxes)
+    except Exception:  # the command that trains on the same folder says what is wrong with it
+        return None
 
 
 def _kinds(scene: Scene, points: SparsePoints) -> tuple[Kind, dict[Kind, np.ndarray]]:

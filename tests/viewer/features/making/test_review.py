@@ -34,7 +34,7 @@ def posed(tmp_path_factory) -> Path:
 
 
 def look_at(folder: Path, **options: bool) -> SparsePreview:
-    first = read_sparse_preview(folder, **options).result()
+    first = read_sparse_preview(folder, **options)
     assert first is not None
     return first
 
