@@ -32,7 +32,7 @@ SUFFIXES: dict[Kind, tuple[str, ...]] = {
 }
 FACES: dict[str, int] = {"100,000": 100_000, "500,000": 500_000, "All": 0}  # triangles of a mesh, at most
 SPACINGS: dict[str, float] = {"Dense": 0.5, "Usual": 1.0, "Sparse": 2.0}  # of points, in voxels
-KEPT: dict[str, str] = {"All": "all", "Large": "0.001", "Largest": "largest"}  # components of the surface
+KEPT: dict[str, str | float] = {"All": "all", "Large": 0.001, "Largest": "largest"}  # components of the surface
 LEVELS = (0.02, 0.9)  # of opacity, that the slider has
 
 
@@ -52,42 +52,32 @@ class ExportPlan:
     def arguments(self, pack: Path, file: Path, crop: Corners | None) -> list[str]:
         """Of `snerg-pack`. crop: the box that is shown, if there is one."""
         cropped = crop if self.crop else None
-        words = ["export", str(pack), "--to", str(file)]
-        if self.kind == "page":
-            return words + crop_words(cropped)
-        words += ["--kind", self.kind, "--frame", self.frame]
-        if self.kind != "gaussians":
-            words += ["--level", f"{self.level:g}", "--keep", KEPT[self.keep]]
+        words = ["export", str(pack), "--to", str(file), *crop_words(cropped)]
+        if self.kind != "page":
+            words += ["--kind", self.kind, "--frame", self.frame]
+        if self.kind in ("mesh", "points"):
+            words += ["--level", f"{self.level:g}", "--keep", str(KEPT[self.keep])]
             words += [] if self.smooth else ["--smooth", "0"]
         words += ["--faces", str(FACES[self.faces])] * (self.kind == "mesh")
         words += ["--spacing", f"{SPACINGS[self.spacing]:g}"] * (self.kind == "points")
-        return words + crop_words(cropped)
+        return words
 
     def export(self, crop: Corners | None) -> Export:
         """The same as `arguments`, for a preview, which is in the grid frame."""
         from scenepack.exports.scene import Export
 
         assert self.kind != "page"
-        usual = Export(self.kind)
-        kept = KEPT[self.keep]
-        return replace(
-            usual,
-            level=self.level,
-            keep=kept if kept in ("all", "largest") else float(kept),
-            smooth=usual.smooth if self.smooth else 0,
-            faces=FACES[self.faces] or None,
-            spacing=SPACINGS[self.spacing],
-            crop=crop if self.crop else None,
-        )
+        keep, faces, spacing = KEPT[self.keep], FACES[self.faces] or None, SPACINGS[self.spacing]
+        cropped = crop if self.crop else None
+        export = Export(self.kind, level=self.level, keep=keep, faces=faces, spacing=spacing, crop=cropped)
+        return export if self.smooth else replace(export, smooth=0)
 
 
 @dataclass
 class Writing(FolderProcess):
-    """file: what it writes. then: called once it is there. report: its last word."""
-
-    file: Path = Path()
-    then: Callable[[], object] = lambda: None
-    report: Report | None = None
+    file: Path = Path()  # what it writes
+    then: Callable[[], object] = lambda: None  # called once it is there
+    report: Report | None = None  # its last word
 
 
 @dataclass
@@ -190,15 +180,13 @@ class _Superseded(Exception):
 
 
 class ExportPreview:
-    """geometry: the newest one, also while another is made; None before the first. error: why there is none of what is wanted."""
-
     def __init__(self) -> None:
-        self.geometry: PreviewGeometry | None = None
-        self.error = ""
+        self.geometry: PreviewGeometry | None = None  # the newest one, also while another is made
+        self.error = ""  # why there is none of what is wanted
+        self.share = 0.0  # of what is being made is done, 0 … 1
         self._wanted: tuple[int, Export] | None = None
         self._changed, self._begun = 0.0, True
         self._task: Task[None] | None = None
-        self.share = 0.0  # of what is being made is done, 0 … 1
         self._seen: object = None
 
     @property

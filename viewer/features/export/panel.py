@@ -5,7 +5,6 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
-from console.progress import duration
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
@@ -16,7 +15,6 @@ from viewer.core.widgets import (
     Box,
     begin_modal,
     cancel_or,
-    coloured,
     corner_card,
     font,
     hint,
@@ -28,8 +26,10 @@ from viewer.core.widgets import (
     switch,
     tip,
     titled_button,
+    write,
 )
 from viewer.features.export.exporting import FACES, FRAMES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan
+from viewer.features.making.panel import with_time_left
 from viewer.rendering.canvas import Canvas
 
 NAME, WIDTH, PADDING, LABELS = "##export", 480.0, 26.0, 130.0
@@ -56,8 +56,7 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts, pane: PreviewPane
     if not begin_modal(NAME, size, width, 0.47, padding=(PADDING, 22)):
         return
     with font(fonts.bold, theme.LARGE):
-        with coloured(text=theme.ACCENT):
-            imgui.text_unformatted(fa.ICON_FA_CUBE)
+        write(fa.ICON_FA_CUBE, theme.ACCENT)
         imgui.same_line(0, px(12))
         imgui.text_unformatted(f"Export {app.scene.name}")
     imgui.dummy(ImVec2(0, px(4)))
@@ -82,7 +81,7 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts, pane: PreviewPane
 
 def _choices(app: App, plan: ExportPlan) -> None:
     label("As", LABELS)
-    picked = segments("kind", list(KINDS), plan.kind, {kind: title for kind, title in KINDS.items()})
+    picked = segments("kind", list(KINDS), plan.kind, dict(KINDS.items()))
     if picked in KINDS:
         plan.kind = picked  # type: ignore[assignment]
     hint(HINTS[plan.kind])
@@ -121,11 +120,8 @@ def _choices(app: App, plan: ExportPlan) -> None:
 def _frame_hint(plan: ExportPlan, scale: Scale) -> str:
     if plan.frame == "placed":
         return f"As on the Move page, y up. Lengths are in {scale.unit or 'its units'}."
-    return (
-        "The grid's, y up, in its own units."
-        if plan.frame == "grid"
-        else "That of the photographs' poses, in its own units."
-    )
+    which = "The grid's, y up" if plan.frame == "grid" else "That of the photographs' poses"
+    return f"{which}, in its own units."
 
 
 def _answer(app: App) -> None:
@@ -147,19 +143,13 @@ def show_card(app: App, box: Box, fonts: Fonts) -> None:
     with corner_card("##exporting", box):
         if titled_button(writing.file.name, "Cancel##export", fonts):
             app.exporting.cancel()
-        report = writing.report
+        report, stopping = writing.report, writing.child.stopping
         imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
-        hint(_status_text(writing.child.stopping, report))
-
-
-def _status_text(stopping: bool, report) -> str:
-    if stopping or report is None:
-        return "Stopping…" if stopping else "Starting…"
-    words = report.note or report.title
-    parts = [f"{words[:1].upper()}{words[1:]}, {100 * report.share:.0f} %"]
-    if report.seconds_left is not None and report.share < 1:
-        parts.append(f"{duration(report.seconds_left)} left")
-    return "   ·   ".join(parts)
+        if stopping or report is None:
+            hint("Stopping…" if stopping else "Starting…")
+        else:
+            words = report.note or report.title
+            hint(with_time_left(f"{words[:1].upper()}{words[1:]}, {100 * report.share:.0f} %", report))
 
 
 def show_sharing(app: App, box: Box, fonts: Fonts) -> None:
@@ -210,14 +200,12 @@ class PreviewPane:
         if preview.geometry is not None:
             density = FINER * imgui.get_io().display_framebuffer_scale.x
             camera = scene.rig.camera((round(density * width), round(density * height)))
-            if (of := (preview.geometry, camera.key)) != self._of:
+            if self._pixels is None or (preview.geometry, camera.key) != self._of:
                 ground = theme.rgb(theme.BASE)
                 self._pixels = canvas.draw_export_preview(preview.geometry, camera, (ground.x, ground.y, ground.z))
-                self._of = of
-            assert self._pixels is not None
+                self._of = preview.geometry, camera.key
             texture = imgui.ImTextureRef(canvas.image(IMAGE, self._pixels))
-            dim = 0.35 if preview.error else 1.0
-            shade = theme.packed("#ffffff", dim)
+            shade = theme.packed("#ffffff", 0.35 if preview.error else 1.0)
             draw.add_image_rounded(texture, at, corner, ImVec2(0, 0), ImVec2(1, 1), shade, px(6))
         if preview.working:
             low = ImVec2(at.x + width * preview.share, corner.y)

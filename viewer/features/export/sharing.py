@@ -33,28 +33,23 @@ def crop_words(crop: Corners | None) -> list[str]:
 def page_words(app: App, folder: Path) -> list[str]:
     """Options for a page that begins with the view of this moment. folder: takes the camera path, where there is one."""
     assert app.scene is not None
-    filming = app.filming
+    filming, file = app.filming, folder / "path.json"
     words = [f"--title={app.scene.name}", f"--pose={app.pose_text()}"]
-    if filming.path.keyframes:
-        file = folder / "path.json"
-        save_path(filming.path, file, app.scene.pack.worldspace_T_opengl, filming.size, filming.fps)
-        words += ["--path", str(file)]
-    return words
+    if not filming.path.keyframes:
+        return words
+    save_path(filming.path, file, app.scene.pack.worldspace_T_opengl, filming.size, filming.fps)
+    return [*words, "--path", str(file)]
 
 
 @dataclass
 class Server(FolderProcess):
-    """name: of the pack. address: what to open in a browser; "" until it is known."""
-
-    name: str = ""
-    address: str = ""
+    name: str = ""  # of the pack
+    address: str = ""  # what to open in a browser; "" until it is known
 
 
 @dataclass
 class Sharing:
-    """server: None while nothing is shared."""
-
-    server: Server | None = None
+    server: Server | None = None  # None while nothing is shared
 
     def start(self, app: App) -> None:
         """Serves the open pack, instead of what is served now. UserError where it is not on disk or nothing can be started."""

@@ -9,6 +9,7 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from console.progress import duration
+from console.progress_protocol import Report
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core.theme import Fonts
@@ -345,13 +346,11 @@ def _picture(canvas: Canvas, job: MakeJob) -> None:
     """A photograph that is held out, beside how it is rendered so far."""
     assert job.picture is not None
     height, width = job.picture.shape[:2]
-    wide = imgui.get_content_region_avail().x
-    at = imgui.get_cursor_screen_pos()
+    at, wide = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
     high = wide * height / width
     low = ImVec2(at.x + wide, at.y + high)
-    texture = imgui.ImTextureRef(canvas.image(PICTURE, job.picture))
-    whole, draw = (ImVec2(0, 0), ImVec2(1, 1)), imgui.get_window_draw_list()
-    draw.add_image_rounded(texture, at, low, *whole, theme.packed("#ffffff"), px(6))
+    texture, whole = imgui.ImTextureRef(canvas.image(PICTURE, job.picture)), (ImVec2(0, 0), ImVec2(1, 1))
+    imgui.get_window_draw_list().add_image_rounded(texture, at, low, *whole, theme.packed("#ffffff"), px(6))
     imgui.dummy(ImVec2(wide, high))
 
 
@@ -393,12 +392,14 @@ def _status_text(job: MakeJob) -> str:
     if report is None:
         return f"Starting: reading the photographs{'' if job.plan.bare else ' and compiling'}…"
     if report.stage == "training":
-        parts = [f"Step {report.done:,.0f} of {report.total:,.0f}"]
-    else:
-        parts = [f"{report.title[:1].upper()}{report.title[1:]}, {100 * report.share:.0f} %"]
-    if report.seconds_left is not None and report.share < 1:
-        parts.append(f"{duration(report.seconds_left)} left")
-    return "   ·   ".join(parts)
+        return with_time_left(f"Step {report.done:,.0f} of {report.total:,.0f}", report)
+    return with_time_left(f"{report.title[:1].upper()}{report.title[1:]}, {100 * report.share:.0f} %", report)
+
+
+def with_time_left(text: str, report: Report) -> str:
+    """A line of how far something is, with the time that is left where that is known."""
+    known = report.seconds_left is not None and report.share < 1
+    return f"{text}   ·   {duration(report.seconds_left)} left" if known else text
 
 
 # --- Review of the poses ---
