@@ -143,9 +143,7 @@ CENTRES = 256  # to a pixel, that principal points are rounded to: GPUs then hol
 
 @dataclass(frozen=True)
 class Layers:
-    """Several pictures of one view."""
-
-    passes: list[Pass]
+    passes: list[Pass]  # of one view
     raw: Snapshot  # draws those with floats; see Canvas.raw
     pack: Pack  # what is drawn
 
@@ -200,12 +198,13 @@ class Export:
                 self._next_tile()
                 if time.monotonic() >= end:
                     break
-        except BaseException as error:
+        except OSError as error:
             self.cancel()
-            if isinstance(error, OSError):
-                words, remedy = not_written(error)
-                remedy = f"the unfinished file was removed; {remedy}, then export again"
-                raise UserError(words, where=self.target, remedy=remedy) from error
+            words, remedy = not_written(error)
+            remedy = f"the unfinished file was removed; {remedy}, then export again"
+            raise UserError(words, where=self.target, remedy=remedy) from error
+        except BaseException:
+            self.cancel()
             raise
 
     def _next_tile(self) -> None:
@@ -217,9 +216,11 @@ class Export:
             draw = self.layers.raw if each.floats and self.layers else self.snapshot
             pixels[y : y + h, x : x + w] = draw(part, of_picture(each.settings, camera.height, camera.fy))
         self.done_tiles += 1
-        if tile == len(self._boxes) - 1 and self.finish is not None and not self._passes[0].floats:
+        if tile < len(self._boxes) - 1:
+            return
+        if self.finish is not None and not self._passes[0].floats:
             self._frames[0][...] = self.finish(self._frames[0], camera)
-        if self._sink is not None and tile == len(self._boxes) - 1:
+        if self._sink is not None:
             self._sink.add(self._frames[0])
         if self.done_tiles == len(self._boxes) * len(self.cameras):
             self._write_view() if self._sink is None else self._sink.finish()

@@ -183,14 +183,16 @@ class Filming:
 
     def still(self, app: App, target: Path, camera: ViewCamera | None = None) -> None:
         """Starts to write a camera's view, by default the present one at `size`."""
+        if app.scene is None:
+            return
         seen = app.camera() if camera is None else None
-        if self.panorama and app.scene is not None:
+        if self.panorama:
             camera = view_camera(app.scene.rig.matrix, app.fov, self.size, app.settings.near)
         elif seen is not None:
             camera = fitted(seen, self.size, seen.near)  # its height stays, or its width in a narrower one
-        if camera is not None:
-            lens = None if self.panorama else self._lens(app, camera)
-            self._start(app, [self._view(app, camera)], target, still=True, lens=lens)
+        assert camera is not None
+        lens = None if self.panorama else self._lens(app, camera)
+        self._start(app, [self._view(app, camera)], target, still=True, lens=lens)
 
     def focus_at(self, app: App, x: float, y: float) -> None:
         """Focuses on the surface under a point of the viewport (window units from its corner)."""
@@ -207,18 +209,18 @@ class Filming:
             return None
         if camera.orthographic or any(camera.distortion):
             raise UserError("depth of field needs perspective without a distorting lens", remedy="switch it off")
-        pack, settings = app.scene.pack, app.settings
-        focus = (
-            depth_in_middle(pack, camera, settings) if self.focus is None else depth_of(camera, np.array(self.focus))
-        )
+        if self.focus is None:
+            focus = depth_in_middle(app.scene.pack, camera, app.settings)
+        else:
+            focus = depth_of(camera, np.array(self.focus))
         if focus is None or focus <= 0:
             raise UserError("there is nothing to focus on", remedy="click on what shall be in focus")
         return Aperture(self.aperture * app.scene.rig.radius, focus, self.lens_rays)
 
     def ask_for_still(self, app: App) -> None:
-        name = f"{app.scene.name}.png" if app.scene is not None else "picture.png"
-        then = partial(app.filming.still, app)
-        app.file_request = FileRequest("Save the picture", "save", then, (".png", ".exr"), name)
+        if app.scene is not None:
+            then, name = partial(app.filming.still, app), f"{app.scene.name}.png"
+            app.file_request = FileRequest("Save the picture", "save", then, (".png", ".exr"), name)
 
     def copy(self, app: App) -> None:
         """Starts to put the picture of this moment, at the viewport's size, on the clipboard."""
@@ -256,25 +258,24 @@ class Filming:
             layers = Layers(passes, app.canvas.raw, app.scene.pack)
         put, finish = copy_picture if target is COPY else None, None
         if self.annotated:
-            pack, annotations = app.scene.pack, app.annotations.current
-            finish = partial(with_places, pack=pack, settings=settings, annotations=annotations)
+            finish = partial(with_places, pack=app.scene.pack, settings=settings, annotations=app.annotations.current)
         self.export = Export(cameras, settings, target, app.canvas.snapshot, self.fps, side, layers, finish, put)
         self.playing = False
         app.touch()
 
     def _step(self, app: App) -> None:
-        assert self.export is not None
         export = self.export
+        assert export is not None
+        copies = export.target is COPY
         try:
             export.step(STEP_S)
         except Exception as error:  # a full disk: a dialog, and the program goes on
             self.export = None
-            title = "The picture is not on the clipboard" if export.target is COPY else "The export stopped"
-            app.messages.fail(title, error)
+            app.messages.fail("The picture is not on the clipboard" if copies else "The export stopped", error)
             return
         if export.finished:
             self.export = None
-            app.messages.say("The picture is on the clipboard" if export.target is COPY else f"Saved {export.target}")
+            app.messages.say("The picture is on the clipboard" if copies else f"Saved {export.target}")
 
     def cancel(self, app: App) -> None:
         """Stops the export; nothing of it is left on disk."""

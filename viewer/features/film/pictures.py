@@ -114,10 +114,11 @@ def write_exr(
     require_exr()
     import OpenEXR
 
-    channels: dict[str, np.ndarray] = {}
-    for each, pixels in zip(passes, pictures, strict=True):
-        channels |= exr_channels(each, pixels, camera, pack)
-    channels = {name: np.ascontiguousarray(values, np.float32) for name, values in channels.items()}
+    channels = {
+        name: np.ascontiguousarray(values, np.float32)
+        for each, pixels in zip(passes, pictures, strict=True)
+        for name, values in exr_channels(each, pixels, camera, pack).items()
+    }
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -137,12 +138,12 @@ def exr_channels(each: Pass, pixels: np.ndarray, camera: ViewCamera, pack: Pack)
         return {"A": pixels[..., 3]}
     if each.name == "depth":
         return {"Z": depth_along_axis(pixels, camera, pack)}
-    prefix, names = ("", "RGB") if each.name == PICTURE else (f"{each.name}.", "RGB")
     if each.name == "normals":
-        prefix, names, values = "N.", "XYZ", unit_normals(pixels)
-    else:
-        values = linear_rgb(pixels) if each.name in (PICTURE, "diffuse") else pixels[..., :3]
-    channels = {f"{prefix}{name}": values[..., i] for i, name in enumerate(names)}
+        normals = unit_normals(pixels)
+        return {f"N.{axis}": normals[..., i] for i, axis in enumerate("XYZ")}
+    values = linear_rgb(pixels) if each.name in (PICTURE, "diffuse") else pixels[..., :3]
+    prefix = "" if each.name == PICTURE else f"{each.name}."
+    channels = {f"{prefix}{name}": values[..., i] for i, name in enumerate("RGB")}
     return channels | ({"A": pixels[..., 3]} if each.name == PICTURE and each.settings.raw else {})
 
 
