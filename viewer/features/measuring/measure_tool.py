@@ -20,15 +20,7 @@ from console import UserError
 from console.atomic import write_file
 from scenepack.pack import Pack
 from scenepack.placement import NOT_MOVED, SCALES, Placement
-from viewer.core.annotations import (
-    MOST_ANNOTATIONS,
-    MOST_POINTS,
-    Annotations,
-    Measurement,
-    Point,
-    Scale,
-    Unit,
-)
+from viewer.core.annotations import MOST_ANNOTATIONS, MOST_POINTS, Annotations, Measurement, Point, Scale, Unit
 from viewer.core.files import FileRequest
 from viewer.core.pose import triple
 from viewer.features.measuring.surface import Hit, surface_at
@@ -52,10 +44,10 @@ def lengths(points: tuple[Point, ...]) -> list[float]:
 
 def angle(points: tuple[Point, ...]) -> float:
     """Angle at the second of three points, degrees; 0 where two points are the same."""
-    a, b, c = (np.asarray(point, np.float64) for point in points)
+    a, b, c = np.asarray(points, np.float64)
     one, two = a - b, c - b
-    size = float(np.linalg.norm(one) * np.linalg.norm(two))
-    return degrees(acos(float(np.clip(one @ two / size, -1.0, 1.0)))) if size > 0 else 0.0
+    size = np.linalg.norm(one) * np.linalg.norm(two)
+    return degrees(acos(np.clip(one @ two / size, -1.0, 1.0))) if size > 0 else 0.0
 
 
 def _moved(to_T_from: np.ndarray, point: Point | np.ndarray) -> Point:
@@ -73,7 +65,6 @@ class LengthFormat:
         self.decimals = min(max(needed, 0), MOST_DECIMALS)
 
     def number(self, grid_units: float) -> str:
-        """A length without its unit."""
         return f"{grid_units * self.scale.factor:.{self.decimals}f}"
 
     def length(self, grid_units: float) -> str:
@@ -92,7 +83,6 @@ class LengthFormat:
         return _moved(np.asarray(self.pack.worldspace_T_opengl, np.float64), point)
 
     def measurement(self, measurement: Measurement) -> str:
-        """What it measures, in a line."""
         if measurement.kind == "point":
             return self.place(measurement.points[0])
         if measurement.kind == "angle":
@@ -111,19 +101,17 @@ def as_text(pack: Pack, annotations: Annotations) -> str:
 def as_csv(pack: Pack, annotations: Annotations) -> str:
     """A table with a row for each point: x, y, z in the placed frame and lengths in `unit`; scene_* in the training frame."""
     words, text = LengthFormat(pack, annotations.scale, annotations.placement), io.StringIO()
-    factor, places = annotations.scale.factor, MOST_DECIMALS
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
     for i, measurement in enumerate(annotations.measurements, 1):
-        pieces = lengths(measurement.points) if measurement.kind == "line" else []
+        pieces = [piece * annotations.scale.factor for piece in lengths(measurement.points)]
+        is_line = measurement.kind == "line"
         for j, point in enumerate(measurement.points):
-            where = [f"{value:.{places}f}" for value in words.placed(point)]
-            scene = [f"{value:.{places}f}" for value in words.in_scene(point)]
-            last = j == len(measurement.points) - 1
-            length = f"{pieces[j - 1] * factor:.{places}f}" if pieces and j else ""
-            total = f"{sum(pieces) * factor:.{places}f}" if pieces and last else ""
+            place = [f"{value:.{MOST_DECIMALS}f}" for value in (*words.placed(point), *words.in_scene(point))]
+            length = f"{pieces[j - 1]:.{MOST_DECIMALS}f}" if is_line and j else ""
+            total = f"{sum(pieces):.{MOST_DECIMALS}f}" if is_line and j == len(pieces) else ""
             turn = f"{angle(measurement.points):.4f}" if measurement.kind == "angle" and j == 1 else ""
-            table.writerow([i, measurement.kind, j + 1, *where, *scene, length, total, turn, annotations.scale.unit])
+            table.writerow([i, measurement.kind, j + 1, *place, length, total, turn, annotations.scale.unit])
     return text.getvalue()
 
 
@@ -165,7 +153,6 @@ class MeasureTool:
         return self.cursor
 
     def look_away(self) -> None:
-        """The mouse has left the picture."""
         self.cursor, self._looked = None, ()
 
     # Placing
@@ -319,9 +306,9 @@ class MeasureTool:
             app.messages.say("1 measurement is on the clipboard" if count == 1 else many)
 
     def ask_for_table(self, app: App) -> None:
-        name = f"{app.scene.name}-measurements.csv" if app.scene is not None else "measurements.csv"
-        then = partial(self.save_table, app)
-        app.file_request = FileRequest("Save the measurements", "save", then, (".csv",), name)
+        if app.scene is not None:
+            then, name = partial(self.save_table, app), f"{app.scene.name}-measurements.csv"
+            app.file_request = FileRequest("Save the measurements", "save", then, (".csv",), name)
 
     def save_table(self, app: App, file: Path) -> None:
         """Writes all measurements as CSV. OSError where it cannot."""

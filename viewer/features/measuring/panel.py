@@ -64,11 +64,10 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
 
 def _cursor(app: App, words: LengthFormat) -> None:
     hit = app.measure_tool.cursor
-    point = triple(hit.point) if hit is not None else None
     figure("Distance", words.length(hit.distance) if hit is not None else "–")
-    figure("Position", words.place(point) if point is not None else "–")
-    scene = words.in_scene(point) if point is not None else None
-    figure("In the scene", "  ".join(f"{v:.3f}" for v in scene) if scene is not None else "–")
+    figure("Position", words.place(hit.point) if hit is not None else "–")
+    scene = "  ".join(f"{v:.3f}" for v in words.in_scene(triple(hit.point))) if hit is not None else "–"
+    figure("In the scene", scene)
     hint("From the camera; in the placed frame, y up; in the frame of the scene's cameras, in its own units.")
 
 
@@ -208,13 +207,13 @@ def _measurement(screen: Screen, words: LengthFormat, measurement: Measurement, 
     colour = theme.WARN if chosen else theme.ACCENT
     points = measurement.points
     _line(screen, points, colour)
-    if measurement.kind == "point":
-        _label_at(screen, points[0], words.measurement(measurement), below=True)
-    elif measurement.kind == "angle":
-        _arc(screen, points, colour)
-        _label_at(screen, points[1], words.measurement(measurement), below=True)
-    else:
+    if measurement.kind == "line":
         _lengths(screen, words, points)
+    else:
+        if measurement.kind == "angle":
+            _arc(screen, points, colour)
+        at = points[1] if measurement.kind == "angle" else points[0]
+        _label_at(screen, at, words.measurement(measurement), below=True)
     _dots(screen, points, colour, hot)
 
 
@@ -247,16 +246,21 @@ def _lengths(screen: Screen, words: LengthFormat, points: tuple[Point, ...]) -> 
 
 
 def _line(screen: Screen, points: tuple[Point, ...], colour: str) -> None:
-    edges = [(i, i + 1) for i in range(len(points) - 1)]
-    if edges:
-        screen.lines(np.asarray(points), edges, theme.packed(theme.BASE, 0.75), px(5))
-        screen.lines(np.asarray(points), edges, theme.packed(colour), px(2))
+    if len(points) > 1:
+        _outlined(screen, np.asarray(points), colour, 5, 2)
+
+
+def _outlined(screen: Screen, points: np.ndarray, colour: str, dark: float, width: float) -> None:
+    """A line through points, on a wider dark one."""
+    edges = list(pairwise(range(len(points))))
+    screen.lines(points, edges, theme.packed(theme.BASE, 0.75), px(dark))
+    screen.lines(points, edges, theme.packed(colour), px(width))
 
 
 def _arc(screen: Screen, points: tuple[Point, ...], colour: str) -> None:
     """Between the two sides of an angle, at the middle one of three points."""
-    a, b, c = (np.asarray(point) for point in points)
-    sides = [float(np.linalg.norm(end - b)) for end in (a, c)]
+    a, b, c = np.asarray(points)
+    sides = np.linalg.norm(a - b), np.linalg.norm(c - b)
     if min(sides) <= 0:
         return
     one, two = (a - b) / sides[0], (c - b) / sides[1]
@@ -265,10 +269,7 @@ def _arc(screen: Screen, points: tuple[Point, ...], colour: str) -> None:
     size = np.linalg.norm(way, axis=1, keepdims=True)
     if size.min() < 1e-6:  # a straight angle has no plane
         return
-    arc = b + ARC_SHARE * min(sides) * way / size
-    edges = [(i, i + 1) for i in range(ARC_STEPS - 1)]
-    screen.lines(arc, edges, theme.packed(theme.BASE, 0.75), px(4))
-    screen.lines(arc, edges, theme.packed(colour), px(1.5))
+    _outlined(screen, b + ARC_SHARE * min(sides) * way / size, colour, 4, 1.5)
 
 
 def _dots(screen: Screen, points: tuple[Point, ...], colour: str, hot: int | None) -> None:
