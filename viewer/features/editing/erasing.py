@@ -59,14 +59,9 @@ Choose = Callable[[Voxels, Edits], Selection]  # of the voxels that are left, wi
 
 @dataclass(frozen=True)
 class _Choice:
-    """What a thread works on: choose is called there. replaces: its result is all that is selected; else it adds or subtracts.
-
-    base: what it adds to: of a rule whose slider is moved, what was selected before.
-    """
-
-    choose: Choose
-    replaces: bool = False
-    base: Selection | None = None
+    choose: Choose  # called in a thread
+    replaces: bool = False  # its result is all that is selected; else it adds or subtracts
+    base: Selection | None = None  # what it adds to: of a rule whose slider is moved, what was selected before
 
 
 @dataclass
@@ -156,18 +151,13 @@ class Erasing:
         elif self.tool == "sphere" and self._stroke is not None:
             self.reach = hypot(x - self._stroke[0], y - self._stroke[1])
         elif self.tool == "brush" and self._stroke is not None:
-            self._stroke_to(app, x, y)
+            x0, y0 = self._stroke
+            step = 6.0 if self.cursor is None else max(DAB_STEP * self.radius_units(app, self.cursor), 3.0)
+            count = int(hypot(x - x0, y - y0) / step)
+            self._dabs += [(x0 + (x - x0) * i / count, y0 + (y - y0) * i / count) for i in range(1, count + 1)]
+            if count:
+                self._stroke = (x, y)
         app.touch()
-
-    def _stroke_to(self, app: App, x: float, y: float) -> None:
-        assert self._stroke is not None
-        x0, y0 = self._stroke
-        step = max(DAB_STEP * self.radius_units(app, self.cursor), 3.0) if self.cursor is not None else 6.0
-        count = int(hypot(x - x0, y - y0) / step)
-        for i in range(1, count + 1):
-            self._dabs.append((x0 + (x - x0) * i / count, y0 + (y - y0) * i / count))
-        if count:
-            self._stroke = (x, y)
 
     def release(self, app: App) -> None:
         """The button goes up: lasso and sphere select."""
@@ -186,17 +176,16 @@ class Erasing:
     def _select_within(self, app: App, outline: np.ndarray) -> None:
         camera, settings, canvas = app.viewport.camera, app.settings, app.canvas
         assert camera is not None
-        box = box_around(camera, outline)
+        box, depth = box_around(camera, outline), None
         if box is None:
             return
-        depth = None
         if not self.through and canvas is not None:
             depth = depth_within(canvas, camera, settings, box, app.resolution.moving_scale)
         self._begin(app, lambda voxels, _: seen_within(voxels, camera, settings, outline, box, depth))
 
-    def radius_units(self, app: App, hit: Hit | None) -> float:
+    def radius_units(self, app: App, hit: Hit) -> float:
         """Of the brush at a surface, window units."""
-        return 0.0 if hit is None else self.radius * self._units_per_voxel(app, hit)
+        return self.radius * self._units_per_voxel(app, hit)
 
     @staticmethod
     def _units_per_voxel(app: App, hit: Hit) -> float:
@@ -346,9 +335,9 @@ class Erasing:
         scene = app.scene
         if scene is None or not scene.edits.removed.bits:
             raise UserError("nothing was erased", remedy="select something and press Delete")
-        suffix, here = scene.path.suffix.lower() == ".zip", scene.path.resolve().parent
-        name = f"{scene.name}-edited" + ".zip" * suffix
-        app.file_request = FileRequest("Save the edited scene", "save", partial(self.save, app), (), name, here)
+        name = f"{scene.name}-edited" + (".zip" if scene.path.suffix.lower() == ".zip" else "")
+        here, then = scene.path.resolve().parent, partial(self.save, app)
+        app.file_request = FileRequest("Save the edited scene", "save", then, (), name, here)
 
     def save(self, app: App, path: Path) -> None:
         """Begins to write what is left as the pack `path`, in a process. UserError where it cannot be started."""
@@ -386,11 +375,8 @@ def _preview(app: App) -> EditPreview:
             raise UserError("is not complete yet", where=scene.name, remedy="wait for it")
         renderer = app.canvas.renderer if app.canvas is not None else None
         if renderer is not None and renderer.pack is not pack:
-            raise UserError(
-                "does not fit on the graphics card, so that its voxels cannot be shown one by one",
-                where=scene.name,
-                remedy="use snerg-pack edit",
-            )
+            what = "does not fit on the graphics card, so that its voxels cannot be shown one by one"
+            raise UserError(what, where=scene.name, remedy="use snerg-pack edit")
         used = pack.atlas_indices[pack.occupied]
         if len(np.unique(used, axis=0)) < len(used):
             raise UserError("has macroblocks that share their voxels", where=scene.name, remedy="use snerg-pack edit")

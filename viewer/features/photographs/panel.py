@@ -5,7 +5,7 @@ What is near fades out, and nothing is drawn while a photograph is compared, so 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
@@ -157,14 +157,10 @@ PICK_RADIUS = 9.0
 PREVIEW = 150.0
 
 
-@dataclass(frozen=True)
-class _Frustum:
-    """Where one is drawn: float [5, 2] eye and corners in window units, its distance, and how much of it is seen."""
-
-    index: int
-    points: np.ndarray
-    distance: float
-    strength: float
+class _Frustum(NamedTuple):
+    index: int  # of its shot
+    points: np.ndarray  # float [5, 2]: eye and corners in window units
+    strength: float  # how much of it is seen, 0 … 1
 
 
 def draw(app: App, canvas: Canvas, box: Box) -> int | None:
@@ -175,10 +171,8 @@ def draw(app: App, canvas: Canvas, box: Box) -> int | None:
     if app.comparison.against == "photograph":
         return None
     placed = _placed(app, box)
-    mouse = np.array([imgui.get_io().mouse_pos.x, imgui.get_io().mouse_pos.y])
-    under = next((f for f in reversed(placed) if f.strength > 0.2 and _hit(f.points, mouse)), None)
-    if not imgui.is_item_hovered():
-        under = None
+    mouse, over = np.array([*imgui.get_io().mouse_pos]), imgui.is_item_hovered()
+    under = next((f for f in reversed(placed) if over and f.strength > 0.2 and _hit(f.points, mouse)), None)
     sheet = canvas.sheet(gallery.thumbnails) if gallery.thumbnails is not None else None
     chosen = next((f for f in placed if f.index == gallery.chosen), None)
     for frustum in placed:
@@ -186,10 +180,11 @@ def draw(app: App, canvas: Canvas, box: Box) -> int | None:
             _frustum(app, frustum, sheet, None)
     if chosen is not None and chosen is not under:
         _frustum(app, chosen, sheet, theme.ACCENT)
-    if under is not None:
-        _frustum(app, under, sheet, theme.TEXT)
-        _tooltip(app, under.index, sheet)
-    return under.index if under is not None else None
+    if under is None:
+        return None
+    _frustum(app, under, sheet, theme.TEXT)
+    _tooltip(app, under.index, sheet)
+    return under.index
 
 
 def _placed(app: App, box: Box) -> list[_Frustum]:
@@ -205,11 +200,8 @@ def _placed(app: App, box: Box) -> list[_Frustum]:
     extent = np.ptp(places, axis=1).max(axis=1) / min(box[2], box[3])
     strength = np.clip((FADES_TO - extent) / (FADES_TO - FADES_FROM), 0.0, 1.0) * before
     distances = np.linalg.norm(points.mean(axis=1) - camera.position, axis=1)
-    return [
-        _Frustum(visible[i], places[i], float(distances[i]), float(strength[i]))
-        for i in np.argsort(-distances)
-        if strength[i] > 0.01
-    ]
+    farthest_first = np.argsort(-distances)
+    return [_Frustum(visible[i], places[i], float(strength[i])) for i in farthest_first if strength[i] > 0.01]
 
 
 def _hit(points: np.ndarray, mouse: np.ndarray) -> bool:
@@ -231,8 +223,7 @@ def _frustum(app: App, frustum: _Frustum, sheet: int | None, outline: str | None
     if sheet is not None and uv is not None and opacity > 0.01:
         (u0, v0), (u1, v1) = uv
         uvs = ImVec2(u0, v0), ImVec2(u1, v0), ImVec2(u1, v1), ImVec2(u0, v1)  # clockwise, as the corners behind the eye
-        _, a, b, c, d = corners
-        draw_list.add_image_quad(imgui.ImTextureRef(sheet), a, b, c, d, *uvs, theme.packed("#ffffff", opacity))
+        draw_list.add_image_quad(imgui.ImTextureRef(sheet), *corners[1:], *uvs, theme.packed("#ffffff", opacity))
     train = gallery.photographs.shots[frustum.index].split == "train"
     code = outline or (theme.ACCENT_DEEP if train else theme.WARN)
     colour = theme.packed(code, frustum.strength * (1.0 if outline else 0.8))

@@ -56,13 +56,12 @@ class Photographs:
 
     def __init__(self, pack: Pack) -> None:
         self.shots = shots_of(pack)
-        provenance = pack.metadata.get("provenance")
-        scene = provenance.get("scene") if isinstance(provenance, dict) else None
+        self._provenance = pack.metadata.get("provenance")
+        scene = self._provenance.get("scene") if isinstance(self._provenance, dict) else None
         self.folder = Path(scene) if isinstance(scene, str) and Path(scene).is_absolute() else None
         self.reachable = self.folder is not None and self.folder.is_dir()
         self._copies = any(shot.has_copy for shot in self.shots)
         self.background: tuple[float, ...] = (1.0, 1.0, 1.0)
-        self._provenance = provenance
         self._found: dict[tuple[str, str], Photograph] | None = None
         self._reading = threading.Lock()  # thumbnails are read in a thread of their own
         self._cache: dict[int, np.ndarray] = {}
@@ -136,11 +135,10 @@ class Photographs:
     def pixels(self, index: int) -> np.ndarray:
         """A photograph over its background, uint8 [h, w, 3], at most LONGEST_SIDE, or its small copy. UserError for neither."""
         if index not in self._cache:
-            picture = Image.fromarray(self._pixels(index))
-            picture.thumbnail((LONGEST_SIDE, LONGEST_SIDE), Image.Resampling.BOX)
+            pixels = _shrunk(self._pixels(index), LONGEST_SIDE)
             if len(self._cache) > 32:
                 self._cache.pop(next(iter(self._cache)))
-            self._cache[index] = np.asarray(picture)
+            self._cache[index] = pixels
         return self._cache[index]
 
     def _pixels(self, index: int) -> np.ndarray:
@@ -153,9 +151,10 @@ class Photographs:
     def _read(self, folder: Path) -> None:
         scene = load_scene(folder, **recorded_options(self._provenance))
         found: dict[tuple[str, str], Photograph] = {}
-        for split, photograph in ((split, each) for split, some in scene.splits.items() for each in some):
-            found[(split, label_of(photograph.name))] = photograph
-            found.setdefault(("", label_of(photograph.name)), photograph)
+        for split, photographs in scene.splits.items():
+            for photograph in photographs:
+                found[(split, label_of(photograph.name))] = photograph
+                found.setdefault(("", label_of(photograph.name)), photograph)
         self.background, self._found = scene.background, found
 
 
@@ -215,18 +214,22 @@ class Thumbnails(Task[None]):
     def _small(self, index: int) -> np.ndarray:
         """uint8 [h, w, 3], over the scene's background, at most `cell` pixels a side."""
         if not self.photographs.reachable:
-            picture = Image.fromarray(self.photographs.copy(index))
-            picture.thumbnail((self.cell, self.cell), Image.Resampling.BOX)
-            return np.asarray(picture)
+            return _shrunk(self.photographs.copy(index), self.cell)
         photograph = self.photographs.photograph(index)
         if isinstance(photograph.load, PictureLoader):
             picture = photograph.load.thumbnail(self.cell)
         else:
-            picture = Image.fromarray(np.round(255 * photograph.load()).astype(np.uint8))
-            picture.thumbnail((self.cell, self.cell), Image.Resampling.BOX)
+            picture = Image.fromarray(_shrunk(np.round(255 * photograph.load()).astype(np.uint8), self.cell))
         colour = tuple(round(255 * v) for v in self.photographs.background)
         behind = Image.new("RGBA", picture.size, (*colour, 255))
         return np.asarray(Image.alpha_composite(behind, picture.convert("RGBA")).convert("RGB"))
+
+
+def _shrunk(pixels: np.ndarray, side: int) -> np.ndarray:
+    """A picture uint8 [h, w, C] with at most `side` pixels a side."""
+    picture = Image.fromarray(pixels)
+    picture.thumbnail((side, side), Image.Resampling.BOX)
+    return np.asarray(picture)
 
 
 # --- Gallery ---
