@@ -124,9 +124,8 @@ def draw(app: App, box: Box, over: bool) -> int | None:
     covered, mouse, under = bookmarks.covered(app), imgui.get_io().mouse_pos, None
     draw_list = imgui.get_window_draw_list()
     draw_list.push_clip_rect(ImVec2(box[0], box[1]), ImVec2(box[0] + box[2], box[1] + box[3]), True)
-    seen = {
-        i: at for i, at, ahead in zip(marked, places, before, strict=True) if ahead and views[i].point not in covered
-    }
+    seen = {i: at for i, at, ahead in zip(marked, places, before, strict=True) if ahead}
+    seen = {i: at for i, at in seen.items() if views[i].point not in covered}
     for i, at in seen.items():
         under = i if over and np.hypot(mouse.x - at.x, mouse.y - at.y) < px(RADIUS) else under
     for i, at in seen.items():

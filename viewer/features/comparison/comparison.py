@@ -45,15 +45,16 @@ class Comparison:
 
     def with_photograph(self, pixels: np.ndarray) -> None:
         """Compares with a photograph, uint8 [h, w, 3], for as long as its camera is held."""
-        self.against, self.pixels, self.psnr_db, self._measured = "photograph", pixels, None, ()
+        self.stop()
+        self.against, self.pixels = "photograph", pixels
 
     def with_pack(self, app: App, pack: Pack, path: Path) -> None:
         """Compares with another pack under the same camera. UserError where the GPU has no room for both."""
         if app.canvas is not None:
             with app.messages.noting_warnings():
                 app.canvas.show_other(pack)
-        self.other, self.other_path = pack, path
-        self.against, self.pixels, self.psnr_db = "pack", None, None
+        self.stop()
+        self.other, self.other_path, self.against = pack, path, "pack"
         app.touch()
 
     def drop_other(self, app: App) -> None:
@@ -109,9 +110,7 @@ class Comparison:
         speed = app.resolution.pixels_per_ms or 1000.0
         scale = min(1.0, (PSNR_BUDGET_MS * speed / (w * h)) ** 0.5)
         size = max(1, round(w * scale)), max(1, round(h * scale))
-        photograph = self.pixels
-        if size != (w, h):
-            photograph = np.asarray(Image.fromarray(photograph).resize(size, Image.Resampling.BOX))
+        photograph = np.asarray(Image.fromarray(self.pixels).resize(size, Image.Resampling.BOX))
         plain = replace(app.settings, backdrop=None)  # as photographs are
         picture = app.canvas.snapshot(fitted(held, size, app.settings.near), plain)
         self.psnr_db, self.psnr_size = psnr(picture, photograph), size

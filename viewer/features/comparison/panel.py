@@ -35,9 +35,7 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
     """How two pictures are compared; shared with the page of packs."""
     comparison = app.comparison
     with card("compare", fonts, title):
-        picked = segments("how", list(HOW), comparison.how, HOW)
-        if picked in ("wipe", "flip", "difference"):
-            comparison.how = picked
+        comparison.how = segments("how", list(HOW), comparison.how, HOW) or comparison.how  # type: ignore[assignment]
         if comparison.how == "difference":
             label("Amplified")
             comparison.gain = slider("gain", comparison.gain, 1.0, 32.0, "%.0f ×")
@@ -89,12 +87,12 @@ def draw_comparison(app: App, canvas: Canvas, box: Box) -> None:
         draw.pop_clip_rect()
         draw.add_line(ImVec2(edge, y), ImVec2(edge, y + height), theme.packed(theme.BASE, 0.6), px(4))
         draw.add_line(ImVec2(edge, y), ImVec2(edge, y + height), theme.packed(theme.ACCENT), px(2))
-        middle = ImVec2(edge, y + height / 2)
-        draw.add_circle_filled(middle, px(13), theme.packed(theme.ACCENT))
+        middle = y + height / 2
+        draw.add_circle_filled(ImVec2(edge, middle), px(13), theme.packed(theme.ACCENT))
         for side in (-1, 1):
-            tip = ImVec2(edge + side * px(8), middle.y)
-            up, down = ImVec2(edge + side * px(3), middle.y - px(5)), ImVec2(edge + side * px(3), middle.y + px(5))
-            draw.add_triangle_filled(tip, up, down, theme.packed(theme.ON_ACCENT))
+            tip, foot = ImVec2(edge + side * px(8), middle), edge + side * px(3)
+            ends = ImVec2(foot, middle - px(5)), ImVec2(foot, middle + px(5))
+            draw.add_triangle_filled(tip, *ends, theme.packed(theme.ON_ACCENT))
 
 
 def draw_sides(names: tuple[str, str], split: float, box: Box, y: float) -> None:

@@ -29,7 +29,7 @@ def whole(pack: Pack) -> Box:
 def face_centre(box: Box, face: int) -> np.ndarray:
     """float64 [3]: the middle of a face."""
     axis, side = FACES[face]
-    centre = 0.5 * (np.asarray(box[0]) + np.asarray(box[1]))
+    centre = 0.5 * np.sum(box, axis=0)
     centre[axis] = box[side][axis]
     return centre
 
@@ -38,13 +38,12 @@ def with_face(pack: Pack, box: Box, face: int, value: float) -> Box:
     """The box with a face moved to `value` along its axis, kept within the content and off the opposite face."""
     axis, side = FACES[face]
     outer = whole(pack)
-    gap = THINNEST * (outer[1][axis] - outer[0][axis])
-    corners = [list(box[0]), list(box[1])]
+    gap, corners = THINNEST * (outer[1][axis] - outer[0][axis]), np.array(box)
     if side == 0:
-        corners[0][axis] = min(max(value, outer[0][axis]), corners[1][axis] - gap)
+        corners[0, axis] = min(max(value, outer[0][axis]), corners[1, axis] - gap)
     else:
-        corners[1][axis] = max(min(value, outer[1][axis]), corners[0][axis] + gap)
-    return triple(np.array(corners[0])), triple(np.array(corners[1]))
+        corners[1, axis] = max(min(value, outer[1][axis]), corners[0, axis] + gap)
+    return triple(corners[0]), triple(corners[1])
 
 
 def dragged(pack: Pack, box: Box, face: int, camera: ViewCamera, moved: tuple[float, float]) -> Box:
@@ -56,7 +55,7 @@ def dragged(pack: Pack, box: Box, face: int, camera: ViewCamera, moved: tuple[fl
 
 def placed(pack: Pack, centre: np.ndarray, size: np.ndarray) -> Box:
     """The box of that centre and size (float [3] each), its centre kept within the content and none of it too thin."""
-    low, high = (np.asarray(corner) for corner in whole(pack))
+    low, high = np.array(whole(pack))
     centre = np.clip(centre, low, high)
     half = 0.5 * np.clip(np.abs(size), THINNEST * (high - low), 2.0 * (high - low))
     return triple(centre - half), triple(centre + half)

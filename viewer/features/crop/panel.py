@@ -105,8 +105,8 @@ class CropGizmo:
         """Draws it over the picture's box, where it is wanted, and applies what the mouse does to it."""
         camera, cut = app.viewport.camera, app.settings.crop
         operation = OPERATIONS.get(app.crop_tool)
-        wanted = cut is not None and operation is not None and app.interface.shows("crop")
-        if not wanted or camera is None or app.scene is None or cut is None or operation is None:
+        hidden = not app.interface.shows("crop")
+        if hidden or camera is None or app.scene is None or cut is None or operation is None:
             self.over = self._held = False
             return
         gizmo.set_im_gui_context(imgui.get_current_context())
@@ -145,17 +145,15 @@ def _columns(matrix: np.ndarray) -> list[float]:
 def _projection(camera: ViewCamera, radius: float) -> gizmo.Matrix16:
     """OpenGL's projection for a camera; near and far only order what is drawn."""
     near, far = 0.01 * radius, 100.0 * radius
-    matrix = np.zeros((4, 4))
+    x, y = 2 * camera.fx / camera.width, 2 * camera.fy / camera.height
+    a, b = 2 * camera.cx / camera.width - 1, 1 - 2 * camera.cy / camera.height
     if camera.orthographic:
-        matrix[0, 0], matrix[0, 3] = 2 * camera.fx / camera.width, 2 * camera.cx / camera.width - 1
-        matrix[1, 1], matrix[1, 3] = 2 * camera.fy / camera.height, 1 - 2 * camera.cy / camera.height
-        matrix[2, 2], matrix[2, 3], matrix[3, 3] = -2 / (far - near), -(far + near) / (far - near), 1.0
+        z, c = -2 / (far - near), -(far + near) / (far - near)
+        rows = [(x, 0, 0, a), (0, y, 0, b), (0, 0, z, c), (0, 0, 0, 1)]
     else:
-        matrix[0, 0], matrix[0, 2] = 2 * camera.fx / camera.width, 1 - 2 * camera.cx / camera.width
-        matrix[1, 1], matrix[1, 2] = 2 * camera.fy / camera.height, 2 * camera.cy / camera.height - 1
-        matrix[2, 2], matrix[2, 3] = -(far + near) / (far - near), -2 * far * near / (far - near)
-        matrix[3, 2] = -1.0
-    return gizmo.Matrix16(_columns(matrix))
+        z, c = -(far + near) / (far - near), -2 * far * near / (far - near)
+        rows = [(x, 0, -a, 0), (0, y, -b, 0), (0, 0, z, c), (0, 0, -1, 0)]
+    return gizmo.Matrix16(_columns(np.array(rows, float)))
 
 
 def draw_crop(app: App, box: Box) -> int | None:

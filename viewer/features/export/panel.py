@@ -120,8 +120,9 @@ def _choices(app: App, plan: ExportPlan) -> None:
 def _frame_hint(plan: ExportPlan, scale: Scale) -> str:
     if plan.frame == "placed":
         return f"As on the Move page, y up. Lengths are in {scale.unit or 'its units'}."
-    which = "The grid's, y up" if plan.frame == "grid" else "That of the photographs' poses"
-    return f"{which}, in its own units."
+    if plan.frame == "grid":
+        return "The grid's, y up, in its own units."
+    return "That of the photographs' poses, in its own units."
 
 
 def _answer(app: App) -> None:
