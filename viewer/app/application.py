@@ -29,8 +29,7 @@ from viewer.features.comparison.comparison import Comparison
 from viewer.features.crop import crop
 from viewer.features.display.display import TRAINED, backdrop
 from viewer.features.editing.erasing import Erasing
-from viewer.features.export.exporting import Exporting
-from viewer.features.export.sharing import Sharing
+from viewer.features.export.exporting import Exporting, Sharing
 from viewer.features.film.camera_path import CameraPath
 from viewer.features.film.filming import Filming
 from viewer.features.film.kiosk import Kiosk

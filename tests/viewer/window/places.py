@@ -22,8 +22,7 @@ from viewer.core.files import FileRequest
 from viewer.core.state import Edits
 from viewer.features.crop import crop
 from viewer.features.display.display import set_look
-from viewer.features.export.exporting import Writing
-from viewer.features.export.sharing import Server
+from viewer.features.export.exporting import Server, Writing
 from viewer.features.making.make_job import MakeJob
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.review import Review, SparsePreview
