@@ -170,7 +170,6 @@ class Bookmarks:
         self.selected = min(index, left - 1) if left else None
 
     def keyframes(self, app: App) -> list[Keyframe]:
-        """The saved views, in their order."""
         assert app.scene is not None
         keys = []
         for view in app.annotations.current.bookmarks:
@@ -179,7 +178,6 @@ class Bookmarks:
         return keys
 
     def film(self, app: App) -> None:
-        """Makes the saved views, in their order, the keyframes of the camera path."""
         if app.scene is None:
             return
         if len(app.annotations.current.bookmarks) < 2:

@@ -66,7 +66,6 @@ class Comparison:
 
     @property
     def other_side(self) -> bool:
-        """Whether a flip shows the other picture at this moment."""
         return int(self.clock / FLIP_S) % 2 == 1
 
     def sides(self, app: App) -> tuple[str, str] | None:

@@ -205,7 +205,6 @@ class Erasing:
     # Rules
 
     def select(self, app: App, rule: str) -> None:
-        """Selects by a rule: parts, small, faint, inside or outside (of the crop box)."""
         crop = app.settings.crop
         if rule in ("inside", "outside") and crop is None:
             raise UserError("there is no crop box", remedy="switch it on, on the Crop page")
@@ -237,7 +236,6 @@ class Erasing:
         self._base = None
 
     def change(self, app: App, how: str) -> None:
-        """Changes what is selected: invert, grow, shrink or clear."""
         ways: dict[str, Choose] = {
             "invert": lambda voxels, edits: voxels.everything() - edits.selected,
             "grow": lambda voxels, edits: voxels.grown(edits.selected),

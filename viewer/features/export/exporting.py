@@ -165,7 +165,6 @@ class Exporting:
             self.writing.child.kill() if self.writing.child.stopping else self.writing.child.stop()
 
     def end(self) -> None:
-        """The program ends: the process as well."""
         self.dismiss()
         if self.writing is not None:
             self.writing.end()
@@ -294,7 +293,6 @@ class Sharing:
             app.messages.say("The address is on the clipboard")
 
     def end(self) -> None:
-        """Stops serving; the process is gone after this."""
         server, self.server = self.server, None
         if server is not None:
             server.end()

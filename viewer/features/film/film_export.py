@@ -227,7 +227,6 @@ class Export:
             self.finished = True
 
     def cancel(self) -> None:
-        """Stops, and removes what was written so far."""
         if self._sink is not None and not self.finished:
             self._sink.discard()
         self.finished = True

@@ -99,7 +99,6 @@ class Filming:
             app.messages.say(f"Keyframe {self.selected + 1} of {len(self.path.keyframes)}")
 
     def update(self, app: App, index: int) -> None:
-        """Puts a keyframe where the camera is now."""
         if app.scene is not None:
             self.path.replace(index, grid_T_camera=app.scene.rig.matrix.copy(), fov=app.fov)
 

@@ -84,7 +84,6 @@ class TrainingPreview:
 
     @property
     def description(self) -> str:
-        """What is shown, for people."""
         return f"preview after {self.steps:,} steps"
 
 

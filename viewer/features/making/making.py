@@ -77,7 +77,6 @@ class Making:
         self.plan, self._surveyed = plan, False
 
     def again(self, app: App) -> None:
-        """Asks once more about what could not be made."""
         if self.failed is not None and self.job is None:
             self.plan, self.failed = self.failed, None
             self.plan.choose(self.plan.out)
@@ -101,12 +100,10 @@ class Making:
         self.plan = None
 
     def ask_for_photographs(self, app: App) -> None:
-        """Asks for photographs, or for a run."""
         what = "A scene's photographs, or a training run"
         app.file_request = FileRequest(what, "folder", lambda path: app.drop([path]))
 
     def ask_where(self, app: App) -> None:
-        """Asks for another folder for the results."""
         plan = self.plan
         if plan is None:
             return
@@ -126,7 +123,6 @@ class Making:
                 app.messages.fail("The photographs cannot be checked", error)
 
     def end_check(self) -> None:
-        """Gives the check up."""
         if self.check is not None:
             self.check.close()
         self.check = None
@@ -328,7 +324,6 @@ class Making:
             self.job = None
 
     def tick(self, app: App) -> None:
-        """Time passes: looks at what the child is doing."""
         if self._survey is not None and self._survey.finished and (not self._surveyed or self._survey.news()):
             self._surveyed = True
             app.touch()

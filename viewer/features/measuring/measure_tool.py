@@ -297,7 +297,6 @@ class MeasureTool:
         return LengthFormat(app.scene.pack, annotations.scale, annotations.placement)
 
     def copy(self, app: App) -> None:
-        """Puts all measurements on the clipboard, as text."""
         annotations = app.annotations.current
         if app.scene is not None and annotations.measurements:
             app.clipboard.set(as_text(app.scene.pack, annotations))

@@ -66,7 +66,6 @@ class OpenPrompt:
         return self._listed[1]
 
     def kind(self, path: Path) -> Kind:
-        """What lies there, looked up once."""
         if path not in self._kinds:
             try:
                 self._kinds[path] = kind_of(path)

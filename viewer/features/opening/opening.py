@@ -248,6 +248,5 @@ class OpenPacks:
 
 
 def bytes_of(pack: Pack) -> int:
-    """Size of a pack in main memory."""
     features = pack.atlas_features
     return pack.atlas_rgba.nbytes + pack.atlas_indices.nbytes + (features.nbytes if features is not None else 0)

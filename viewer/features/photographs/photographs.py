@@ -253,7 +253,6 @@ class Gallery:
         self.chosen, self.frusta, self.split_shown = None, False, ""
 
     def visible(self) -> list[int]:
-        """The shots of the split that is shown."""
         shots = self.photographs.shots if self.photographs is not None else []
         return [index for index, shot in enumerate(shots) if self.split_shown in ("", shot.split)]
 

@@ -64,5 +64,4 @@ def find_ground(app: App) -> None:
 
 
 def reset(app: App) -> None:
-    """Back to the grid frame."""
     change(app, NOT_MOVED)

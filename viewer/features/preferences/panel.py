@@ -64,7 +64,6 @@ COLOURS = {"info": theme.TEXT, "warning": theme.WARN, "error": theme.BAD}
 
 
 def show_log(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    """Draws the page, newest line first."""
     lines = list(app.messages.lines)
     if not lines:
         hint("No messages yet.")
