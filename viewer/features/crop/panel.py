@@ -43,9 +43,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         if app.settings.crop is None:
             hint("The whole scene is shown.")
         else:
-            picked = segments("tool", crop.TOOLS, app.crop_tool, TITLES)
-            if picked in crop.TOOLS:
-                app.crop_tool = picked
+            app.crop_tool = segments("tool", crop.TOOLS, app.crop_tool, TITLES) or app.crop_tool  # type: ignore[assignment]
             hint(HINTS[app.crop_tool])
             _faces(app, pack)
             imgui.begin_disabled(app.settings.crop == crop.whole(pack))

@@ -50,12 +50,11 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         return
     erasing, edits = app.erasing, app.scene.edits
     with card("tool", fonts, "Select in the picture"):
-        picked = segments("tool", list(TOOLS), erasing.tool, {**TOOLS})
-        if picked is not None:
+        if picked := segments("tool", list(TOOLS), erasing.tool, {**TOOLS}):
             run(app, f"erase-{picked}")
         hint(HINTS[erasing.tool] + (HELD if erasing.tool else ""))
-        mode = segments("mode", list(MODES), "add" if erasing.adds else "subtract", MODES)
-        erasing.adds = erasing.adds if mode is None else mode == "add"
+        if mode := segments("mode", list(MODES), "add" if erasing.adds else "subtract", MODES):
+            erasing.adds = mode == "add"
         if erasing.tool == "lasso":
             erasing.through = switch("through", erasing.through, "What is hidden, too")
         elif erasing.tool == "brush":

@@ -81,9 +81,7 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts, pane: PreviewPane
 
 def _choices(app: App, plan: ExportPlan) -> None:
     label("As", LABELS)
-    picked = segments("kind", list(KINDS), plan.kind, dict(KINDS.items()))
-    if picked in KINDS:
-        plan.kind = picked  # type: ignore[assignment]
+    plan.kind = segments("kind", list(KINDS), plan.kind, dict(KINDS.items())) or plan.kind  # type: ignore[assignment]
     hint(HINTS[plan.kind])
     if plan.kind in ("mesh", "points"):
         label("Opacity level", LABELS)
@@ -102,8 +100,7 @@ def _choices(app: App, plan: ExportPlan) -> None:
     if plan.kind != "page":
         label("Frame", LABELS)
         picked = segments("frame", list(FRAMES), plan.frame, dict(FRAMES.items()))
-        if picked in FRAMES:
-            plan.frame = picked  # type: ignore[assignment]
+        plan.frame = picked or plan.frame  # type: ignore[assignment]
         hint(_frame_hint(plan, app.annotations.current.scale))
     if app.settings.crop is not None:
         plan.crop = switch("cropped", plan.crop, "Crop box only")

@@ -73,9 +73,8 @@ def _cursor(app: App, words: LengthFormat) -> None:
 
 def _tools(app: App) -> None:
     measure_tool = app.measure_tool
-    picked = segments("tool", list(TITLES), measure_tool.tool, TITLES)
-    if picked in ("line", "angle", "point"):
-        measure_tool.choose(app, "" if picked == measure_tool.tool else picked)
+    if picked := segments("tool", list(TITLES), measure_tool.tool, TITLES):
+        measure_tool.choose(app, "" if picked == measure_tool.tool else picked)  # type: ignore[arg-type]
     tool = measure_tool.tool if measure_tool.tool in HINTS else ""  # those of the Move page say it there
     hint(HINTS[tool] + (" Backspace takes a point back, Esc stops." if tool else ""))
 
@@ -126,8 +125,7 @@ def show_scale(app: App) -> None:
         measure_tool.choose(app, "scale")
     if scale.unit in METRES:
         label("Show in")
-        picked = choice("unit", list(METRES), scale.unit, UNIT_TITLES)
-        if picked in METRES:
+        if picked := choice("unit", list(METRES), scale.unit, UNIT_TITLES):
             measure_tool.use_scale(app, scale.shown_in(picked))  # type: ignore[arg-type]  (one of UNITS)
     if scale != Scale() and imgui.button("Back to grid units", ImVec2(-1, 0)):
         measure_tool.use_scale(app, Scale())
@@ -145,7 +143,7 @@ def _known(app: App) -> None:
     entered = imgui.is_item_deactivated_after_edit() and imgui.is_key_pressed(imgui.Key.enter)
     label("Unit")
     picked = choice("known unit", UNITS, measure_tool.known_unit, UNIT_TITLES)
-    if picked in UNITS:
+    if picked is not None:  # "" is one of them
         measure_tool.known_unit = picked  # type: ignore[assignment]  (one of UNITS)
     pressed = main_button("Set the scale", -1)
     imgui.end_disabled()

@@ -65,12 +65,10 @@ class FileDialogs:
             self._typed(app, size, fonts)
 
     def _begin(self, request: FileRequest) -> None:
-        self._request, self._text = request, ""
-        start = str(request.start or "")
+        self._request = request
+        self._text = start = str(request.start or "")
         if request.kind == "save":
             self._text = str((request.start or Path.cwd()) / request.suggestion)
-        elif start:
-            self._text = start
         if not self.native:
             return
         filters = [f"*{suffix}" for suffix in request.suffixes]
@@ -140,7 +138,6 @@ class OpenDialog:
     def __init__(self, native: bool) -> None:
         self.native = native
         self._shown: OpenPrompt | None = None
-        self._typed = ""
         self._frames_to_end = 0  # in which the cursor is put behind the text, for a field that is entered selects all
         self._awaited = False  # the field has been given the keyboard and has not taken it yet
 
@@ -189,8 +186,7 @@ class OpenDialog:
                 state.reload_user_buf_and_move_to_end()
         imgui.set_next_item_width(-1)
         with coloured(frame_bg=theme.BASE):
-            _, self._typed = imgui.input_text_with_hint(FIELD, "/path/to/scene", open_prompt.text)
-        open_prompt.type(self._typed)
+            open_prompt.type(imgui.input_text_with_hint(FIELD, "/path/to/scene", open_prompt.text)[1])
         self._awaited = opening or (self._awaited and not imgui.is_item_active())
         return entered
 
@@ -208,14 +204,13 @@ class OpenDialog:
                 open_prompt.step(by)
 
     def _lines(self, open_prompt: OpenPrompt) -> int | None:
-        clicked = None
         if open_prompt.lines and not open_prompt.text.strip():
             hint("RECENT", theme.MUTED)
-        for i, path in enumerate(open_prompt.lines):
-            if _line(open_prompt, path, i == open_prompt.picked, i):
-                clicked = i
+        clicked = [
+            i for i, path in enumerate(open_prompt.lines) if _line(open_prompt, path, i == open_prompt.picked, i)
+        ]
         imgui.dummy(ImVec2(0, px(4)))
-        return clicked
+        return clicked[0] if clicked else None
 
     def _buttons(self) -> tuple[bool, Literal["", "open", "folder"], bool]:
         """Cancel; "open" or "folder" for the system's dialogs; Open."""

@@ -37,8 +37,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     with card("cameras", fonts, "Cameras"):
         gallery.frusta = switch("frusta", gallery.frusta, "Show in the scene")
         if len(photographs.splits) > 1:
-            options = ["", *photographs.splits]
-            picked = segments("split", options, gallery.split_shown, {"": "all"})
+            picked = segments("split", ["", *photographs.splits], gallery.split_shown, {"": "all"})
             if picked is not None:
                 gallery.split_shown, gallery.reveal = picked, True
         if gallery.frusta and comparison.against != "photograph":
