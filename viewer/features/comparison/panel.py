@@ -8,23 +8,10 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.frame import other_layers
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.screen import draw_layers
 from viewer.core.theme import Fonts
-from viewer.core.widgets import (
-    Box,
-    card,
-    chip,
-    chip_size,
-    elided,
-    figure,
-    font,
-    headline,
-    hint,
-    label,
-    px,
-    segments,
-    slider,
-)
+from viewer.core.widgets import Box, px
 from viewer.features.opening.open_prompt import ask_to_open
 from viewer.rendering.canvas import Canvas
 
@@ -34,33 +21,33 @@ HOW = {"wipe": "Wipe", "flip": "Flip", "difference": "Difference"}
 def compare_controls(app: App, fonts: Fonts, title: str) -> None:
     """How two pictures are compared; shared with the page of packs."""
     comparison = app.comparison
-    with card("compare", fonts, title):
-        comparison.how = segments("how", list(HOW), comparison.how, HOW) or comparison.how  # type: ignore[assignment]
+    with ui.card("compare", fonts, title):
+        comparison.how = ui.segments("how", list(HOW), comparison.how, HOW) or comparison.how  # type: ignore[assignment]
         if comparison.how == "difference":
-            label("Amplified")
-            comparison.gain = slider("gain", comparison.gain, 1.0, 32.0, "%.0f ×")
+            ui.label("Amplified")
+            comparison.gain = ui.slider("gain", comparison.gain, 1.0, 32.0, "%.0f ×")
         elif comparison.how == "wipe":
-            hint("Drag the edge in the picture.")
+            ui.hint("Drag the edge in the picture.")
         if comparison.against == "photograph":
-            headline("…" if comparison.psnr_db is None else f"{comparison.psnr_db:.2f}", "dB PSNR", fonts)
+            ui.headline("…" if comparison.psnr_db is None else f"{comparison.psnr_db:.2f}", "dB PSNR", fonts)
             width, height = comparison.psnr_size
             if comparison.psnr_db is not None:
-                figure("Measured at", f"{width} × {height}")
+                ui.figure("Measured at", f"{width} × {height}")
             photographs = app.gallery.photographs
             if photographs is not None and not photographs.reachable:
-                hint("Compared with the copy in the pack.")
+                ui.hint("Compared with the copy in the pack.")
         if imgui.button("End comparison", ImVec2(-1, 0)):
             comparison.drop_other(app) if comparison.against == "pack" else comparison.stop()
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     comparison = app.comparison
-    with card("other", fonts, "The other pack"):
+    with ui.card("other", fonts, "The other pack"):
         if comparison.other is not None and comparison.other_path is not None:
-            figure("Left", app.scene.name if app.scene is not None else "")
-            figure("Right", comparison.other_path.name)
+            ui.figure("Left", app.scene.name if app.scene is not None else "")
+            ui.figure("Right", comparison.other_path.name)
         else:
-            hint("Choose a second pack, for example another bake of the same scene. Both use the same camera.")
+            ui.hint("Choose a second pack, for example another bake of the same scene. Both use the same camera.")
         if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose a pack…", ImVec2(-1, 0)):
             ask_to_open(app, other=True)
     if comparison.against == "pack":
@@ -101,12 +88,12 @@ def draw_sides(names: tuple[str, str], split: float, box: Box, y: float) -> None
     draw = imgui.get_window_draw_list()
     spans = ((box[0], edge), (edge, box[0] + box[2]))
     for name, (low, high), left in zip(names, spans, (True, False), strict=True):
-        with font(None, theme.SMALL):
-            shown = elided(name, high - low - 2 * gap - px(24))
+        with ui.font(None, theme.SMALL):
+            shown = ui.elided(name, high - low - 2 * gap - px(24))
         if not shown:
             continue
         draw.push_clip_rect(ImVec2(low, box[1]), ImVec2(high, box[1] + box[3]), True)
-        chip(shown, high - gap - chip_size(shown)[0] if left else low + gap, y)
+        ui.chip(shown, high - gap - ui.chip_size(shown)[0] if left else low + gap, y)
         draw.pop_clip_rect()
 
 

@@ -11,21 +11,10 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.screen import Screen
 from viewer.core.theme import Fonts
-from viewer.core.widgets import (
-    Box,
-    card,
-    figure,
-    hint,
-    icon_button,
-    label,
-    main_button,
-    px,
-    segments,
-    switch,
-    two_buttons,
-)
+from viewer.core.widgets import Box, px
 from viewer.features.editing.erasing import CHANGES, FAINTEST, RADII, RULES, SIZES, TOOLS, Erasing
 from viewer.rendering.canvas import Canvas
 
@@ -49,55 +38,55 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     if app.scene is None:
         return
     erasing, edits = app.erasing, app.scene.edits
-    with card("tool", fonts, "Select in the picture"):
-        if picked := segments("tool", list(TOOLS), erasing.tool, {**TOOLS}):
+    with ui.card("tool", fonts, "Select in the picture"):
+        if picked := ui.segments("tool", list(TOOLS), erasing.tool, {**TOOLS}):
             run(app, f"erase-{picked}")
-        hint(HINTS[erasing.tool] + (HELD if erasing.tool else ""))
-        if mode := segments("mode", list(MODES), "add" if erasing.adds else "subtract", MODES):
+        ui.hint(HINTS[erasing.tool] + (HELD if erasing.tool else ""))
+        if mode := ui.segments("mode", list(MODES), "add" if erasing.adds else "subtract", MODES):
             erasing.adds = mode == "add"
         if erasing.tool == "lasso":
-            erasing.through = switch("through", erasing.through, "What is hidden, too")
+            erasing.through = ui.switch("through", erasing.through, "What is hidden, too", 150.0)
         elif erasing.tool == "brush":
-            label("Radius")
+            ui.label("Radius")
             flags = imgui.SliderFlags_.logarithmic
             erasing.radius = imgui.slider_float("##radius", erasing.radius, *RADII, "%.0f voxels", flags)[1]
-    with card("rules", fonts, "Select by rule"):
+    with ui.card("rules", fonts, "Select by rule"):
         _rules(app, erasing)
-    with card("selected", fonts, "Selected"):
-        figure("Voxels", "selecting…" if erasing.choosing else f"{edits.selected.count:,}")
+    with ui.card("selected", fonts, "Selected"):
+        ui.figure("Voxels", "selecting…" if erasing.choosing else f"{edits.selected.count:,}")
         for how, icon in ICONS.items():
-            if icon_button(icon, how, CHANGES[how], enabled=bool(edits.selected.bits) or how == "invert"):
+            if ui.icon_button(icon, how, CHANGES[how], enabled=bool(edits.selected.bits) or how == "invert"):
                 run(app, f"selection-{how}")
             imgui.same_line(0, px(2))
         imgui.new_line()
         imgui.begin_disabled(not edits.selected.bits)
-        if main_button(f"{fa.ICON_FA_ERASER}  Erase", -1):
+        if ui.main_button(f"{fa.ICON_FA_ERASER}  Erase", -1):
             run(app, "erase-selected")
         imgui.end_disabled()
-    with card("save", fonts, "Erased"):
-        figure("Voxels", f"{edits.removed.count:,}")
+    with ui.card("save", fonts, "Erased"):
+        ui.figure("Voxels", f"{edits.removed.count:,}")
         imgui.begin_disabled(not edits.removed.bits)
         if imgui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save as…", ImVec2(-1, 0)):
             run(app, "save-edited")
         imgui.end_disabled()
-        hint("The open pack stays as it is. Ctrl+Z brings back what was erased.")
+        ui.hint("The open pack stays as it is. Ctrl+Z brings back what was erased.")
 
 
 def _rules(app: App, erasing: Erasing) -> None:
     if imgui.button(RULES["parts"], ImVec2(-1, 0)):
         run(app, "select-parts")
-    label("Parts below")
+    ui.label("Parts below")
     flags = imgui.SliderFlags_.logarithmic
     changed, value = imgui.slider_int("##small", erasing.smaller_than, *SIZES, "%d voxels", flags)
     erasing.smaller_than = max(value, SIZES[0])
     _preview(app, "small", changed)
-    label("Fainter than")
+    ui.label("Fainter than")
     changed, value = imgui.slider_float("##faint", erasing.fainter_than, *FAINTEST, "%.3f", flags)
     if changed:
         erasing.fainter_than = min(max(value, FAINTEST[0]), FAINTEST[1])
     _preview(app, "faint", changed)
     if app.settings.crop is not None:
-        picked = two_buttons("In the crop box", "Outside of it")
+        picked = ui.two_buttons("In the crop box", "Outside of it")
         if picked is not None:
             run(app, "select-inside" if picked == 0 else "select-outside")
 

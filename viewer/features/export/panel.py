@@ -8,26 +8,10 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.annotations import Scale
 from viewer.core.theme import Fonts
-from viewer.core.widgets import (
-    BUTTON_WIDTH,
-    Box,
-    begin_modal,
-    cancel_or,
-    corner_card,
-    font,
-    hint,
-    in_front,
-    label,
-    pressed_here,
-    px,
-    segments,
-    switch,
-    tip,
-    titled_button,
-    write,
-)
+from viewer.core.widgets import BUTTON_WIDTH, Box, px
 from viewer.features.export.exporting import FACES, FRAMES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan
 from viewer.features.making.panel import with_time_left
 from viewer.rendering.canvas import Canvas
@@ -48,15 +32,15 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts, pane: PreviewPane
     exporting = app.exporting
     if exporting.preview is None:
         pane.drop(canvas)
-    if app.scene is None or in_front(app) != "export":
+    if app.scene is None or ui.in_front(app) != "export":
         return
     room = size.x / px(1) - 32 - CHOICES - GAP - 2 * PADDING  # in a small window there is no preview
     beside = min(room, WIDEST_PREVIEW) if room >= NARROWEST_PREVIEW else 0.0
     width = CHOICES + GAP + beside + 2 * PADDING if beside else WIDTH
-    if not begin_modal(NAME, size, width, 0.47, padding=(PADDING, 22)):
+    if not ui.begin_modal(NAME, size, width, 0.47, padding=(PADDING, 22)):
         return
-    with font(fonts.bold, theme.LARGE):
-        write(fa.ICON_FA_CUBE, theme.ACCENT)
+    with ui.font(fonts.bold, theme.LARGE):
+        ui.write(fa.ICON_FA_CUBE, theme.ACCENT)
         imgui.same_line(0, px(12))
         imgui.text_unformatted(f"Export {app.scene.name}")
     imgui.dummy(ImVec2(0, px(4)))
@@ -80,30 +64,30 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts, pane: PreviewPane
 
 
 def _choices(app: App, plan: ExportPlan) -> None:
-    label("As", LABELS)
-    plan.kind = segments("kind", list(KINDS), plan.kind, dict(KINDS.items())) or plan.kind  # type: ignore[assignment]
-    hint(HINTS[plan.kind])
+    ui.label("As", LABELS)
+    plan.kind = ui.segments("kind", list(KINDS), plan.kind, dict(KINDS.items())) or plan.kind  # type: ignore[assignment]
+    ui.hint(HINTS[plan.kind])
     if plan.kind in ("mesh", "points"):
-        label("Opacity level", LABELS)
+        ui.label("Opacity level", LABELS)
         imgui.set_next_item_width(-1)
         plan.level = imgui.slider_float("##level", plan.level, *LEVELS, "%.2f")[1]
-        tip("Where the surface lies. Lower includes thinner mist.")
-        label("Parts", LABELS)
-        plan.keep = segments("keep", list(KEPT), plan.keep) or plan.keep
-        plan.smooth = switch("smooth", plan.smooth, "Smooth")
+        ui.tip("Where the surface lies. Lower includes thinner mist.")
+        ui.label("Parts", LABELS)
+        plan.keep = ui.segments("keep", list(KEPT), plan.keep) or plan.keep
+        plan.smooth = ui.switch("smooth", plan.smooth, "Smooth", LABELS)
     if plan.kind == "mesh":
-        label("Triangles", LABELS)
-        plan.faces = segments("faces", list(FACES), plan.faces) or plan.faces
+        ui.label("Triangles", LABELS)
+        plan.faces = ui.segments("faces", list(FACES), plan.faces) or plan.faces
     elif plan.kind == "points":
-        label("Density", LABELS)
-        plan.spacing = segments("spacing", list(SPACINGS), plan.spacing) or plan.spacing
+        ui.label("Density", LABELS)
+        plan.spacing = ui.segments("spacing", list(SPACINGS), plan.spacing) or plan.spacing
     if plan.kind != "page":
-        label("Frame", LABELS)
-        picked = segments("frame", list(FRAMES), plan.frame, dict(FRAMES.items()))
+        ui.label("Frame", LABELS)
+        picked = ui.segments("frame", list(FRAMES), plan.frame, dict(FRAMES.items()))
         plan.frame = picked or plan.frame  # type: ignore[assignment]
-        hint(_frame_hint(plan, app.annotations.current.scale))
+        ui.hint(_frame_hint(plan, app.annotations.current.scale))
     if app.settings.crop is not None:
-        plan.crop = switch("cropped", plan.crop, "Crop box only")
+        plan.crop = ui.switch("cropped", plan.crop, "Crop box only", LABELS)
     if plan.kind == "page":
         imgui.dummy(ImVec2(0, px(4)))
         if imgui.button(f"{fa.ICON_FA_SHARE_NODES}  Share…", ImVec2(px(112), 0)):
@@ -111,7 +95,7 @@ def _choices(app: App, plan: ExportPlan) -> None:
             app.exporting.dismiss()
             run(app, "share")
         imgui.same_line()
-        hint("Serves the page to browsers on this computer, without a file.")
+        ui.hint("Serves the page to browsers on this computer, without a file.")
 
 
 def _frame_hint(plan: ExportPlan, scale: Scale) -> str:
@@ -123,8 +107,8 @@ def _frame_hint(plan: ExportPlan, scale: Scale) -> str:
 
 
 def _answer(app: App) -> None:
-    cancelled, wanted = cancel_or("Export…", 112, PADDING)
-    wanted = wanted or pressed_here(imgui.Key.enter)
+    cancelled, wanted = ui.cancel_or("Export…", 112, PADDING)
+    wanted = wanted or ui.pressed_here(imgui.Key.enter)
     if cancelled or wanted:
         imgui.close_current_popup()
     if cancelled:
@@ -138,16 +122,16 @@ def show_card(app: App, box: Box, fonts: Fonts) -> None:
     writing = app.exporting.writing
     if writing is None or app.making.job is not None:
         return
-    with corner_card("##exporting", box):
-        if titled_button(writing.file.name, "Cancel##export", fonts):
+    with ui.corner_card("##exporting", box):
+        if ui.titled_button(writing.file.name, "Cancel##export", fonts):
             app.exporting.cancel()
         report, stopping = writing.report, writing.child.stopping
         imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
         if stopping or report is None:
-            hint("Stopping…" if stopping else "Starting…")
+            ui.hint("Stopping…" if stopping else "Starting…")
         else:
             words = report.note or report.title
-            hint(with_time_left(f"{words[:1].upper()}{words[1:]}, {100 * report.share:.0f} %", report))
+            ui.hint(with_time_left(f"{words[:1].upper()}{words[1:]}, {100 * report.share:.0f} %", report))
 
 
 def show_sharing(app: App, box: Box, fonts: Fonts) -> None:
@@ -155,11 +139,11 @@ def show_sharing(app: App, box: Box, fonts: Fonts) -> None:
     server = app.sharing.server
     if server is None or app.making.job is not None or app.exporting.writing is not None:
         return
-    with corner_card("##sharing", box):
-        if titled_button(f"Sharing {server.name}", "Stop##sharing", fonts):
+    with ui.corner_card("##sharing", box):
+        if ui.titled_button(f"Sharing {server.name}", "Stop##sharing", fonts):
             app.sharing.end()
         if not server.address:
-            hint("Making the page…")
+            ui.hint("Making the page…")
             return
         width = px(BUTTON_WIDTH)
         imgui.set_next_item_width(-width - px(8))
@@ -167,8 +151,8 @@ def show_sharing(app: App, box: Box, fonts: Fonts) -> None:
         imgui.same_line()
         if imgui.button(f"{fa.ICON_FA_COPY}  Copy##address", ImVec2(width, 0)):
             app.sharing.copy(app)
-        tip("Open it in a browser on this computer")
-        hint("Only this computer can open it, until you stop it or close the viewer.")
+        ui.tip("Open it in a browser on this computer")
+        ui.hint("Only this computer can open it, until you stop it or close the viewer.")
 
 
 # --- The picture of what an export would write ---
@@ -208,7 +192,7 @@ class PreviewPane:
         if preview.working:
             low = ImVec2(at.x + width * preview.share, corner.y)
             draw.add_rect_filled(ImVec2(at.x, corner.y - px(3)), low, theme.packed(theme.ACCENT))
-        hint(_preview_text(app), theme.WARN if preview.error and not preview.working else theme.FAINT)
+        ui.hint(_preview_text(app), theme.WARN if preview.error and not preview.working else theme.FAINT)
 
     def drop(self, canvas: Canvas) -> None:
         """Frees what it holds on the card."""

@@ -14,26 +14,12 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.files import FileRequest
 from viewer.core.pose import FRUSTUM_EDGES, frustum_points, view_camera
 from viewer.core.screen import Screen
 from viewer.core.theme import Fonts
-from viewer.core.widgets import (
-    Box,
-    card,
-    coloured,
-    half_width,
-    hint,
-    icon_button,
-    label,
-    main_button,
-    px,
-    segments,
-    slider,
-    switch,
-    tip,
-    two_buttons,
-)
+from viewer.core.widgets import Box, px
 from viewer.features.bookmarks.panel import changed_by_buttons, row
 from viewer.features.film.film_export import FILMS, films_possible
 from viewer.features.film.filming import LENS_QUALITY, PANORAMA_SIZES, SAMPLES, SIZES, STILL_MODES, Filming
@@ -45,32 +31,32 @@ APERTURES, USUAL_APERTURE = (0.1, 20.0), 0.03  # of the scene's radius: percent,
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     filming = app.filming
-    with card("path", fonts, "Camera path"):
+    with ui.card("path", fonts, "Camera path"):
         _path(app, canvas, filming)
-    with card("size", fonts, "Size"):
+    with ui.card("size", fonts, "Size"):
         _size(filming)
-    with card("still", fonts, "This view"):
+    with ui.card("still", fonts, "This view"):
         _still(app, filming)
-    with card("export", fonts, "Export"):
+    with ui.card("export", fonts, "Export"):
         _export(app, filming)
-    with card("scene", fonts, "Scene"):
-        hint("A mesh, points or Gaussians for other programs.")
+    with ui.card("scene", fonts, "Scene"):
+        ui.hint("A mesh, points or Gaussians for other programs.")
         if imgui.button(f"{fa.ICON_FA_CUBE}  Export the scene…", ImVec2(-1, 0)):
             run(app, "export-scene")
 
 
 def _path(app: App, canvas: Canvas, filming: Filming) -> None:
-    pressed = two_buttons(f"{fa.ICON_FA_PLUS}  Keyframe", f"{fa.ICON_FA_ROTATE}  Turntable")
+    pressed = ui.two_buttons(f"{fa.ICON_FA_PLUS}  Keyframe", f"{fa.ICON_FA_ROTATE}  Turntable")
     if pressed is not None:
         run(app, ("keyframe", "turntable")[pressed])
     path = filming.path
     if not path.keyframes:
-        hint("Move the camera and add keyframes (K). The film flies through them.")
+        ui.hint("Move the camera and add keyframes (K). The film flies through them.")
     else:
         _keyframes(app, canvas, filming)
-        path.closed = switch("closed", path.closed, "Back to the start")
+        path.closed = ui.switch("closed", path.closed, "Back to the start")
         icon = fa.ICON_FA_PAUSE if filming.playing else fa.ICON_FA_PLAY
-        if icon_button(icon, "play", "Play  (P)", on=filming.playing, enabled=len(path.keyframes) > 1):
+        if ui.icon_button(icon, "play", "Play  (P)", on=filming.playing, enabled=len(path.keyframes) > 1):
             run(app, "play")
         imgui.same_line()
         imgui.set_next_item_width(-1)
@@ -78,7 +64,7 @@ def _path(app: App, canvas: Canvas, filming: Filming) -> None:
         if changed:
             filming.playing = False
             filming.show(app, value)
-    width = half_width()
+    width = ui.half_width()
     if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Load…", ImVec2(width, 0)):
         app.file_request = FileRequest("Load a camera path", "open", partial(filming.load, app), (".json",))
     imgui.same_line()
@@ -90,7 +76,7 @@ def _path(app: App, canvas: Canvas, filming: Filming) -> None:
 
 
 def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
-    with coloured(child_bg=theme.BASE):
+    with ui.coloured(child_bg=theme.BASE):
         imgui.begin_child("##keys", ImVec2(0, px(LIST_HEIGHT)), imgui.ChildFlags_.always_use_window_padding)
     for i, key in enumerate(filming.path.keyframes):
         texts = f"Keyframe {i + 1}", f"{key.seconds:.1f} s"
@@ -105,74 +91,74 @@ def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
         return
     imgui.set_next_item_width(-1)
     key = filming.path.keyframes[index]
-    filming.path.keyframes[index] = replace(key, seconds=slider("leg", key.seconds, 0.2, 10.0, "%.1f s to next"))
+    filming.path.keyframes[index] = replace(key, seconds=ui.slider("leg", key.seconds, 0.2, 10.0, "%.1f s to next"))
 
 
 def _size(filming: Filming) -> None:
-    panorama = switch("panorama", filming.panorama, "360°")
-    tip("All directions around the camera (equirectangular), level, twice as wide as high")
+    panorama = ui.switch("panorama", filming.panorama, "360°")
+    ui.tip("All directions around the camera (equirectangular), level, twice as wide as high")
     if panorama != filming.panorama:
         filming.set_panorama(panorama)
     filming.size = _pick("sizes", PANORAMA_SIZES if filming.panorama else SIZES, filming.size)
-    label("Pixels")
+    ui.label("Pixels")
     changed, value = imgui.input_int2("##pixels", list(filming.size))
     if changed:
         filming.set_size(*value[:2])
-    label("Frames / s")
-    filming.fps = float(round(slider("fps", filming.fps, 10.0, 60.0, "%.0f")))
-    filming.annotated = switch("annotated", filming.annotated, "Annotated places")
-    tip("Draws their numbers and titles into saved views and films, unless they have no background")
-    label("Anti-aliasing")
+    ui.label("Frames / s")
+    filming.fps = float(round(ui.slider("fps", filming.fps, 10.0, 60.0, "%.0f")))
+    filming.annotated = ui.switch("annotated", filming.annotated, "Annotated places")
+    ui.tip("Draws their numbers and titles into saved views and films, unless they have no background")
+    ui.label("Anti-aliasing")
     filming.samples = _pick("samples", SAMPLES, filming.samples)
 
 
 def _pick(name: str, options: Mapping[str, Any], current: Any) -> Any:
     """A choice between named values; the new one."""
-    picked = segments(name, list(options), next((title for title, value in options.items() if value == current), ""))
+    picked = ui.segments(name, list(options), next((title for title, value in options.items() if value == current), ""))
     return options[picked] if picked else current
 
 
 def _still(app: App, filming: Filming) -> None:
     """The tick list of what is saved, and where to."""
-    filming.transparent = switch("transparent", filming.transparent, "No background")
-    tip("Transparent, in the PNG or OpenEXR file")
+    filming.transparent = ui.switch("transparent", filming.transparent, "No background")
+    ui.tip("Transparent, in the PNG or OpenEXR file")
     for mode, title in STILL_MODES.items():
-        label(title)
-        on = switch(mode, mode in filming.besides)
-        tip(f"Save this as well: NAME_{mode}.png, or a channel of the OpenEXR file")
+        ui.label(title)
+        on = ui.switch(mode, mode in filming.besides)
+        ui.tip(f"Save this as well: NAME_{mode}.png, or a channel of the OpenEXR file")
         if on != (mode in filming.besides):
             filming.besides = tuple(m for m in STILL_MODES if (m in filming.besides) != (m == mode))
     if not filming.panorama:
         _depth_of_field(app, filming)
     imgui.begin_disabled(filming.export is not None)
-    if main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", -1):
+    if ui.main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", -1):
         filming.ask_for_still(app)
     if imgui.button(f"{fa.ICON_FA_COPY}  Copy the picture", ImVec2(-1, 0)):
         run(app, "copy-picture")
     imgui.end_disabled()
-    tip("The picture as it is shown, to the clipboard")
+    ui.tip("The picture as it is shown, to the clipboard")
 
 
 def _depth_of_field(app: App, filming: Filming) -> None:
-    if switch("blur", filming.aperture > 0, "Depth of field") != (filming.aperture > 0):
+    if ui.switch("blur", filming.aperture > 0, "Depth of field") != (filming.aperture > 0):
         filming.aperture = 0.0 if filming.aperture else USUAL_APERTURE
         filming.focusing = False
-    tip("Blurs the saved view where it is out of focus, as a lens does")
+    ui.tip("Blurs the saved view where it is out of focus, as a lens does")
     if not filming.aperture:
         return
-    label("Aperture")
+    ui.label("Aperture")
     flags = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
-    filming.aperture = slider("aperture", filming.aperture, *APERTURES, "%.2f %%", times=100.0, flags=flags)
-    tip("Diameter of the opening, of the scene's radius")
-    label("Quality")
+    filming.aperture = ui.slider("aperture", filming.aperture, *APERTURES, "%.2f %%", times=100.0, flags=flags)
+    ui.tip("Diameter of the opening, of the scene's radius")
+    ui.label("Quality")
     filming.lens_rays = _pick("rays", LENS_QUALITY, filming.lens_rays)
     titles = ("Click on a surface" if filming.focusing else "Choose the focus", "The middle")
-    pressed = two_buttons(f"{titles[0]}###focus", titles[1])
+    pressed = ui.two_buttons(f"{titles[0]}###focus", titles[1])
     if pressed == 0:
         filming.focusing = not filming.focusing
     elif pressed == 1:
         filming.focus, filming.focusing = None, False
-    hint("In focus: the middle of the picture." if filming.focus is None else "In focus: the chosen place.")
+    ui.hint("In focus: the middle of the picture." if filming.focus is None else "In focus: the chosen place.")
 
 
 def _export(app: App, filming: Filming) -> None:
@@ -181,12 +167,12 @@ def _export(app: App, filming: Filming) -> None:
         left = export.seconds_left
         imgui.text_unformatted(export.target.name)
         imgui.progress_bar(export.share, ImVec2(-1, px(8)), "")
-        hint(f"{100 * export.share:.0f} %" + (f", about {left:.0f} s left" if left is not None else ""))
+        ui.hint(f"{100 * export.share:.0f} %" + (f", about {left:.0f} s left" if left is not None else ""))
         if imgui.button("Cancel", ImVec2(-1, 0)):
             filming.cancel(app)
         return
     imgui.begin_disabled(not filming.path.keyframes)
-    width, write = half_width(), partial(filming.film, app)
+    width, write = ui.half_width(), partial(filming.film, app)
     imgui.begin_disabled(not films_possible())
     if imgui.button(f"{fa.ICON_FA_FILM}  Film…", ImVec2(width, 0)):
         app.file_request = FileRequest("Save the film", "save", write, tuple(FILMS), "flight.mp4")
@@ -196,7 +182,7 @@ def _export(app: App, filming: Filming) -> None:
         app.file_request = FileRequest("A new folder for the pictures", "save", write, (), "flight")
     imgui.end_disabled()
     if not films_possible():
-        hint("Films need PyAV: pip install 'snerg[video]'")
+        ui.hint("Films need PyAV: pip install 'snerg[video]'")
 
 
 PATH_STEPS = 24  # line segments per leg

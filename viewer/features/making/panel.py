@@ -12,28 +12,9 @@ from console.progress import duration
 from console.progress_protocol import Report
 from viewer.app.application import App
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.theme import Fonts
-from viewer.core.widgets import (
-    Box,
-    begin_modal,
-    cancel_or,
-    confirmed,
-    corner_card,
-    elided_start,
-    font,
-    half_width,
-    hint,
-    in_front,
-    label,
-    main_button,
-    paragraph,
-    px,
-    segments,
-    switch,
-    tip,
-    titled_button,
-    write,
-)
+from viewer.core.widgets import Box, px
 from viewer.features.making import survey
 from viewer.features.making.make_job import MakeJob, RejectedPhotographs
 from viewer.features.making.make_plan import RESOLUTIONS, Plan
@@ -48,9 +29,9 @@ AUTOMATIC = "Automatic"
 def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
     """Draws the question while there is one, and nothing is in front of it."""
     plan = app.making.plan
-    if plan is None or in_front(app) != "make":
+    if plan is None or ui.in_front(app) != "make":
         return
-    if not begin_modal(NAME, size, WIDTH, 0.47, padding=(PADDING, 22)):
+    if not ui.begin_modal(NAME, size, WIDTH, 0.47, padding=(PADDING, 22)):
         return
     _heading(plan, fonts)
     if plan.survey is not None and plan.survey.preview is not None:
@@ -63,7 +44,7 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
     if problem is None and not surveying:
         _choices(app, plan)
     if problem is not None:
-        paragraph(problem, theme.WARN)
+        ui.paragraph(problem, theme.WARN)
     if problem is None or plan.attempt is not None:
         _where(app, plan, remarks=problem is None)
     imgui.dummy(ImVec2(0, px(8)))
@@ -72,16 +53,16 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
 
 
 def _heading(plan: Plan, fonts: Fonts) -> None:
-    with font(fonts.bold, theme.LARGE):
-        write(fa.ICON_FA_WAND_MAGIC_SPARKLES, theme.ACCENT)
+    with ui.font(fonts.bold, theme.LARGE):
+        ui.write(fa.ICON_FA_WAND_MAGIC_SPARKLES, theme.ACCENT)
         imgui.same_line(0, px(12))
         verb = "Make" if plan.subject == "scene" else "Bake"
         imgui.text_unformatted(f"{verb} {plan.name} into a scene to fly through")
     survey = plan.survey
     if survey is None:
-        paragraph("A training run. Baking turns it into voxels that are drawn in real time.", theme.MUTED)
+        ui.paragraph("A training run. Baking turns it into voxels that are drawn in real time.", theme.MUTED)
     elif text := survey.text if survey.finished else "Reading the photographs…":
-        paragraph(text, theme.MUTED)
+        ui.paragraph(text, theme.MUTED)
 
 
 def _check(app: App, plan: Plan, fonts: Fonts) -> None:
@@ -94,7 +75,7 @@ def _check(app: App, plan: Plan, fonts: Fonts) -> None:
         imgui.same_line()
         imgui.align_text_to_frame_padding()
         report = check.report
-        write("Starting the check…" if report is None else f"{report.title.capitalize()}, {report.share:.0%}")
+        ui.write("Starting the check…" if report is None else f"{report.title.capitalize()}, {report.share:.0%}")
         imgui.progress_bar(report.share if report is not None else 0.0, ImVec2(-1, px(6)), "")
         return
     assert plan.survey is not None
@@ -103,56 +84,56 @@ def _check(app: App, plan: Plan, fonts: Fonts) -> None:
         app.making.check_photographs(app)
     imgui.end_disabled()
     what = "Sharpness, overlap and exposure, and which photographs to take again"
-    tip("Once the time is measured" if plan.survey.busy else what)
+    ui.tip("Once the time is measured" if plan.survey.busy else what)
     if check is not None and check.error:
-        hint(check.error, theme.WARN)
+        ui.hint(check.error, theme.WARN)
     elif check is not None and check.result is not None:
         imgui.same_line()
         if imgui.button(f"{fa.ICON_FA_ARROW_UP_RIGHT_FROM_SQUARE}  Open the page", ImVec2(px(150), 0)):
             check.open_page()
-        tip(f"All photographs, and which of them match, in the browser: {check.page}")
+        ui.tip(f"All photographs, and which of them match, in the browser: {check.page}")
         imgui.same_line()
         imgui.align_text_to_frame_padding()
-        write(f"Quality {check.result['score']:.0f} of 100", face=fonts.bold)
+        ui.write(f"Quality {check.result['score']:.0f} of 100", face=fonts.bold)
         imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(px(8), px(3)))
         for text, warns in result_lines(check.result):
-            hint(text, theme.WARN if warns else theme.MUTED)
+            ui.hint(text, theme.WARN if warns else theme.MUTED)
         imgui.pop_style_var()
 
 
 def _choices(app: App, plan: Plan) -> None:
     """Preset, size and what else there is to choose; none of it where an earlier attempt is gone on with."""
     if plan.subject == "run":
-        label("Voxels", LABELS)
+        ui.label("Voxels", LABELS)
         titles = {str(side): f"{side}³" for side in RESOLUTIONS}
-        if picked := segments("voxels", list(titles), str(plan.resolution or RESOLUTIONS[1]), titles):
+        if picked := ui.segments("voxels", list(titles), str(plan.resolution or RESOLUTIONS[1]), titles):
             plan.resolution = int(picked)
         _indented("More voxels show finer detail but take more memory and time. Baking 1000³ needs 5 GB.")
         return
     if plan.attempt is not None:
         return
-    label("How", LABELS)
-    picked = segments("preset", list(OFFERED), plan.preset, {name: preset.title for name, preset in OFFERED.items()})
+    ui.label("How", LABELS)
+    picked = ui.segments("preset", list(OFFERED), plan.preset, {name: preset.title for name, preset in OFFERED.items()})
     plan.preset = picked or plan.preset
     _indented(OFFERED[plan.preset].advice if plan.preset in OFFERED else plan.preset)
     survey = plan.survey
     assert survey is not None
-    label("Photographs", LABELS)
+    ui.label("Photographs", LABELS)
     titles = {"": AUTOMATIC} | {str(k): f"{width} px" for k, (width, _) in survey.sizes.items()}
-    picked = segments("downscale", ["", *map(str, survey.choices)], str(plan.downscale or ""), titles)
+    picked = ui.segments("downscale", ["", *map(str, survey.choices)], str(plan.downscale or ""), titles)
     if picked is not None:
         plan.downscale = int(picked) if picked else None
     size = survey.size(plan.preset, plan.downscale)
     _indented(f"Trained on {size[0]} × {size[1]} pixels each." if size else "")
     _indented(what_it_needs(plan, max(size)) if size else "")
     if survey.forward:
-        plan.spherify = switch("spherify", plan.spherify, "360° capture")
+        plan.spherify = ui.switch("spherify", plan.spherify, "360° capture", LABELS)
     if plan.masked:
-        plan.masks = switch("masks", plan.cut_out, "Cut out")
-        tip("Keep only what the masks show")
+        plan.masks = ui.switch("masks", plan.cut_out, "Cut out", LABELS)
+        ui.tip("Keep only what the masks show")
     elif survey.masks:
-        label("Cut out", LABELS)
-        hint("Not possible: some photographs of this size have no mask.")
+        ui.label("Cut out", LABELS)
+        ui.hint("Not possible: some photographs of this size have no mask.")
 
 
 def what_it_needs(plan: Plan, side: int) -> str:
@@ -172,16 +153,16 @@ def what_it_needs(plan: Plan, side: int) -> str:
 def _indented(text: str, colour: str = theme.FAINT) -> None:
     if text:
         imgui.indent(px(LABELS) - px(PADDING))
-        hint(text, colour)
+        ui.hint(text, colour)
         imgui.unindent(px(LABELS) - px(PADDING))
 
 
 def _where(app: App, plan: Plan, remarks: bool) -> None:
     imgui.dummy(ImVec2(0, px(2)))
-    label("Where", LABELS)
+    ui.label("Where", LABELS)
     width = imgui.get_content_region_avail().x - px(92)
-    imgui.text_unformatted(elided_start(str(plan.out), width - px(8)))
-    tip(str(plan.out))
+    imgui.text_unformatted(ui.elided_start(str(plan.out), width - px(8)))
+    ui.tip(str(plan.out))
     imgui.same_line()
     imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - px(84))
     if imgui.button("Change…", ImVec2(px(84), 0)):
@@ -196,11 +177,11 @@ def _where(app: App, plan: Plan, remarks: bool) -> None:
 def _answer(app: App, plan: Plan, possible: bool) -> None:
     if imgui.button(f"{fa.ICON_FA_COPY}  Copy the command", ImVec2(px(176), px(34))):
         app.making.copy_command(app)
-    tip("The same as a command line, for example for another computer")
+    ui.tip("The same as a command line, for example for another computer")
     imgui.same_line()
     word = "Bake" if plan.subject == "run" else "Go on" if plan.attempt is not None else "Make it"
-    cancelled, wanted = cancel_or(word, 112, PADDING, enabled=possible)
-    wanted = wanted or (possible and confirmed())
+    cancelled, wanted = ui.cancel_or(word, 112, PADDING, enabled=possible)
+    wanted = wanted or (possible and ui.confirmed())
     if cancelled or wanted:
         imgui.close_current_popup()
     if cancelled:
@@ -228,7 +209,7 @@ def show_preview(canvas: Canvas, preview: BarePreview) -> None:
         pictures.append((preview.boxes[index], f"{name}\nset aside: {why}" if why else name, bool(why)))
     _strip("##strip", canvas.sheet(preview), preview.sheet, HEIGHT, pictures)
     for text, colour in _status_lines(preview):
-        hint(text, colour)
+        ui.hint(text, colour)
 
 
 def _strip(name: str, texture: int, sheet: np.ndarray, height: float, pictures: list[tuple]) -> None:
@@ -290,7 +271,7 @@ def show_rejected(canvas: Canvas, rejected: RejectedPhotographs) -> None:
     """A line that counts and names photographs that are left out, and a row of them, with the reason where the mouse rests."""
     names = list(rejected.why)
     count = "1 photograph is left out" if len(names) == 1 else f"{len(names)} photographs are left out"
-    hint(f"{count}: {few_with_reasons(rejected.why)}.", theme.WARN)
+    ui.hint(f"{count}: {few_with_reasons(rejected.why)}.", theme.WARN)
     if rejected.sheet is None:
         return
     pictures = [(box, f"{name}\n{rejected.why[name]}", False) for name, box in rejected.boxes.items()]
@@ -308,15 +289,17 @@ def show_job(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
     if job is None:
         canvas.drop_image(PICTURE)
         return
-    with corner_card("##job", box):
+    with ui.corner_card("##job", box):
         note = f"{job.figures[-1]:.1f} dB" if job.figures else ""
-        if titled_button(job.plan.name, "Stop now" if job.child.stopping else "Stop", fonts, note):
+        if ui.titled_button(job.plan.name, "Stop now" if job.child.stopping else "Stop", fonts, note):
             app.making.stop(app)
-        tip("Stop without saving" if job.child.stopping else "Finished work is kept. Make the scene again to continue.")
+        ui.tip(
+            "Stop without saving" if job.child.stopping else "Finished work is kept. Make the scene again to continue."
+        )
         if app.making.sparse_preview is not None and not app.making.sparse_preview_shown(app):
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", ImVec2(-1, px(28))):
                 app.making.show_points(app)
-            tip("The scene that is open now is closed")
+            ui.tip("The scene that is open now is closed")
         _training_preview(app)
         if job.picture is not None:
             _picture(canvas, job)
@@ -325,7 +308,7 @@ def show_job(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
         _stages(job)
         report = job.report
         imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
-        hint(_status_text(job))
+        ui.hint(_status_text(job))
 
 
 def _training_preview(app: App) -> None:
@@ -335,11 +318,11 @@ def _training_preview(app: App) -> None:
         return
     name = making.training_preview.description
     if making.training_preview_shown(app):
-        hint(f"You see a {name}. It is small and coarse; a newer one takes its place by itself.")
+        ui.hint(f"You see a {name}. It is small and coarse; a newer one takes its place by itself.")
     else:
         if imgui.button(f"{fa.ICON_FA_EYE}  Show the {name}", ImVec2(-1, px(28))):
             making.show_training_preview(app)
-        tip("Fly around in what is trained so far")
+        ui.tip("Fly around in what is trained so far")
 
 
 def _picture(canvas: Canvas, job: MakeJob) -> None:
@@ -374,13 +357,13 @@ def _stages(job: MakeJob) -> None:
     for i, name in enumerate(job.plan.stages, 1):
         if i > 1:
             imgui.same_line(0, px(8))
-            write(fa.ICON_FA_CHEVRON_RIGHT, theme.FAINT)
+            ui.write(fa.ICON_FA_CHEVRON_RIGHT, theme.FAINT)
             imgui.same_line(0, px(8))
         trained = job.plan.subject == "run" and i == 1
         if trained or job.stage > i:
-            write(f"{fa.ICON_FA_CHECK}  {'Trained' if trained else name}", theme.GOOD)
+            ui.write(f"{fa.ICON_FA_CHECK}  {'Trained' if trained else name}", theme.GOOD)
         else:
-            write(name, theme.TEXT if job.stage == i else theme.FAINT)
+            ui.write(name, theme.TEXT if job.stage == i else theme.FAINT)
 
 
 def _status_text(job: MakeJob) -> str:
@@ -418,7 +401,7 @@ def show_review(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
     review = app.making.review
     if review is None:
         return
-    with corner_card("##review", box):
+    with ui.corner_card("##review", box):
         _head(review, fonts)
         if review.rejected is not None:
             show_rejected(canvas, review.rejected)
@@ -427,68 +410,68 @@ def show_review(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
             if imgui.button(f"{fa.ICON_FA_EYE}  Show the points", ImVec2(-1, px(30))):
                 review.hold()
                 app.making.show_points(app)
-            tip("The scene that is open now is closed")
+            ui.tip("The scene that is open now is closed")
         _review_choices(app, review, shown)
         _review_answer(app, review)
 
 
 def _head(review: Review, fonts: Fonts) -> None:
-    with font(fonts.bold, 16.0):
-        write(fa.ICON_FA_CHECK, theme.GOOD)
+    with ui.font(fonts.bold, 16.0):
+        ui.write(fa.ICON_FA_CHECK, theme.GOOD)
         imgui.same_line(0, px(8))
         imgui.text_unformatted(review.plan.name)
     count, points = review.sparse_preview.photographs, len(review.sparse_preview.points.places)
-    hint(f"{count} photographs have a camera pose, with {points:,} points.", theme.MUTED)
+    ui.hint(f"{count} photographs have a camera pose, with {points:,} points.", theme.MUTED)
 
 
 def _review_choices(app: App, review: Review, shown: bool) -> None:
-    label("Seen as", REVIEW_LABELS)
-    picked = segments("kind", review.kinds, review.kind, KINDS)
+    ui.label("Seen as", REVIEW_LABELS)
+    picked = ui.segments("kind", review.kinds, review.kind, KINDS)
     if picked is not None and picked != review.kind:
         app.making.choose_kind(app, picked)  # type: ignore[arg-type]
         if app.settings.crop is not None:
             app.interface.opens("crop")  # where the box is drawn
-    hint(ABOUT[review.kind])
+    ui.hint(ABOUT[review.kind])
     if review.kind == "forward" or not shown:
         return
     _upright(app, review)
-    on = switch("box", app.settings.crop is not None, "Box", REVIEW_LABELS)
-    tip("Show the box that is trained, and drag its faces")
+    on = ui.switch("box", app.settings.crop is not None, "Box", REVIEW_LABELS)
+    ui.tip("Show the box that is trained, and drag its faces")
     if on != (app.settings.crop is not None):
         review.show_box(app, on)
         if on:
             app.interface.opens("crop")
     usage = "Drag the dots on its faces, or type numbers on the Crop page."
-    hint(usage if on else "Switch it on to see and change it.")
+    ui.hint(usage if on else "Switch it on to see and change it.")
 
 
 def _upright(app: App, review: Review) -> None:
     """What is up: the cameras' own, or the ground's, which is clicked on."""
-    picking = switch("up", review.picking, "Up", REVIEW_LABELS)
+    picking = ui.switch("up", review.picking, "Up", REVIEW_LABELS)
     if picking != review.picking:
         review.hold()
         review.picking = picking
-    tip("Click on the ground in the picture, and it becomes level")
+    ui.tip("Click on the ground in the picture, and it becomes level")
     if review.picking:
-        hint("Click on points of the ground.")
+        ui.hint("Click on points of the ground.")
     elif review.plan.up is None:
-        hint("From the cameras. Switch it on and click on the ground.")
+        ui.hint("From the cameras. Switch it on and click on the ground.")
     else:
-        hint("Set by you.")
+        ui.hint("Set by you.")
         imgui.same_line(0, px(12))
         if imgui.small_button("As it was"):
             app.making.set_up(app, None)
-        tip("The mean up direction of the cameras")
+        ui.tip("The mean up direction of the cameras")
 
 
 def _review_answer(app: App, review: Review) -> None:
     imgui.dummy(ImVec2(0, px(2)))
-    half = half_width()
+    half = ui.half_width()
     if imgui.button("Not now", ImVec2(half, px(34))):
         app.making.leave(app)
-    tip("The camera poses are kept. Make the scene again to continue.")
+    ui.tip("The camera poses are kept. Make the scene again to continue.")
     imgui.same_line(0, px(8))
     left = review.seconds_left
-    if main_button("Train it" if left is None else f"Train it ({left} s)", half):
+    if ui.main_button("Train it" if left is None else f"Train it ({left} s)", half):
         app.making.train(app)
-    tip("Training begins by itself if nothing is touched" if left is not None else "Training begins")
+    ui.tip("Training begins by itself if nothing is touched" if left is not None else "Training begins")

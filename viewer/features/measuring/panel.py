@@ -12,28 +12,12 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.annotations import METRES, UNITS, Measurement, Point, Scale
 from viewer.core.pose import triple
 from viewer.core.screen import Screen
 from viewer.core.theme import Fonts
-from viewer.core.widgets import (
-    Box,
-    card,
-    chip,
-    chip_size,
-    choice,
-    coloured,
-    elided,
-    figure,
-    hint,
-    icon_button,
-    label,
-    main_button,
-    px,
-    segments,
-    switch,
-    write,
-)
+from viewer.core.widgets import Box, px
 from viewer.features.measuring.measure_tool import PAGE, LengthFormat, angle, lengths
 from viewer.rendering.canvas import Canvas
 
@@ -53,36 +37,36 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     words = app.measure_tool.length_format(app)
     if words is None:
         return
-    with card("cursor", fonts, "Under the cursor"):
+    with ui.card("cursor", fonts, "Under the cursor"):
         _cursor(app, words)
-    with card("ruler", fonts, "Ruler"):
+    with ui.card("ruler", fonts, "Ruler"):
         _tools(app)
         _list(app, words)
-    with card("scale", fonts, "Scale"):
+    with ui.card("scale", fonts, "Scale"):
         show_scale(app)
 
 
 def _cursor(app: App, words: LengthFormat) -> None:
     hit = app.measure_tool.cursor
-    figure("Distance", words.length(hit.distance) if hit is not None else "–")
-    figure("Position", words.place(hit.point) if hit is not None else "–")
+    ui.figure("Distance", words.length(hit.distance) if hit is not None else "–")
+    ui.figure("Position", words.place(hit.point) if hit is not None else "–")
     scene = "  ".join(f"{v:.3f}" for v in words.in_scene(triple(hit.point))) if hit is not None else "–"
-    figure("In the scene", scene)
-    hint("From the camera; in the placed frame, y up; in the frame of the scene's cameras, in its own units.")
+    ui.figure("In the scene", scene)
+    ui.hint("From the camera; in the placed frame, y up; in the frame of the scene's cameras, in its own units.")
 
 
 def _tools(app: App) -> None:
     measure_tool = app.measure_tool
-    if picked := segments("tool", list(TITLES), measure_tool.tool, TITLES):
+    if picked := ui.segments("tool", list(TITLES), measure_tool.tool, TITLES):
         measure_tool.choose(app, "" if picked == measure_tool.tool else picked)  # type: ignore[arg-type]
     tool = measure_tool.tool if measure_tool.tool in HINTS else ""  # those of the Move page say it there
-    hint(HINTS[tool] + (" Backspace takes a point back, Esc stops." if tool else ""))
+    ui.hint(HINTS[tool] + (" Backspace takes a point back, Esc stops." if tool else ""))
 
 
 def _list(app: App, words: LengthFormat) -> None:
     measure_tool, measurements = app.measure_tool, app.annotations.current.measurements
     if measurements:
-        with coloured(child_bg=theme.BASE):
+        with ui.coloured(child_bg=theme.BASE):
             flags = imgui.ChildFlags_.always_use_window_padding
             imgui.begin_child("##measured", ImVec2(0, px(min(LIST_HEIGHT, 26.0 * len(measurements) + 24.0))), flags)
         for i, measurement in enumerate(measurements):
@@ -92,11 +76,11 @@ def _list(app: App, words: LengthFormat) -> None:
                 measure_tool.selected = None if i == measure_tool.selected else i
             imgui.pop_id()
             imgui.same_line(px(86))
-            write(elided(words.measurement(measurement), width - px(80)), theme.MUTED)
+            ui.write(ui.elided(words.measurement(measurement), width - px(80)), theme.MUTED)
         imgui.end_child()
         _actions(app)
-        hint("Drag a point in the picture to move it. Delete removes what is selected.")
-    measure_tool.shown = switch("shown", measure_tool.shown, "Always show")
+        ui.hint("Drag a point in the picture to move it. Delete removes what is selected.")
+    measure_tool.shown = ui.switch("shown", measure_tool.shown, "Always show")
 
 
 def _actions(app: App) -> None:
@@ -107,7 +91,7 @@ def _actions(app: App) -> None:
         (fa.ICON_FA_TRASH, "remove", "Remove the selected one", lambda: measure_tool.back(app), chosen),
         (fa.ICON_FA_BROOM, "clear", "Remove all", lambda: measure_tool.clear(app), True),
     ):
-        if icon_button(icon, name, tooltip, enabled=enabled):
+        if ui.icon_button(icon, name, tooltip, enabled=enabled):
             action()
         imgui.same_line(0, px(2))
     imgui.new_line()
@@ -120,12 +104,12 @@ def show_scale(app: App) -> None:
         _known(app)
         return
     factor = f"{scale.factor:.6g} {scale.unit}".rstrip()
-    hint("Lengths are in grid units." if scale == Scale() else f"1 grid unit is {factor}.")
+    ui.hint("Lengths are in grid units." if scale == Scale() else f"1 grid unit is {factor}.")
     if imgui.button(f"{fa.ICON_FA_RULER}  Set by two points", ImVec2(-1, 0)):
         measure_tool.choose(app, "scale")
     if scale.unit in METRES:
-        label("Show in")
-        if picked := choice("unit", list(METRES), scale.unit, UNIT_TITLES):
+        ui.label("Show in")
+        if picked := ui.choice("unit", list(METRES), scale.unit, UNIT_TITLES):
             measure_tool.use_scale(app, scale.shown_in(picked))  # type: ignore[arg-type]  (one of UNITS)
     if scale != Scale() and imgui.button("Back to grid units", ImVec2(-1, 0)):
         measure_tool.use_scale(app, Scale())
@@ -134,18 +118,18 @@ def show_scale(app: App) -> None:
 def _known(app: App) -> None:
     measure_tool = app.measure_tool
     ready = len(measure_tool.draft) == 2
-    hint("How far apart are they?" if ready else HINTS["scale"])
+    ui.hint("How far apart are they?" if ready else HINTS["scale"])
     imgui.begin_disabled(not ready)
-    label("Distance")
+    ui.label("Distance")
     changed, value = imgui.input_float("##known", measure_tool.known, 0.0, 0.0, "%.6g")
     if changed:
         measure_tool.known = value
     entered = imgui.is_item_deactivated_after_edit() and imgui.is_key_pressed(imgui.Key.enter)
-    label("Unit")
-    picked = choice("known unit", UNITS, measure_tool.known_unit, UNIT_TITLES)
+    ui.label("Unit")
+    picked = ui.choice("known unit", UNITS, measure_tool.known_unit, UNIT_TITLES)
     if picked is not None:  # "" is one of them
         measure_tool.known_unit = picked  # type: ignore[assignment]  (one of UNITS)
-    pressed = main_button("Set the scale", -1)
+    pressed = ui.main_button("Set the scale", -1)
     imgui.end_disabled()
     if pressed or (entered and ready):
         run(app, "set-scale")
@@ -287,5 +271,5 @@ def _label_at(screen: Screen, at: Point, text: str, *, below: bool = False) -> N
     """A label at a point of the scene: on its middle, or just below."""
     places, before = screen.points(np.asarray([at]))
     if before[0]:
-        width, height = chip_size(text)
-        chip(text, places[0].x - 0.5 * width, places[0].y + (px(12) if below else -0.5 * height))
+        width, height = ui.chip_size(text)
+        ui.chip(text, places[0].x - 0.5 * width, places[0].y + (px(12) if below else -0.5 * height))

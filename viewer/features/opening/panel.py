@@ -16,22 +16,10 @@ from training.scenes.sources import FILMS
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.files import SESSION_SUFFIX, FileRequest
 from viewer.core.theme import Fonts
-from viewer.core.widgets import (
-    CARD_MARGIN,
-    CARD_WIDTH,
-    begin_modal,
-    cancel_or,
-    coloured,
-    elided,
-    elided_start,
-    hint,
-    in_front,
-    main_button,
-    px,
-    write,
-)
+from viewer.core.widgets import CARD_MARGIN, CARD_WIDTH, px
 from viewer.features.opening.open_prompt import OpenPrompt, browse, choose, expanded
 
 TITLE = "##path"
@@ -61,7 +49,7 @@ class FileDialogs:
                 result = self._dialog.result()
                 chosen = result[0] if isinstance(result, list) and result else result
                 self._end(app, str(chosen) if chosen else "")
-        elif in_front(app) == "path":
+        elif ui.in_front(app) == "path":
             self._typed(app, size, fonts)
 
     def _begin(self, request: FileRequest) -> None:
@@ -98,18 +86,18 @@ class FileDialogs:
     def _typed(self, app: App, size: ImVec2, fonts: Fonts) -> None:
         assert self._request is not None
         opening = not imgui.is_popup_open(TITLE)
-        if not begin_modal(TITLE, size, 540, 0.4, padding=(24, 22)):
+        if not ui.begin_modal(TITLE, size, 540, 0.4, padding=(24, 22)):
             return
-        write(self._request.title, face=fonts.bold, size=18.0)
+        ui.write(self._request.title, face=fonts.bold, size=18.0)
         if opening:
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
-        with coloured(frame_bg=theme.BASE):
+        with ui.coloured(frame_bg=theme.BASE):
             flags = imgui.InputTextFlags_.enter_returns_true
             entered, self._text = imgui.input_text_with_hint("##typed", "Path", self._text, flags)
         saves = self._request.kind == "save"
-        hint("An existing file is replaced." if saves else "Or drop it on the window.")
-        cancelled, chosen = cancel_or("Save" if saves else "Open", 104, 24)
+        ui.hint("An existing file is replaced." if saves else "Or drop it on the window.")
+        cancelled, chosen = ui.cancel_or("Save" if saves else "Open", 104, 24)
         if cancelled or chosen or entered:
             imgui.close_current_popup()
             self._end(app, "" if cancelled else self._text.strip())
@@ -147,19 +135,19 @@ class OpenDialog:
         if open_prompt is None:
             self._shown = None
             return
-        if in_front(app) != "open":
+        if ui.in_front(app) != "open":
             return
         opening = open_prompt is not self._shown or not imgui.is_popup_open(NAME)
         self._shown = open_prompt
         imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, 0.86 * size.y))
-        if not begin_modal(NAME, size, WIDTH, 0.12, pivot=0.0, padding=(24, 20)):
+        if not ui.begin_modal(NAME, size, WIDTH, 0.12, pivot=0.0, padding=(24, 20)):
             return
-        write("Compare with" if open_prompt.other else "Open", face=fonts.bold, size=18.0)
+        ui.write("Compare with" if open_prompt.other else "Open", face=fonts.bold, size=18.0)
         what = "A pack: a folder or a .zip." if open_prompt.other else "A pack, photographs, a film or a training run."
-        hint(f"{what} Type a path, or a part of one that you opened lately.")
+        ui.hint(f"{what} Type a path, or a part of one that you opened lately.")
         entered = self._field(open_prompt, opening)
         if open_prompt.problem:
-            hint(open_prompt.problem, theme.WARN)
+            ui.hint(open_prompt.problem, theme.WARN)
         clicked = self._lines(open_prompt)
         cancelled, browsed, pressed = self._buttons()
         if browsed:
@@ -185,7 +173,7 @@ class OpenDialog:
             if state is not None:
                 state.reload_user_buf_and_move_to_end()
         imgui.set_next_item_width(-1)
-        with coloured(frame_bg=theme.BASE):
+        with ui.coloured(frame_bg=theme.BASE):
             open_prompt.type(imgui.input_text_with_hint(FIELD, "/path/to/scene", open_prompt.text)[1])
         self._awaited = opening or (self._awaited and not imgui.is_item_active())
         return entered
@@ -205,7 +193,7 @@ class OpenDialog:
 
     def _lines(self, open_prompt: OpenPrompt) -> int | None:
         if open_prompt.lines and not open_prompt.text.strip():
-            hint("RECENT", theme.MUTED)
+            ui.hint("RECENT", theme.MUTED)
         clicked = [
             i for i, path in enumerate(open_prompt.lines) if _line(open_prompt, path, i == open_prompt.picked, i)
         ]
@@ -223,13 +211,13 @@ class OpenDialog:
             if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Folder…", ImVec2(width, px(34))):
                 browsed = "folder"
             imgui.same_line()
-        cancelled, pressed = cancel_or("Open", BUTTON, 24)
+        cancelled, pressed = ui.cancel_or("Open", BUTTON, 24)
         return cancelled, browsed, pressed
 
 
 def _line(open_prompt: OpenPrompt, path: Path, picked: bool, number: int) -> bool:
     at, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
-    with coloured(header_hovered=theme.CONTROL, header_active=theme.CONTROL_HOT):
+    with ui.coloured(header_hovered=theme.CONTROL, header_active=theme.CONTROL_HOT):
         flags = imgui.SelectableFlags_.no_auto_close_popups
         pressed = imgui.selectable(f"##line {number}", picked, flags, ImVec2(width, px(LINE)))[0]
     kind = open_prompt.kind(path)
@@ -238,10 +226,10 @@ def _line(open_prompt: OpenPrompt, path: Path, picked: bool, number: int) -> boo
     draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.FAINT if kind == "unknown" else theme.ACCENT), icon)
     wide = imgui.calc_text_size(note).x
     draw.add_text(ImVec2(at.x + width - wide - px(6), middle), theme.packed(theme.FAINT), note)
-    name = elided(path.name or str(path), width - wide - px(60))
+    name = ui.elided(path.name or str(path), width - wide - px(60))
     draw.add_text(ImVec2(at.x + px(34), middle), theme.packed(theme.TEXT), name)
     left = at.x + px(46) + imgui.calc_text_size(name).x
-    parent = elided(str(path.parent), at.x + width - wide - px(18) - left)
+    parent = ui.elided(str(path.parent), at.x + width - wide - px(18) - left)
     draw.add_text(ImVec2(left, middle), theme.packed(theme.FAINT), parent)
     return pressed
 
@@ -263,21 +251,21 @@ def show_start_page(app: App, fonts: Fonts) -> None:
     imgui.set_cursor_pos(ImVec2(left, top))
     imgui.begin_group()
     _logo(left)
-    write("snerg", face=fonts.bold, size=theme.HUGE)
-    write("Fly through scenes made from photographs.", theme.MUTED)
+    ui.write("snerg", face=fonts.bold, size=theme.HUGE)
+    ui.write("Fly through scenes made from photographs.", theme.MUTED)
     imgui.dummy(ImVec2(0, px(14)))
-    if app.demo is not None and main_button(f"{fa.ICON_FA_PLAY}  Open the demo scene", column):
+    if app.demo is not None and ui.main_button(f"{fa.ICON_FA_PLAY}  Open the demo scene", column):
         app.open(app.demo)
     _button(app, f"{fa.ICON_FA_FOLDER_OPEN}  Open…", "open", column)
     if app.sessions.last is not None:
-        title = elided(app.sessions.last.title, column - px(210))
+        title = ui.elided(app.sessions.last.title, column - px(210))
         _button(app, f"{fa.ICON_FA_CLOCK_ROTATE_LEFT}  Continue with {title}", "last-session", column)
     _button(app, f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Make a scene from photographs…", "make", column)
     imgui.dummy(ImVec2(0, px(2)))
-    write("or drop or paste a pack, a folder of photographs or a film", theme.FAINT)
+    ui.write("or drop or paste a pack, a folder of photographs or a film", theme.FAINT)
     if recent:
         imgui.dummy(ImVec2(0, px(16)))
-        write("RECENT", theme.MUTED, fonts.bold, theme.SMALL)
+        ui.write("RECENT", theme.MUTED, fonts.bold, theme.SMALL)
         for path in recent:
             _recent(app, path, column)
     imgui.end_group()
@@ -290,7 +278,7 @@ def _button(app: App, text: str, command: str, width: float) -> None:
 
 def _recent(app: App, path: Path, width: float) -> None:
     at = imgui.get_cursor_screen_pos()
-    with coloured(header_hovered=theme.CARD, header_active=theme.CONTROL):
+    with ui.coloured(header_hovered=theme.CARD, header_active=theme.CONTROL):
         if imgui.selectable(f"##{path}", False, 0, ImVec2(width, px(30)))[0]:
             app.drop([path])
     draw = imgui.get_window_draw_list()
@@ -298,7 +286,7 @@ def _recent(app: App, path: Path, width: float) -> None:
     draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.ACCENT), icon_of(path))
     draw.add_text(ImVec2(at.x + px(32), middle), theme.packed(theme.TEXT), path.name)
     name = imgui.calc_text_size(path.name).x
-    parent = elided_start(str(path.parent), width - px(54) - name)
+    parent = ui.elided_start(str(path.parent), width - px(54) - name)
     draw.add_text(ImVec2(at.x + px(44) + name, middle), theme.packed(theme.FAINT), parent)
 
 
