@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,7 +43,7 @@ class SparsePreviewJob(Task[SparsePreview | None]):
 
     def __init__(self, plan: Plan, *, review: bool = False, before: Review | None = None) -> None:
         self.plan, self.review, self.before = plan, review, before
-        super().__init__(lambda: read_sparse_preview(plan.posed, plan.spherify, plan.cut_out, plan.up))
+        super().__init__(partial(read_sparse_preview, plan.posed, plan.spherify, plan.cut_out, plan.up))
 
 
 @dataclass
