@@ -132,17 +132,12 @@ Box = tuple[int, int, int, int]
 
 
 class RejectedPhotographs(Task[None]):
-    """Reads the thumbnails in a thread.
-
-    why: reason by name, in order.
-    sheet: uint8 [CELL, width, 3]; None before all are read.
-    boxes: x, y, width, height in the sheet by name; unreadable pictures have none.
-    """
+    """Reads their thumbnails in a thread."""
 
     def __init__(self, why: Mapping[str, str], files: Mapping[str, Path]) -> None:
-        self.why = why
-        self.sheet: np.ndarray | None = None
-        self.boxes: dict[str, Box] = {}
+        self.why = why  # reason by name, in order
+        self.sheet: np.ndarray | None = None  # uint8 [CELL, width, 3], once all are read
+        self.boxes: dict[str, Box] = {}  # x, y, width, height in the sheet by name; unreadable pictures have none
         self._files = files
         super().__init__(self._read)
 

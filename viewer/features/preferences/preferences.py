@@ -11,6 +11,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -157,41 +158,32 @@ def _like(value: Any, default: Any) -> Any:
     return tuple(map(kind, value)) if good and all(is_number(v) and 0 <= v <= LARGEST for v in value) else None
 
 
+# The part of the app that holds a preference, and the name there. The settings' are not among them, for these are frozen.
+PLACES = {
+    **{name: ("interface", name) for name in ("page", "moved", "layout", "theme", "axes_shown", "language")},
+    "interface_scale": ("interface", "scale"),
+    "dead_zone": ("controllers", "dead_zone"),
+    "target_fps": ("resolution", "target_fps"),
+    "dynamic_resolution": ("resolution", "enabled"),
+    "rest_scale": ("resolution", "rest_scale"),
+}
+
+
 def apply_preferences(app: App, preferences: Preferences) -> None:
     app.preferences = preferences
-    interface = app.interface
-    interface.page = preferences.page
-    interface.moved, interface.layout = list(preferences.moved), preferences.layout
-    interface.theme, interface.scale = preferences.theme, preferences.interface_scale
-    interface.axes_shown, interface.language = preferences.axes_shown, preferences.language
-    app.controllers.dead_zone = preferences.dead_zone
+    for name, (part, there) in PLACES.items():
+        setattr(getattr(app, part), there, copy(getattr(preferences, name)))
     app.settings = replace(app.settings, background=preferences.background, surroundings=preferences.surroundings)
     if preferences.backdrop != PLAIN:
         app.set_backdrop(preferences.backdrop)
-    app.resolution.target_fps, app.resolution.enabled = preferences.target_fps, preferences.dynamic_resolution
-    app.resolution.rest_scale = preferences.rest_scale
 
 
 def current_preferences(app: App) -> Preferences:
-    interface, backdrop = app.interface, app.settings.backdrop
-    return replace(
-        app.preferences,
-        recent=list(app.preferences.recent),
-        page=interface.page,
-        moved=list(interface.moved),
-        layout=interface.layout,
-        background=app.settings.background,
-        surroundings=app.settings.surroundings,
-        backdrop=backdrop.style if backdrop is not None else PLAIN,
-        theme=interface.theme,
-        interface_scale=interface.scale,
-        axes_shown=interface.axes_shown,
-        language=interface.language,
-        dead_zone=app.controllers.dead_zone,
-        target_fps=app.resolution.target_fps,
-        dynamic_resolution=app.resolution.enabled,
-        rest_scale=app.resolution.rest_scale,
-    )
+    settings = app.settings
+    values: dict[str, Any] = {"recent": list(app.preferences.recent)}
+    values |= {name: copy(getattr(getattr(app, part), there)) for name, (part, there) in PLACES.items()}
+    values["backdrop"] = PLAIN if settings.backdrop is None else settings.backdrop.style
+    return replace(app.preferences, background=settings.background, surroundings=settings.surroundings, **values)
 
 
 class PreferencesAutosave:
