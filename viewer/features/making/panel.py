@@ -381,8 +381,9 @@ def _status_text(job: MakeJob) -> str:
 
 def with_time_left(text: str, report: Report) -> str:
     """A line of how far something is, with the time that is left where that is known."""
-    known = report.seconds_left is not None and report.share < 1
-    return f"{text}   ·   {duration(report.seconds_left)} left" if known else text
+    if report.seconds_left is None or report.share >= 1:
+        return text
+    return f"{text}   ·   {duration(report.seconds_left)} left"
 
 
 # --- Review of the poses ---
