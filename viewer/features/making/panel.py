@@ -195,6 +195,7 @@ def _answer(app: App, plan: Plan, possible: bool) -> None:
 
 # --- Strips of small pictures: photographs before a scene is made of them, and rejected ones ---
 
+Picture = tuple[tuple[int, int, int, int], str, bool]  # its box on the sheet, its tooltip, whether it is crossed out
 HEIGHT, GAP, ROUNDING, BAR = 64.0, 5.0, 4.0, 12.0
 FADED = 0.28  # of the opacity, of a picture that is set aside
 
@@ -212,8 +213,8 @@ def show_preview(canvas: Canvas, preview: BarePreview) -> None:
         ui.hint(text, colour)
 
 
-def _strip(name: str, texture: int, sheet: np.ndarray, height: float, pictures: list[tuple]) -> None:
-    """A row of pictures that scrolls sideways. Each: its box on the sheet, its tooltip, and whether it is crossed out."""
+def _strip(name: str, texture: int, sheet: np.ndarray, height: float, pictures: list[Picture]) -> None:
+    """A row of pictures that scrolls sideways."""
     flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_background
     imgui.begin_child(name, ImVec2(0, px(height + BAR)), 0, flags)
     wheel = imgui.get_io().mouse_wheel
