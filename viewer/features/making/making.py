@@ -281,9 +281,10 @@ class Making:
         rig = app.scene.rig if app.scene is not None and passing else None
 
         def then() -> None:
-            # by then: the hands go on while a pack is read
-            moved = rig is not None and rig.goal != rig.home_pose
-            if moved and app.scene is not None and app.scene.rig.bounded == rig.bounded:
+            # Whether it was moved is asked by then: the hands go on while a pack is read.
+            if rig is None or app.scene is None or rig.goal == rig.home_pose:
+                return
+            if app.scene.rig.bounded == rig.bounded:
                 app.scene.rig.stand_as(rig)
 
         return then

@@ -222,7 +222,8 @@ def _frustum(app: App, frustum: _Frustum, sheet: int | None, outline: str | None
     if sheet is not None and uv is not None and opacity > 0.01:
         (u0, v0), (u1, v1) = uv
         uvs = ImVec2(u0, v0), ImVec2(u1, v0), ImVec2(u1, v1), ImVec2(u0, v1)  # clockwise, as the corners behind the eye
-        draw_list.add_image_quad(imgui.ImTextureRef(sheet), *corners[1:], *uvs, theme.packed("#ffffff", opacity))
+        _, a, b, c, d = corners
+        draw_list.add_image_quad(imgui.ImTextureRef(sheet), a, b, c, d, *uvs, theme.packed("#ffffff", opacity))
     train = gallery.photographs.shots[frustum.index].split == "train"
     code = outline or (theme.ACCENT_DEEP if train else theme.WARN)
     colour = theme.packed(code, frustum.strength * (1.0 if outline else 0.8))
