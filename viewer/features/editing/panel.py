@@ -45,7 +45,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         if mode := ui.segments("mode", list(MODES), "add" if erasing.adds else "subtract", MODES):
             erasing.adds = mode == "add"
         if erasing.tool == "lasso":
-            erasing.through = ui.switch("through", erasing.through, "What is hidden, too", 150.0)
+            erasing.through = ui.switch("through", erasing.through, "What is hidden, too")
         elif erasing.tool == "brush":
             ui.label("Radius")
             flags = imgui.SliderFlags_.logarithmic

@@ -74,7 +74,7 @@ def _choices(app: App, plan: ExportPlan) -> None:
         ui.tip("Where the surface lies. Lower includes thinner mist.")
         ui.label("Parts", LABELS)
         plan.keep = ui.segments("keep", list(KEPT), plan.keep) or plan.keep
-        plan.smooth = ui.switch("smooth", plan.smooth, "Smooth", LABELS)
+        plan.smooth = ui.switch("smooth", plan.smooth, "Smooth")
     if plan.kind == "mesh":
         ui.label("Triangles", LABELS)
         plan.faces = ui.segments("faces", list(FACES), plan.faces) or plan.faces
@@ -87,7 +87,7 @@ def _choices(app: App, plan: ExportPlan) -> None:
         plan.frame = picked or plan.frame  # type: ignore[assignment]
         ui.hint(_frame_hint(plan, app.annotations.current.scale))
     if app.settings.crop is not None:
-        plan.crop = ui.switch("cropped", plan.crop, "Crop box only", LABELS)
+        plan.crop = ui.switch("cropped", plan.crop, "Crop box only")
     if plan.kind == "page":
         imgui.dummy(ImVec2(0, px(4)))
         if imgui.button(f"{fa.ICON_FA_SHARE_NODES}  Share…", ImVec2(px(112), 0)):

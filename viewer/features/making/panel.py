@@ -127,9 +127,9 @@ def _choices(app: App, plan: Plan) -> None:
     _indented(f"Trained on {size[0]} × {size[1]} pixels each." if size else "")
     _indented(what_it_needs(plan, max(size)) if size else "")
     if survey.forward:
-        plan.spherify = ui.switch("spherify", plan.spherify, "360° capture", LABELS)
+        plan.spherify = ui.switch("spherify", plan.spherify, "360° capture")
     if plan.masked:
-        plan.masks = ui.switch("masks", plan.cut_out, "Cut out", LABELS)
+        plan.masks = ui.switch("masks", plan.cut_out, "Cut out")
         ui.tip("Keep only what the masks show")
     elif survey.masks:
         ui.label("Cut out", LABELS)
@@ -437,7 +437,7 @@ def _review_choices(app: App, review: Review, shown: bool) -> None:
     if review.kind == "forward" or not shown:
         return
     _upright(app, review)
-    on = ui.switch("box", app.settings.crop is not None, "Box", REVIEW_LABELS)
+    on = ui.switch("box", app.settings.crop is not None, "Box")
     ui.tip("Show the box that is trained, and drag its faces")
     if on != (app.settings.crop is not None):
         review.show_box(app, on)
@@ -449,7 +449,7 @@ def _review_choices(app: App, review: Review, shown: bool) -> None:
 
 def _upright(app: App, review: Review) -> None:
     """What is up: the cameras' own, or the ground's, which is clicked on."""
-    picking = ui.switch("up", review.picking, "Up", REVIEW_LABELS)
+    picking = ui.switch("up", review.picking, "Up")
     if picking != review.picking:
         review.hold()
         review.picking = picking
