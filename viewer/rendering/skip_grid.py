@@ -14,8 +14,10 @@ Source: distance-field skipping after Cohen and Sheffer, "Proximity clouds" (199
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy import ndimage
 from scipy.spatial import ConvexHull
 
 from scenepack.pack import Pack, cached_per_pack
@@ -123,48 +125,21 @@ def _pairs_then_cells(content: np.ndarray, axis: int, phase: int, side: int) -> 
     """Along `axis`: voxels [B] to texel cubes [B - 1] to the cells that hold them; phase: where in a cell the first is."""
     voxels = np.moveaxis(content, axis, 0)
     cubes = voxels[:-1] | voxels[1:]
-    count = -(-(len(cubes) + phase) // side)
-    padded = np.zeros((count * side, *cubes.shape[1:]), bool)
-    padded[phase : phase + len(cubes)] = cubes
-    cells = np.asarray(padded.reshape(count, side, *cubes.shape[1:]).any(axis=1))
-    return np.moveaxis(cells, 0, axis)
+    starts = np.arange(-phase, len(cubes), side).clip(0)
+    return np.moveaxis(np.logical_or.reduceat(cubes, starts), 0, axis)
 
 
 def chebyshev_distances(content: np.ndarray) -> np.ndarray:
-    """uint8 [z, y, x]: Chebyshev distance, at most FARTHEST, from each cell to the nearest True of `content`.
-
-    Exact in six sweeps: a shortest way of D king's moves goes D times forward along one axis, so carrying the least of
-    the 3 × 3 cells behind, plus one, along that axis finds it.
-    """
-    distance = np.where(content, 0, FARTHEST).astype(np.uint8)
-    for axis in range(3):
-        line = np.ascontiguousarray(np.moveaxis(distance, axis, 0))
-        for order in (range(1, len(line)), range(len(line) - 2, -1, -1)):
-            step = -1 if order.step > 0 else 1
-            for i in order:
-                carried = _least_of_3x3(line[i + step])
-                np.add(carried, 1, out=carried, where=carried < FARTHEST)
-                np.minimum(line[i], carried, out=line[i])
-        distance = np.moveaxis(line, 0, axis)
-    return np.ascontiguousarray(distance)
-
-
-def _least_of_3x3(plane: np.ndarray) -> np.ndarray:
-    rows = plane.copy()
-    np.minimum(rows[1:], plane[:-1], out=rows[1:])
-    np.minimum(rows[:-1], plane[1:], out=rows[:-1])
-    least = rows.copy()
-    np.minimum(least[:, 1:], rows[:, :-1], out=least[:, 1:])
-    np.minimum(least[:, :-1], rows[:, 1:], out=least[:, :-1])
-    return least
+    """uint8 [z, y, x]: Chebyshev distance, at most FARTHEST, from each cell to the nearest True of `content`."""
+    if not content.any():
+        return np.full(content.shape, FARTHEST, np.uint8)
+    distance: Any = ndimage.distance_transform_cdt(~content, metric="chessboard")
+    return np.minimum(distance, FARTHEST).astype(np.uint8)
 
 
 def content_bounds(content: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corners float64 [3] (x, y, z), voxels, of the box around all cells with content; both zero where none has."""
-    if not content.any():
+    cells = np.argwhere(content)[:, ::-1]
+    if not len(cells):
         return np.zeros(3), np.zeros(3)
-    low, high = np.zeros(3), np.zeros(3)
-    for axis in range(3):
-        some = np.flatnonzero(content.any(axis=tuple(other for other in range(3) if other != axis)))
-        low[2 - axis], high[2 - axis] = CELL * some[0] - 0.5, CELL * (some[-1] + 1) - 0.5
-    return low, high
+    return CELL * cells.min(axis=0) - 0.5, CELL * (cells.max(axis=0) + 1) - 0.5
