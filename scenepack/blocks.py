@@ -208,11 +208,11 @@ def dense_from_pack(pack: Pack, box: tuple[Triple, Triple] | None = None) -> tup
     rgba = np.zeros((*shape, 4), np.uint8)
     features = None if pack.atlas_features is None else np.zeros((*shape, 4), np.uint8)
     size, low_zyx, high_zyx = pack.block_size, low[::-1], high[::-1]
-    for block in np.argwhere(pack.occupied).tolist():
+    first = [lo // size for lo in low_zyx]
+    inside = tuple(slice(a, -(-hi // size)) for a, hi in zip(first, high_zyx, strict=True))
+    for block in (np.argwhere(pack.occupied[inside]) + first).tolist():
         start = [max(b * size, lo) for b, lo in zip(block, low_zyx, strict=True)]
         stop = [min((b + 1) * size, hi) for b, hi in zip(block, high_zyx, strict=True)]
-        if any(a >= b for a, b in zip(start, stop, strict=True)):
-            continue
         to = tuple(slice(a - lo, b - lo) for a, b, lo in zip(start, stop, low_zyx, strict=True))
         of = tuple(slice(a - i * size + 1, b - i * size + 1) for a, b, i in zip(start, stop, block, strict=True))
         rgba[to] = block_copy(pack, pack.atlas_rgba, tuple(block))[of]
