@@ -14,15 +14,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import chain
+from contextlib import suppress
 from math import ceil, inf
 
 import moderngl
 import numpy as np
 
+from scenepack.blocks import Triple
 from scenepack.pack import Pack
-from viewer.rendering.gpu_memory import Limits, NoRoomError, Uploader
+from viewer.rendering.gpu_memory import Limits, NoRoomError
 from viewer.rendering.skip_grid import skip_grid_of
 from viewer.rendering.software_rasteriser import (
     Range,
@@ -36,33 +36,130 @@ MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
 SHOWN_EVERY_S = 0.02  # while a pack arrives
 TOLERATED_WASTE = 1.01  # empty slots that are worth a layout with better locality
 
-Triple = tuple[int, int, int]
+Part = tuple[np.ndarray, slice]  # channels of one of the pack's atlases
 
 
-@dataclass
 class GpuScene:
-    """A pack on the GPU, and what the uniforms must know."""
+    """A pack on the GPU, its macroblocks repacked, and what the uniforms must know. Textures are empty until arrive() fills them.
 
-    textures: dict[str, moderngl.Texture | moderngl.Texture3D]  # by the name of their sampler in the shaders
-    samplers: dict[str, moderngl.Sampler]  # likewise
-    features_beside: bool  # features lie beside rgba in one atlas, a macroblock's side further in x
-    content_min: np.ndarray  # float64 [3], voxels, of the box around all content
-    content_max: np.ndarray
-    hull: moderngl.Buffer | None  # its triangles' corners, where the layout has them and there are any
-    gpu_bytes: int
-    writer: AtlasWriter  # what fills the textures
-    arriving: Iterator[None] | None  # its steps; None once all is there
+    layout: of the textures, "exact" or "paper". features_beside: features lie beside rgba in one atlas, a macroblock's side
+    further in x. at_once: call arrive() now. NoRoomError where it does not fit.
+    """
 
-    @property
-    def cube_side(self) -> int:
-        """Macroblocks along a side of the smallest cube that holds all of them."""
-        return next(n for n in range(1, 1000) if n**3 >= len(self.writer.places))
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        pack: Pack,
+        layout: str,
+        limits: Limits | None = None,
+        *,
+        features_beside: bool = False,
+        at_once: bool = True,
+    ) -> None:
+        self.ctx, self.pack, self.features_beside = ctx, pack, features_beside
+        self.limits, self.gpu_bytes = limits or Limits.of(ctx), 0
+        block, beside = pack.padded_block_size, 2 if features_beside else 1
+        self.places = (
+            pack.atlas_indices[pack.occupied].astype(np.intp) * block
+        )  # macroblocks in the pack's atlas, (x, y, z)
+        self.slots = tightest_atlas(len(self.places), block, self.limits.max_side, beside)
+        self.size = atlas_size(self.slots, block, beside)
+        self.near: np.ndarray | None = None  # a point of the grid, voxels: layers of slots close to it arrive first
+        self.textures: dict[
+            str, moderngl.Texture | moderngl.Texture3D
+        ] = {}  # by the name of their sampler in the shaders
+        self.samplers: dict[str, moderngl.Sampler] = {}  # likewise
+        self.content_min = self.content_max = np.zeros(3)  # voxels, of the box around all content
+        self.hull: moderngl.Buffer | None = None  # its triangles' corners, where the layout has them and there are any
+        self._atlases: list[
+            tuple[str, moderngl.Texture3D, tuple[Part, ...]]
+        ] = []  # and what they hold, side by side in x
+        self._arrived = np.zeros(self.slots[2], bool)  # layers of slots
+        while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
+            pass
+        taken_before = private_memory() if software_draws(ctx) else None
+        self.arriving: Iterator[None] | None = self._fill(taken_before)  # its steps; None once all is there
+        try:
+            self._allocate(layout)
+            if at_once:
+                self.arrive()
+        except BaseException:
+            self.release()
+            raise
 
-    @property
-    def sizes(self) -> dict[str, Triple]:
-        """Texels (x, y, z) of the atlas, the indirection and, where the layout has one, the skip grid."""
-        grids = {name: self.textures[name].size for name in ("indirection", "skip_grid") if name in self.textures}
-        return {"atlas": self.writer.size, **grids}
+    def _allocate(self, layout: str) -> None:
+        ctx, pack, every = self.ctx, self.pack, slice(None)
+        features = pack.atlas_features if pack.view_mlp is not None else None
+        self._filled("indirection", "indirection", self._indirection())
+        if layout == "paper":
+            self._atlas("atlas_alpha", "alpha", (pack.atlas_rgba, slice(3, 4)))
+            self.textures["atlas_alpha_nearest"] = self.textures["atlas_alpha"]
+            self._atlas("atlas_rgb", "rgb", (pack.atlas_rgba, slice(0, 3)))
+            for layer, matrix in enumerate(pack.view_mlp.weights if pack.view_mlp else ()):
+                self._weights(f"weights_{layer}", matrix)
+        elif self.features_beside and features is not None:
+            self._atlas("atlas_rgba", "rgba and feature", (pack.atlas_rgba, every), (features, every))
+        else:
+            self._atlas("atlas_rgba", "rgba", (pack.atlas_rgba, every))
+        if features is not None and not self.features_beside:
+            self._atlas("atlas_features", "feature", (features, every))
+        if layout != "paper":  # last, for it takes time: a pack that does not fit has been refused by now
+            skip_grid = skip_grid_of(pack)
+            self.content_min, self.content_max = skip_grid.content_min, skip_grid.content_max
+            self.hull = ctx.buffer(skip_grid.hull.tobytes()) if len(skip_grid.hull) else None
+            self._filled("skip_grid", "skip distance", skip_grid.words[..., None], "u2")
+        linear = clamped_sampler(ctx, moderngl.LINEAR) if layout == "paper" else float_sampler(ctx)
+        nearest = clamped_sampler(ctx, moderngl.NEAREST)
+        filtered = ("atlas_alpha", "atlas_rgb", "atlas_rgba", "atlas_features")
+        self.samplers = {name: linear if name in filtered else nearest for name in self.textures}
+
+    # Textures. name: of the sampler; what: for messages.
+
+    def _check(self, what: str, size: int) -> None:
+        error = self.ctx.error
+        if error != "GL_NO_ERROR":
+            raise NoRoomError(
+                f"the graphics driver has no room for {what}",
+                expected=f"{size / 2**20:.0f} MiB of texture memory",
+                found=error,
+                remedy="close other programs, or bake at a lower resolution",
+            )
+
+    def _volume(self, name: str, what: str, size: Triple, channels: int, dtype: str = "u1") -> moderngl.Texture3D:
+        """An uninitialised 3D texture of size (x, y, z)."""
+        bytes_ = int(np.prod(size, dtype=np.int64)) * channels * int(dtype[-1])
+        if bytes_ > self.limits.max_texture_bytes:
+            raise NoRoomError(
+                f"the {what} texture is too large for this graphics driver",
+                expected=f"at most {self.limits.max_texture_bytes / 2**20:.0f} MiB",
+                found=f"{bytes_ / 2**20:.0f} MiB",
+                remedy="bake at a lower resolution",
+            )
+        texture = self.textures[name] = self.ctx.texture3d(size, channels, alignment=1, dtype=dtype)
+        self._check(f"the {what} texture", bytes_)
+        self.gpu_bytes += bytes_
+        return texture
+
+    def _filled(self, name: str, what: str, data: np.ndarray, dtype: str = "u1") -> None:
+        """A 3D texture of integers from data [z, y, x, channels]."""
+        z, y, x, channels = data.shape
+        self._volume(name, what, (x, y, z), channels, dtype).write(np.ascontiguousarray(data), alignment=1)
+
+    def _atlas(self, name: str, what: str, *parts: Part) -> None:
+        """An empty texture for `parts`, side by side in x."""
+        channels = max(len(range(atlas.shape[3])[chosen]) for atlas, chosen in parts)
+        self._atlases.append((what, self._volume(name, what, self.size, channels, "f1"), parts))
+
+    def _weights(self, name: str, matrix: np.ndarray) -> None:
+        """matrix [inputs, outputs] as float RGBA texels, outputs padded to whole texels."""
+        inputs, outputs = matrix.shape
+        padded = np.zeros((inputs, -(-outputs // 4) * 4), np.float32)
+        padded[:, :outputs] = matrix
+        self.textures[name] = self.ctx.texture((padded.shape[1] // 4, inputs), 4, padded.tobytes(), dtype="f4")
+        self._check("the view MLP's weights", padded.nbytes)
+        self.gpu_bytes += padded.nbytes
+
+    # Filling them
 
     def arrive(self, seconds: float = inf) -> bool:
         """Fills the textures for about `seconds`; True where all has arrived. NoRoomError where the driver gives up."""
@@ -74,6 +171,79 @@ class GpuScene:
                 break
         return self.arriving is None
 
+    def _fill(self, taken_before: list[Range] | None) -> Iterator[None]:
+        """One layer of slots at a time, whose macroblocks are shown from then on."""
+        shown = time.perf_counter()
+        while not self._arrived.all():
+            layer = self._next_layer()
+            for what, texture, parts in self._atlases:
+                self._write(layer, texture, parts)
+                self._check(f"the {what} texture", int(np.prod(self.size, dtype=np.int64)) * texture.components)
+            self._arrived[layer] = True
+            if time.perf_counter() - shown > SHOWN_EVERY_S or self._arrived.all():
+                self.show_arrived()
+                shown = time.perf_counter()
+            yield
+        if taken_before is not None:
+            yield from move_to_huge_pages(memory_taken_since(taken_before))
+
+    def _next_layer(self) -> int:
+        """The layer whose nearest macroblock is closest to `near`, of those that have not arrived."""
+        coming = np.flatnonzero(~self._arrived)
+        if self.near is None or not len(self.places):
+            return int(coming[0])
+        middles = (np.argwhere(self.pack.occupied)[:, ::-1] + 0.5) * self.pack.block_size
+        away = np.full(len(self._arrived), inf)
+        layers = np.arange(len(middles)) // (self.slots[0] * self.slots[1])  # of each macroblock, in the grid's order
+        np.minimum.at(away, layers, np.square(middles - self.near).sum(axis=1))
+        return int(coming[np.argmin(away[coming])])
+
+    def _write(self, layer: int, texture: moderngl.Texture3D, parts: tuple[Part, ...]) -> None:
+        nx, ny, _ = self.slots
+        width, height, _ = self.size
+        size = self.pack.padded_block_size
+        volume = np.zeros((size, height, width, texture.components), np.uint8)
+        for slot, (x, y, z) in enumerate(self.places[layer * nx * ny : (layer + 1) * nx * ny].tolist()):
+            to_y = slot // nx * size
+            for k, (atlas, channels) in enumerate(parts):
+                to_x = (slot % nx * len(parts) + k) * size
+                block = atlas[z : z + size, y : y + size, x : x + size, channels]
+                volume[:, to_y : to_y + size, to_x : to_x + size] = block
+        texture.write(volume, viewport=(0, 0, layer * size, width, height, size), alignment=1)
+
+    def show_arrived(self) -> None:
+        """Lets rays see the macroblocks that have arrived."""
+        self.textures["indirection"].write(self._indirection(), alignment=1)
+
+    def _indirection(self) -> np.ndarray:
+        return indirection_grid(self.pack.occupied, self.slots, self._arrived)
+
+    def rewrite(self, numbers: Sequence[int]) -> None:
+        """Writes macroblocks, by their number in the grid's order, again: the pack's atlas has changed there."""
+        nx, ny, _ = self.slots
+        size = self.pack.padded_block_size
+        for number in numbers:
+            x, y, z = self.places[number].tolist()
+            slot = number % nx, number // nx % ny, number // (nx * ny)
+            for _, texture, parts in self._atlases:
+                wide = size * len(parts)
+                cubes = [atlas[z : z + size, y : y + size, x : x + size, chosen] for atlas, chosen in parts]
+                viewport = (slot[0] * wide, slot[1] * size, slot[2] * size, wide, size, size)
+                texture.write(np.concatenate(cubes, axis=2), viewport=viewport, alignment=1)
+
+    # Drawing with them
+
+    @property
+    def cube_side(self) -> int:
+        """Macroblocks along a side of the smallest cube that holds all of them."""
+        return next(n for n in range(1, 1000) if n**3 >= len(self.places))
+
+    @property
+    def sizes(self) -> dict[str, Triple]:
+        """Texels (x, y, z) of the atlas, the indirection and, where the layout has one, the skip grid."""
+        grids = {name: self.textures[name].size for name in ("indirection", "skip_grid") if name in self.textures}
+        return {"atlas": self.size, **grids}
+
     def bind(self, program: moderngl.Program) -> None:
         """Binds every texture that `program` samples, and its sampler, to a unit of its own."""
         unit = 0
@@ -84,9 +254,9 @@ class GpuScene:
                 self.samplers[name].use(unit)
                 unit += 1
 
-    def unbind(self, ctx: moderngl.Context) -> None:
+    def unbind(self) -> None:
         """Takes our samplers off the texture units, which imgui uses too."""
-        ctx.clear_samplers(0, len(self.textures))
+        self.ctx.clear_samplers(0, len(self.textures))
 
     def release(self) -> None:
         for thing in {id(thing): thing for thing in (*self.textures.values(), *self.samplers.values())}.values():
@@ -94,6 +264,16 @@ class GpuScene:
         if self.hull is not None:
             self.hull.release()
         self.textures, self.samplers, self.hull, self.arriving = {}, {}, None, None
+
+
+def upload(
+    ctx: moderngl.Context, pack: Pack, layout: str, limits: Limits | None = None, *, at_once: bool = True
+) -> GpuScene:
+    """The scene with its features beside rgba where it has any and that fits; otherwise as GpuScene."""
+    if layout == "exact" and features_stored(pack):
+        with suppress(NoRoomError):  # as two textures it may fit
+            return GpuScene(ctx, pack, layout, limits, features_beside=True, at_once=at_once)
+    return GpuScene(ctx, pack, layout, limits, at_once=at_once)
 
 
 def tightest_atlas(count: int, padded_block_size: int, max_side: int, parts: int = 1) -> Triple:
@@ -152,92 +332,6 @@ def clamped_sampler(ctx: moderngl.Context, kind: int) -> moderngl.Sampler:
     return ctx.sampler(filter=(kind, kind), repeat_x=False, repeat_y=False, repeat_z=False)
 
 
-Part = tuple[np.ndarray, slice]  # channels of one of the pack's atlases
-
-
-class AtlasWriter:
-    """Repacks a pack's macroblocks into textures of one layout; `beside`: parts of an atlas side by side in each.
-
-    near: a point of the grid, in voxels; layers of slots close to it arrive first. None: in the grid's order.
-    """
-
-    def __init__(self, uploader: Uploader, pack: Pack, beside: int = 1) -> None:
-        self.uploader, self.pack, self.block = uploader, pack, pack.padded_block_size
-        self.near: np.ndarray | None = None
-        self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * self.block  # in the pack's atlas, (x, y, z)
-        self.slots = tightest_atlas(len(self.places), self.block, uploader.limits.max_side, beside)
-        self.size = atlas_size(self.slots, self.block, beside)
-        nx, ny, nz = self.slots
-        self.textures: list[tuple[str, moderngl.Texture3D, tuple[Part, ...]]] = []
-        self._layer_of = np.arange(len(self.places)) // (nx * ny)  # of each macroblock, in the grid's order
-        self._arrived = np.zeros(nz, bool)  # layers of slots
-        self.indirection = uploader.filled("indirection", self._indirection())
-
-    def _indirection(self) -> np.ndarray:
-        return indirection_grid(self.pack.occupied, self.slots, self._arrived)
-
-    def texture(self, name: str, *parts: Part) -> moderngl.Texture3D:
-        """An empty texture for `parts`, side by side in x; steps() fills it."""
-        channels = max(len(range(atlas.shape[3])[chosen]) for atlas, chosen in parts)
-        texture = self.uploader.volume(name, self.size, channels)
-        self.textures.append((name, texture, parts))
-        return texture
-
-    def steps(self) -> Iterator[None]:
-        """Fills all textures, one layer of slots at a time, and shows the macroblocks of each from then on."""
-        shown = time.perf_counter()
-        while not self._arrived.all():
-            layer = self._next_layer()
-            for name, texture, parts in self.textures:
-                self._write(layer, name, texture, parts)
-            self._arrived[layer] = True
-            if time.perf_counter() - shown > SHOWN_EVERY_S or self._arrived.all():
-                self.show_arrived()
-                shown = time.perf_counter()
-            yield
-
-    def rewrite(self, numbers: Sequence[int]) -> None:
-        """Writes macroblocks, by their number in the grid's order, again: the pack's atlas has changed there."""
-        nx, ny, _ = self.slots
-        size = self.block
-        for number in numbers:
-            x, y, z = self.places[number].tolist()
-            slot = number % nx, number // nx % ny, number // (nx * ny)
-            for _, texture, parts in self.textures:
-                wide = size * len(parts)
-                cubes = [atlas[z : z + size, y : y + size, x : x + size, chosen] for atlas, chosen in parts]
-                viewport = (slot[0] * wide, slot[1] * size, slot[2] * size, wide, size, size)
-                texture.write(np.concatenate(cubes, axis=2), viewport=viewport, alignment=1)
-
-    def show_arrived(self) -> None:
-        """Lets rays see the macroblocks that have arrived."""
-        self.indirection.write(self._indirection(), alignment=1)
-
-    def _next_layer(self) -> int:
-        """The layer whose nearest macroblock is closest to `near`, of those that have not arrived."""
-        coming = np.flatnonzero(~self._arrived)
-        if self.near is None or not len(self.places):
-            return int(coming[0])
-        middles = (np.argwhere(self.pack.occupied)[:, ::-1] + 0.5) * self.pack.block_size
-        away = np.full(len(self._arrived), inf)
-        np.minimum.at(away, self._layer_of, np.square(middles - self.near).sum(axis=1))
-        return int(coming[np.argmin(away[coming])])
-
-    def _write(self, layer: int, name: str, texture: moderngl.Texture3D, parts: tuple[Part, ...]) -> None:
-        nx, ny, _ = self.slots
-        width, height, _ = self.size
-        size = self.block
-        volume = np.zeros((size, height, width, texture.components), np.uint8)
-        for slot, (x, y, z) in enumerate(self.places[layer * nx * ny : (layer + 1) * nx * ny].tolist()):
-            to_y = slot // nx * size
-            for k, (atlas, channels) in enumerate(parts):
-                to_x = (slot % nx * len(parts) + k) * size
-                block = atlas[z : z + size, y : y + size, x : x + size, channels]
-                volume[:, to_y : to_y + size, to_x : to_x + size] = block
-        texture.write(volume, viewport=(0, 0, layer * size, width, height, size), alignment=1)
-        self.uploader.check(f"the {name} texture", int(np.prod(self.size, dtype=np.int64)) * volume.shape[3])
-
-
 def atlas_size(slots: Triple, block: int, parts: int) -> Triple:
     """Voxels (x, y, z) of an atlas of `slots` macroblocks of `block` voxels a side, `parts` of them side by side in x."""
     return slots[0] * parts * block, slots[1] * block, slots[2] * block
@@ -246,69 +340,3 @@ def atlas_size(slots: Triple, block: int, parts: int) -> Triple:
 def features_stored(pack: Pack) -> bool:
     """Whether the GPU holds the features of `pack`."""
     return pack.atlas_features is not None and pack.view_mlp is not None
-
-
-def upload(
-    ctx: moderngl.Context, pack: Pack, layout: str, limits: Limits | None = None, *, at_once: bool = True
-) -> GpuScene:
-    """Puts `pack` on the GPU for the marchers of `layout`, "exact" or "paper". NoRoomError where it does not fit.
-
-    at_once: fill the textures, too; otherwise GpuScene.arrive does it, and what is there can be drawn meanwhile.
-    """
-    if layout == "exact" and features_stored(pack):
-        try:
-            return _uploaded(Uploader(ctx, limits), pack, layout, True, at_once)
-        except NoRoomError:  # as two textures it may fit
-            pass
-    return _uploaded(Uploader(ctx, limits), pack, layout, False, at_once)
-
-
-def _uploaded(uploader: Uploader, pack: Pack, layout: str, features_beside: bool, at_once: bool) -> GpuScene:
-    taken_before = private_memory() if software_draws(uploader.ctx) else None
-    try:
-        scene = _allocate(uploader, pack, layout, features_beside)
-        if taken_before is not None and scene.arriving is not None:
-            scene.arriving = chain(scene.arriving, _moved_to_huge_pages(taken_before))
-        if at_once:
-            scene.arrive()
-        return scene
-    except BaseException:
-        uploader.give_up()
-        raise
-
-
-def _moved_to_huge_pages(taken_before: list[Range]) -> Iterator[None]:
-    yield from move_to_huge_pages(memory_taken_since(taken_before))  # asked once all has arrived
-
-
-def _allocate(uploader: Uploader, pack: Pack, layout: str, features_beside: bool) -> GpuScene:
-    ctx, every = uploader.ctx, slice(None)
-    writer = AtlasWriter(uploader, pack, 2 if features_beside else 1)
-    features = pack.atlas_features if pack.view_mlp is not None else None
-    linear = clamped_sampler(ctx, moderngl.LINEAR) if layout == "paper" else float_sampler(ctx)
-    nearest = clamped_sampler(ctx, moderngl.NEAREST)
-    textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {"indirection": writer.indirection}
-    content_min = content_max = np.zeros(3)
-    hull = None
-    if layout == "paper":
-        textures["atlas_alpha"] = writer.texture("alpha", (pack.atlas_rgba, slice(3, 4)))
-        textures["atlas_alpha_nearest"] = textures["atlas_alpha"]
-        textures["atlas_rgb"] = writer.texture("rgb", (pack.atlas_rgba, slice(0, 3)))
-        for layer, matrix in enumerate(pack.view_mlp.weights if pack.view_mlp else ()):
-            textures[f"weights_{layer}"] = uploader.weights(matrix)
-    elif features_beside and features is not None:
-        textures["atlas_rgba"] = writer.texture("rgba and feature", (pack.atlas_rgba, every), (features, every))
-    else:
-        textures["atlas_rgba"] = writer.texture("rgba", (pack.atlas_rgba, every))
-    if features is not None and not features_beside:
-        textures["atlas_features"] = writer.texture("feature", (features, every))
-    if layout != "paper":  # last, for it takes time: a pack that does not fit has been refused by now
-        skip_grid = skip_grid_of(pack)
-        content_min, content_max = skip_grid.content_min, skip_grid.content_max
-        hull = ctx.buffer(skip_grid.hull.tobytes()) if len(skip_grid.hull) else None
-        textures["skip_grid"] = uploader.filled("skip distance", skip_grid.words[..., None], "u2")
-    filtered = ("atlas_alpha", "atlas_rgb", "atlas_rgba", "atlas_features")
-    samplers = {name: linear if name in filtered else nearest for name in textures}
-    return GpuScene(
-        textures, samplers, features_beside, content_min, content_max, hull, uploader.bytes, writer, writer.steps()
-    )

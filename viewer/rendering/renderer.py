@@ -107,7 +107,7 @@ class Renderer:
             if radius is not None:
                 place = radius * contract(place / radius)
             for scene in self._scenes.values():
-                scene.writer.near = (place - self.pack.min_xyz) / self.pack.voxel_size
+                scene.near = (place - self.pack.min_xyz) / self.pack.voxel_size
 
     def arrive(self, seconds: float = inf) -> bool:
         """Goes on filling the textures for about `seconds`; True where the whole pack is there."""
@@ -124,7 +124,7 @@ class Renderer:
         Voxels that were empty when the pack was first shown must still be.
         """
         for scene in self._scenes.values():
-            scene.writer.rewrite(numbers)
+            scene.rewrite(numbers)
 
     def gpu_bytes(self, marcher: str | None = None) -> int:
         """Bytes of texture memory that `marcher` uses; None: that all marchers use that were asked for."""
@@ -181,7 +181,7 @@ class Renderer:
         rays.draw(3)
         ctx.enable_only(moderngl.NOTHING)
         ctx.depth_func = "<"
-        scene.unbind(ctx)
+        scene.unbind()
 
     def _draw_backdrop(
         self, framebuffer: moderngl.Framebuffer, settings: RenderSettings, uniforms: dict[str, Any]
@@ -250,8 +250,8 @@ class Renderer:
     ) -> dict[str, Any]:
         return self._ray_frame.uniforms(camera, settings) | {
             "viewport_origin": viewport[:2],
-            "atlas_slots": scene.writer.slots,
-            "atlas_count": len(scene.writer.places),
+            "atlas_slots": scene.slots,
+            "atlas_count": len(scene.places),
             "atlas_side": lambda: scene.cube_side,
             "grid_size": self.pack.grid_size,
             "content_min": scene.content_min,

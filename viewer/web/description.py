@@ -18,6 +18,7 @@ import numpy as np
 from console import UserError
 from console.json_text import read_json_file
 from console.streams import one_line
+from scenepack.blocks import Triple
 from scenepack.exports.field import Corners
 from scenepack.pack import Pack
 from scenepack.placement import allowed, moved_pose
@@ -32,7 +33,7 @@ from viewer.features.film.camera_path import CameraPath, load_path
 from viewer.features.measuring.measure_tool import LengthFormat
 from viewer.rendering.framing import outline
 from viewer.rendering.gpu_memory import NoRoomError, half_resolution
-from viewer.rendering.gpu_scene import Triple, atlas_size, features_stored, indirection_grid, tightest_atlas
+from viewer.rendering.gpu_scene import atlas_size, features_stored, indirection_grid, tightest_atlas
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.renderer import (
     LEAST_HALVED,

@@ -22,7 +22,7 @@ from viewer.rendering.skip_grid import CELL, chebyshev_distances, content_bounds
 def atlas_of(scene: GpuScene, name: str) -> np.ndarray:
     texture = scene.textures[name]
     assert isinstance(texture, moderngl.Texture3D)
-    x, y, z = scene.writer.size
+    x, y, z = scene.size
     return np.frombuffer(texture.read(alignment=1), np.uint8).reshape(z, y, x, -1)
 
 
@@ -75,15 +75,15 @@ def test_what_a_camera_is_close_to_arrives_first(ctx: moderngl.Context) -> None:
     pack = random_pack(np.random.default_rng(2), block_size=30, grid_blocks=(6, 6, 6), occupancy=0.02, style="noise")
     renderer = Renderer(ctx, pack, at_once=False)
     scene = renderer.scene("exact")
-    assert scene.writer.slots[2] > 4
+    assert scene.slots[2] > 4
     middles = (np.argwhere(pack.occupied)[:, ::-1] + 0.5) * pack.block_size
-    layers = np.arange(len(middles)) // (scene.writer.slots[0] * scene.writer.slots[1])
+    layers = np.arange(len(middles)) // (scene.slots[0] * scene.slots[1])
     shown = np.zeros(len(middles), bool)
     for near in ([0.0, 0.0, 0.0], [180.0, 180.0, 180.0], [0.0, 180.0, 90.0]):
         eye = pack.min_xyz + np.array(near) * pack.voxel_size
         renderer.see_first(ViewCamera.look_at(eye, pack.min_xyz + 90.5 * pack.voxel_size, size=(8, 8)))
         renderer.arrive(0.0)
-        scene.writer.show_arrived()
+        scene.show_arrived()
         there = arrived(scene, pack)
         new = np.unique(layers[there & ~shown])
         assert len(new) == 1 and np.array_equal(there & ~shown, layers == new[0])
