@@ -42,6 +42,12 @@ def parse_point(text: str, where: str) -> tuple[float, float, float]:
     return x, y, z
 
 
+def parse_box(text: str, where: str) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """ "x0,y0,z0,x1,y1,z1" as two corners. UserError for anything else."""
+    x0, y0, z0, x1, y1, z1 = parse_numbers(text, 6, where)
+    return (x0, y0, z0), (x1, y1, z1)
+
+
 def join_negative_values(words: Sequence[str], options: Sequence[str]) -> list[str]:
     """`--eye -1,2,3` as `--eye=-1,2,3`: otherwise the value would be taken for an option."""
     joined: list[str] = []

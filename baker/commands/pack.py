@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 
 from console import UserError, check_results, not_written, progress, run_command, write_json
-from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
+from console.arguments import join_negative_values, parse_box, parse_numbers, parse_point, parse_size
 from console.atomic import write_file
 from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
@@ -27,7 +27,7 @@ from scenepack.piece_files import SETTINGS
 from scenepack.placement import MARKS, SCALES, UNITS, Placement, placed_T_grid, placement_of, placement_to_json
 from scenepack.report import pack_facts, print_facts, print_findings
 from scenepack.writer import copy_pack
-from viewer.web.description import PageContent, annotations_of, corners_of, path_from_file, with_annotations
+from viewer.web.description import PageContent, with_annotations
 from viewer.web.page import INDEX, scene_files, scene_page
 
 DESCRIPTION = (
@@ -136,7 +136,7 @@ def edit(
         codec: As of convert. The default is that of the pack. A lossy codec loses a little once more.
         quality: Quality of a lossy codec, 1 (smallest) ... 100 (best). The default is that of the pack.
     """
-    box = corners_of(parse_numbers(crop, 6, "--crop")) if crop else None
+    box = parse_box(crop, "--crop") if crop else None
     ball = parse_numbers(sphere, 4, "--sphere") if sphere else None
     if fainter_than is not None and not 0 < fainter_than <= 1:
         raise UserError("is out of range", where="--fainter-than", expected="above 0, at most 1", found=fainter_than)
@@ -319,15 +319,13 @@ def export(
         path: Camera path that a web page plays, as the viewer or nerfstudio saves it (JSON).
         pose: First camera of a web page, as snerg-view takes it.
     """
-    box = corners_of(parse_numbers(crop, 6, "--crop")) if crop else None
+    box = parse_box(crop, "--crop") if crop else None
     if to.suffix.lower() in PAGE_SUFFIXES or not to.suffix or to.is_dir():
         if kind is not None:
             raise UserError(f"cannot hold {kind}", where=to, expected="a web page", remedy="leave out --kind")
         loaded = with_annotations(_read(pack), pack)
-        flight = None if path is None else path_from_file(path, loaded)
-        notes = annotations_of(loaded)
         name = title or pack.resolve().stem
-        _export_page(loaded, to, PageContent(name, credits, flight, box, pose, notes, source=pack))
+        _export_page(loaded, to, PageContent(name, credits, path, box, pose, source=pack))
         return
     for option, value in (("--title", title), ("--credits", credits), ("--path", path), ("--pose", pose)):
         if value:

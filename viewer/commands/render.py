@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError, check_results, not_written, progress, run_command
-from console.arguments import join_negative_values, parse_numbers, parse_point, parse_size
+from console.arguments import join_negative_values, parse_box, parse_point, parse_size
 from console.atomic import replacing, writing_alone
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
@@ -138,7 +138,7 @@ def render(
     settings = RenderSettings(
         marcher=marcher,
         background=(1.0, 1.0, 1.0) if transparent else _colour(background),
-        crop=_box(crop) if crop else None,
+        crop=parse_box(crop, "--crop") if crop else None,
         surroundings=surroundings,
         samples=samples,
     )
@@ -285,11 +285,6 @@ def _colour(text: str) -> tuple[float, float, float]:
     if not all(0 <= channel <= 1 for channel in colour):
         raise UserError("is not a colour", where="--background", expected="r,g,b in 0 ... 1", found=text)
     return colour
-
-
-def _box(text: str) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    x0, y0, z0, x1, y1, z1 = parse_numbers(text, 6, "--crop")
-    return (x0, y0, z0), (x1, y1, z1)
 
 
 def _posed(

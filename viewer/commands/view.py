@@ -6,7 +6,7 @@ import contextlib
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,9 +14,8 @@ from typing import Annotated, Literal
 import tyro
 
 from console import UserError, run_command
-from console.arguments import join_negative_values, parse_numbers, parse_size
+from console.arguments import join_negative_values, parse_box, parse_size
 from console.desktop import tell_if_unseen
-from scenepack.pack import Pack
 from scenepack.reader import load_pack
 from viewer.app.application import App
 from viewer.commands.render import fly_over
@@ -34,7 +33,7 @@ from viewer.features.opening import session
 from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import PreferencesAutosave, apply_preferences
 from viewer.rendering.settings import Marcher, Mode, RenderSettings
-from viewer.web.description import PageContent, annotations_of, corners_of, path_from_file, with_annotations
+from viewer.web.description import PageContent, with_annotations
 from viewer.web.server import serve
 from viewer.window.shutdown import on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, display_problem
@@ -153,14 +152,8 @@ class View:
             raise UserError("there is no pack to serve", remedy="name one: snerg-view PACK --serve")
         if self.pose is not None:
             _check_pose(self.pose)
-        box = None if self.crop is None else corners_of(parse_numbers(self.crop, 6, "--crop"))
-        shown = PageContent(self.title or name_of(path), self.credits, crop=box, pose=self.pose)
-
-        def content(pack: Pack, file: Path) -> PageContent:
-            flight = None if self.path is None else path_from_file(self.path, pack)
-            return replace(shown, path=flight, annotations=annotations_of(pack, file))
-
-        serve(path, self.host, port, content, lambda pack, name: replace(shown, title=self.title or name, live=True))
+        box = None if self.crop is None else parse_box(self.crop, "--crop")
+        serve(path, self.host, port, PageContent(self.title or "", self.credits, self.path, box, self.pose))
         return 0
 
     # What was asked for is carried out step by step once there is something to carry it out on. Whatever fails is a dialog, like

@@ -265,6 +265,23 @@ def file_for(pack: Pack, folder: Path) -> Path:
     return folder / f"{hashlib.sha256(json.dumps(own, sort_keys=True, default=str).encode()).hexdigest()[:32]}.json"
 
 
+def read_annotations(
+    pack: Pack, path: Path | None, folder: Path | None, complain: Callable[[str], None]
+) -> Annotations:
+    """Those in `pack`; of a pack at `path` that is not changed, those in the user's `folder`, if any. What is bad is left out."""
+    document = pack.metadata.get(KEY)
+    if path is not None and folder is not None and not metadata_writable(pack, path):
+        file = file_for(pack, folder)
+        try:
+            document = read_json_file(file)
+        except FileNotFoundError:
+            pass
+        except (OSError, ValueError) as error:
+            complain(f"{file}: {error}")
+    annotations = annotations_from_json({} if document is None else document, complain)
+    return replace(annotations, placement=allowed(annotations.placement, pack))
+
+
 @dataclass
 class AnnotationStore:
     """Reads the annotations of the open pack, and writes them when they change."""
@@ -281,7 +298,12 @@ class AnnotationStore:
         annotations: of `pack`, if it was open before; those in `pack` may be older.
         """
         self.close_pack()
-        self.current = self._read(app, pack, path) if annotations is None else annotations
+        notes: list[str] = []
+        if annotations is None:
+            annotations = read_annotations(pack, path, self.folder, notes.append)
+        for note in dict.fromkeys(notes):
+            app.messages.log(f"marks of this scene are left out: {note}", "warning")
+        self.current = annotations
         folder, self._problem_reported = self.folder, False
 
         def write(annotations: Annotations) -> None:
@@ -289,22 +311,6 @@ class AnnotationStore:
                 self._problem = _write(pack, path, folder, annotations)
 
         self._autosave = Autosave(write, self.current, SETTLE_S)
-
-    def _read(self, app: App, pack: Pack, path: Path | None) -> Annotations:
-        notes: list[str] = []
-        own = pack.metadata.get(KEY)
-        annotations = annotations_from_json(own, notes.append) if own is not None else Annotations()
-        if path is not None and self.folder is not None and not metadata_writable(pack, path):
-            file = file_for(pack, self.folder)
-            try:
-                annotations = annotations_from_json(read_json_file(file), notes.append)
-            except FileNotFoundError:
-                pass
-            except (OSError, ValueError) as error:
-                notes.append(f"{file}: {error}")
-        for note in dict.fromkeys(notes):
-            app.messages.log(f"marks of this scene are left out: {note}", "warning")
-        return replace(annotations, placement=allowed(annotations.placement, pack))
 
     def save_now(self) -> None:
         """Writes changes now, because another process is about to read them."""

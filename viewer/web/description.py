@@ -5,9 +5,8 @@ A level is the pack at one resolution. The page shows the coarsest first, and st
 
 from __future__ import annotations
 
-import contextlib
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import log2
 from pathlib import Path
@@ -16,15 +15,14 @@ from typing import Any
 import numpy as np
 
 from console import UserError
-from console.json_text import read_json_file
 from console.streams import one_line
 from scenepack.blocks import Triple
 from scenepack.exports.field import Corners
 from scenepack.pack import Pack
-from scenepack.placement import allowed, moved_pose
+from scenepack.placement import moved_pose
 from scenepack.writer import metadata_writable
 from viewer.core import annotations as notes
-from viewer.core.annotations import Annotations, annotations_from_json
+from viewer.core.annotations import Annotations
 from viewer.core.pose import Pose, Turntable, pose_from_text
 from viewer.features.bookmarks.bookmarks import pose_of
 from viewer.features.camera.forward_facing import orbit_camera_for
@@ -63,38 +61,22 @@ class PageContent:
 
     title: str
     credits: str = ""  # shown below the title
-    path: CameraPath | None = None  # flown by a button
+    path: Path | None = None  # of a camera path that the viewer or nerfstudio saved, flown by a button
     crop: Corners | None = None  # corners of a box in the grid frame outside of which nothing is shown
     pose: str | None = None  # first camera, as the viewer copies it; None: the viewer's first
-    annotations: Annotations | None = None  # bookmarks become buttons, measurements are drawn; None: those in the pack
     live: bool = False  # whether the page asks the server for newer ones
     source: Path | None = None  # where the pack lies; the films of an AVIF pack are taken from there
 
 
-def path_from_file(file: Path, pack: Pack) -> CameraPath:
-    """A camera path that the viewer or nerfstudio saved. UserError for anything else."""
-    return load_path(file, pack.worldspace_T_opengl)
-
-
-def corners_of(numbers: Sequence[float]) -> Corners:
-    """The box x0,y0,z0,x1,y1,z1."""
-    x0, y0, z0, x1, y1, z1 = numbers
-    return (x0, y0, z0), (x1, y1, z1)
-
-
-def annotations_of(pack: Pack, path: Path | None = None) -> Annotations:
-    """Those in the pack; or, of a pack at `path` that the viewer does not change, those that it keeps elsewhere."""
-    own = pack.metadata.get(notes.KEY)
-    if path is not None and not metadata_writable(pack, path):
-        with contextlib.suppress(OSError, ValueError):  # none, or none that can be read: those in the pack will do
-            own = read_json_file(notes.file_for(pack, notes.default_folder()))
-    found = annotations_from_json(own, lambda complaint: None) if own is not None else Annotations()
-    return replace(found, placement=allowed(found.placement, pack))
+def annotations_of(pack: Pack) -> Annotations:
+    """Those in the pack."""
+    return notes.read_annotations(pack, None, None, lambda complaint: None)
 
 
 def with_annotations(pack: Pack, path: Path) -> Pack:
     """The pack at `path` with what the viewer keeps of it elsewhere, where it does, as if it were the pack's own."""
-    if metadata_writable(pack, path) or (found := annotations_of(pack, path)) == Annotations():
+    found = notes.read_annotations(pack, path, notes.default_folder(), lambda complaint: None)
+    if metadata_writable(pack, path) or found == Annotations():
         return pack
     return pack.with_metadata(**{notes.KEY: notes.annotations_to_json(found)})
 
@@ -102,9 +84,9 @@ def with_annotations(pack: Pack, path: Path) -> Pack:
 def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple[dict[str, Any], dict[str, bytes]]:
     """What viewer/web/static/scene.js reads, and the data of its levels by the name of their files, coarsest first.
 
-    on_progress is called with the share that is done. UserError where the pack is too large.
+    on_progress is called with the share that is done. UserError where the pack is too large, or the path is none.
     """
-    annotations = annotations_of(pack) if content.annotations is None else content.annotations
+    annotations = annotations_of(pack)  # bookmarks become buttons, measurements are drawn
     levels = [pack]
     while _atlas_voxels(levels[0]) > COARSE and max(levels[0].grid_size) >= LEAST_HALVED:
         levels.insert(0, half_resolution(levels[0]))
@@ -135,7 +117,7 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
         "levels": described,
         "shaders": _shaders(pack, annotations.look),
         "camera": _camera(pack, content.pose, annotations),
-        "path": _path(content.path),
+        "path": None if content.path is None else _path(load_path(content.path, pack.worldspace_T_opengl)),
         "measurements": [{"points": m.points, "text": words.measurement(m)} for m in annotations.measurements],
         "live": content.live,
     }
@@ -296,8 +278,8 @@ def _view(pose: Pose, table: Turntable) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _path(path: CameraPath | None) -> dict[str, Any] | None:
-    if path is None or not path.keyframes:
+def _path(path: CameraPath) -> dict[str, Any] | None:
+    if not path.keyframes:
         return None
     frames = path.sample(PATH_FPS)
     rows = [[*np.round(matrix[:3].ravel(), 7).tolist(), round(fov, 4)] for matrix, fov in frames]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from tests.viewer.web.browser import Browser
 from viewer.core.annotations import KEY, Annotations, Bookmark, Measurement, Scale, annotations_to_json
 from viewer.core.pose import project
 from viewer.features.camera.forward_facing import orbit_camera_for
-from viewer.features.film.camera_path import CameraPath, Keyframe
+from viewer.features.film.camera_path import CameraPath, Keyframe, save_path
 from viewer.rendering.camera import ViewCamera
 from viewer.web.description import PageContent
 
@@ -29,6 +30,10 @@ Show = Callable[..., Browser]
 @pytest.fixture(scope="module")
 def shapes() -> Pack:
     return shapes_pack(42)
+
+
+def annotated(pack: Pack, annotations: Annotations) -> Pack:
+    return pack.with_metadata(**{KEY: annotations_to_json(annotations)})
 
 
 def goal(browser: Browser) -> dict[str, Any]:
@@ -160,15 +165,16 @@ def test_nothing_is_drawn_while_nothing_moves_and_the_picture_at_rest_is_sharp(s
 
 
 @pytest.mark.slow
-def test_bookmarks_are_buttons_and_a_camera_path_is_played(show: Show, shapes: Pack) -> None:
+def test_bookmarks_are_buttons_and_a_camera_path_is_played(show: Show, shapes: Pack, tmp_path: Path) -> None:
+    file = tmp_path / "path.json"
     views = (
         Bookmark("From above", (0.0, 3.0, 0.1), (0.0, 0.0, 0.0)),
         Bookmark("z up", (2.0, 0.0, 1.0), (0.0, 0.0, 0.2), "z", 50.0),
     )
-    pack = shapes.with_metadata(**{KEY: annotations_to_json(Annotations(bookmarks=views))})
+    pack = annotated(shapes, Annotations(bookmarks=views))
     keys = [ViewCamera.orbit(pack, azimuth, 20, 3.0).grid_T_camera for azimuth in (0, 40, 80)]
-    path = CameraPath([Keyframe(key, 40.0, 0.5) for key in keys])
-    browser = show(pack, PageContent("Two views", path=path), size=SIZE)
+    save_path(CameraPath([Keyframe(key, 40.0, 0.5) for key in keys]), file, pack.worldspace_T_opengl, SIZE, 30)
+    browser = show(pack, PageContent("Two views", path=file), size=SIZE)
     buttons = "[...document.querySelectorAll('#bookmarks button')]"
     assert browser.evaluate(f"{buttons}.map((each) => each.textContent)") == ["From above", "z up"]
     for i, view in enumerate(views):
@@ -200,7 +206,7 @@ def test_annotated_places_are_numbers_that_hide_when_covered_and_say_their_text_
         Bookmark("The post", (3.0, 0.5, 0.0), (0.0, 0.0, 0.0), point=post),
     )
     pose = '{"eye": [0, 0.2, 4], "target": [0, 0, 0], "fov": 40}'
-    browser = show(pack, PageContent("x", pose=pose, annotations=Annotations(bookmarks=views)), size=SIZE)
+    browser = show(annotated(pack, Annotations(bookmarks=views)), PageContent("x", pose=pose), size=SIZE)
     marks = "[...document.querySelectorAll('#overlay .place')]"
     shown = f"{marks}.map((each) => [each.textContent, each.style.display])"
     browser.until("snerg.resting")
@@ -227,7 +233,8 @@ def test_the_first_view_the_credits_and_measurements_come_along(show: Show, shap
     behind = Measurement("point", ((0.0, 0.0, 9.0),))
     notes = Annotations(Scale(0.5, "m"), (line, behind))
     pose = '{"eye": [0, 0.5, 2], "target": [0, 0, 0], "fov": 40}'  # in metres, half as many as grid units
-    browser = show(shapes, PageContent("x", "Photographs: <b>A. B.</b>", pose=pose, annotations=notes), size=SIZE)
+    content = PageContent("x", "Photographs: <b>A. B.</b>", pose=pose)
+    browser = show(annotated(shapes, notes), content, size=SIZE)
     start = browser.evaluate("snerg.camera.view(0)")
     np.testing.assert_allclose(start["eye"], (0, 1, 4), atol=1e-6)
     assert start["fov"] == 40

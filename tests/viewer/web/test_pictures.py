@@ -14,7 +14,7 @@ from tests.viewer.rendering.golden_variants import camera_for
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.web.browser import Browser
 from tests.viewer.web.conftest import page_picture
-from viewer.core.annotations import Annotations
+from viewer.core.annotations import KEY, Annotations, annotations_to_json
 from viewer.core.files import demo_pack
 from viewer.features.display.display import backdrop
 from viewer.rendering.camera import ViewCamera, forward_facing_path
@@ -96,7 +96,7 @@ def test_every_mode_of_every_kind_of_pack_looks_the_same(
         page = page_picture(browser, camera, f"{{surroundings: false, {WHITE}}}")
         assert_same(page, renderer.render(camera, inner), f"{name}, inner cube")
     look = Look(0.7, 0.4, -0.2, 1.3)
-    again = show(pack, PageContent("A scene", annotations=Annotations(look=look)))
+    again = show(pack.with_metadata(**{KEY: annotations_to_json(Annotations(look=look))}))
     for mode in ("normal", "depth"):
         expected = renderer.render(camera, RenderSettings(mode=mode, look=look))
         assert_same(

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from console import UserError
-from scenepack import Pack, save_pack
+from scenepack import save_pack
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.waiting import until
 from tests.viewer.web.browser import Browser
@@ -128,18 +128,12 @@ def test_a_page_of_a_run_shows_its_newest_preview_keeps_the_camera_and_ends_with
     begin = PageServer.serve_forever
     monkeypatch.setattr(PageServer, "serve_forever", lambda self, *_: (served.append(self), begin(self, 0.05)))
 
-    def content(pack: Pack, file: Path) -> PageContent:
-        return PageContent("the pack")
-
-    def live(pack: Pack, name: str) -> PageContent:
-        return PageContent(name, live=True)
-
     def preview(steps: int, side: int) -> None:
         made = shapes_pack(side).with_metadata(provenance={"steps": steps, "of_steps": 900})
         save_pack(made, tmp_path / "new.zip")
         (tmp_path / "new.zip").replace(tmp_path / PREVIEW_FILE)
 
-    thread = threading.Thread(target=serve, args=(tmp_path / "run", "127.0.0.1", 0, content, live))
+    thread = threading.Thread(target=serve, args=(tmp_path / "run", "127.0.0.1", 0, PageContent("")))
     thread.start()
     try:
         until(lambda: bool(served))
@@ -158,7 +152,7 @@ def test_a_page_of_a_run_shows_its_newest_preview_keeps_the_camera_and_ends_with
         )
         assert browser.evaluate("snerg.camera.view(0)") == before
         save_pack(shapes_pack(42), tmp_path / "pack")
-        browser.until("document.title === 'the pack' && !snerg.scene.live && snerg.resting")
+        browser.until("document.title === 'run' && !snerg.scene.live && snerg.resting")
         assert browser.evaluate("snerg.camera.view(0)") == before
     finally:
         served[0].shutdown()
