@@ -56,7 +56,7 @@ class Canvas:
         self._difference: Difference | None = None
         self._images: dict[str, tuple[int, moderngl.Texture]] = {}
         self._sheet = SheetTexture(ctx, self._retired)
-        self._preview_picture: ExportPreviewPicture | None = None
+        self._preview_picture = ExportPreviewPicture(ctx)
         self.clock = GpuClock(ctx)
         self.rest_s, self.blend_s = REST_S, BLEND_S
         self.scene_ms = 0.0  # of what was drawn last, by the wall clock around finish()
@@ -169,8 +169,6 @@ class Canvas:
         self, geometry: PreviewGeometry, camera: ViewCamera, ground: tuple[float, float, float]
     ) -> np.ndarray:
         """A picture of what an export would write, uint8 [height, width, 3], over the colour `ground` (sRGB, 0 … 1)."""
-        if self._preview_picture is None:
-            self._preview_picture = ExportPreviewPicture(self.ctx)
         width, height = camera.width, camera.height
         framebuffer = self._still.fit(width, height)
         self._preview_picture.draw(framebuffer, geometry, camera, ground)
@@ -178,9 +176,7 @@ class Canvas:
 
     def drop_export_preview(self) -> None:
         """Frees the GPU memory of `draw_export_preview`."""
-        if self._preview_picture is not None:
-            self._preview_picture.release()
-        self._preview_picture = None
+        self._preview_picture.release()
 
     def raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """The picture unrounded, raw values or counts of the whole pack, float32 [height, width, 4]; see layers."""

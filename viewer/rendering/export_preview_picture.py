@@ -8,13 +8,14 @@ import moderngl
 import numpy as np
 
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.opengl import Program
+from viewer.rendering.opengl import Drawing
 from viewer.rendering.shader_source import assemble
 
 if TYPE_CHECKING:
     from scenepack.exports.scene import PreviewGeometry
 
 NEAREST = 1e-3  # of the farthest that is shown
+CORNER = np.dtype([("place", "f4", 3), ("normal", "f4", 3), ("colour", "u1", 3)])  # one behind the other, packed
 
 
 class ExportPreviewPicture:
@@ -22,10 +23,9 @@ class ExportPreviewPicture:
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
-        self._program = Program(ctx, assemble("sketch.vert"), assemble("sketch.frag"))
         self._geometry: PreviewGeometry | None = None
-        self._buffers: list[moderngl.Buffer] = []
-        self._array: moderngl.VertexArray | None = None
+        self._buffer: moderngl.Buffer | None = None
+        self._drawing: Drawing | None = None
 
     def draw(
         self,
@@ -35,11 +35,10 @@ class ExportPreviewPicture:
         ground: tuple[float, float, float],
     ) -> None:
         """Into the lower left corner of `framebuffer`, width × height of the camera. ground: the colour behind it, sRGB."""
-        self._take(geometry)
-        assert self._array is not None
+        drawing = self._take(geometry)
         position = camera.grid_T_camera[:3, 3]
         farthest = 1.1 * float(np.linalg.norm(geometry.vertices - position, axis=1).max())
-        uniforms = {
+        drawing.write({
             "camera_R_grid": np.linalg.inv(camera.grid_T_camera[:3, :3]),
             "camera_position": position,
             "intrinsics": (camera.fx, camera.fy, camera.cx, camera.cy),
@@ -47,37 +46,30 @@ class ExportPreviewPicture:
             "depths": (NEAREST * farthest, farthest),
             "orthographic": float(camera.orthographic),
             "point_size": geometry.size,
-        }
-        self._program.write(uniforms)
+        })  # fmt: skip
         framebuffer.use()
         framebuffer.viewport = (0, 0, camera.width, camera.height)
         framebuffer.depth_mask = True
         framebuffer.clear(*ground, 1.0, 1.0)
         self.ctx.enable_only(moderngl.DEPTH_TEST | moderngl.PROGRAM_POINT_SIZE)
-        self._array.render(moderngl.TRIANGLES if len(geometry.faces) else moderngl.POINTS)
+        drawing.draw(kind=moderngl.TRIANGLES if len(geometry.faces) else moderngl.POINTS)
         self.ctx.enable_only(moderngl.NOTHING)
 
-    def _take(self, geometry: PreviewGeometry) -> None:
-        if geometry is self._geometry:
-            return
-        self._forget()
-        self._geometry = geometry
-        places, normals, colours = (
-            self.ctx.buffer(np.ascontiguousarray(each).tobytes())
-            for each in (geometry.vertices.astype("f4"), geometry.normals.astype("f4"), geometry.colours)
-        )
-        order = self.ctx.buffer(np.ascontiguousarray(geometry.faces, "i4").tobytes()) if len(geometry.faces) else None
-        self._buffers = [places, normals, colours, *([order] if order is not None else [])]
-        content = [(places, "3f", "place"), (normals, "3f", "normal"), (colours, "3f1", "colour")]
-        self._array = self.ctx.vertex_array(self._program.linked, content, order)
-
-    def _forget(self) -> None:
-        if self._array is not None:
-            self._array.release()
-        for buffer in self._buffers:
-            buffer.release()
-        self._array, self._buffers, self._geometry = None, [], None
+    def _take(self, geometry: PreviewGeometry) -> Drawing:
+        if geometry is self._geometry and self._drawing is not None:
+            return self._drawing
+        self.release()
+        order = geometry.faces.ravel() if len(geometry.faces) else slice(None)
+        corners = np.empty(len(geometry.vertices[order]), CORNER)
+        corners["place"], corners["normal"] = geometry.vertices[order], geometry.normals[order]
+        corners["colour"] = geometry.colours[order]
+        self._geometry, self._buffer = geometry, self.ctx.buffer(corners.tobytes())
+        content = [(self._buffer, "3f 3f 3f1", *corners.dtype.names)]
+        self._drawing = Drawing(self.ctx, assemble("sketch.vert"), assemble("sketch.frag"), content)
+        return self._drawing
 
     def release(self) -> None:
-        self._forget()
-        self._program.release()
+        for thing in (self._drawing, self._buffer):
+            if thing is not None:
+                thing.release()
+        self._geometry = self._buffer = self._drawing = None

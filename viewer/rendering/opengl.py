@@ -184,14 +184,21 @@ def free_framebuffer(framebuffer: moderngl.Framebuffer) -> None:
     framebuffer.release()
 
 
-# --- Programs that know which uniforms they have ---
+# --- Programs that know which uniforms they have, and what they draw ---
 
 
-class Program:
-    """A vertex and a fragment shader, compiled and linked. linked: as moderngl has it."""
+class Drawing:
+    """A vertex and a fragment shader, and content: (buffer, format, attributes) each; none for fullscreen.vert."""
 
-    def __init__(self, ctx: moderngl.Context, vertex: ShaderText, fragment: ShaderText) -> None:
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        vertex: ShaderText,
+        fragment: ShaderText,
+        content: Sequence[tuple[Any, ...]] = (),
+    ) -> None:
         self.linked = compile_program(ctx, vertex, fragment)
+        self.vertices = ctx.vertex_array(self.linked, list(content))
         # Asked for once: a window draws hundreds of frames a second, and each has some twenty values to write.
         members = ((name, self.linked[name]) for name in self.linked)
         self._uniforms = [(name, member) for name, member in members if isinstance(member, moderngl.Uniform)]
@@ -207,30 +214,13 @@ class Program:
                 value = value() if callable(value) else value
                 uniform.write(np.asarray(value, "f4").T.tobytes())  # GLSL's matrices are column-major
 
-    def release(self) -> None:
-        self.linked.release()
-
-
-class Drawing(Program):
-    """A program and what it always draws: content, (buffer, format, attribute) each; none for fullscreen.vert."""
-
-    def __init__(
-        self,
-        ctx: moderngl.Context,
-        vertex: ShaderText,
-        fragment: ShaderText,
-        content: Sequence[tuple[moderngl.Buffer, str, str]] = (),
-    ) -> None:
-        super().__init__(ctx, vertex, fragment)
-        self.vertices = ctx.vertex_array(self.linked, list(content))
-
-    def draw(self, vertices: int = -1) -> None:
-        """Draws triangles from the first `vertices`; from all of them by default."""
-        self.vertices.render(moderngl.TRIANGLES, vertices=vertices)
+    def draw(self, vertices: int = -1, kind: int = moderngl.TRIANGLES) -> None:
+        """Draws the first `vertices`, by default all of them."""
+        self.vertices.render(kind, vertices=vertices)
 
     def release(self) -> None:
         self.vertices.release()
-        super().release()
+        self.linked.release()
 
 
 # --- How long drawing takes ---

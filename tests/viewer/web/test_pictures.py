@@ -20,7 +20,7 @@ from viewer.features.display.display import backdrop
 from viewer.rendering.camera import ViewCamera, forward_facing_path
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import Look, RenderSettings
-from viewer.web.description import MODES, PageContent
+from viewer.web.description import MODES
 
 SIZE = (160, 120)
 DIFFERS, SHARE = 2, 0.001  # of 255; of the channels that may differ by more
