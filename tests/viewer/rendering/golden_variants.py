@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,26 +23,24 @@ GOLDEN = Path(__file__).parents[2] / "golden"
 SIZE = (240, 180)
 AMPLIFIED = 8
 
-VARIANTS = {
-    "paper": RenderSettings(marcher="paper"),
-    "view-mlp-per-sample": RenderSettings(view_mlp_per_sample=True),
-    "crop": RenderSettings(crop=((-0.9, -0.7, -1.0), (0.3, 1.0, 0.2)), background=(0.1, 0.1, 0.15)),
-    "near-plane": RenderSettings(near=2.6),
-}
-NDC_VARIANTS = {
-    "ndc-normal": RenderSettings(),
-    "ndc-depth": RenderSettings(mode="depth"),
-    "ndc-paper": RenderSettings(marcher="paper"),
-}
-CONTRACTED_VARIANTS = {
-    "contracted-normal": RenderSettings(),
-    "contracted-normals": RenderSettings(mode="normals"),
-    "contracted-inner": RenderSettings(surroundings=False),
-}
 PACKS: dict[str, Callable[[], Pack]] = {
     "shapes": shapes_pack,
     "ndc_shapes": lambda: shapes_pack(ndc=True),
     "surroundings": surroundings_pack,
+}
+# By the picture's name: which of PACKS, and how it is drawn.
+VARIANTS: dict[str, tuple[str, RenderSettings]] = {
+    **{mode: ("shapes", RenderSettings(mode=mode, cost_scale=24)) for mode in MODES},  # type: ignore[arg-type]
+    "paper": ("shapes", RenderSettings(marcher="paper")),
+    "view-mlp-per-sample": ("shapes", RenderSettings(view_mlp_per_sample=True)),
+    "crop": ("shapes", RenderSettings(crop=((-0.9, -0.7, -1.0), (0.3, 1.0, 0.2)), background=(0.1, 0.1, 0.15))),
+    "near-plane": ("shapes", RenderSettings(near=2.6)),
+    "ndc-normal": ("ndc_shapes", RenderSettings()),
+    "ndc-depth": ("ndc_shapes", RenderSettings(mode="depth")),
+    "ndc-paper": ("ndc_shapes", RenderSettings(marcher="paper")),
+    "contracted-normal": ("surroundings", RenderSettings()),
+    "contracted-normals": ("surroundings", RenderSettings(mode="normals")),
+    "contracted-inner": ("surroundings", RenderSettings(surroundings=False)),
 }
 
 
@@ -69,19 +67,6 @@ def camera_for(pack: Pack) -> ViewCamera:
     return ViewCamera.orbit(pack, 35, 28, 2.9, fov_degrees=42, size=SIZE)
 
 
-def settings_of(mode: str) -> RenderSettings:
-    """How a display mode is shown."""
-    return RenderSettings(mode=mode, cost_scale=24)  # type: ignore[arg-type]
-
-
-def all_variants() -> Iterator[tuple[str, str, RenderSettings]]:
-    """Name, which of PACKS, and settings of every golden picture."""
-    yield from ((mode, "shapes", settings_of(mode)) for mode in MODES)
-    yield from ((name, "shapes", settings) for name, settings in VARIANTS.items())
-    yield from ((name, "ndc_shapes", settings) for name, settings in NDC_VARIANTS.items())
-    yield from ((name, "surroundings", settings) for name, settings in CONTRACTED_VARIANTS.items())
-
-
 def compared(actual: np.ndarray, expected: np.ndarray, tolerance: Tolerance) -> dict[str, float | bool]:
     """Two pictures uint8 [H, W, 3]: mean and worst difference (of 255), share beyond tolerance.channel, and whether within."""
     difference = np.abs(actual.astype(int) - expected)
@@ -106,7 +91,7 @@ def on_this_card(folder: Path) -> dict[str, object]:
     tolerance = ON_LLVMPIPE if "llvmpipe" in renderer else ELSEWHERE
     pictures = {}
     packs = {name: make() for name, make in PACKS.items()}
-    for name, pack, settings in all_variants():
+    for name, (pack, settings) in VARIANTS.items():
         with OffscreenRenderer(packs[pack], settings.marcher, ctx) as offscreen:
             actual = offscreen.render(camera_for(packs[pack]), settings)
         expected = np.asarray(Image.open(GOLDEN / f"{name}.png", formats=["PNG"]).convert("RGB"))

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from tests.reference_marcher import render_reference
 from tests.viewer.rendering.golden_variants import GOLDEN, ON_LLVMPIPE, compared, leave
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.settings import RenderSettings
 
 FAILURES = Path(__file__).parents[2] / "failures"
 
@@ -21,6 +26,22 @@ def assert_same_picture(actual: np.ndarray, expected: np.ndarray, what: str = ""
     worst, share = difference.max(), np.mean(difference > 1.0)
     where = np.unravel_index(difference.argmax(), difference.shape)
     assert worst <= 4.0 and share <= 0.001, f"{what}: {worst:.2f}/255 at {where}, {100 * share:.3f} % beyond 1/255"
+
+
+def assert_exact(
+    renderer: OffscreenRenderer, camera: ViewCamera, wanted: RenderSettings | None = None, what: str = ""
+) -> None:
+    """brute and exact in OpenGL, each against the reference, and against one another."""
+    wanted = wanted or RenderSettings()
+    crop, radius = wanted.crop, renderer.pack.contraction
+    if radius is not None and not wanted.surroundings:
+        crop = ((-radius,) * 3, (radius,) * 3)
+    near = max(camera.near, wanted.near)
+    reference = render_reference(renderer.pack, replace(camera, near=near), background=wanted.background, crop=crop)
+    brute, exact = (renderer.render_float(camera, replace(wanted, marcher=m)) for m in ("brute", "exact"))
+    assert_same_picture(brute, reference.rgb, f"{what} brute")
+    assert_same_picture(exact, reference.rgb, f"{what} exact")
+    assert_same_picture(exact, brute, f"{what} exact and brute")
 
 
 def must_not_skip(config: pytest.Config) -> bool:

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from scenepack.pack import Pack
-from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import random_pack
-from tests.viewer.rendering.pictures import assert_same_picture
+from tests.viewer.rendering.pictures import assert_exact
 from tests.viewer.rendering.shapes import BALL, FLOOR, SKY
 from viewer.core.pose import project
 from viewer.features.camera.orbit_camera import view_from_within
@@ -39,20 +38,6 @@ CAMERAS = {
     "lens": replace(inside, distortion=LENS),
     "photograph": replace(outside, ray_near=2.0, near=0.5),
 }
-
-
-def assert_exact(renderer: OffscreenRenderer, camera: ViewCamera, wanted: RenderSettings, what: str) -> None:
-    """brute and exact in OpenGL, each against the reference, and against one another."""
-    crop = wanted.crop
-    if not wanted.surroundings:
-        radius = renderer.pack.contraction or 0.0
-        crop = ((-radius, -radius, -radius), (radius, radius, radius))
-    near = max(camera.near, wanted.near)
-    reference = render_reference(renderer.pack, replace(camera, near=near), background=wanted.background, crop=crop)
-    brute, exact = (renderer.render_float(camera, replace(wanted, marcher=m)) for m in ("brute", "exact"))
-    assert_same_picture(brute, reference.rgb, f"{what}, brute")
-    assert_same_picture(exact, reference.rgb, f"{what}, exact")
-    assert_same_picture(exact, brute, f"{what}, exact and brute")
 
 
 @pytest.mark.parametrize("name", CAMERAS)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scenepack.pack import Pack
 from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import packs, random_pack
-from tests.viewer.rendering.pictures import assert_same_picture
+from tests.viewer.rendering.pictures import assert_exact, assert_same_picture
 from training.scenes.lens import MODELS
 from viewer.rendering.camera import ViewCamera, is_mirrored
 from viewer.rendering.offscreen import OffscreenRenderer
@@ -28,18 +28,6 @@ FISHEYE = MODELS["THIN_PRISM_FISHEYE"].lens({"k1": -0.03, "k3": 0.0005, "p1": 0.
 PANORAMA = MODELS["EQUIRECTANGULAR"].lens({})
 RATIONAL = MODELS["FULL_OPENCV"].lens({"k1": 0.09, "k3": 0.01, "p2": -0.004, "q1": 0.03, "q2": -0.01, "q3": 0.002})
 FEW = settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck), print_blob=True)
-
-
-def assert_exact(renderer: OffscreenRenderer, camera: ViewCamera, wanted: RenderSettings | None = None) -> None:
-    """brute and exact in OpenGL, each against the reference."""
-    wanted = wanted or RenderSettings()
-    near = max(camera.near, wanted.near)
-    reference = render_reference(
-        renderer.pack, replace(camera, near=near), background=wanted.background, crop=wanted.crop
-    )
-    for marcher in ("brute", "exact"):
-        picture = renderer.render_float(camera, replace(wanted, marcher=marcher))
-        assert_same_picture(picture, reference.rgb, marcher)
 
 
 def random_camera(rng: np.random.Generator, pack: Pack) -> ViewCamera:

@@ -10,58 +10,25 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenepack.pack import Pack
 from tests.viewer.rendering import pictures
-from tests.viewer.rendering.golden_variants import (
-    CONTRACTED_VARIANTS,
-    GOLDEN,
-    NDC_VARIANTS,
-    VARIANTS,
-    all_variants,
-    camera_for,
-    settings_of,
-)
+from tests.viewer.rendering.golden_variants import GOLDEN, VARIANTS, camera_for
 from tests.viewer.rendering.pictures import compare_with_golden
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import MODES, RenderSettings
 
 Make = Callable[..., OffscreenRenderer]
 
 
-@pytest.fixture
-def golden(request: pytest.FixtureRequest, offscreen: Make) -> Callable[..., None]:
-    def compare(name: str, pack: Pack, wanted: RenderSettings) -> None:
-        renderer = offscreen(pack, wanted.marcher)
-        picture = renderer.render(camera_for(pack), wanted)
-        assert picture.std() > 5, "there is nothing to see"
-        compare_with_golden(request.config, renderer.ctx.info["GL_RENDERER"], name, picture)
-
-    return compare
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_each_display_mode_looks_as_before(golden: Callable[..., None], shapes: Pack, mode: str) -> None:
-    golden(mode, shapes, settings_of(mode))
-
-
 @pytest.mark.parametrize("name", VARIANTS)
-def test_each_variant_looks_as_before(golden: Callable[..., None], shapes: Pack, name: str) -> None:
-    golden(name, shapes, VARIANTS[name])
-
-
-@pytest.mark.parametrize("name", NDC_VARIANTS)
-def test_forward_facing_packs_look_as_before(golden: Callable[..., None], ndc_shapes: Pack, name: str) -> None:
-    golden(name, ndc_shapes, NDC_VARIANTS[name])
-
-
-@pytest.mark.parametrize("name", CONTRACTED_VARIANTS)
-def test_contracted_packs_look_as_before(golden: Callable[..., None], surroundings: Pack, name: str) -> None:
-    golden(name, surroundings, CONTRACTED_VARIANTS[name])
+def test_each_picture_looks_as_before(request: pytest.FixtureRequest, offscreen: Make, name: str) -> None:
+    pack, wanted = VARIANTS[name]
+    renderer = offscreen(request.getfixturevalue(pack), wanted.marcher)
+    picture = renderer.render(camera_for(renderer.pack), wanted)
+    assert picture.std() > 5, "there is nothing to see"
+    compare_with_golden(request.config, renderer.ctx.info["GL_RENDERER"], name, picture)
 
 
 def test_no_golden_picture_is_left_over() -> None:
-    known = {name for name, _, _ in all_variants()}
-    assert {path.stem for path in GOLDEN.glob("*.png")} <= known
+    assert {path.stem for path in GOLDEN.glob("*.png")} <= set(VARIANTS)
 
 
 def test_a_changed_picture_fails_and_leaves_what_is_needed_to_see_why(

@@ -16,7 +16,7 @@ from scenepack.pack import Pack
 from tests.viewer.rendering.pictures import assert_same_picture
 from viewer.rendering import supersampling
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_scene import Limits
+from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 from viewer.rendering.settings import MODES, Mode, RenderSettings
