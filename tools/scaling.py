@@ -23,9 +23,8 @@ from scenepack.blocks import atlas_from_volume, grid_block_counts
 from scenepack.constants import VIEW_MLP_WIDTHS
 from scenepack.pack import Pack, ViewMlp
 from tests.scenepack.volumes import pack_of_cube
-from viewer.benchmark.frames import measure
+from viewer.benchmark.frames import Contender, measure
 from viewer.rendering.camera import orbit_path
-from viewer.rendering.frame_times import Contender
 from viewer.rendering.settings import RenderSettings
 
 BLOCK_SIZE = 30

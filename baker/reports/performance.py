@@ -14,9 +14,8 @@ from baker.reports.report_cache import Baked, Study
 from baker.reports.tables import against_command
 from console import Notice
 from scenepack import Pack, load_pack
-from viewer.benchmark.frames import sustained
+from viewer.benchmark.frames import Contender, Turns, same_view, sustained, taking_turns
 from viewer.benchmark.protocols import Flight, flight, protocol_for
-from viewer.rendering.frame_times import Contender, Turns, same_view, taking_turns
 from viewer.rendering.settings import RenderSettings
 
 Row = dict[str, Any]

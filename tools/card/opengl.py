@@ -20,10 +20,9 @@ from PIL import Image
 from console.atomic import replacing
 from scenepack import Pack, load_pack
 from tools.card.parts import Facts
-from viewer.benchmark.frames import PowerMeter, measure, sustained
+from viewer.benchmark.frames import Contender, PowerMeter, measure, sustained
 from viewer.benchmark.protocols import flight, protocol_for
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.frame_times import Contender
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.opengl import GpuClock
 from viewer.rendering.settings import RenderSettings

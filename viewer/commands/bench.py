@@ -17,9 +17,8 @@ from console.arguments import parse_size
 from console.desktop import tell_if_unseen
 from console.plots import Line, Plot, draw_plots, require_plots
 from scenepack import Pack, load_pack
-from viewer.benchmark.frames import Measurement, Photographs, measure
+from viewer.benchmark.frames import Contender, Measurement, Photographs, measure
 from viewer.benchmark.protocols import flight, protocol_for
-from viewer.rendering.frame_times import Contender
 from viewer.rendering.gpu_memory import OR_HALF, NoRoomError
 from viewer.rendering.settings import MARCHERS, RenderSettings
 

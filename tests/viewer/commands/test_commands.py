@@ -15,10 +15,10 @@ from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.told import told
 from tests.viewer.rendering.shapes import shapes_pack
 from tools import scaling
+from viewer.benchmark.frames import same_view
 from viewer.commands import bench, render
 from viewer.rendering import offscreen
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.frame_times import same_view
 from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.offscreen import OffscreenRenderer
 
