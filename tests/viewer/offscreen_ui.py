@@ -15,7 +15,7 @@ from viewer.app.frame import is_waiting, unfinished
 from viewer.core.input import KeyPress
 from viewer.interface.ui import Ui
 from viewer.rendering.canvas import Canvas
-from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
+from viewer.rendering.opengl import free_framebuffer, read_pixels, unbind_framebuffers
 
 FRAME_S = 1.0 / 60.0
 PLACES = {
@@ -113,9 +113,13 @@ class OffscreenUi:
         self.framebuffer.viewport = (0, 0, *self.framebuffer.size)
         self.framebuffer.clear(*self.ui.background, 1.0)
         self.ui.draw()
-        pixels = np.frombuffer(self.framebuffer.read(components=3, alignment=1), np.uint8)
-        width, height = self.framebuffer.size
-        return pixels.reshape(height, width, 3)[::-1].copy()
+        return read_pixels(self.framebuffer, *self.framebuffer.size)
+
+    def scene_picture(self) -> np.ndarray:
+        """The part of picture() that shows the scene."""
+        box, d = self.app.viewport, self.density
+        rows = slice(round(box.y * d), round((box.y + box.height) * d))
+        return self.picture()[rows, round(box.x * d) : round((box.x + box.width) * d)]
 
     def click(self, x: float, y: float, button: int = 0) -> None:
         """Presses and lets go of a mouse button at a point (units), with the frames that imgui needs."""

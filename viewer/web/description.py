@@ -86,6 +86,7 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
 
     on_progress is called with the share that is done. UserError where the pack is too large, or the path is none.
     """
+    path = None if content.path is None else _path(load_path(content.path, pack.worldspace_T_opengl))
     annotations = annotations_of(pack)  # bookmarks become buttons, measurements are drawn
     levels = [pack]
     while _atlas_voxels(levels[0]) > COARSE and max(levels[0].grid_size) >= LEAST_HALVED:
@@ -117,7 +118,7 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
         "levels": described,
         "shaders": _shaders(pack, annotations.look),
         "camera": _camera(pack, content.pose, annotations),
-        "path": None if content.path is None else _path(load_path(content.path, pack.worldspace_T_opengl)),
+        "path": path,
         "measurements": [{"points": m.points, "text": words.measurement(m)} for m in annotations.measurements],
         "live": content.live,
     }

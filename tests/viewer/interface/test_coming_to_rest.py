@@ -23,12 +23,6 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     return clock
 
 
-def scene_part(ui) -> np.ndarray:
-    box = ui.app.viewport
-    rows = slice(round(box.y), round(box.y + box.height))
-    return ui.picture()[rows, round(box.x) : round(box.x + box.width)].astype(float)
-
-
 @pytest.mark.parametrize("side", [4096, 250])
 def test_the_full_picture_fades_in_over_the_quick_one(
     offscreen, app, pack, pack_folder, clock, monkeypatch, side: int
@@ -46,12 +40,12 @@ def test_the_full_picture_fades_in_over_the_quick_one(
     app.scene.rig.orbit(0.02, 0.0)
     app.scene.rig.shown = app.scene.rig.goal
     ui.frame()
-    quick, shown = scene_part(ui), []
+    quick, shown = ui.scene_picture().astype(float), []
     assert len(ui.canvas.layers) == 1 and ui.canvas.pending
     clock.now += REST_S
     for _ in range(40):
         ui.frame()
-        shown.append(scene_part(ui))
+        shown.append(ui.scene_picture().astype(float))
         clock.now += FRAME_S
         if not ui.canvas.pending:
             break

@@ -27,17 +27,9 @@ def ui(offscreen, app, pack, pack_folder):
     return ui
 
 
-def scene_part(ui) -> np.ndarray:
-    """The picture of the scene alone."""
-    box = ui.app.viewport
-    d = ui.density
-    rows = slice(round(box.y * d), round((box.y + box.height) * d))
-    return ui.picture()[rows, round(box.x * d) : round((box.x + box.width) * d)]
-
-
 def test_the_window_shows_the_same_pixels_as_the_offscreen_renderer(ui, app, pack):
     expected = ui.canvas.snapshot(app.camera(), app.settings)
-    shown = scene_part(ui)
+    shown = ui.scene_picture()
     assert shown.shape == expected.shape
     # Tiles round rays a little differently, so that a few pixels may fall on the other side of a rounding.
     difference = np.abs(shown.astype(int) - expected.astype(int))
@@ -118,17 +110,17 @@ def test_the_surroundings_of_a_contracted_pack_have_a_switch_that_is_remembered(
     with watch() as seen:
         ui.settle()
         (place,) = [each.at for (_, label), each in seen.seen.items() if "##surroundings" in label]
-    whole = scene_part(ui)
+    whole = ui.scene_picture()
     ui.click(*place)
     ui.settle()
     assert not app.settings.surroundings and not current_preferences(app).surroundings
-    assert np.abs(scene_part(ui).astype(int) - whole).mean() > 20
+    assert np.abs(ui.scene_picture().astype(int) - whole).mean() > 20
     again = App()
     apply_preferences(again, current_preferences(app))
     assert not again.settings.surroundings
     ui.click(*place)
     ui.settle()
-    assert app.settings.surroundings and np.abs(scene_part(ui).astype(int) - whole).mean() < 1
+    assert app.settings.surroundings and np.abs(ui.scene_picture().astype(int) - whole).mean() < 1
 
 
 def test_a_dialog_waits_for_its_answer_and_keeps_the_keys(ui, app):

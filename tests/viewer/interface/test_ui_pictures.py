@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
-import flip_evaluator
 import numpy as np
 import pytest
 from PIL import Image
@@ -20,8 +19,8 @@ from console.progress_protocol import Report
 from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.offscreen_ui import OffscreenUi
-from tests.viewer.rendering.golden_variants import AMPLIFIED, GOLDEN
-from tests.viewer.rendering.pictures import FAILURES, skip
+from tests.viewer.rendering.golden_variants import GOLDEN
+from tests.viewer.rendering.pictures import compare_with_golden, flip
 from tests.viewer.scenes import photographed
 from tests.viewer.waiting import until
 from tools.procedural import write_procedural_scene
@@ -64,32 +63,20 @@ def compare(request) -> Picture:
 
     def take(ui: OffscreenUi, name: str, columns: slice = slice(None)) -> None:
         renderer = ui.ctx.info["GL_RENDERER"]
-        if "llvmpipe" not in renderer:
-            skip(request.config, f"golden pictures are compared on llvmpipe only, this is {renderer}")
         ui.settle()
         for _ in range(FADING_FRAMES):
             ui.frame()
         _freeze(ui)
         for _ in range(2):
             ui.frame()
-        picture = _in_units(ui)[:, columns]
-        path = FOLDER / f"{name}.png"
-        if request.config.getoption("--regenerate-golden"):
-            path.parent.mkdir(exist_ok=True)
-            Image.fromarray(picture).save(path, optimize=True)
-            return
-        assert path.is_file(), f"{path} is missing; look at the picture, then run pytest --regenerate-golden"
-        expected = np.asarray(Image.open(path).convert("RGB"))
-        assert picture.shape == expected.shape
-        _, mean, _ = flip_evaluator.evaluate(expected / np.float32(255), picture / np.float32(255), "LDR")
-        if mean > FLIP_TOLERANCE:
-            FAILURES.mkdir(exist_ok=True)
-            difference = np.clip(AMPLIFIED * np.abs(picture.astype(int) - expected), 0, 255).astype(np.uint8)
-            for what, pixels in (("actual", picture), ("expected", expected), ("difference", difference)):
-                Image.fromarray(pixels).save(FAILURES / f"ui-{name}-{what}.png")
-            pytest.fail(f"{name}: FLIP {mean:.4f}, allowed {FLIP_TOLERANCE}; see {FAILURES}/ui-{name}-*.png")
+        compare_with_golden(request.config, renderer, f"ui/{name}", _in_units(ui)[:, columns], _differs)
 
     return take
+
+
+def _differs(picture: np.ndarray, expected: np.ndarray) -> str:
+    mean = flip(picture, expected)
+    return f"FLIP {mean:.4f}, allowed {FLIP_TOLERANCE}" if mean > FLIP_TOLERANCE else ""
 
 
 def _in_units(ui: OffscreenUi) -> np.ndarray:
@@ -301,5 +288,4 @@ def test_a_moved_label_is_noticed():
     shown = np.asarray(Image.open(FOLDER / "page-camera.png").convert("RGB"))
     moved = shown.copy()
     moved[90:300, 20:] = shown[86:296, 20:]
-    _, mean, _ = flip_evaluator.evaluate(shown / np.float32(255), moved / np.float32(255), "LDR")
-    assert mean > FLIP_TOLERANCE
+    assert _differs(moved, shown)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import flip_evaluator
 import numpy as np
 import pytest
 from PIL import Image
@@ -55,7 +57,27 @@ def skip(config: pytest.Config, reason: str) -> None:
     pytest.skip(reason)
 
 
-def compare_with_golden(config: pytest.Config, renderer: str, name: str, picture: np.ndarray) -> None:
+def differs(picture: np.ndarray, expected: np.ndarray) -> str:
+    """How, where by more than ON_LLVMPIPE; "" where not."""
+    found = compared(picture, expected, ON_LLVMPIPE)
+    if found["within"]:
+        return ""
+    share = f"{100 * found['share']:.2f} % of channels beyond {ON_LLVMPIPE.channel}/255"
+    return f"mean difference {found['mean']:.2f}/255, {share}, FLIP {flip(picture, expected):.3f}"
+
+
+def flip(picture: np.ndarray, expected: np.ndarray) -> float:
+    """The mean FLIP error."""
+    return flip_evaluator.evaluate(expected / np.float32(255), picture / np.float32(255), "LDR")[1]
+
+
+def compare_with_golden(
+    config: pytest.Config,
+    renderer: str,
+    name: str,
+    picture: np.ndarray,
+    differs: Callable[[np.ndarray, np.ndarray], str] = differs,
+) -> None:
     """Compares a uint8 [H, W, 3] picture with tests/golden/NAME.png, or rewrites that with --regenerate-golden.
 
     On failure tests/failures/ holds the actual picture, the expected one and their difference, amplified.
@@ -70,21 +92,7 @@ def compare_with_golden(config: pytest.Config, renderer: str, name: str, picture
     assert path.is_file(), f"{path} is missing; look at the picture, then run pytest --regenerate-golden"
     expected = np.asarray(Image.open(path).convert("RGB"))
     assert picture.shape == expected.shape, f"{name}: {picture.shape}, golden picture {expected.shape}"
-    found = compared(picture, expected, ON_LLVMPIPE)
-    if found["within"]:
-        return
-    leave(FAILURES, name, picture, expected)
-    pytest.fail(
-        f"{name}: mean difference {found['mean']:.2f}/255, {100 * found['share']:.2f} % of channels beyond "
-        f"{ON_LLVMPIPE.channel}/255{_flip(picture, expected)}; see {FAILURES}/{name}-*.png"
-    )
-
-
-def _flip(picture: np.ndarray, expected: np.ndarray) -> str:
-    """The mean FLIP error, where flip-evaluator is installed."""
-    try:
-        import flip_evaluator
-    except ImportError:
-        return ""
-    _, mean, _ = flip_evaluator.evaluate(expected / np.float32(255), picture / np.float32(255), "LDR")
-    return f", FLIP {mean:.3f}"
+    if problem := differs(picture, expected):
+        name = name.replace("/", "-")
+        leave(FAILURES, name, picture, expected)
+        pytest.fail(f"{name}: {problem}; see {FAILURES}/{name}-*.png")
