@@ -104,39 +104,26 @@ DRAW, READ = 0x3059, 0x305A  # EGL_DRAW, EGL_READ
 
 def current_context() -> Callable[[], None]:
     """Call what this returns to make that context current again which is current now, if there is one and it lives then."""
-    egl = _egl()
-    if egl is None:
+    if not sys.platform.startswith("linux"):
         return lambda: None
-    context, display = egl.eglGetCurrentContext(), egl.eglGetCurrentDisplay()
-    if not context or not display:
+    try:
+        egl = ctypes.CDLL("libEGL.so.1")
+    except OSError:
         return lambda: None
+    pointer = ctypes.c_void_p
+    for ask in (egl.eglGetCurrentContext, egl.eglGetCurrentDisplay, egl.eglGetCurrentSurface):
+        ask.restype = pointer
+    context, display = pointer(egl.eglGetCurrentContext()), pointer(egl.eglGetCurrentDisplay())
+    if not (context and display):
+        return lambda: None
+    surfaces = [pointer(egl.eglGetCurrentSurface(kind)) for kind in (DRAW, READ)]
     thread = threading.get_ident()
-    surfaces = egl.eglGetCurrentSurface(DRAW), egl.eglGetCurrentSurface(READ)
 
     def give_back() -> None:
         if threading.get_ident() == thread:
             egl.eglMakeCurrent(display, *surfaces, context)  # False, and nothing happens, where it is gone
 
     return give_back
-
-
-def _egl() -> ctypes.CDLL | None:
-    if not sys.platform.startswith("linux"):
-        return None
-    try:
-        egl = ctypes.CDLL("libEGL.so.1")
-    except OSError:
-        return None
-    handle = ctypes.c_void_p
-    for name, arguments in (
-        ("eglGetCurrentContext", []),
-        ("eglGetCurrentDisplay", []),
-        ("eglGetCurrentSurface", [ctypes.c_int]),
-        ("eglMakeCurrent", [handle] * 4),
-    ):
-        function = getattr(egl, name)
-        function.argtypes, function.restype = arguments, ctypes.c_uint if name == "eglMakeCurrent" else handle
-    return egl
 
 
 # --- Framebuffers ---
@@ -175,10 +162,10 @@ def unbind_framebuffers(ctx: moderngl.Context) -> None:
     ctx.extra.use()
 
 
-def free_framebuffer(framebuffer: moderngl.Framebuffer) -> None:
-    """Frees a framebuffer with all that is attached to it: its own release() keeps that, 8 bytes for each pixel at least."""
+def free_framebuffer(framebuffer: moderngl.Framebuffer, *, textures: bool = True) -> None:
+    """Frees a framebuffer with what is attached to it: its own release() keeps that, 8 bytes for each pixel at least."""
     unbind_framebuffers(framebuffer.ctx)
-    for attached in (*framebuffer.color_attachments, framebuffer.depth_attachment):
+    for attached in (*(framebuffer.color_attachments if textures else ()), framebuffer.depth_attachment):
         if attached is not None:
             attached.release()
     framebuffer.release()

@@ -18,9 +18,10 @@ from math import cos, pi, sin, sqrt
 import moderngl
 
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.opengl import Drawing, free_framebuffer, new_framebuffer
+from viewer.rendering.opengl import Drawing
 from viewer.rendering.settings import Aperture, RenderSettings, of_picture
 from viewer.rendering.shader_source import assemble
+from viewer.rendering.targets import Target
 
 Box = tuple[int, int, int, int]  # x, y, width, height in pixels, from the lower left corner
 Draw = Callable[[moderngl.Framebuffer, ViewCamera, RenderSettings, Box], None]
@@ -48,7 +49,7 @@ class Supersampling:
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
-        self._targets: dict[int, moderngl.Framebuffer] = {}
+        self._rays, self._mean = (Target(ctx, dtype="f4") for _ in range(2))
         self._filters: dict[int, Drawing] = {}
 
     def draw(
@@ -64,24 +65,21 @@ class Supersampling:
         cameras = [camera] if settings.aperture is None else lens_cameras(camera, settings.aperture)
         larger = [each.resized(n * width, n * height) for each in cameras]
         count = n * n * len(cameras)
+        rays = self._rays.fit(n * min(side, width), n * min(side, height))
+        mean = self._mean.fit(min(side, width), min(side, height)) if len(cameras) > 1 else None
         for y in range(0, height, side):
             for x in range(0, width, side):
                 w, h = min(side, width - x), min(side, height - y)
-                below = height - y - h  # rows between the tile and the picture's lower edge
-                box, rays = (
-                    (left + x, bottom + below, w, h),
-                    self._target(0, n * min(side, width), n * min(side, height)),
-                )
-                mean, at = framebuffer, box
-                if len(cameras) > 1:
-                    mean, at = self._target(1, min(side, width), min(side, height)), (0, 0, w, h)
+                box = (left + x, bottom + height - y - h, w, h)
+                into = (framebuffer, box) if mean is None else (mean, (0, 0, w, h))
+                if mean is not None:
                     mean.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
                     mean.clear()
                 for each in larger:
                     part = replace(each, width=n * w, height=n * h, cx=each.cx - n * x, cy=each.cy - n * y)
                     draw(rays, part, one, (0, 0, n * w, n * h))
-                    self._average(rays, n, count, mean, at)
-                if mean is not framebuffer:
+                    self._average(rays, n, count, *into)
+                if mean is not None:
                     self._average(mean, 1, 1, framebuffer, box)
 
     def _average(
@@ -106,19 +104,9 @@ class Supersampling:
         self._filters[n].draw(3)
         self.ctx.enable_only(moderngl.NOTHING)
 
-    def _target(self, number: int, width: int, height: int) -> moderngl.Framebuffer:
-        """One of two float framebuffers, of at least this size."""
-        there = self._targets.get(number)
-        if there is None or there.width < width or there.height < height:
-            if there is not None:
-                free_framebuffer(there)
-            self._targets[number] = there = new_framebuffer(self.ctx, width, height, "f4")
-        return there
-
     def release(self) -> None:
-        for target in self._targets.values():
-            free_framebuffer(target)
-        self._targets = {}
+        self._rays.release()
+        self._mean.release()
         for drawing in self._filters.values():
             drawing.release()
         self._filters = {}

@@ -14,7 +14,7 @@ import moderngl
 import numpy as np
 
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.opengl import Drawing, new_framebuffer, unbind_framebuffers
+from viewer.rendering.opengl import Drawing, free_framebuffer, new_framebuffer
 from viewer.rendering.shader_source import assemble
 
 
@@ -55,17 +55,20 @@ def with_margin(camera: ViewCamera) -> ViewCamera:
 
 
 class Target:
-    """A texture to draw into, grown as needed. Textures that it no longer needs go to `retired`; see Canvas.sweep."""
+    """A texture to draw into, grown as needed; "f1" is 8 bit, "f4" float32.
 
-    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture]) -> None:
-        self.ctx, self.size, self.retired = ctx, (0, 0), retired
+    Textures that it no longer needs go to `retired` (see Canvas.sweep); None: they are freed at once.
+    """
+
+    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture] | None = None, dtype: str = "f1") -> None:
+        self.ctx, self.size, self.retired, self.dtype = ctx, (0, 0), retired, dtype
         self.framebuffer: moderngl.Framebuffer | None = None
 
     def fit(self, width: int, height: int) -> moderngl.Framebuffer:
         """A framebuffer of at least this size. UserError where the driver refuses one."""
         if self.framebuffer is None or self.size[0] < width or self.size[1] < height:
             self.release()
-            self.framebuffer, self.size = new_framebuffer(self.ctx, width, height), (width, height)
+            self.framebuffer, self.size = new_framebuffer(self.ctx, width, height, self.dtype), (width, height)
             self.texture.repeat_x = self.texture.repeat_y = False
         return self.framebuffer
 
@@ -76,11 +79,9 @@ class Target:
 
     def release(self) -> None:
         if self.framebuffer is not None:
-            unbind_framebuffers(self.ctx)
-            texture = self.texture
-            self.framebuffer.depth_attachment.release()  # type: ignore[union-attr]
-            self.framebuffer.release()
-            self.retired.append(texture)
+            if self.retired is not None:
+                self.retired.append(self.texture)
+            free_framebuffer(self.framebuffer, textures=self.retired is None)
         self.framebuffer, self.size = None, (0, 0)
 
     def layer(self, size: tuple[int, int], part: Box | None = None) -> Layer:
