@@ -61,6 +61,12 @@ def start_page(watched: tuple[Window, Watch], monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.fixture
+def act(start_page: Window, xdotool: Callable[..., None]) -> Callable[..., None]:
+    """As xdotool; then the window lives for a moment."""
+    return lambda *words: (xdotool(*words), pump(start_page))
+
+
+@pytest.fixture
 def window(start_page: Window, pack: Pack, pack_folder: Path) -> Window:
     """The window with the toy open."""
     start_page.app.show(pack, pack_folder)

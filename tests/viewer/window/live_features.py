@@ -135,9 +135,8 @@ def moved(window: Window, xdotool, keycode: int | str) -> np.ndarray:
 AXES = {"D": (0, 1), "A": (0, -1), "E": (1, 1), "Q": (1, -1), "S": (2, 1), "W": (2, -1)}  # camera axes: z is back
 
 
-def test_flying_goes_by_the_places_of_keys_on_a_french_keyboard(window, xdotool, french):
-    xdotool("key", "v")
-    pump(window)
+def test_flying_goes_by_the_places_of_keys_on_a_french_keyboard(window, xdotool, act, french):
+    act("key", "v")
     assert window.app.scene.rig.flying
     for place, (axis, sign) in AXES.items():
         way = moved(window, xdotool, KEYCODE[place])
@@ -146,7 +145,7 @@ def test_flying_goes_by_the_places_of_keys_on_a_french_keyboard(window, xdotool,
     assert "Z Q S D, A and E" in window.app.messages.toast
 
 
-def test_commands_go_by_names_and_characters_on_a_french_keyboard(window, xdotool, french):
+def test_commands_go_by_names_and_characters_on_a_french_keyboard(window, xdotool, act, french):
     rig = window.app.scene.rig
     xdotool("key", 11)  # the place of 2, which types é
     wait(window, lambda: rig.goal.azimuth == 90)
@@ -154,30 +153,26 @@ def test_commands_go_by_names_and_characters_on_a_french_keyboard(window, xdotoo
     wait(window, lambda: rig.goal.azimuth != 90)
     xdotool("keydown", "shift", "key", KEYCODE["M"], "keyup", "shift")  # ? is printed there
     wait(window, lambda: window.app.interface.help_shown)
-    xdotool("key", KEYCODE["M"])
-    pump(window)
+    act("key", KEYCODE["M"])
     assert window.app.interface.help_shown
 
 
-def test_the_arrow_keys_turn_slide_and_fly(window, xdotool):
+def test_the_arrow_keys_turn_slide_and_fly(window, xdotool, act):
     rig = window.app.scene.rig
     start = rig.goal
     xdotool("keydown", "Right")
     wait(window, lambda: abs(rig.goal.azimuth - start.azimuth) > 5)
-    xdotool("keyup", "Right")
-    pump(window)
+    act("keyup", "Right")
     turned = rig.goal
     assert turned.azimuth > start.azimuth and turned.pivot == start.pivot  # the camera goes to the right
     xdotool("keydown", "shift", "keydown", "Up")
     wait(window, lambda: rig.goal.pivot != turned.pivot)
-    xdotool("keyup", "Up", "keyup", "shift")
-    pump(window)
+    act("keyup", "Up", "keyup", "shift")
     assert rig.goal.pivot[1] > turned.pivot[1] and rig.goal.azimuth == turned.azimuth
     for expected in (turned, start):  # each way is one step
         xdotool("key", "ctrl+z")
         wait(window, lambda goal=expected: rig.goal == goal)
-    xdotool("key", "v")
-    pump(window)
+    act("key", "v")
     for arrow, place in (("Up", "W"), ("Down", "S"), ("Left", "A"), ("Right", "D")):
         axis, sign = AXES[place]
         way = moved(window, xdotool, arrow)
@@ -213,7 +208,7 @@ def test_the_number_block_shows_the_views_that_blender_shows(window, xdotool, ke
     assert not rig.flying and not window.app.messages.dialogs
 
 
-def test_a_click_on_an_axis_looks_along_it_and_a_drag_of_the_gizmo_orbits(window, xdotool):
+def test_a_click_on_an_axis_looks_along_it_and_a_drag_of_the_gizmo_orbits(window, xdotool, act):
     app, rig = window.app, window.app.scene.rig
 
     def places() -> np.ndarray:
@@ -230,17 +225,15 @@ def test_a_click_on_an_axis_looks_along_it_and_a_drag_of_the_gizmo_orbits(window
         wait(window, lambda a=azimuth, e=elevation: looks_from(rig, a, e))
     before = rig.goal
     assert rig.history.undo() and rig.goal != before  # a click is one step
-    xdotool("mousemove", round(x), round(y), "mousedown", 1)
-    pump(window)
+    act("mousemove", round(x), round(y), "mousedown", 1)
     start = rig.goal
     xdotool("mousemove", round(x) - 60, round(y) + 20)
     wait(window, lambda: rig.goal.azimuth != start.azimuth)
-    xdotool("mouseup", 1)
-    pump(window)
+    act("mouseup", 1)
     assert rig.goal.pivot == start.pivot
 
 
-def test_m_measures_between_clicks_and_the_result_is_on_the_clipboard(window, xdotool):
+def test_m_measures_between_clicks_and_the_result_is_on_the_clipboard(window, xdotool, act):
     app = window.app
     xdotool("mousemove", *place_of(window, (0.0, -0.25, 0.0)), "key", "m")
     wait(window, lambda: app.measure_tool.tool == "line" and app.interface.page == "measure")
@@ -258,10 +251,8 @@ def test_m_measures_between_clicks_and_the_result_is_on_the_clipboard(window, xd
     wait(window, lambda: app.clipboard.get().startswith("line 1: 0."))
     before = app.annotations.current.measurements[0].points[0]
     goal = app.scene.rig.goal
-    xdotool("mousemove", *place_of(window, before), "mousedown", 1)
-    pump(window)
-    xdotool("mousemove_relative", 0, 25)
-    pump(window)
+    act("mousemove", *place_of(window, before), "mousedown", 1)
+    act("mousemove_relative", 0, 25)
     xdotool("mouseup", 1)
     wait(window, lambda: app.annotations.current.measurements[0].points[0] != before)
     assert app.scene.rig.goal == goal
@@ -270,7 +261,7 @@ def test_m_measures_between_clicks_and_the_result_is_on_the_clipboard(window, xd
     assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 
-def test_a_session_is_saved_and_opened_again(window, xdotool, tmp_path):
+def test_a_session_is_saved_and_opened_again(window, xdotool, act, tmp_path):
     app = window.app
     file = tmp_path / "here.snerg"
     xdotool("mousemove", 200, 300, "key", "3")
@@ -279,8 +270,7 @@ def test_a_session_is_saved_and_opened_again(window, xdotool, tmp_path):
     xdotool("key", "ctrl+d", "key", "ctrl+shift+s")
     wait(window, lambda: app.file_request is not None)
     pump(window)
-    xdotool("key", "ctrl+a", "type", "--delay", 20, str(file))
-    pump(window)
+    act("key", "ctrl+a", "type", "--delay", 20, str(file))
     xdotool("key", "Return")
     wait(window, file.exists)
     assert not app.messages.dialogs
@@ -290,8 +280,7 @@ def test_a_session_is_saved_and_opened_again(window, xdotool, tmp_path):
     xdotool("mousemove", 200, 300, "key", "ctrl+o")
     wait(window, lambda: again.open_prompt is not None)
     pump(window)
-    xdotool("type", "--delay", 20, str(file))
-    pump(window)
+    act("type", "--delay", 20, str(file))
     xdotool("key", "Return")
     wait(window, lambda: again.scene is not None and again.scene.whole and again.loading is None)
     assert np.allclose(again.scene.rig.matrix, seen, atol=1e-6)
@@ -303,7 +292,6 @@ def test_a_view_is_saved_in_several_modes_and_as_exr(film_page, watched, xdotool
     window, app = film_page, film_page.app
     for name in ("##transparent", "##depth", "##normals"):
         press(watched, xdotool, name)
-        pump(window)
     assert app.filming.transparent and set(app.filming.besides) == {"depth", "normals"}
     press(watched, xdotool, "Save this view…")
     type_path(window, xdotool, tmp_path / "view.png")
@@ -364,7 +352,6 @@ def test_the_scene_is_exported_within_the_crop_box_and_can_be_cancelled(film_pag
     xdotool("key", "ctrl+e")
     wait(window, lambda: app.exporting.asking)
     press(watched, xdotool, "Mesh##kind")
-    pump(window)
     xdotool("key", "Return")
     type_path(window, xdotool, tmp_path / "mesh.glb")
     press(watched, xdotool, "Cancel##export")
@@ -374,7 +361,7 @@ def test_the_scene_is_exported_within_the_crop_box_and_can_be_cancelled(film_pag
 
 
 def test_bare_photographs_that_are_dropped_are_shown_with_what_is_set_aside_and_the_time_it_takes(
-    start_page, other_client, xdotool, tmp_path
+    start_page, other_client, act, tmp_path
 ):
     window = start_page
     photographs = tmp_path / "attic"
@@ -390,8 +377,7 @@ def test_bare_photographs_that_are_dropped_are_shown_with_what_is_set_aside_and_
     dialog = window.screenshot()
     assert blue_pixels(dialog) > 300  # of the photographs; nothing else there is blue
     assert window.app.making.plan.problem() is None
-    xdotool("key", "Escape")
-    pump(window)
+    act("key", "Escape")
     assert window.app.making.plan is None
     wait(window, lambda: preview.finished)
 
@@ -429,7 +415,7 @@ def blue_pixels(picture: np.ndarray) -> int:
 
 
 def test_points_and_cameras_are_shown_and_a_face_of_the_box_is_dragged_before_training(
-    watched, start_page, other_client, xdotool, tmp_path, monkeypatch
+    watched, start_page, other_client, xdotool, act, tmp_path, monkeypatch
 ):
     window = start_page
     glfw.set_window_size(window.handle, 1000, 700)
@@ -460,12 +446,9 @@ def test_points_and_cameras_are_shown_and_a_face_of_the_box_is_dragged_before_tr
     left, top = glfw.get_window_pos(window.handle)
     start = app.scene.rig.goal
     x, y = left + round(box.x + 0.5 * box.width), top + round(box.y + 0.2 * box.height)
-    xdotool("mousemove", x, y, "mousedown", 1)
-    pump(window)
-    xdotool("mousemove", x + 60, y + 10)
-    pump(window)
-    xdotool("mouseup", 1)
-    pump(window)
+    act("mousemove", x, y, "mousedown", 1)
+    act("mousemove", x + 60, y + 10)
+    act("mouseup", 1)
     assert app.scene.rig.goal.azimuth != start.azimuth
     assert app.making.review.kind == "subject"
     press(watched, xdotool, "##box")
@@ -475,14 +458,10 @@ def test_points_and_cameras_are_shown_and_a_face_of_the_box_is_dragged_before_tr
     handle, _ = project(app.camera(), crop.face_centre(before, 3)[None])  # the upper face
     x, y = (float(v) / app.viewport.pixels_per_unit for v in np.asarray(handle).reshape(-1)[:2])
     x, y = left + round(app.viewport.x + x), top + round(app.viewport.y + y)
-    xdotool("mousemove", x, y)
-    pump(window)
-    xdotool("mousedown", 1)
-    pump(window)
-    xdotool("mousemove", x, y + 40)
-    pump(window)
-    xdotool("mouseup", 1)
-    pump(window)
+    act("mousemove", x, y)
+    act("mousedown", 1)
+    act("mousemove", x, y + 40)
+    act("mouseup", 1)
     assert app.settings.crop[1][1] < before[1][1] and app.settings.crop[0] == before[0]
     assert app.making.review.seconds_left is None  # somebody is there
     press(watched, xdotool, "Train it")

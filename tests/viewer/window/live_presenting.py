@@ -27,14 +27,13 @@ def test_a_view_is_saved_as_a_360_picture(film_page, watched, xdotool, tmp_path)
     assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 
-def test_colours_are_changed_exported_and_taken_back(film_page, watched, xdotool, tmp_path):
+def test_colours_are_changed_exported_and_taken_back(film_page, watched, xdotool, act, tmp_path):
     window, app = film_page, film_page.app
     app.interface.page = "view"
     pump(window)
     before = window.canvas.snapshot(app.camera().resized(96, 64), app.picture_settings)
     press(watched, xdotool, "##exposure")
-    xdotool("mousedown", 1)
-    pump(window)
+    act("mousedown", 1)
     xdotool("mousemove_relative", 70, 0)
     wait(window, lambda: app.annotations.current.look is not None and app.annotations.current.look.exposure > 0.5)
     xdotool("mouseup", 1)
@@ -56,7 +55,7 @@ def test_colours_are_changed_exported_and_taken_back(film_page, watched, xdotool
 BALL = (0.0, -0.25, 0.4)  # its front
 
 
-def test_a_place_is_annotated_by_a_click_hides_when_covered_and_is_flown_to(film_page, watched, xdotool):
+def test_a_place_is_annotated_by_a_click_hides_when_covered_and_is_flown_to(film_page, watched, xdotool, act):
     window, app = film_page, film_page.app
     app.interface.page = "bookmarks"
     rig = app.scene.rig
@@ -69,11 +68,9 @@ def test_a_place_is_annotated_by_a_click_hides_when_covered_and_is_flown_to(film
     place, seen = app.annotations.current.bookmarks[0], rig.goal
     assert place.name == "Place 1" and np.allclose(place.point, BALL, atol=0.05) and not app.bookmarks.placing
     press(watched, xdotool, "##text")
-    xdotool("type", "--delay", 20, "A ball <b>")
-    pump(window)
+    act("type", "--delay", 20, "A ball <b>")
     press(watched, xdotool, "##name")
-    xdotool("key", "ctrl+a", "type", "--delay", 20, "Ball")
-    pump(window)
+    act("key", "ctrl+a", "type", "--delay", 20, "Ball")
     xdotool("key", "Return")
     wait(window, lambda: app.annotations.current.bookmarks[0].name == "Ball")
     assert app.annotations.current.bookmarks[0].text == "A ball <b>" and rig.goal == seen
@@ -97,15 +94,14 @@ def test_a_place_is_annotated_by_a_click_hides_when_covered_and_is_flown_to(film
     assert not app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 
-def test_a_kiosk_plays_gives_way_to_the_mouse_and_begins_again(window, xdotool, monkeypatch):
+def test_a_kiosk_plays_gives_way_to_the_mouse_and_begins_again(window, xdotool, act, monkeypatch):
     app = window.app
     monkeypatch.setattr(kiosk, "IDLE_S", 1.5)
     app.kiosk = kiosk.Kiosk()
     app.kiosk.prepare(app)
     wait(window, lambda: glfw.get_window_size(window.handle) == SCREEN and app.filming.time > 0.2)
     assert app.viewport.width, app.viewport.height == SCREEN
-    xdotool("mousemove", 600, 400, "mousedown", 1)
-    pump(window)
+    act("mousemove", 600, 400, "mousedown", 1)
     xdotool("mousemove_relative", 60, 10)
     wait(window, lambda: not app.filming.playing and app.scene.rig.held is None)
     turned = app.scene.rig.goal

@@ -23,36 +23,28 @@ from viewer.features.making.make_plan import Plan
 FAKE = Path(__file__).parents[1] / "features" / "making" / "fake_make.py"
 
 
-def test_real_events_move_the_camera_and_run_commands(window, xdotool):
+def test_real_events_move_the_camera_and_run_commands(window, act):
     rig = window.app.scene.rig
     start = rig.goal
-    xdotool("mousemove", 200, 300, "mousedown", 1)
-    pump(window)
-    xdotool("mousemove", 260, 320)
-    pump(window)
-    xdotool("mouseup", 1)
-    pump(window)
+    act("mousemove", 200, 300, "mousedown", 1)
+    act("mousemove", 260, 320)
+    act("mouseup", 1)
     assert rig.goal.azimuth != start.azimuth
-    xdotool("click", "--repeat", 3, "--delay", 30, 4)  # the wheel
-    pump(window)
+    act("click", "--repeat", 3, "--delay", 30, 4)  # the wheel
     assert rig.goal.distance < start.distance
-    xdotool("key", "space")
-    pump(window)
+    act("key", "space")
     assert window.app.settings.mode == "diffuse"
-    xdotool("key", "r")
-    pump(window)
+    act("key", "r")
     assert rig.goal == rig.home_pose
     assert window.ctx.error == "GL_NO_ERROR"
 
 
 @pytest.mark.parametrize("button", [1, 3])
-def test_a_drag_whose_last_way_and_release_come_in_one_frame_is_whole(window, xdotool, button):
+def test_a_drag_whose_last_way_and_release_come_in_one_frame_is_whole(window, act, button):
     rig = window.app.scene.rig
     start = rig.goal
-    xdotool("mousemove", 200, 300, "mousedown", button)
-    pump(window)
-    xdotool("mousemove", 320, 350, "mouseup", button)
-    pump(window)
+    act("mousemove", 200, 300, "mousedown", button)
+    act("mousemove", 320, 350, "mouseup", button)
     assert (rig.goal.azimuth != start.azimuth) == (button == 1) and (rig.goal.pivot != start.pivot) == (button == 3)
 
 
@@ -84,19 +76,18 @@ def test_a_pack_that_another_program_drops_is_opened(window, other_client, tmp_p
     assert not window.app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 
-def test_what_is_no_pack_is_a_dialog_that_real_keys_answer(window, other_client, xdotool, tmp_path):
+def test_what_is_no_pack_is_a_dialog_that_real_keys_answer(window, other_client, act, tmp_path):
     scene = window.app.scene
     (tmp_path / "notes.txt").write_text("hello")
     other_client("drop", tmp_path / "notes.txt")
     wait(window, lambda: window.app.loading is None)
     pump(window)
     assert "notes.txt" in window.app.messages.dialogs[0].title and window.app.scene is scene
-    xdotool("key", "Return")
-    pump(window)
+    act("key", "Return")
     assert not window.app.messages.dialogs
 
 
-def test_photographs_that_are_dropped_are_asked_about_and_escape_declines(window, other_client, xdotool, tmp_path):
+def test_photographs_that_are_dropped_are_asked_about_and_escape_declines(window, other_client, act, tmp_path):
     Image.new("RGB", (16, 12)).save(tmp_path / "r_0.png")
     (tmp_path / "transforms_train.json").write_text(
         '{"camera_angle_x": 0.7, "frames": [{"file_path": "r_0", "transform_matrix":'
@@ -108,8 +99,7 @@ def test_photographs_that_are_dropped_are_asked_about_and_escape_declines(window
     until(lambda: plan.survey.finished)
     pump(window)
     assert plan.problem() is None and plan.survey.text.startswith("1 photographs of 16 × 12")
-    xdotool("key", "Escape")
-    pump(window)
+    act("key", "Escape")
     assert window.app.making.plan is None
 
 
@@ -125,15 +115,13 @@ def test_f11_fills_the_screen_and_gives_it_back(window, xdotool):
     assert window.ctx.error == "GL_NO_ERROR"
 
 
-def test_keys_held_fly_and_combinations_undo(window, xdotool):
+def test_keys_held_fly_and_combinations_undo(window, xdotool, act):
     rig = window.app.scene.rig
-    xdotool("key", "v")
-    pump(window)
+    act("key", "v")
     start = rig.goal.eye(rig.table)
     xdotool("keydown", "w")
     pump(window, 0.5)
-    xdotool("keyup", "w")
-    pump(window)
+    act("keyup", "w")
     assert rig.flying and abs(rig.goal.eye(rig.table) - start).max() > 0.01
     xdotool("key", "v", "key", "2")
     pump(window, 0.4)
