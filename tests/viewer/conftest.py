@@ -114,7 +114,7 @@ def display() -> Iterator[str]:
     if program is None:
         missing("Xvfb")
     try:
-        with virtual_screen(str(program)) as name:
+        with virtual_screen(str(program)) as (name, _):
             yield name
     except NoScreen as reason:
         pytest.fail(str(reason))

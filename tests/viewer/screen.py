@@ -15,20 +15,12 @@ class NoScreen(Exception):
 
 
 @contextmanager
-def virtual_screen(program: str = "Xvfb") -> Iterator[str]:
-    """DISPLAY of an Xvfb that ends with the `with` block. FileNotFoundError where it is not installed."""
+def virtual_screen(program: str = "Xvfb") -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """An Xvfb that ends with the `with` block, and its DISPLAY. FileNotFoundError where it is not installed."""
     read, write = os.pipe()
-    command = [
-        program,
-        "-displayfd",
-        str(write),
-        "-screen",
-        "0",
-        f"{SCREEN[0]}x{SCREEN[1]}x24",
-        "-nolisten",
-        "tcp",
-        "-noreset",  # else it starts over, deaf for a moment, whenever the last window closes
-    ]
+    # -noreset: else it starts over, deaf for a moment, whenever the last window closes
+    shape = f"{SCREEN[0]}x{SCREEN[1]}x24"
+    command = [program, "-displayfd", str(write), "-screen", "0", shape, "-nolisten", "tcp", "-noreset"]
     server = subprocess.Popen(command, pass_fds=(write,), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     os.close(write)
     try:
@@ -36,7 +28,7 @@ def virtual_screen(program: str = "Xvfb") -> Iterator[str]:
             number = pipe.readline().strip()
         if not number:
             raise NoScreen("Xvfb does not start")
-        yield f":{number}"
+        yield f":{number}", server
     finally:
         server.terminate()
         server.wait(10)

@@ -91,7 +91,7 @@ def campaign(names: list[str], times: int, disks: int, seed: int) -> tuple[str, 
         base, place, disk = (Path(folder) / name for name in ("base", "place", "disk"))
         base.mkdir(), disk.mkdir()
         if set(names) & set(WINDOWS):
-            os.environ |= {"DISPLAY": stack.enter_context(virtual_screen()), "XDG_CONFIG_HOME": str(base / "home")}
+            os.environ |= {"DISPLAY": stack.enter_context(virtual_screen())[0], "XDG_CONFIG_HOME": str(base / "home")}
             os.environ.pop("WAYLAND_DISPLAY", None)
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(base / "compiled"))
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")

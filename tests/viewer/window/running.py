@@ -7,25 +7,14 @@ import os
 import shutil
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from tests.viewer.conftest import missing
+from tests.viewer.waiting import until
 
 PATIENCE_S = 90.0
 RAIL_X, RAIL_TOP, RAIL_STEP = 25, 78, 42  # of the icons: from the right edge, from the top, from one to the next
-
-
-def wait_until(condition: Callable[[], Any], what: str) -> Any:
-    """What `condition` gives once it gives something; fails after a generous while."""
-    end = time.monotonic() + PATIENCE_S
-    while time.monotonic() < end:
-        if found := condition():
-            return found
-        time.sleep(0.05)
-    raise AssertionError(f"waited in vain for {what}")
 
 
 class RunningViewer:
@@ -72,7 +61,7 @@ class RunningViewer:
             assert self.process.poll() is None, self.process.stderr.read()  # type: ignore[union-attr]
             return self.xdotool("search", "--onlyvisible", "--pid", self.process.pid)
 
-        return wait_until(found, "the window").split()[0]
+        return until(found).split()[0]
 
     @property
     def name(self) -> str:

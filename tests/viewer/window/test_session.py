@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import signal
 import subprocess
@@ -15,7 +14,9 @@ import pytest
 from scenepack import Pack, save_pack
 from tests.viewer.conftest import missing
 from tests.viewer.features.making.test_making import gone
-from tests.viewer.window.running import RunningViewer, wait_until
+from tests.viewer.screen import virtual_screen
+from tests.viewer.waiting import until
+from tests.viewer.window.running import RunningViewer
 
 CAMERA = 1  # the place of its icon
 MAKING = Path(__file__).with_name("making_viewer.py")
@@ -25,14 +26,14 @@ MAKING = Path(__file__).with_name("making_viewer.py")
 def viewer(display: str, tmp_path: Path, pack_folder: Path) -> Iterator[RunningViewer]:
     """A viewer with the toy open."""
     with RunningViewer(display, tmp_path / "home", pack_folder, "--size", "900x600") as running:
-        wait_until(lambda: running.saved.get("recent"), "the pack to be remembered")
+        until(lambda: running.saved.get("recent"))
         yield running
 
 
 def test_what_was_changed_outlives_kill_9(viewer: RunningViewer, pack_folder: Path) -> None:
     assert viewer.saved["recent"] == [str(pack_folder)]
     viewer.open_page(CAMERA)
-    wait_until(lambda: viewer.saved.get("page") == "camera", "the page to be remembered")
+    until(lambda: viewer.saved.get("page") == "camera")
     assert viewer.saved["window"] == [900, 600] and "Docking" in viewer.saved["layout"]
     assert viewer.signal(signal.SIGKILL) == -signal.SIGKILL
     assert viewer.saved["page"] == "camera"
@@ -52,15 +53,8 @@ def own_display() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     program = shutil.which("Xvfb")
     if program is None:
         missing("Xvfb")
-    read, write = os.pipe()
-    command = [str(program), "-displayfd", str(write), "-screen", "0", "1000x700x24", "-nolisten", "tcp", "-noreset"]
-    server = subprocess.Popen(command, pass_fds=(write,), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    os.close(write)
-    with os.fdopen(read) as pipe:
-        number = pipe.readline().strip()
-    yield f":{number}", server
-    server.kill()
-    server.wait(10)
+    with virtual_screen(str(program)) as screen:
+        yield screen
 
 
 @pytest.mark.slow
@@ -69,7 +63,7 @@ def test_a_display_that_goes_away_ends_it_and_nothing_is_lost(
 ) -> None:
     name, server = own_display
     with RunningViewer(name, tmp_path / "home", pack_folder, "--size", "900x600") as viewer:
-        wait_until(lambda: viewer.saved.get("recent"), "the pack to be remembered")
+        until(lambda: viewer.saved.get("recent"))
         server.kill()
         assert viewer.process.wait(60) == 129
         told = viewer.process.stderr.read()
@@ -85,16 +79,16 @@ def test_what_is_being_made_saves_when_the_session_ends(
     name, server = own_display
     command = [sys.executable, str(MAKING), str(tmp_path)]
     with RunningViewer(name, tmp_path / "home", command=command) as viewer:
-        wait_until((tmp_path / "pid").exists, "the child")
-        wait_until(lambda: viewer.saved, "the window to live")
+        until((tmp_path / "pid").exists)
+        until(lambda: viewer.saved)
         if how == "display":
             server.kill()
             assert viewer.process.wait(60) == 129
         else:
             number = getattr(signal, how)
             assert viewer.signal(number) == 128 + number
-        wait_until((tmp_path / "saved").exists, "the child to save")  # before the viewer ended, but on a busy machine
-        wait_until(lambda: gone(int((tmp_path / "pid").read_text())), "the child's end")
+        until((tmp_path / "saved").exists)  # before the viewer ended, but on a busy machine
+        until(lambda: gone(int((tmp_path / "pid").read_text())))
 
 
 @pytest.mark.slow
@@ -103,13 +97,13 @@ def test_two_viewers_at_once_keep_each_others_packs(display: str, tmp_path: Path
         save_pack(pack, tmp_path / name)
     home = tmp_path / "home"
     with RunningViewer(display, home, tmp_path / "one") as first:
-        wait_until(lambda: first.saved.get("recent"), "the first viewer")
+        until(lambda: first.saved.get("recent"))
         with RunningViewer(display, home, tmp_path / "two") as second:
-            wait_until(lambda: len(second.saved.get("recent", [])) == 2, "the second viewer")
+            until(lambda: len(second.saved.get("recent", [])) == 2)
             second.open_page(CAMERA)
-            wait_until(lambda: second.saved.get("page") == "camera", "the second viewer's page")
+            until(lambda: second.saved.get("page") == "camera")
             first.xdotool("windowsize", "--sync", first.window, 800, 560)
-            wait_until(lambda: first.saved.get("window") == [800, 560], "the first viewer's size")
+            until(lambda: first.saved.get("window") == [800, 560])
             assert first.saved["page"] == "camera"  # the first did not change it back
             assert first.signal(signal.SIGTERM) == 128 + signal.SIGTERM
             assert second.signal(signal.SIGTERM) == 128 + signal.SIGTERM
@@ -123,14 +117,14 @@ def test_a_crash_leaves_a_log_with_the_last_commands_and_the_next_start_says_whe
     logs = viewer.home / "state" / "snerg" / "log"
     (running,) = logs.glob("running-*.log")
     viewer.xdotool("windowfocus", "--sync", viewer.window, "key", "ctrl+shift+l", "key", "KP_Space")
-    wait_until(lambda: "command theme" in running.read_text(), "the command to be written down")
+    until(lambda: "command theme" in running.read_text())
     assert viewer.signal(signal.SIGSEGV) == -signal.SIGSEGV  # as a driver would bring it down
     text = running.read_text()
     assert "OpenGL" in text and "llvmpipe" in text and "Segmentation fault" in text and "Current thread" in text
     with RunningViewer(display, viewer.home, pack_folder) as again:
-        (crashed,) = wait_until(lambda: list(logs.glob("crash-*.log")), "the log to get its name")
+        (crashed,) = until(lambda: list(logs.glob("crash-*.log")))
         told = logs / f"running-{again.process.pid}.log"
-        wait_until(lambda: told.exists() and f"Its log: {crashed}" in told.read_text(), "the log to be named")
+        until(lambda: told.exists() and f"Its log: {crashed}" in told.read_text())
         assert crashed.read_text() == text
         again.xdotool("windowfocus", "--sync", again.window, "key", "ctrl+q")
         assert again.process.wait(60) == 0
