@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -32,6 +32,7 @@ from viewer.features.making import survey
 from viewer.features.opening import session
 from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import PreferencesAutosave, apply_preferences
+from viewer.interface.layout import PAGES
 from viewer.rendering.settings import Marcher, Mode, RenderSettings
 from viewer.web.description import PageContent, with_annotations
 from viewer.web.server import serve
@@ -43,21 +44,10 @@ STILL_SUFFIX = ".png"
 SCRIPTED = ("--frames", "--screenshot")
 SERVED_ON = 8090  # port
 SMALLEST_SIDE = 64  # of a window, screen units
-PageName = Literal[
-    "view",
-    "camera",
-    "bookmarks",
-    "crop",
-    "erase",
-    "measure",
-    "move",
-    "photographs",
-    "compare",
-    "film",
-    "performance",
-    "settings",
-    "log",
-]
+if TYPE_CHECKING:
+    PageName = str
+else:
+    PageName = Literal[*(page.id for page in PAGES)]
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -14,8 +13,6 @@ from scenepack import load_pack, save_pack
 from tests.told import told
 from tests.viewer.scenes import photographed
 from viewer.app.application import App
-from viewer.commands.view import PageName
-from viewer.interface.layout import PAGES
 from viewer.window.window import NoDisplay, Window, display_problem
 
 HERE = Path(__file__).parent
@@ -148,10 +145,6 @@ def test_a_session_is_opened_at_the_command_line_and_a_bad_one_is_one_line(displ
     file.write_text("{}")
     done = run_view(file, "--frames", 2, display=display)
     assert done.returncode == 2 and len(told(done.stderr)) == 1 and "is not a session" in done.stderr
-
-
-def test_the_command_line_knows_all_pages():
-    assert list(get_args(PageName)) == [page.id for page in PAGES]
 
 
 def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
