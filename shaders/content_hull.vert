@@ -1,6 +1,6 @@
 // The convex hull of all content, so that only pixels whose ray meets it are shaded at all.
 //
-// Inputs: corner (voxels; viewer/rendering/content_hull.py); grid_R_camera, camera_position; intrinsics, picture_size (pixels, y down);
+// Inputs: corner (voxels; viewer/rendering/skip_grid.py); grid_R_camera, camera_position; intrinsics, picture_size (pixels, y down);
 //   orthographic: 1 for parallel rays, else 0.
 // Its back faces, which are there from inside of the hull, too, leave depth 0.5 where they are, and a triangle across the
 // whole picture is shaded there alone (fullscreen.vert; a depth test comes before the shader). The hull itself is not

@@ -1,4 +1,4 @@
-// Triangles or points of an export, before it is written (scenepack/exports/export_preview.py).
+// Triangles or points of an export, before it is written (scenepack/exports/scene.py).
 //
 // Inputs: place, normal (grid frame; a normal of zero: none), colour (sRGB); camera_R_grid, camera_position; intrinsics,
 //   picture_size (pixels, y down); orthographic: 1 for parallel rays, else 0. depths: nearest and farthest that is shown;
