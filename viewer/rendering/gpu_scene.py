@@ -59,21 +59,15 @@ class GpuScene:
         self.ctx, self.pack, self.features_beside = ctx, pack, features_beside
         self.limits, self.gpu_bytes = limits or Limits.of(ctx), 0
         block, beside = pack.padded_block_size, 2 if features_beside else 1
-        self.places = (
-            pack.atlas_indices[pack.occupied].astype(np.intp) * block
-        )  # macroblocks in the pack's atlas, (x, y, z)
+        self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * block  # in the pack's atlas, (x, y, z)
         self.slots = tightest_atlas(len(self.places), block, self.limits.max_side, beside)
         self.size = atlas_size(self.slots, block, beside)
         self.near: np.ndarray | None = None  # a point of the grid, voxels: layers of slots close to it arrive first
-        self.textures: dict[
-            str, moderngl.Texture | moderngl.Texture3D
-        ] = {}  # by the name of their sampler in the shaders
+        self.textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {}  # by the name of their sampler
         self.samplers: dict[str, moderngl.Sampler] = {}  # likewise
         self.content_min = self.content_max = np.zeros(3)  # voxels, of the box around all content
         self.hull: moderngl.Buffer | None = None  # its triangles' corners, where the layout has them and there are any
-        self._atlases: list[
-            tuple[str, moderngl.Texture3D, tuple[Part, ...]]
-        ] = []  # and what they hold, side by side in x
+        self._atlases: list[tuple[str, moderngl.Texture3D, tuple[Part, ...]]] = []  # and what lies side by side in x
         self._arrived = np.zeros(self.slots[2], bool)  # layers of slots
         while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
             pass

@@ -202,7 +202,7 @@ class Drawing:
                 uniform.write(np.asarray(value, "f4").T.tobytes())  # GLSL's matrices are column-major
 
     def draw(self, vertices: int = -1, kind: int = moderngl.TRIANGLES) -> None:
-        """Draws the first `vertices`, by default all of them."""
+        """Draws triangles, or another `kind` of primitives, from the first `vertices`; from all of them by default."""
         self.vertices.render(kind, vertices=vertices)
 
     def release(self) -> None:
