@@ -185,15 +185,15 @@ def _level(
     return description, sections
 
 
-def _piece(piece: FilmedPiece, sections: _Sections, *, features: bool) -> dict[str, Any]:
-    films = piece.films if features else piece.films[:2]  # as zlib for its checksum: a damaged film plays on
+def _piece(filmed: FilmedPiece, sections: _Sections, *, features: bool) -> dict[str, Any]:
+    piece, occupied, films = filmed  # films as zlib for its checksum: a damaged one plays on
     return {
-        "corner": piece.corner,
-        "shape": piece.shape,
-        "occupied": sections.add(piece.occupied),
+        "corner": piece.corner[::-1],
+        "shape": piece.shape[::-1],
+        "occupied": sections.add(occupied),
         "films": [
             {"codec": film.codec, "at": sections.add(zlib.compress(film.data, 0)), "sizes": film.sizes}
-            for film in films
+            for film in (films if features else films[:2])
         ],
     }
 

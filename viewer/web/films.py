@@ -29,14 +29,9 @@ class Film:
     data: bytes  # all samples
 
 
-@dataclass(frozen=True)
-class FilmedPiece:
-    """A piece of the grid (scenepack.piece_files.GridPiece)."""
-
-    corner: tuple[int, int, int]  # x, y, z, in macroblocks
-    shape: tuple[int, int, int]  # x, y, z, in voxels
-    occupied: bytes  # which voxels have any alpha, as scenepack.codecs.streams packs it, but as zlib
-    films: tuple[Film, ...]  # alpha, rgb; in packs with features also their first three channels, and the fourth
+# A piece of the grid; which of its voxels have any alpha, as scenepack.codecs.streams packs it, but as zlib; and its films:
+# alpha, rgb; in packs with features also their first three channels, and the fourth.
+FilmedPiece = tuple[GridPiece, bytes, list[Film]]
 
 
 def films_of(path: Path) -> list[FilmedPiece] | None:
@@ -49,15 +44,11 @@ def films_of(path: Path) -> list[FilmedPiece] | None:
         for piece, names in zip(pieces.pieces, pieces.names, strict=True):
             if not isinstance(piece, GridPiece):
                 return None
-            occupancy, *films = (reader.files.read(name, reader.files.sizes[name]) for name in names)
-            found = [film_in(data, piece.shape[0]) for data in films]
-            if None in found:
+            occupancy, *files = (reader.files.read(name, reader.files.sizes[name]) for name in names)
+            films = [film for data in files if (film := film_in(data, piece.shape[0])) is not None]
+            if len(films) < len(files):
                 return None
-            cubes = cubes_in(occupancy, piece.shape)
-            depth, height, width = piece.shape
-            z, y, x = piece.corner
-            kept = tuple(film for film in found if film is not None)
-            made.append(FilmedPiece((x, y, z), (width, height, depth), zlib.compress(cubes, 9), kept))
+            made.append((piece, zlib.compress(cubes_in(occupancy, piece.shape), 9), films))
     return made
 
 
