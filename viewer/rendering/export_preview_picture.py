@@ -64,7 +64,7 @@ class ExportPreviewPicture:
         corners["place"], corners["normal"] = geometry.vertices[order], geometry.normals[order]
         corners["colour"] = geometry.colours[order]
         self._geometry, self._buffer = geometry, self.ctx.buffer(corners.tobytes())
-        content = [(self._buffer, "3f 3f 3f1", *corners.dtype.names)]
+        content = [(self._buffer, "3f 3f 3f1", "place", "normal", "colour")]
         self._drawing = Drawing(self.ctx, assemble("sketch.vert"), assemble("sketch.frag"), content)
         return self._drawing
 

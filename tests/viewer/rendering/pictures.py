@@ -37,7 +37,7 @@ def assert_exact(
     wanted = wanted or RenderSettings()
     crop, radius = wanted.crop, renderer.pack.contraction
     if radius is not None and not wanted.surroundings:
-        crop = ((-radius,) * 3, (radius,) * 3)
+        crop = ((-radius, -radius, -radius), (radius, radius, radius))
     near = max(camera.near, wanted.near)
     reference = render_reference(renderer.pack, replace(camera, near=near), background=wanted.background, crop=crop)
     brute, exact = (renderer.render_float(camera, replace(wanted, marcher=m)) for m in ("brute", "exact"))

@@ -61,7 +61,7 @@ def start_page(watched: tuple[Window, Watch], monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.fixture
-def act(start_page: Window, xdotool: Callable[..., None]) -> Callable[..., None]:
+def act(start_page: Window, xdotool: Callable[..., None]) -> Callable[..., object]:
     """As xdotool; then the window lives for a moment."""
     return lambda *words: (xdotool(*words), pump(start_page))
 
