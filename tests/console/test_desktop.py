@@ -48,15 +48,11 @@ def fail(tmp_path: Path, error: str = "UserError('no OpenGL', remedy='install it
         )
 
 
-def test_a_failure_is_shown_in_a_box(tmp_path: Path) -> None:
+def test_failures_and_bugs_are_shown_in_a_box(tmp_path: Path) -> None:
     said = fake(tmp_path / "bin", "zenity")
     assert fail(tmp_path).returncode == 2
     assert "--error" in said.read_text() and "--text=no OpenGL; install it" in said.read_text()
     assert "snerg-view: no OpenGL; install it" in (tmp_path / "log").read_text()
-
-
-def test_a_bug_is_shown_too(tmp_path: Path) -> None:
-    said = fake(tmp_path / "bin", "zenity")
     assert fail(tmp_path, "KeyError('depths')").returncode == 1
     assert "This is a bug in snerg: KeyError: 'depths'" in said.read_text()
 

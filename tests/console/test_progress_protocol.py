@@ -37,17 +37,6 @@ def test_progress_is_kept_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert report is not None and report.share == 1.0 and list(tmp_path.iterdir()) == [file]
 
 
-def test_work_taken_up_again_says_what_was_done_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = tmp_path / "progress.json"
-    monkeypatch.setenv(PROGRESS, str(file))
-    with progress("training", 1000, begun=600) as bar:
-        bar.update(700)
-        bar.report(at_once=True)
-        report = read_report(file)
-    assert report is not None and (report.done, report.total, report.begun, report.share) == (700.0, 1000.0, 600.0, 0.7)
-    assert report.seconds_left is None  # of one update
-
-
 def test_a_program_reads_stage_and_metrics_not_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "progress.json"
     monkeypatch.setenv(PROGRESS, str(file))
