@@ -23,7 +23,6 @@ _LINKS = {
     "dangling link": "nowhere/at/all", "link to /dev/zero": "/dev/zero", "link to /dev/null": "/dev/null", "link to ..": "..",
     "link to a file": "/etc/passwd",
 }  # fmt: skip
-_LONGEST_NAME = 250
 
 
 def read_tree(folder: Path) -> Tree:

@@ -216,9 +216,6 @@ def test_convert_tells_in_one_line_what_it_cannot_do(
     assert not (tmp_path / "b").exists()
 
 
-# What codecs are made of: padding, straight colours, the continuation of voxels into empty space, occupancy
-
-
 # Values in coarse steps: a lossless codec counts them in steps, and loses nothing
 
 

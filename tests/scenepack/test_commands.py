@@ -20,7 +20,7 @@ from scenepack import Finding, Pack, check_pack, load_pack, open_pack, report, s
 from scenepack.blocks import block_copy
 from scenepack.editing import Voxels, without
 from scenepack.placement import NOT_MOVED, placement_of
-from tests.scenepack.helpers import edit_json, read_image, real_pack, same_pack, small_pack, write_image, written
+from tests.scenepack.helpers import read_image, real_pack, same_pack, small_pack, write_image, written
 from tests.scenepack.random_packs import packs
 from tests.scenepack.test_placement import UP, sloping_pack
 from tests.told import told
@@ -106,17 +106,6 @@ def test_strict_turns_warnings_into_status_two(tmp_path: Path, run: Run) -> None
     assert run("check", folder)[0] == 0
     status, _, err = run("check", folder, "--strict")
     assert status == 2 and err.count("\n") == 1 and "padding rgba" in err
-
-
-@pytest.mark.parametrize("command", ["info", "check"])
-def test_bad_packs_end_with_status_two_and_one_line(tmp_path: Path, run: Run, command: str) -> None:
-    spoiled = written(tmp_path / "spoiled")
-    edit_json(spoiled, lambda p: p.update(voxel_size=float("nan")))
-    (tmp_path / "empty").mkdir()
-    for path in (spoiled, tmp_path / "empty", tmp_path / "missing"):
-        status, out, err = run(command, path)
-        assert status == 2 and out == ""
-        assert err.startswith("snerg-pack: ") and err.count("\n") == 1 and str(path) in err
 
 
 # The validation report finds each kind of damage, and nothing in a sound pack

@@ -128,12 +128,6 @@ def emptied(pack: Pack, removed: Selection) -> set[int]:
     return {k for k in range(len(voxels.places)) if not (voxels.content(k) & ~voxels.mask(removed, k)).any()}
 
 
-def test_a_pack_of_which_nothing_is_left_is_refused():
-    pack = small_pack()
-    with pytest.raises(UserError, match="nothing would be left"):
-        without(pack, Voxels(pack).everything(), [])
-
-
 def test_the_atlas_shows_what_was_removed_and_chosen_and_takes_it_back(pack):
     before = pack.atlas_rgba.copy(), None if pack.atlas_features is None else pack.atlas_features.copy()
     shown, voxels = EditPreview(Voxels(pack)), Voxels(pack)
