@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -95,19 +94,6 @@ def test_every_mode_of_every_kind_of_pack_draws_something_finite(
     assert np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1
     empty = kind == "diffuse" and mode in ("features", "view-dependent")
     assert (picture.std() == 0) == empty
-
-
-def test_renderers_with_contexts_of_their_own_do_not_disturb_one_another(shapes: Pack, camera: ViewCamera) -> None:
-    def draw() -> None:  # in a thread, for the current context is the thread's
-        with OffscreenRenderer(shapes) as one, OffscreenRenderer(replace(shapes, view_mlp=None)) as other:
-            pictures.extend([one.render(camera), other.render(camera), one.render(camera), other.render(camera)])
-
-    pictures: list[np.ndarray] = []
-    thread = threading.Thread(target=draw)
-    thread.start()
-    thread.join()
-    assert np.array_equal(pictures[0], pictures[2]) and np.array_equal(pictures[1], pictures[3])
-    assert not np.array_equal(pictures[0], pictures[1])
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only EGL tells which context is current")
