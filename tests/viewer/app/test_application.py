@@ -62,14 +62,6 @@ def test_opening_reads_in_a_thread_and_shows_the_pack(pack_folder):
     assert app.loading is None and app.scene.name == "toy" and len(app.canvas.shown) == 1
 
 
-def test_the_old_scene_stays_until_the_new_one_is_good(open_app, tmp_path):
-    old = open_app.scene
-    open_app.open(tmp_path / "nothing")
-    finish_loading(open_app)
-    assert open_app.scene is old
-    assert "nothing" in open_app.messages.dialogs[0].title
-
-
 def test_a_card_too_small_is_a_dialog_and_the_old_scene_stays(open_app, pack_folder):
     old = open_app.scene
     open_app.canvas.refuse = "the graphics driver has no room for the rgba texture"
@@ -128,14 +120,6 @@ def test_modes_go_round_and_leave_out_what_the_pack_has_not(open_app):
     open_app.set(mode="features")
     open_app.show(toy_pack(view_mlp=False), open_app.scene.path)
     assert open_app.settings.mode == "normal" and "features" not in modes_for(open_app)
-
-
-def test_a_double_click_makes_the_surface_the_pivot(open_app):
-    open_app.viewport.width, open_app.viewport.height = 400, 300
-    camera = open_app.camera()
-    assert open_app.pivot_at(200, 150)
-    point = camera.position - 2.0 * camera.grid_T_camera[:3, 2]
-    np.testing.assert_allclose(open_app.scene.rig.goal.pivot, point, atol=1e-6)
 
 
 def test_nothing_is_drawn_once_nothing_changes(open_app):

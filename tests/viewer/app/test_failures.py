@@ -72,7 +72,7 @@ def wait_for_dialog(ui) -> str:
 # A pack that goes away while it is open
 
 
-@pytest.mark.parametrize("gone", ["rgba_001.png", "scene_params.json", "atlas_indices.png", "all"])
+@pytest.mark.parametrize("gone", ["rgba_001.png", "scene_params.json", "all"])
 def test_a_pack_deleted_while_open_stays_open_and_is_told_when_it_is_asked_for_again(ui, gone):
     app, folder = ui.app, ui.app.scene.path
     shutil.rmtree(folder) if gone == "all" else (folder / gone).unlink()
@@ -170,9 +170,6 @@ def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_writte
     assert [path.name for path in small_disk.iterdir()] == ["mine.txt"]
     del app.canvas.snapshot
     still_alive(ui)
-
-
-# A place that cannot be written
 
 
 # A card too small

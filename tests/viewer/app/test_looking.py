@@ -9,7 +9,6 @@ from console import UserError
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.conftest import toy_pack
 from tests.viewer.scenes import SIDE, photographed
-from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.core.files import kind_of
 from viewer.core.pose import project
@@ -185,12 +184,6 @@ def test_things_dropped_are_told_apart(tmp_path, pack_folder):
     app = App(canvas=FakeCanvas())
     app.drop([scene])
     assert app.making.plan is not None and app.making.plan.subject == "scene" and app.loading is None
-    note = tmp_path / "notes.txt"
-    note.write_text("hello")
-    app.drop([note])
-    until(lambda: app.loading.finished)
-    app.tick(0.01)
-    assert app.messages.dialogs and app.scene is None
 
 
 def test_a_pose_is_copied_and_pasted(app, pack, pack_folder):
