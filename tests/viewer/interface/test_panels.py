@@ -146,12 +146,6 @@ def test_every_page_and_every_mode_draws_without_gl_errors(ui, app):
         assert ui.ctx.error == "GL_NO_ERROR"
 
 
-def test_the_start_page_is_shown_without_a_scene(offscreen, app):
-    ui = offscreen(app)
-    ui.settle()
-    assert ui.picture().max() > 120 and ui.ctx.error == "GL_NO_ERROR"
-
-
 def test_dense_displays_get_more_pixels_and_the_same_layout(offscreen, pack, pack_folder):
     app = App()
     ui = offscreen(app, size=(900, 600), density=2.0)
@@ -168,16 +162,6 @@ def test_every_window_size_keeps_room_for_the_picture(offscreen, app, pack, pack
     app.show(pack, pack_folder)
     ui.settle()
     assert app.viewport.width > 0.4 * size[0] and app.viewport.height > 0.8 * (size[1] - 48)
-
-
-def test_the_picture_is_quick_while_moving_and_whole_at_rest(ui, app):
-    app.resolution.scale = 0.3
-    app.scene.rig.orbit(0.2, 0.0)
-    ui.frame()
-    ui.frame()
-    assert ui.canvas.pending and ui.canvas.drawn_size[0] < app.viewport.pixels[0]
-    ui.settle()
-    assert ui.canvas.drawn_size == app.viewport.pixels
 
 
 # Names of files that are not UTF-8 are drawn like others
