@@ -17,7 +17,7 @@ from tests.viewer.web.conftest import page_picture
 from viewer.core.annotations import KEY, Annotations, annotations_to_json
 from viewer.core.files import demo_pack
 from viewer.features.display.display import backdrop
-from viewer.rendering.camera import ViewCamera, forward_facing_path
+from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import Look, RenderSettings
 from viewer.web.description import MODES
@@ -103,13 +103,3 @@ def test_every_mode_of_every_kind_of_pack_looks_the_same(
             page_picture(again, camera, f"{{mode: '{mode}', {WHITE}}}"), expected, f"{name}, {mode} with a look"
         )
     assert not browser.problems
-
-
-@pytest.mark.slow
-def test_a_forward_facing_scene_looks_the_same_from_four_cameras(
-    show: Show, desktop: Callable[[Pack], OffscreenRenderer]
-) -> None:
-    pack = shapes_pack(ndc=True)
-    browser, renderer = show(pack), desktop(pack)
-    for camera in forward_facing_path(pack, 4, size=SIZE):
-        assert_same(page_picture(browser, camera), renderer.render(camera), "forward-facing")
