@@ -1,7 +1,7 @@
 """Recipes: which valid files are spoilt how. Drawn from a seed, made smaller, kept as findings, and done again.
 
 A recipe is JSON: {"subject": "packs", "base": "avif", "steps": [["cut", "rgb_000.avif", 100]]}; see tests.fuzz.mutations. A
-finding is a recipe with "found", what was wrong; "expected" says why it may still be.
+finding is a recipe with "found", what was wrong.
 """
 
 from __future__ import annotations
@@ -62,12 +62,6 @@ def smaller(recipe: Recipe, same: Callable[[Recipe], bool]) -> Recipe:
         if fewer["steps"] and same(fewer):
             recipe = fewer
     return recipe
-
-
-def is_expected(recipe: Recipe, key: str) -> bool:
-    """Whether a finding of that cause is kept already, as one that is not mended yet."""
-    kept = (json.loads(file.read_text(encoding="utf-8")) for file in findings())
-    return any("expected" in one and one["base"] == recipe["base"] and one["found"].startswith(key) for one in kept)
 
 
 def keep(recipe: Recipe, key: str, line: str) -> Path:

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tests.fuzz.child import FINDING, OPENED, REFUSED, Outcome
-from tests.fuzz.recipes import SUBJECTS, Recipe, Source, class_of, is_expected, keep, smaller, write_bases
+from tests.fuzz.recipes import SUBJECTS, Recipe, Source, class_of, keep, smaller, write_bases
 from tests.fuzz.workers import Worker
 
 
@@ -65,8 +65,7 @@ class Campaign:
             self.causes[cause] += outcome.kind == FINDING
         if new:
             recipe = smaller(recipe, lambda fewer: worker.outcome(fewer).key == outcome.key)
-            kept = self.kept and not is_expected(recipe, outcome.key)
-            place = keep(recipe, outcome.key, outcome.line).name if kept else str(recipe)
+            place = keep(recipe, outcome.key, outcome.line).name if self.kept else str(recipe)
             print(f"{recipe['subject']} {number}: {outcome.key}: {outcome.line}\n    {place}", flush=True)
 
     def table(self) -> str:
