@@ -218,18 +218,6 @@ def test_commands_and_options_in_prose_exist(document: Path) -> None:
 
 
 @each_document
-def test_commands_named_anywhere_exist(document: Path) -> None:
-    for name in re.findall(
-        r"(?<![\w./-])snerg-(?:make|train|bake|eval|render|bench|view|pack|[a-z]+)\b", text_of(document)
-    ):
-        assert name in PROJECT["scripts"] or name == "snerg-viewer", f"{document.name}: {name}"
-    for module in re.findall(r"python -m ([\w.]+)", text_of(document)):
-        path = ROOT / module.replace(".", "/")
-        path = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
-        assert path.is_file() and "__main__" in text_of(path), f"{document.name}: python -m {module}"
-
-
-@each_document
 def test_make_targets_and_extras_exist(document: Path) -> None:
     targets = set(re.findall(r"^([\w-]+):(?!=)", text_of(ROOT / "Makefile"), re.M))
     for span in [*spans_of(document), *blocks_of(document)]:
