@@ -1,5 +1,6 @@
 """One history: whatever was changed last is undone first, and nothing else."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from hypothesis import given
@@ -8,21 +9,23 @@ from hypothesis import strategies as st
 from tests.viewer.conftest import toy_pack
 from viewer.app.application import App
 from viewer.app.commands import run
+from viewer.core.annotations import Bookmark
 from viewer.core.pose import DEPTH, History
 from viewer.features.placing import placing
 
 PACK = toy_pack()
-STEPS = st.lists(st.sampled_from(["orbit", "crop", "near", "home", "move", "nothing"]), min_size=1, max_size=12)
+EYE_AND_TARGET = (0.0, 1.0, 4.0), (0.0, 0.0, 0.0)
+STEPS = st.lists(st.sampled_from(["orbit", "crop", "near", "home", "move", "mark", "nothing"]), min_size=1, max_size=12)
 
 
 def state(app: App) -> tuple:
-    rig, placement = app.scene.rig, app.annotations.current.placement
-    assert rig.table.placed == placement.rotation
-    return rig.goal, rig.table, placement, app.settings.crop, app.settings.near
+    rig, annotations = app.scene.rig, app.annotations.current
+    assert rig.table.placed == annotations.placement.rotation
+    return rig.goal, rig.table, annotations, app.settings.crop, app.settings.near
 
 
 @given(STEPS)
-def test_moves_cuts_and_the_near_plane_are_undone_in_turn(steps):
+def test_moves_cuts_marks_and_the_near_plane_are_undone_in_turn(steps):
     app = App()
     app.show(PACK, Path("toy"))
     states = [state(app)]
@@ -36,6 +39,10 @@ def test_moves_cuts_and_the_near_plane_are_undone_in_turn(steps):
             app.cut(near=0.1 * (i + 1))
         elif step == "move":
             placing.change(app, app.annotations.current.placement.with_angles(20.0 + i, 10.0, 0.0))
+        elif step == "mark":
+            app.annotations.change(
+                app, replace(app.annotations.current, bookmarks=(Bookmark(f"{i}", *EYE_AND_TARGET),))
+            )
         elif step == "home":
             run(app, "home")
         else:

@@ -186,18 +186,3 @@ def test_the_last_change_is_written_when_the_scene_is_closed(own: Path, tmp_path
     app.annotations.change(app, ANNOTATIONS)
     app.close()
     assert opened(own, tmp_path / "user").annotations.current == ANNOTATIONS
-
-
-def test_undo_takes_back_marks_and_moves_in_their_order(own: Path, tmp_path: Path):
-    app = opened(own, tmp_path / "user")
-    rig = app.scene.rig
-    app.annotations.change(app, ANNOTATIONS)
-    rig.remember()
-    rig.orbit(0.2, 0.1)
-    turned = rig.goal
-    rig.history.undo()
-    assert rig.goal != turned and app.annotations.current == ANNOTATIONS
-    rig.history.undo()
-    assert app.annotations.current == Annotations()
-    rig.history.redo()
-    assert app.annotations.current == ANNOTATIONS
