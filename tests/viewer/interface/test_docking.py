@@ -45,16 +45,6 @@ def test_a_page_is_pulled_out_and_another_takes_its_place(ui, app):
     assert app.interface.moved == ["view"] and app.interface.page == "film" and ui.ctx.error == "GL_NO_ERROR"
 
 
-def test_a_page_is_docked_at_the_other_side(ui, app):
-    pull_out(ui)
-    # The title bar of the floating page is at the cursor; the mark for the left edge is at the picture's left middle.
-    pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
-    assert app.interface.moved == ["view"] and app.viewport.x > 200
-    app.interface.opens("camera")
-    ui.settle()
-    assert app.viewport.x > 200 and app.viewport.x + app.viewport.width < 1180 - 250
-
-
 def test_a_layout_is_remembered_and_comes_back(ui, app, offscreen, tmp_path, pack, pack_folder):
     pull_out(ui)
     pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
