@@ -50,19 +50,14 @@ def frames_of_film(count: int = 24, sharp_every: int = 4) -> list[np.ndarray]:
     return out
 
 
-def write_film(
-    file: Path, frames: list[np.ndarray], times: list[int], codec: str = "libx264", matrix: np.ndarray | None = None
-) -> Path:
+def write_film(file: Path, frames: list[np.ndarray], times: list[int], matrix: np.ndarray | None = None) -> Path:
     """A film whose frames are shown at `times` (milliseconds), with that display matrix in its header."""
     buffer = io.BytesIO()
-    container = "webm" if file.suffix == ".webm" else "mp4"
-    with av.open(buffer, "w", format=container) as film:
-        stream = film.add_stream(
-            codec, rate=1000, options={"crf": "12", "deadline": "realtime"} if codec.startswith("lib") else {}
-        )
+    with av.open(buffer, "w", format="mp4") as film:
+        stream = film.add_stream("libx264", rate=1000, options={"crf": "12"})
         stream.bit_rate = 8_000_000
         stream.height, stream.width = frames[0].shape[:2]
-        stream.pix_fmt, stream.time_base = "rgb24" if codec == "png" else "yuv420p", Fraction(1, 1000)
+        stream.pix_fmt, stream.time_base = "yuv420p", Fraction(1, 1000)
         stream.codec_context.time_base = Fraction(1, 1000)
         for pixels, time in zip(frames, times, strict=True):
             frame = av.VideoFrame.from_ndarray(pixels, format="rgb24")
@@ -111,12 +106,8 @@ def test_films_of_every_container_give_the_same_frames(
     assert told == [4] and shown and shown == sorted(shown)
 
 
-@pytest.mark.parametrize(("name", "codec"), [("walk.mp4", "libx264"), ("walk.mov", "mpeg4"), ("walk.webm", "libvpx")])
-def test_the_sharpest_frame_of_each_interval_is_taken(name: str, codec: str, tmp_path: Path):
-    film = write_film(tmp_path / name, frames_of_film(), [100 * i for i in range(24)], codec)
-    source = find_source(tmp_path)
-    assert source is not None and source.kind == "film" and source.files == (film,)
-    found = taken(film)
+def test_the_sharpest_frame_of_each_interval_is_taken(tmp_path: Path):
+    found = taken(write_film(tmp_path / "walk.mp4", frames_of_film(), [100 * i for i in range(24)]))
     assert [round(seconds * 1000) for seconds, _ in found] == [100 * i for i in (2, 6, 10, 14, 18, 22)]
     assert all(picture.shape == (HEIGHT, WIDTH, 3) for _, picture in found)
 
