@@ -114,8 +114,7 @@ def test_divergence_stops_with_the_last_good_checkpoint_kept(procedural_path: Pa
     with pytest.raises(UserError, match=r"diverged at step .* lower learning rate"):
         train(procedural_path, tmp_path / "run", wild)
     if (tmp_path / "run" / "checkpoints").exists():
-        for arrays in [load_run(tmp_path / "run").state]:
-            assert all(not np.isnan(a).any() for a in to_arrays(arrays).values())
+        assert not any(np.isnan(a).any() for a in to_arrays(load_run(tmp_path / "run").state).values())
 
 
 @pytest.mark.slow
@@ -127,12 +126,6 @@ def test_a_full_disk_stops_training_with_a_plain_line(procedural_path: Path, tmp
     monkeypatch.setattr("training.checkpoints.write_file", full)
     with pytest.raises(UserError, match="disk is full"):
         train(procedural_path, tmp_path / "run", MINUTE)
-
-
-@pytest.mark.slow
-def test_time_can_be_limited(procedural_path: Path, tmp_path: Path):
-    run = train(procedural_path, tmp_path / "run", dataclasses.replace(MINUTE, steps=100_000, minutes=1e-9))
-    assert run.step == 1 and load_run(tmp_path / "run").step == 1
 
 
 @pytest.mark.slow
@@ -228,14 +221,6 @@ def test_a_folder_that_is_no_run_is_not_overwritten_either(procedural_path: Path
 def test_a_resumed_run_keeps_its_settings(unbroken: Path, procedural_path: Path, capsys, options, words):
     assert main([str(procedural_path), "--out", str(unbroken), "--resume", *options]) == 2
     assert words in one_line(capsys)
-
-
-@pytest.mark.slow
-def test_a_finished_run_can_be_given_more_steps(unbroken: Path, procedural_path: Path, tmp_path: Path, capsys):
-    longer = Path(shutil.copytree(unbroken, tmp_path / "longer"))
-    assert main([str(procedural_path), "--out", str(longer), "--resume", "--steps", "14"]) == 0
-    assert "14 of 14 steps" in capsys.readouterr().out
-    assert load_run(longer).step == 14 and load_run(longer).config.steps == 14
 
 
 @pytest.mark.slow
