@@ -34,6 +34,13 @@ def opened(folder: Path, *lines: str) -> Pack:
     return pack
 
 
+def assert_kept(pack: Pack, folder: Path, again: Path) -> None:
+    """The pack of a folder is saved with the JSON that the folder has."""
+    before = read_json(folder)
+    save_pack(pack, again)
+    assert json.dumps(read_json(again)) == json.dumps(before)
+
+
 def json_edited(tmp_path: Path, change: Callable[[dict[str, Any]], Any], **options: Any) -> Path:
     folder = written(tmp_path / "pack", small_pack(**options))
     edit_json(folder, change)
@@ -47,9 +54,7 @@ def test_missing_feature_images_make_a_diffuse_pack_whose_weights_survive(tmp_pa
         file.unlink()
     pack = opened(folder, "shown as diffuse")
     assert pack.atlas_features is None and pack.view_mlp is None
-    before = read_json(folder)
-    save_pack(pack, tmp_path / "again")
-    assert json.dumps(read_json(tmp_path / "again")) == json.dumps(before)
+    assert_kept(pack, folder, tmp_path / "again")
 
 
 def test_an_all_zero_view_mlp_is_taken_as_diffuse_and_survives(tmp_path: Path) -> None:
@@ -61,18 +66,14 @@ def test_an_all_zero_view_mlp_is_taken_as_diffuse_and_survives(tmp_path: Path) -
     folder = json_edited(tmp_path, zero)
     pack = opened(folder, "all zero")
     assert pack.view_mlp is None and pack.atlas_features is not None
-    before = read_json(folder)
-    save_pack(pack, folder)
-    assert json.dumps(read_json(folder)) == json.dumps(before)
+    assert_kept(pack, folder, folder)
 
 
 def test_a_pack_without_biases_is_diffuse_without_complaint(tmp_path: Path) -> None:
     folder = json_edited(tmp_path, lambda p: [p.pop(f"{layer}_bias") for layer in range(3)])
     pack = opened(folder)
     assert pack.view_mlp is None and pack.atlas_features is not None
-    before = read_json(folder)
-    save_pack(pack, folder)
-    assert json.dumps(read_json(folder)) == json.dumps(before)
+    assert_kept(pack, folder, folder)
     for file in folder.glob("feature_*.png"):
         file.unlink()
     assert opened(folder).atlas_features is None
@@ -103,9 +104,7 @@ def test_an_old_forward_facing_pack_gets_the_published_viewers_camera(tmp_path: 
     folder = json_edited(tmp_path, lambda p: p.pop("input_focal"), ndc=True)
     pack = opened(folder, "input_focal")
     assert (pack.input_width, pack.input_height, pack.input_focal) == (1006.0, 756.0, 755.644059435)
-    before = read_json(folder)
-    save_pack(pack, folder)
-    assert json.dumps(read_json(folder)) == json.dumps(before)
+    assert_kept(pack, folder, folder)
 
 
 def test_indices_may_be_rgb(tmp_path: Path) -> None:
