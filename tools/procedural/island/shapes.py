@@ -118,6 +118,12 @@ def within_sector(x: float, y: float, count: int) -> float:
 
 
 @njit(nogil=True, cache=True)
+def closer(d: float, what: int, best: float, of: int) -> tuple[float, int]:
+    """The nearer of two things: its distance, and what it is."""
+    return (d, what) if d < best else (best, of)
+
+
+@njit(nogil=True, cache=True)
 def rod(px: float, py: float, pz: float, a: np.ndarray, b: np.ndarray, lift: float, radius: float) -> float:
     """Distance to the segment between two points [3], `lift` above them."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -134,39 +140,32 @@ def lighthouse(x: float, y: float, z: float, best: float, of: int) -> tuple[floa
     if around > best:
         return best, of
     d = max(0.98 * (q - (0.118 - 0.065 * z)), max(z - 0.62, -z - 0.1))
-    if d < best:
-        best, of = d, TOWER
+    best, of = closer(d, TOWER, best, of)
     d = min(tube(q, z - 0.03, 0.132, 0.03), tube(q, z - 0.628, 0.112, 0.014))
     d = min(d, tube(q, z - 0.60, 0.096, 0.02))
-    if d < best:
-        best, of = d, STONE
+    best, of = closer(d, STONE, best, of)
     angle = within_sector(x, y, 12)
     d = tube(hypot(q * cos(angle) - 0.102, q * sin(angle)), z - 0.67, 0.0042, 0.035)
     d = min(d, min(hypot(q - 0.102, z - 0.704), hypot(q - 0.102, z - 0.676)) - 0.0045)
     angle = within_sector(x, y, 6)
     d = min(d, tube(hypot(q * cos(angle) - 0.058, q * sin(angle)), z - 0.70, 0.006, 0.06))
-    if d < best:
-        best, of = d, IRON
+    best, of = closer(d, IRON, best, of)
     d = tube(q, z - 0.70, 0.055, 0.058)
-    if d < best:
-        best, of = d, GLASS
+    best, of = closer(d, GLASS, best, of)
     d = min(cone(q, z - 0.755, 0.082, 0.085), tube(q, z - 0.757, 0.082, 0.006))
     d = min(d, sqrt(q * q + (z - 0.853) ** 2) - 0.016)
     d = min(d, tube(q, z - 0.89, 0.004, 0.03))
-    if d < best:
-        best, of = d, RED
+    best, of = closer(d, RED, best, of)
     # A door, and windows that climb around the tower.
     d = box(x, y + 0.116, z - 0.10, 0.026, 0.012, 0.045)
-    if d < best:
-        best, of = d, WOOD
+    best, of = closer(d, WOOD, best, of)
     for i in range(3):
         bend = -1.2 + 1.9 * i
         height = 0.20 + 0.14 * i
         at = 0.118 - 0.065 * height
         wx, wy = x * cos(bend) + y * sin(bend), -x * sin(bend) + y * cos(bend)
         d = box(wx - at, wy, z - height, 0.006, 0.014, 0.022)
-        if d < best:
-            best, of = d, GLASS
+        best, of = closer(d, GLASS, best, of)
     return best, of
 
 
@@ -182,27 +181,22 @@ def cottage(x: float, y: float, z: float, best: float, of: int) -> tuple[float, 
     lean = sqrt(1 + slope * slope)
     gable = (abs(y) * slope + z - high - rise) / lean
     d = max(max(box(x, y, z - 0.05, half, deep, 0.30), gable), -z - 0.06)
-    if d < best:
-        best, of = d, WALL
+    best, of = closer(d, WALL, best, of)
     shell = abs((abs(y) * slope + z - high - rise - 0.012) / lean) - 0.009
     d = max(max(shell, abs(x) - half - 0.022), max(abs(y) - deep - 0.026, high - 0.035 - z))
-    if d < best:
-        best, of = d, TILES
+    best, of = closer(d, TILES, best, of)
     d = box(x - 0.085, y + 0.02, z - 0.22, 0.018, 0.018, 0.05)
     d = min(d, box(x - 0.085, y + 0.02, z - 0.268, 0.024, 0.024, 0.006))
     d = min(d, box(x, y, z - 0.0, half + 0.012, deep + 0.012, 0.014))
-    if d < best:
-        best, of = d, STONE
+    best, of = closer(d, STONE, best, of)
     d = box(x + 0.01, y + deep, z - 0.05, 0.024, 0.006, 0.042)
-    if d < best:
-        best, of = d, WOOD
+    best, of = closer(d, WOOD, best, of)
     d = 1.0
     for side in (-1.0, 1.0):
         for across in (-0.095, 0.095):
             d = min(d, box(x - across, y - side * deep, z - 0.068, 0.022, 0.005, 0.024))
         d = min(d, box(x - side * half, y, z - 0.085, 0.005, 0.02, 0.024))
-    if d < best:
-        best, of = d, GLASS
+    best, of = closer(d, GLASS, best, of)
     return best, of
 
 
@@ -216,13 +210,11 @@ def boat(x: float, y: float, z: float, best: float, of: int) -> tuple[float, int
     outer = (sqrt((x / 0.145) ** 2 + (y / 0.052) ** 2 + ((z - 0.035) / 0.055) ** 2) - 1) * 0.05
     inner = (sqrt((x / 0.13) ** 2 + (y / 0.042) ** 2 + ((z - 0.04) / 0.045) ** 2) - 1) * 0.04
     d = 0.8 * max(max(outer, z - 0.035), -inner)
-    if d < best:
-        best, of = d, HULL
+    best, of = closer(d, HULL, best, of)
     d = tube(hypot(x - 0.015, y), z - 0.20, 0.0055, 0.20)
     d = min(d, box(x + 0.05, y, z - 0.075, 0.07, 0.005, 0.005))
     d = min(d, box(x + 0.03, y, z - 0.028, 0.012, 0.045, 0.006))
-    if d < best:
-        best, of = d, WOOD
+    best, of = closer(d, WOOD, best, of)
     # Two sails, bellied by the wind: a triangle behind the mast, a smaller one before it.
     belly = 0.018 * sin(pi * min(max((z - 0.08) / 0.3, 0.0), 1.0))
     d = max(abs(y - belly) - 0.0055, max(x - 0.005, 0.085 - z))
@@ -230,8 +222,7 @@ def boat(x: float, y: float, z: float, best: float, of: int) -> tuple[float, int
     jib = max(abs(y - 0.6 * belly) - 0.0055, max(0.028 - x, 0.075 - z))
     jib = max(jib, ((x - 0.028) * 0.24 + (z - 0.315) * 0.1) / 0.26)
     d = 0.9 * min(d, jib)
-    if d < best:
-        best, of = d, SAIL
+    best, of = closer(d, SAIL, best, of)
     return best, of
 
 
@@ -249,8 +240,7 @@ def jetty(x: float, y: float, z: float, best: float, of: int) -> tuple[float, in
     d = min(d, box(u - 0.5 * JETTY_LENGTH, abs(v) - 0.036, top + 0.012, 0.5 * JETTY_LENGTH, 0.006, 0.008))
     near = min(max(floor(u / 0.11 + 0.5), 0.0), 3.0) * 0.11 + 0.006
     d = min(d, tube(hypot(u - near, abs(v) - 0.05), top + 0.03, 0.011, 0.085))
-    if d < best:
-        best, of = d, WOOD
+    best, of = closer(d, WOOD, best, of)
     return best, of
 
 
@@ -263,42 +253,36 @@ def plants(island: Island, x: float, y: float, z: float, best: float, of: int) -
         if max(q - wide, max(up - high, -up)) > best:
             continue
         d = tube(q, up - 0.1 * high, 0.09 * wide, 0.12 * high)
-        if d < best:
-            best, of = d, TRUNK
+        best, of = closer(d, TRUNK, best, of)
         ragged = 1 + 0.10 * sin(9 * atan2(y - py, x - px) + 40 * up + i)
         for k in range(3):
             foot = (0.16 + 0.24 * k) * high
             d = 0.75 * cone(q, up - foot, wide * (1 - 0.26 * k) * ragged, (0.46 - 0.04 * k) * high)
-            if d < best:
-                best, of = d, PINE
+            best, of = closer(d, PINE, best, of)
     for i in range(island.trees.shape[0]):
         px, py, pz, high, wide = island.trees[i]
         q, up = hypot(x - px, y - py), z - pz
         if max(q - 1.5 * wide, max(up - high - wide, -up)) > best:
             continue
         d = tube(q, up - 0.3 * high, 0.13 * wide, 0.34 * high)
-        if d < best:
-            best, of = d, TRUNK
+        best, of = closer(d, TRUNK, best, of)
         for k in range(5):
             a = 2.4 * k + i
             cx, cy, cz = px + 0.5 * wide * cos(a), py + 0.5 * wide * sin(a), pz + high * (0.78 + 0.07 * (k % 3))
             d = sqrt((x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2) - 0.66 * wide
             if d < best + 0.02:
                 d = 0.7 * (d - 0.035 * (rough(26 * x, 26 * y, 26 * z) - 0.5))
-            if d < best:
-                best, of = d, LEAVES
+            best, of = closer(d, LEAVES, best, of)
     for i in range(island.rocks.shape[0]):
         px, py, pz, radius = island.rocks[i]
         d = sqrt((x - px) ** 2 + (y - py) ** 2 + 2.2 * (z - pz) ** 2) - radius
         if d < best + 0.03:
             d = 0.62 * (d - 0.45 * radius * (rough(9 * x + i, 9 * y, 9 * z) - 0.5))
-        if d < best:
-            best, of = d, STONE
+        best, of = closer(d, STONE, best, of)
     for i in range(island.stones.shape[0]):
         px, py, pz, radius = island.stones[i]
         d = tube(hypot(x - px, y - py), z - pz, radius, 0.009)
-        if d < best:
-            best, of = d, STONE
+        best, of = closer(d, STONE, best, of)
     for i in range(island.posts.shape[0]):
         post = island.posts[i]
         if hypot(x - post[0], y - post[1]) - 0.14 > best:
@@ -307,8 +291,7 @@ def plants(island: Island, x: float, y: float, z: float, best: float, of: int) -
         if i and hypot(post[0] - island.posts[i - 1, 0], post[1] - island.posts[i - 1, 1]) < 0.16:
             d = min(d, rod(x, y, z, island.posts[i - 1], post, 0.03, 0.005))
             d = min(d, rod(x, y, z, island.posts[i - 1], post, 0.06, 0.005))
-        if d < best:
-            best, of = d, WOOD
+        best, of = closer(d, WOOD, best, of)
     return best, of
 
 
@@ -322,12 +305,10 @@ def nearest(island: Island, heights_at: np.ndarray, x: float, y: float, z: float
     best, of = max(z - WATER, max(q - BASE_RADIUS + 0.06, BASE_BOTTOM - z)), SEA
     d = tube(q, z - 0.5 * (BASE_BOTTOM + WATER) - 0.008, BASE_RADIUS, 0.5 * (WATER - BASE_BOTTOM) + 0.02)
     d = max(d, BASE_RADIUS - 0.06 - q)
-    if d < best:
-        best, of = d, RIM
+    best, of = closer(d, RIM, best, of)
     if q < 1.15:
         d = max(0.45 * (z - ground(island.heights, x, y)), BASE_BOTTOM + 0.02 - z)
-        if d < best:
-            best, of = d, GROUND
+        best, of = closer(d, GROUND, best, of)
     best, of = lighthouse(x - TOWER_AT[0], y - TOWER_AT[1], z - heights_at[0], best, of)
     best, of = cottage(x - COTTAGE_AT[0], y - COTTAGE_AT[1], z - heights_at[1], best, of)
     best, of = boat(x - BOAT_AT[0], y - BOAT_AT[1], z - WATER, best, of)
