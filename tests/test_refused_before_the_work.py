@@ -19,9 +19,11 @@ from console import check_results, write_json
 from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
 from tests.told import told
+from tests.viewer.rendering.shapes import shapes_pack
 from tools.procedural import write_procedural_scene
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
+from viewer.rendering.gpu_memory import Limits
 
 RENDER, RUN, OPEN = "viewer.commands.render.load_pack", "training.run.load_run", "baker.commands.pack.open_pack"
 
@@ -31,7 +33,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """A pack, a scene, and places where no file can be: below a file, and in place of a folder."""
     folder = tmp_path_factory.mktemp("results")
     save_pack(small_pack(), folder / "pack")
-    write_procedural_scene(folder / "scene", size=8, views=2, subpixels=1)
+    write_procedural_scene(folder / "scene", size=48, views=2, subpixels=1)
     (folder / "file").write_text("in the way of a folder")
     names = {"pack": "pack", "scene": "scene", "below": "file/deep/results", "folder": "scene", "out": "out"}
     return {name: str(folder / path) for name, path in names.items()}
@@ -77,6 +79,34 @@ def test_what_cannot_end_well_is_refused_before_the_work(
     [line] = told(capsys.readouterr().err)
     assert told_of in line
     assert not Path(places["out"]).exists() and not Path(places["out"] + ".mp4").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "words"), [(snerg_eval, "--scene {scene}"), (snerg_bench, "--frames 1 --size 48x36")]
+)
+def test_a_pack_that_does_not_fit_is_measured_at_half_resolution_only_where_that_is_allowed(
+    command: Callable[[list[str]], int],
+    words: str,
+    places: dict[str, str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    save_pack(shapes_pack(70), tmp_path / "pack")
+    out = tmp_path / "figures.json"
+    line = [str(tmp_path / "pack"), *words.format(**places).split(), "--json", str(out)]
+    assert command(line) == 0
+    whole = json.loads(out.read_text())
+    assert whole["halved"] is False and whole["grid_size"] == [70, 70, 70]
+    out.unlink()
+    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, _: Limits(2048, 400_000)))
+    capsys.readouterr()
+    assert command(line) == 2 and not out.exists()
+    error = told(capsys.readouterr().err)[-1]
+    assert "too large" in error and "--allow-half" in error
+    assert command([*line, "--allow-half"]) == 0
+    half = json.loads(out.read_text())
+    assert half["halved"] is True and half["grid_size"] == [35, 35, 35]
 
 
 def test_the_question_leaves_nothing_behind_and_harms_nothing(tmp_path: Path) -> None:

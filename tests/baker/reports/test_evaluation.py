@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from baker.commands import evaluate as evaluate_command
 from baker.commands.pack import main
 from baker.reports import evaluation
 from baker.reports.evaluation import evaluate, reading_of
@@ -19,10 +18,8 @@ from baker.reports.tables import measured
 from scenepack import Pack, save_pack
 from tests.scenepack.helpers import small_pack
 from tests.scenepack.random_packs import random_pack
-from tests.viewer.rendering.shapes import shapes_pack
 from tools.codec_report import as_markdown
 from training.scenes import Scene
-from viewer.rendering.gpu_memory import Limits
 
 Spoil = Callable[[np.ndarray], np.ndarray]
 
@@ -104,26 +101,6 @@ def test_two_methods_are_scored_on_the_same_pixels_with_the_mask_of_one(
     by_other = evaluate(wide, scene, "test", mask_of=narrow)
     assert by_other["psnr"] > 100 and by_other["mask"] == "narrow", "its errors lie outside of the other's mask"
     assert evaluate(narrow, scene, "test", mask_of=wide)["psnr"] < 40, "what it lacks of the mask counts"
-
-
-def test_a_pack_that_does_not_fit_is_scored_at_half_resolution_only_when_allowed(
-    scene_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    save_pack(shapes_pack(70), tmp_path / "pack")
-    out = tmp_path / "scores.json"
-    words = [str(tmp_path / "pack"), "--scene", str(scene_path), "--json", str(out)]
-    assert evaluate_command.main(words) == 0
-    scores = json.loads(out.read_text())
-    assert scores["grid_size"] == [70, 70, 70] and scores["halved"] is False
-    out.unlink()
-    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, _: Limits(2048, 400_000)))
-    capsys.readouterr()
-    assert evaluate_command.main(words) == 2 and not out.exists()
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert "too large" in lines[-1] and "--allow-half" in lines[-1]
-    assert evaluate_command.main([*words, "--allow-half"]) == 0
-    scores = json.loads(out.read_text())
-    assert scores["grid_size"] == [35, 35, 35] and scores["halved"] is True
 
 
 # snerg-pack compare, and the table of codecs
