@@ -30,16 +30,6 @@ def folder(tmp_path: Path, shapes: Pack) -> Path:
     return path
 
 
-@pytest.fixture
-def no_golden_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They take seconds, and one test is enough."""
-
-    def skip(out: Path, budget: Budget) -> dict:
-        raise Skipped("not this time")
-
-    monkeypatch.setattr(card_report, "golden", skip)
-
-
 def read(out: Path) -> dict:
     return json.loads((out / "report.json").read_text())["parts"]
 
@@ -80,14 +70,17 @@ def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("no_golden_pictures")
 def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def broken() -> dict:
+    def broken(*_: object) -> dict:
         raise RuntimeError("the driver is moody")
 
+    def skipped(out: Path, budget: Budget) -> dict:
+        raise Skipped("they take seconds, and one test is enough")
+
     monkeypatch.setattr(card_report, "device", broken)
+    monkeypatch.setattr(card_report, "golden", skipped)
     out = tmp_path / "card"
     words = ["--out", str(out), "--only", "--pack", str(folder), *QUICK, "--train-minutes", "0"]
     assert card_report.main(words) == 2
