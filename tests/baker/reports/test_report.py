@@ -54,17 +54,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 @pytest.fixture(scope="module")
 def out(runs: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("report") / "out"
-    options = ReportOptions(
-        out,
-        SCENE,
-        resolution=46,
-        resolutions="40,46",
-        quality="draft",
-        against=runs[1],
-        frames=2,
-        size="32x32",
-        quick=True,
-    )
+    of = {"resolution": 46, "resolutions": "40,46", "quality": "draft", "against": runs[1]}
+    options = ReportOptions(out, SCENE, **of, frames=2, size="32x32", quick=True)
     with pytest.MonkeyPatch.context() as quick:
         quick.setattr(passes, "fine_tune", partial(fine_tune, epochs=EPOCHS))
         quick.setattr(passes, "JointConfig", partial(JointConfig, most_steps=STEPS))
@@ -178,17 +169,8 @@ def test_a_report_of_a_box_bakes_it_alone_and_compares_only_where_the_papers_bak
 
     monkeypatch.setattr(passes, "fine_tune", tuned)
     box = "-0.5,-0.5,-1.5,0.5,0.5,1.5"
-    words = [
-        str(runs[0]),
-        "--out",
-        str(tmp_path / "out"),
-        "--scene",
-        str(SCENE),
-        "--resolution",
-        "40",
-        "--quick",
-        f"--aabb={box}",
-    ]
+    words = [str(runs[0]), "--out", str(tmp_path / "out"), "--scene", str(SCENE), "--resolution=40", "--quick"]
+    words += [f"--aabb={box}"]
     assert snerg_report([*words, "--tables", "storage"]) == 0
     paper = tmp_path / "out/packs/paper-40-full"
     pack = load_pack(paper)
@@ -213,14 +195,8 @@ def test_a_report_of_a_box_bakes_it_alone_and_compares_only_where_the_papers_bak
 def test_every_picture_that_the_report_shows_is_there(out: Path) -> None:
     text = (out / "report.md").read_text()
     shown = [part.split(")")[0] for part in text.split("](")[1:]]
-    assert {
-        "resolution.png",
-        "storage.png",
-        "sparsity.png",
-        "cross-section-x.png",
-        "fine-tuning.png",
-        "ablation.png",
-    } <= set(shown)
+    some = ("resolution", "storage", "sparsity", "cross-section-x", "fine-tuning", "ablation")
+    assert {f"{name}.png" for name in some} <= set(shown)
     for name in shown:
         with Image.open(out / name) as picture:
             assert np.asarray(picture.convert("L")).std() > 1, name
