@@ -139,12 +139,14 @@ def one_line(capsys: pytest.CaptureFixture[str], command: Command, arguments: li
     return errors[0]
 
 
-@pytest.mark.parametrize("broken", ["missing", "truncated picture", "nan pose"])
+@pytest.mark.parametrize("there", [False, True])
 def test_a_bad_scene_gives_one_line_from_every_command_that_reads_scenes(
-    broken: str, made: Path, scene: Path, tmp_path: Path, capsys
+    there: bool, made: Path, scene: Path, tmp_path: Path, capsys
 ) -> None:
     bad = tmp_path / "bad"
-    expected = spoil_scene(broken, scene, bad)
+    if there:
+        shutil.copytree(scene, bad)
+        cut_short(bad / "train" / "r_3.png")
     out = str(tmp_path / "out")
     lines = [
         one_line(capsys, snerg_train, [str(bad), "--out", out, "--preset", "tiny"]),
@@ -152,32 +154,23 @@ def test_a_bad_scene_gives_one_line_from_every_command_that_reads_scenes(
         one_line(capsys, snerg_eval, [str(made / "pack"), "--scene", str(bad), "--split", "train"]),
     ]
     for line in lines:
-        assert expected in line, line
-        assert str(bad) in line
+        assert str(bad) in line and ("r_3.png" if there else "no such") in line, line
     assert not (tmp_path / "out" / "pack").exists()
 
 
-def spoil_scene(how: str, scene: Path, bad: Path) -> str:
-    """Writes a spoilt copy of the scene; returns words that the complaint must hold."""
-    if how == "missing":
-        return "no such"
-    shutil.copytree(scene, bad)
-    transforms, picture = bad / "transforms_train.json", bad / "train" / "r_3.png"
-    document = json.loads(transforms.read_text())
-    if how == "nan pose":
-        document["frames"][2]["transform_matrix"][0][0] = float("nan")
-        transforms.write_text(json.dumps(document))
-        return "not finite"
-    picture.write_bytes(picture.read_bytes()[:600])
-    return "r_3.png"
+def cut_short(file: Path) -> None:
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) // 2])
 
 
-@pytest.mark.parametrize("broken", ["missing", "truncated picture", "sizes disagree"])
+@pytest.mark.parametrize("there", [False, True])
 def test_a_bad_pack_gives_one_line_from_every_command_that_reads_packs(
-    broken: str, made: Path, scene: Path, tmp_path: Path, capsys
+    there: bool, made: Path, scene: Path, tmp_path: Path, capsys
 ) -> None:
     bad = tmp_path / "bad"
-    spoil_pack(broken, made / "pack", bad)
+    if there:
+        shutil.copytree(made / "pack", bad)
+        cut_short(bad / "rgba_000.png")
     picture = str(tmp_path / "x.png")
     for command, arguments in (
         (snerg_pack, ["info", str(bad)]),
@@ -190,20 +183,6 @@ def test_a_bad_pack_gives_one_line_from_every_command_that_reads_packs(
         line = one_line(capsys, command, arguments)
         assert str(bad) in line, line
     assert not Path(picture).exists()
-
-
-def spoil_pack(how: str, pack: Path, bad: Path) -> None:
-    if how == "missing":
-        return
-    shutil.copytree(pack, bad)
-    params = bad / "scene_params.json"
-    document = json.loads(params.read_text())
-    if how == "truncated picture":
-        data = (bad / "rgba_000.png").read_bytes()
-        (bad / "rgba_000.png").write_bytes(data[: len(data) // 2])
-    else:
-        document["atlas_width"] += 32
-        params.write_text(json.dumps(document))
 
 
 def test_a_folder_that_is_no_run_cannot_be_baked(tmp_path: Path, scene: Path, capsys) -> None:

@@ -49,10 +49,6 @@ def _do(tree: Tree, step: Step) -> None:
 # --- files as wholes --------------------------------------------------------------------------------------------------
 
 
-def _remove(tree: Tree, file: str) -> None:
-    tree.pop(file, None)
-
-
 def _swap(tree: Tree, file: str, other: str) -> None:
     if file in tree and other in tree:
         tree[file], tree[other] = tree[other], tree[file]
@@ -63,14 +59,6 @@ def _copy(tree: Tree, file: str, other: str) -> None:
         tree[file] = tree[other]
 
 
-def _instead(tree: Tree, file: str, special: str) -> None:
-    tree[file] = special
-
-
-def _content(tree: Tree, file: str, kind: str) -> None:
-    tree[file] = contents()[kind]
-
-
 def _rename(tree: Tree, file: str, new: str) -> None:
     if file in tree:
         tree[new] = tree.pop(file)
@@ -79,25 +67,9 @@ def _rename(tree: Tree, file: str, new: str) -> None:
 # --- bytes ------------------------------------------------------------------------------------------------------------
 
 
-def _cut(data: bytes, length: int) -> bytes:
-    return data[:length]
-
-
 def _put(data: bytes, at: int, text: str) -> bytes:
     new = bytes.fromhex(text)
     return data[:at] + new + data[at + len(new) :] if at < len(data) else data
-
-
-def _insert(data: bytes, at: int, text: str, times: int) -> bytes:
-    return data[:at] + bytes.fromhex(text) * times + data[at:]
-
-
-def _erase(data: bytes, at: int, count: int) -> bytes:
-    return data[:at] + data[at + count :]
-
-
-def _repeat(data: bytes, at: int, count: int, times: int) -> bytes:
-    return data[:at] + data[at : at + count] * times + data[at + count :]
 
 
 # --- JSON; a file of lines (.jsonl) counts as the list of them ----------------------------------------------------------
@@ -247,11 +219,15 @@ def _npy_header(data: bytes, old: str, new: str) -> bytes:
 
 
 _TREE: dict[str, Callable[..., None]] = {
-    "remove": _remove, "swap": _swap, "copy": _copy, "instead": _instead, "content": _content, "rename": _rename,
+    "remove": lambda tree, file: tree.pop(file, None), "swap": _swap, "copy": _copy, "rename": _rename,
+    "instead": lambda tree, file, special: tree.update({file: special}),
+    "content": lambda tree, file, kind: tree.update({file: contents()[kind]}),
     "claim grid": claims.grid, "claim atlas": claims.atlas, "claim blocks": claims.blocks, "claim planes": claims.planes,
 }  # fmt: skip
 _FILE: dict[str, Callable[..., bytes]] = {
-    "cut": _cut, "put": _put, "insert": _insert, "erase": _erase, "repeat": _repeat, "json set": _json_set,
+    "put": _put, "cut": lambda data, length: data[:length], "erase": lambda data, at, n: data[:at] + data[at + n :],
+    "insert": lambda data, at, text, times: data[:at] + bytes.fromhex(text) * times + data[at:],
+    "repeat": lambda data, at, n, times: data[:at] + data[at : at + n] * times + data[at + n :], "json set": _json_set,
     "json drop": _json_drop, "json again": _json_again, "json name": _json_name, "png put": _png_put, "png add": _png_add,
     "png drop": _png_drop, "png pixels": _png_pixels, "tensor": _tensor, "tensor header": _tensor_header,
     "npy header": _npy_header,

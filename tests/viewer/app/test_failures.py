@@ -190,39 +190,18 @@ def test_a_card_with_too_little_room_shows_half_and_says_so_with_both_sizes(ui, 
 # Dropping what is no pack
 
 
-def _broken_zip(folder: Path) -> Path:
-    (folder / "bad.zip").write_bytes(b"PK\x03\x04 and then nothing")
-    return folder / "bad.zip"
-
-
-def _text(folder: Path) -> Path:
-    (folder / "notes.txt").write_text("hello")
-    return folder / "notes.txt"
-
-
-def _empty(folder: Path) -> Path:
-    (folder / "empty").mkdir()
-    return folder / "empty"
-
-
-def _picture(folder: Path) -> Path:
-    Image.new("RGB", (4, 4)).save(folder / "cat.png")
-    return folder / "cat.png"
-
-
-def _broken_run(folder: Path) -> Path:
-    (folder / "half" / "run").mkdir(parents=True)
-    (folder / "half" / "run" / "config.json").write_text("{")
-    return folder / "half"
-
-
-@pytest.mark.parametrize("make", [_broken_zip, _text, _empty, _picture, _broken_run, lambda folder: folder / "gone"])
-def test_dropping_what_is_no_pack_is_a_dialog_and_the_scene_stays(ui, tmp_path, make):
+@pytest.mark.parametrize("name", ["bad.zip", "notes.txt", "empty", "cat.png", "half", "gone"])
+def test_dropping_what_is_no_pack_is_a_dialog_and_the_scene_stays(ui, tmp_path, name):
     app, scene = ui.app, ui.app.scene
-    path = make(tmp_path)
-    app.drop([path])
+    (tmp_path / "bad.zip").write_bytes(b"PK\x03\x04 and then nothing")
+    (tmp_path / "notes.txt").write_text("hello")
+    (tmp_path / "empty").mkdir()
+    Image.new("RGB", (4, 4)).save(tmp_path / "cat.png")
+    (tmp_path / "half" / "run").mkdir(parents=True)
+    (tmp_path / "half" / "run" / "config.json").write_text("{")
+    app.drop([tmp_path / name])
     told = wait_for_dialog(ui)
-    assert path.name in told and app.scene is scene and app.making.plan is None
+    assert name in told and app.scene is scene and app.making.plan is None
     still_alive(ui)
 
 
