@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from scenepack import Pack, save_pack
-from tests.viewer.rendering.conftest import ctx, ndc_shapes, no_opengl_error_is_left, real_pack, shapes, surroundings
+from tests.viewer.rendering.conftest import ctx, ndc_shapes, no_opengl_error_is_left, shapes, surroundings
 
-__all__ = ["ctx", "ndc_shapes", "no_opengl_error_is_left", "real_pack", "shapes", "surroundings"]
+__all__ = ["ctx", "ndc_shapes", "no_opengl_error_is_left", "shapes", "surroundings"]
 
 
 @pytest.fixture(scope="module")

@@ -1,15 +1,13 @@
-"""One offscreen context for all of the renderer's tests, asserted clean around each, and real data where there is some."""
+"""One offscreen context for all of the renderer's tests, asserted clean around each."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import moderngl
 import pytest
 
-from scenepack import Pack, load_pack
+from scenepack import Pack
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 
@@ -58,13 +56,3 @@ def ndc_shapes() -> Pack:
 @pytest.fixture(scope="session")
 def surroundings() -> Pack:
     return surroundings_pack()
-
-
-@pytest.fixture(scope="session")
-def real_pack(request: pytest.FixtureRequest) -> Pack:
-    """A pack made elsewhere with the published code."""
-    folder = os.environ.get("SNERG_DATA")
-    path = Path(folder or "") / "packs" / "flowerbangle_480"
-    if not folder or not path.is_dir():
-        pytest.skip("SNERG_DATA does not name a folder with packs/flowerbangle_480")
-    return load_pack(path)
