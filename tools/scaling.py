@@ -80,15 +80,9 @@ def carved_pack(side: int, opacity: float = 1.0) -> Pack:
 def times(pack: Pack, side: int, frames: int, reference: Pack) -> dict[str, float]:
     """Median milliseconds of each marcher at side × side pixels, of `reference`, and MiB of textures for `exact`."""
     cameras = orbit_path(pack, frames, FOV, (side, side))
-    measured = measure(
-        pack,
-        cameras,
-        [
-            Contender("paper", RenderSettings(marcher="paper")),
-            Contender("exact", RenderSettings()),
-            Contender("reference", RenderSettings(marcher="paper"), reference),
-        ],
-    )
+    paper = RenderSettings(marcher="paper")
+    contenders = [Contender("paper", paper), Contender("exact", RenderSettings())]
+    measured = measure(pack, cameras, [*contenders, Contender("reference", paper, reference)])
     medians = {contender.name: contender.statistics()["ms_p50"] for contender in measured.contenders}
     return {**medians, "gpu_mib": measured.gpu_bytes["exact"] / 2**20}
 

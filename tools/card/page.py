@@ -29,6 +29,10 @@ def _number(value: Any, digits: int = 2) -> str:
     return "–" if value is None else f"{value:,.{digits}f}"
 
 
+def _yes(holds: bool) -> str:
+    return "yes" if holds else "**no**"
+
+
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [f"| {' | '.join(headings)} |", "| --- |" + " ---: |" * (len(headings) - 1)]
     return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
@@ -79,19 +83,8 @@ def _packs(packs: Mapping[str, Facts]) -> Iterator[str]:
             _number(exact["fps"], 0), _number(exact["watts"], 1), _number(exact["fps_per_watt"]),
             _number(facts["power"]["paper"]["fps_per_watt"]), _number(times["exact"]["gpu_bytes"] / 2**20, 0),
         ))  # fmt: skip
-    headings = (
-        "pack",
-        "voxels",
-        "`exact` (ms)",
-        "`paper` (ms)",
-        "ratio",
-        "FPS, no pause",
-        "W",
-        "FPS/W",
-        "`paper` FPS/W",
-        "MiB",
-    )
-    yield _table(headings, rows)
+    headings = "pack, voxels, `exact` (ms), `paper` (ms), ratio, FPS without pause, W, FPS/W, `paper` FPS/W, MiB"
+    yield _table(headings.split(", "), rows)
     yield "The same frames by both clocks, medians in milliseconds:"
     clocks = [
         (name, _number(f["timer"]["gpu_ms_p50"], 3), _number(f["timer"]["wall_ms_p50"], 3)) for name, f in done.items()
@@ -105,10 +98,8 @@ def _packs(packs: Mapping[str, Facts]) -> Iterator[str]:
     checks = []
     for name, facts in done.items():
         found = facts["exactness"]
-        share = f"{100 * found['beyond']:.4f} %"
-        checks.append(
-            (name, "yes" if found["holds"] else "**no**", _number(found["worst"]), share, _number(found["psnr"], 1))
-        )
+        share, psnr = f"{100 * found['beyond']:.4f} %", _number(found["psnr"], 1)
+        checks.append((name, _yes(found["holds"]), _number(found["worst"]), share, psnr))
     yield _table(("pack", "holds", "worst, of 255", "beyond 1/255", "PSNR (dB)"), checks)
     yield "\n".join(f"![{name}]({facts['picture']})" for name, facts in done.items())
 
@@ -123,13 +114,7 @@ def _golden(golden: Facts) -> Iterator[str]:
         f"of channels beyond {tolerance['channel']}/255. The pictures were made on llvmpipe."
     )
     rows = [
-        (
-            name,
-            "yes" if p["within"] else "**no**",
-            _number(p["mean"], 3),
-            f"{100 * p['share']:.3f} %",
-            _number(p["worst"], 0),
-        )
+        (name, _yes(p["within"]), _number(p["mean"], 3), f"{100 * p['share']:.3f} %", _number(p["worst"], 0))
         for name, p in pictures.items()
     ]
     yield _table(("picture", "within", "mean", f"beyond {tolerance['channel']}/255", "worst"), rows)

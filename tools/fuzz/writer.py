@@ -55,14 +55,9 @@ class Writer:
         return [sys.executable, "-m", MODULES[self.name], *self.words, "--out", str(out)]
 
     def start(self, out: Path, *more: str) -> subprocess.Popen[str]:
+        words, none = [*self.line(out), *more], subprocess.DEVNULL
         return subprocess.Popen(
-            [*self.line(out), *more],
-            cwd=ROOT,
-            text=True,
-            start_new_session=True,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
+            words, cwd=ROOT, text=True, start_new_session=True, stdin=none, stdout=none, stderr=subprocess.PIPE
         )
 
     def end(self, child: subprocess.Popen[str]) -> None:
