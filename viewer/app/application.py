@@ -25,6 +25,7 @@ from viewer.core.state import FRAMES_AFTER_EVENT, Clipboard, Edits, Interface, O
 from viewer.features.bookmarks.bookmarks import Bookmarks, ViewPictures
 from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.camera.orbit_camera import FOVS, OrbitCamera
+from viewer.features.camera.walking import Walking
 from viewer.features.comparison.comparison import Comparison
 from viewer.features.crop import crop
 from viewer.features.display.display import TRAINED, backdrop
@@ -63,6 +64,7 @@ class App:
     messages: Messages = field(default_factory=Messages)
     interface: Interface = field(default_factory=Interface)
     viewport: Viewport = field(default_factory=Viewport)
+    walking: Walking = field(default_factory=Walking)
     filming: Filming = field(default_factory=Filming)
     kiosk: Kiosk | None = None  # the window shows the scene by itself
     comparison: Comparison = field(default_factory=Comparison)
@@ -107,6 +109,8 @@ class App:
         if self.canvas is not None:
             with self.messages.noting_warnings(dialog=dialog):
                 self.canvas.show(pack)
+        if self.scene is not None:
+            self.scene.rig.stop_walking()
         self.scene = entry.scene
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
             self.settings = replace(self.settings, mode="normal")
@@ -254,6 +258,7 @@ class App:
         self.making.tick(self)
         self.exporting.tick(self)
         self.sharing.tick(self)
+        self.walking.tick(self, seconds)
         if self.scene is not None and self.scene.rig.update(seconds):
             self.touch(2)
         self.filming.tick(self, seconds)

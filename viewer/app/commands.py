@@ -52,7 +52,7 @@ def _fly(app: App) -> None:
     if app.scene is not None and not app.scene.rig.bounded:
         rig = app.scene.rig
         rig.take_over()
-        rig.flying = not rig.flying
+        rig.navigate("orbit" if rig.flying else "fly")
         *move, down, up = app.keyboard.flying_names
         flying = f"Flying: {' '.join(move)}, {down} and {up}, or the arrows; drag to look"
         app.messages.say(flying if rig.flying else "Orbiting the pivot")
@@ -145,6 +145,7 @@ _ALL = (
         ("home", "Back to the first view", _rig(lambda rig: rig.home()), "Home or R"),
         ("frame", "Show the whole scene", _rig(lambda rig: rig.frame()), "F"),
         ("fly", "Fly or orbit", _fly, "V"),
+        ("walk", "Walk or orbit", lambda app: app.walking.toggle(app), "G"),
         ("copy-pose", "Copy the pose as text", App.copy_pose, "Ctrl+C"),
         ("paste", "Go to a copied pose, open a copied path", App.paste, "Ctrl+V", False),
         ("undo", "Undo", _rig(lambda rig: rig.history.undo()), "Ctrl+Z"),

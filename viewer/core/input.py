@@ -2,7 +2,7 @@
 
 Notation: a key's place is what is printed there on a US keyboard ("W", "Home", "Left"), whatever the user's layout; its
 name is the letter or digit that the layout gives it ("Z" on a French keyboard at the place "W"), else its place.
-Commands go by names and characters, as on any desktop; what a hand rests on (flying) goes by places.
+Commands go by names and characters, as on any desktop; what a hand rests on (flying, walking) goes by places.
 
 A state is what the system tells of one device at this moment; the window asks for it, tests make it up. Gamepads have the axes
 and buttons of GLFW's standard layout (SDL's game controller mappings), 3D mice the six axes of the joystick interface.
@@ -84,6 +84,7 @@ A, B, X, Y, LEFT_BUMPER, RIGHT_BUMPER, BACK, START = range(8)
 UP, RIGHT, DOWN, LEFT = range(11, 15)
 GAMEPAD_BUTTONS: dict[int, tuple[str, str]] = {  # button: its name, and the command
     A: ("A", "fly"),
+    B: ("B", "walk"),
     X: ("X", "next-mode"),
     Y: ("Y", "home"),
     LEFT_BUMPER: ("left bumper", "last-photo"),
@@ -186,23 +187,23 @@ def shaped(value: float, dead_zone: float) -> float:
 
 
 def _move_gamepad(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:
-    """Left stick: slide, or move while flying; right stick: turn, or look; triggers: away and closer, or down and up."""
-    if rig.flying:
+    """Left stick: slide, or move while flying and walking; right stick: turn, or look; triggers: away and closer, or down and up."""
+    if rig.looks_around:
         rig.fly(axes[LEFT_X], axes[RIGHT_TRIGGER] - axes[LEFT_TRIGGER], -axes[LEFT_Y], seconds)
     else:
         _slide(rig, axes[LEFT_X], -axes[LEFT_Y], axes[RIGHT_TRIGGER] - axes[LEFT_TRIGGER], seconds)
     if axes[RIGHT_X] or axes[RIGHT_Y]:
-        sign = -1.0 if rig.flying else 1.0  # one looks where the stick points, and goes there around a pivot
+        sign = -1.0 if rig.looks_around else 1.0  # one looks where the stick points, and goes there around a pivot
         rig.orbit(-ORBIT_PER_S * seconds * axes[RIGHT_X], sign * -ORBIT_PER_S * seconds * axes[RIGHT_Y])
 
 
 def _move_mouse(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:
-    """The cap is the camera while flying, else it holds the scene: pushed, tilted and turned, the scene follows."""
-    if rig.flying:
+    """The cap is the camera while flying and walking, else it holds the scene: pushed, tilted and turned, the scene follows."""
+    if rig.looks_around:
         rig.fly(axes[PUSH_X], -axes[PUSH_Z], -axes[PUSH_Y], seconds)
     else:
         _slide(rig, -axes[PUSH_X], axes[PUSH_Z], axes[PUSH_Y], seconds)
-    sign = -1.0 if rig.flying else 1.0
+    sign = -1.0 if rig.looks_around else 1.0
     if axes[TURN_Z] or axes[TILT_X]:
         rig.orbit(sign * -ORBIT_PER_S * seconds * axes[TURN_Z], -ORBIT_PER_S * seconds * axes[TILT_X])
 

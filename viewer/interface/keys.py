@@ -104,6 +104,7 @@ def _groups(app: App) -> list[_Group]:
             ("Shift, or the wheel", "faster"),
         )
         groups.append(_Group("While flying", flying))
+        groups.append(_Group("While walking", (*flying[:2], (up, "jump"), *flying[3:])))
     commands = [command for command in COMMANDS.values() if command.keys]
     for name, members in groupby(commands, lambda command: command.group):
         groups.append(_Group(name, tuple((shown_keys(" or ".join(member.keys)), member.title) for member in members)))

@@ -33,7 +33,7 @@ from viewer.rendering.canvas import Canvas
 LEFT, RIGHT, MIDDLE = 0, 1, 2
 ANY_BUTTON = sum(getattr(imgui.ButtonFlags_, f"mouse_button_{name}") for name in ("left", "right", "middle"))
 TOAST_WIDTH = 560.0
-WALK_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
+KEY_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
 
 
 def show(app: App, canvas: Canvas, box: Box, fonts: Fonts, gizmo: CropGizmo, axes: AxisGizmo) -> None:
@@ -96,7 +96,7 @@ class _MouseState:
     button: int = LEFT
     under: _Under = NOTHING
     travelled: float = 0.0  # window units since then, to tell a click from a drag
-    walking: bool = False  # keys move the camera
+    keys_move: bool = False  # the camera
 
 
 _mouse_state = _MouseState()  # one mouse
@@ -131,16 +131,16 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
     elif imgui.is_item_deactivated() and _mouse_state.travelled < px(4):
         _click(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     if hovered and io.mouse_wheel:
-        if rig.flying:
-            rig.faster(io.mouse_wheel)
-            app.messages.say(f"Speed {rig.speed:.3g} units per second")
+        if rig.looks_around:
+            speed = app.walking.faster(io.mouse_wheel) if rig.walking else rig.faster(io.mouse_wheel)
+            app.messages.say(f"Speed {speed:.3g} units per second")
         else:
             x, y = 2.0 * (io.mouse_pos.x - box[0]) - box[2], 2.0 * (io.mouse_pos.y - box[1]) - box[3]
             rig.remember()
             rig.dolly(io.mouse_wheel, (x / box[3], -y / box[3]))
         app.touch()
     if not io.want_text_input and not io.key_ctrl and not in_front(app) and not app.interface.help_shown:
-        _walk(app)
+        _move_by_keys(app)
 
 
 def _held(app: App, box: Box) -> str:
@@ -191,33 +191,34 @@ def _drag(app: App, box: Box, dx: float, dy: float) -> None:
         app.erasing.drag(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
     else:
         sides = (LEFT, MIDDLE) if rig.bounded else (MIDDLE,) if app.erasing.tool else (RIGHT, MIDDLE)
-        if _mouse_state.button in sides or (_mouse_state.button == LEFT and io.key_shift):
+        pans = _mouse_state.button in sides or (_mouse_state.button == LEFT and io.key_shift)
+        if pans and not rig.walking:
             rig.pan(dx, dy)
         else:
             rig.orbit(dx, dy)
 
 
-def _walk(app: App) -> None:
-    """What the keys that are held do: W A S D Q E (their places) and the arrows while flying, else the arrows alone."""
+def _move_by_keys(app: App) -> None:
+    """What held keys do: W A S D Q E (their places) and the arrows while flying and walking, else the arrows alone."""
     assert app.scene is not None
     rig, keyboard, io = app.scene.rig, app.keyboard, imgui.get_io()
     seconds = min(io.delta_time, 0.1)
     across, along = keyboard.axis("Right", "Left"), keyboard.axis("Up", "Down")
     up = 0.0
-    if rig.flying:
+    if rig.looks_around:
         across, along = across + keyboard.axis("D", "A"), along + keyboard.axis("W", "S")
         up = keyboard.axis("E", "Q")
     if not (across or along or up):
-        _mouse_state.walking = False
+        _mouse_state.keys_move = False
         return
-    if not _mouse_state.walking:  # the whole way is one step to be undone
+    if not _mouse_state.keys_move:  # the whole way is one step to be undone
         rig.remember()
-    _mouse_state.walking = True
-    if rig.flying:
+    _mouse_state.keys_move = True
+    if rig.looks_around:
         pace = 3.0 if io.key_shift else 1.0
         rig.fly(pace * min(max(across, -1.0), 1.0), pace * up, pace * min(max(along, -1.0), 1.0), seconds)
     else:  # the camera goes where the arrow points, so that the scene moves the other way
-        dx, dy = -WALK_HEIGHTS_PER_S * seconds * across, WALK_HEIGHTS_PER_S * seconds * along
+        dx, dy = -KEY_HEIGHTS_PER_S * seconds * across, KEY_HEIGHTS_PER_S * seconds * along
         rig.pan(dx, dy) if io.key_shift != rig.bounded else rig.orbit(dx, dy)
     app.touch()
 
@@ -227,8 +228,8 @@ def _corner(app: App, box: Box) -> None:
     notes = []
     if app.settings.mode != "normal":
         notes.append(app.settings.mode.replace("-", " "))
-    if app.scene is not None and app.scene.rig.flying:
-        notes.append("flying")
+    if app.scene is not None and app.scene.rig.looks_around:
+        notes.append("walking" if app.scene.rig.walking else "flying")
     if app.scene is not None and app.scene.rig.orthographic and app.scene.rig.held is None:
         notes.append("orthographic")
     comparison, gallery = app.comparison, app.gallery

@@ -140,7 +140,10 @@ def test_everything_that_the_interface_shows_is_in_the_catalogue(name: str, offs
     app.set(crop=crop.whole(app.scene.pack))
     for page in ("crop", "erase", "camera"):
         app.interface.page = page
-        app.scene.rig.flying = page == "camera"
+        app.scene.rig.navigate("fly" if page == "camera" else "orbit")
+        ui.settle()
+    for command in ("camera", "walk"):
+        run(app, command) if command == "walk" else setattr(app.interface, "page", command)
         ui.settle()
     for command in ("help", "export-scene"):
         run(app, command)

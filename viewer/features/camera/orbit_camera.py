@@ -1,4 +1,4 @@
-"""Orbit camera: turntable, pan, dolly and fly, with damping and undo.
+"""Orbit camera: turntable, pan, dolly, fly and walk, with damping and undo.
 
 `goal` is where the user wants the camera, `shown` follows it smoothly. `held` is an exact camera (of a photograph or a keyframe)
 that is shown instead until the user moves. Mouse distances are in units of the picture's height, y down, so that behaviour does
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import exp, log, radians, tan
+from typing import Literal
 
 import numpy as np
 
@@ -25,7 +26,10 @@ TURN_PER_HEIGHT = 200.0  # degrees for a drag over the picture's whole height
 DOLLY_STEP = 0.9  # of the distance, per notch of the wheel
 SETTLE_S = 0.07  # time constant of the damping
 MARGIN_WITHIN = 0.1  # of the content's diagonal: cameras this far outside the content still count as within
+WALKING_FOV = 60.0  # degrees, the least: with less, nothing is seen of where one goes
 HOME_ANGLES = (205.0, 22.0)  # azimuth, elevation in degrees; from -z as in the published viewer, a little aside
+
+Navigation = Literal["orbit", "fly", "walk"]  # what keys and mouse do
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,7 @@ class _State:
     fov: float
     table: Turntable
     orthographic: bool
+    walking: bool
 
 
 class OrbitCamera:
@@ -50,7 +55,9 @@ class OrbitCamera:
         self.middle = middle_of(self._outline)
         self.radius = max(float(np.linalg.norm(self._outline - self.middle, axis=1).max()), 1e-6)
         self.home_fov = self.fov = fov
-        self.flying = False
+        self.navigation: Navigation = "orbit"
+        self._steps = np.zeros(3)  # walking: see take_steps
+        self._fov_before_walk = fov
         self.orthographic = False
         self.speed = 0.5 * self.radius  # grid units per second
         self.aspect = 1.0  # width over height of the picture that the scene shall fit into
@@ -62,7 +69,7 @@ class OrbitCamera:
         self.home_pose = self._home()
         self.goal = self.shown = self.home_pose
         self.held: ViewCamera | None = None
-        self._anchor_eye = False  # what the damping keeps straight: the eye's way (flying) or the pivot's
+        self._anchor_eye = False  # what the damping keeps straight: the eye's way (looking around) or the pivot's
         self.history = History()
         self.history.follow(self._state, self._return)
 
@@ -91,6 +98,19 @@ class OrbitCamera:
         if self.goal == before and self.held is None and self.fov == self.home_fov:
             self.shown = self.home_pose if self.shown == before else self.shown
             self.goal = self.home_pose
+
+    @property
+    def flying(self) -> bool:
+        return self.navigation == "fly"
+
+    @property
+    def walking(self) -> bool:
+        return self.navigation == "walk"
+
+    @property
+    def looks_around(self) -> bool:
+        """Whether the camera turns where it stands, and keys move it, as in flying and walking."""
+        return self.navigation != "orbit"
 
     # The present camera
 
@@ -160,10 +180,10 @@ class OrbitCamera:
             self.held = None
 
     def orbit(self, dx: float, dy: float) -> None:
-        """Turns about the pivot, or where the camera stands when flying."""
+        """Turns about the pivot, or where the camera stands when it looks around."""
         self.take_over()
         sign = -1.0 if self.table.mirrored else 1.0
-        if self.flying:
+        if self.looks_around:
             eye = self.goal.eye(self.table)
             turned = self._turned(-0.6 * sign * dx, 0.6 * dy)
             self._anchor_eye = True
@@ -204,15 +224,43 @@ class OrbitCamera:
         return 1e-3 * self.radius, 20.0 * self.radius
 
     def fly(self, right: float, up: float, forward: float, seconds: float) -> None:
-        """Moves for `seconds` at the rig's speed; the three are -1 … 1 along the camera's axes."""
+        """Moves for `seconds` at the rig's speed; the three are -1 … 1 along the camera's axes. Walking: see take_steps."""
         self.take_over()
+        if self.walking:
+            self._steps += seconds * np.array([right, up, forward])
+            return
         self._anchor_eye = True
         rotation = self.goal.rotation(self.table)
         self._shift(self.speed * seconds * (rotation @ np.array([right, up, -forward])))
 
-    def faster(self, notches: float) -> None:
-        """Changes the flying speed, by a fifth per notch."""
+    def faster(self, notches: float) -> float:
+        """Changes the flying speed, by a fifth per notch; the new one."""
         self.speed = float(np.clip(self.speed * 1.2**notches, 1e-3 * self.radius, 10.0 * self.radius))
+        return self.speed
+
+    def navigate(self, how: Navigation) -> None:
+        """Keys and mouse do this from now on. Walking has a wide field of view, and gives the former one back."""
+        if how == "walk":
+            self._fov_before_walk, self.fov = self.fov, max(self.fov, WALKING_FOV)
+        elif self.walking and self.fov == WALKING_FOV:
+            self.fov = self._fov_before_walk
+        self.navigation = how
+        self._steps = np.zeros(3)
+
+    def stop_walking(self) -> None:
+        """Orbits again, because the camera goes to where no feet led it."""
+        if self.walking:
+            self.navigate("orbit")
+
+    def take_steps(self) -> np.ndarray:
+        """What fly() asked for since the last time: right, up, forward, each times its seconds."""
+        steps, self._steps = self._steps, np.zeros(3)
+        return steps
+
+    def stand_at(self, eye: np.ndarray, pose: Pose | None = None) -> None:
+        """Goes to `eye` (float [3], grid frame) with the angles it has, or with those of `pose`."""
+        self._anchor_eye = True
+        self.goal = (pose or self.goal).seen_from(eye, self.table)
 
     def grown(self, finer: OrbitCamera) -> OrbitCamera:
         """The rig for a finer version of the same scene: `finer`, or this one where the hands have moved it already."""
@@ -232,19 +280,23 @@ class OrbitCamera:
     def go(self, pose: Pose, *, remember: bool = True) -> None:
         if remember:
             self.remember()
+        self.stop_walking()
         self._let_go()
         self._anchor_eye = False
         self.goal = self._bounded(pose)
 
     def home(self) -> None:
         self.remember()
+        self.stop_walking()
         self.fov, self.orthographic = self.home_fov, False
         self.go(self.home_pose, remember=False)
 
     def frame(self) -> None:
         """Shows the whole scene, from where the camera looks now."""
+        self.remember()
+        self.stop_walking()
         distance = self.framing_distance(self.goal.azimuth, self.goal.elevation, self.fov)
-        self.go(replace(self.goal, pivot=triple(self.middle), distance=distance))
+        self.go(replace(self.goal, pivot=triple(self.middle), distance=distance), remember=False)
 
     def begin_at(self, pose: Pose) -> None:
         """The first view is this one, whatever the picture's shape."""
@@ -274,7 +326,9 @@ class OrbitCamera:
         """With parallel rays, or with perspective; what lies at the pivot keeps its size."""
         self.remember()
         self.take_over()
-        self.orthographic, self.flying = orthographic, self.flying and not orthographic
+        self.orthographic = orthographic
+        if orthographic:
+            self.navigate("orbit")
 
     def set_pivot(self, point: np.ndarray) -> None:
         """Turns to look at `point` (float [3], grid frame) from where the camera is, and orbits it from now on."""
@@ -322,6 +376,7 @@ class OrbitCamera:
     ) -> None:
         """Goes to a camera at once; roll is lost. ortho_height: of an orthographic view; None for perspective."""
         self.remember()
+        self.stop_walking()
         self.held = None
         if fov is not None:
             self.fov = fov
@@ -335,6 +390,7 @@ class OrbitCamera:
     def stand_as(self, other: OrbitCamera) -> None:
         """Looks at once from where `other` does, a rig in another version of the scene."""
         self.remember()
+        self.stop_walking()
         self.held, self.fov = None, other.fov
         self.goal = self.shown = self._bounded(other.goal)
 
@@ -342,6 +398,7 @@ class OrbitCamera:
         """Shows exactly `camera` until the next movement; None lets go of it."""
         if remember:
             self.remember()
+        self.stop_walking()
         if camera is None:
             self.take_over()
         self.held = camera
@@ -361,7 +418,7 @@ class OrbitCamera:
         self.history.remember()
 
     def _state(self) -> _State:
-        return _State(self.goal, self.held, self.fov, self.table, self.orthographic)
+        return _State(self.goal, self.held, self.fov, self.table, self.orthographic, self.walking)
 
     def _return(self, place: _State) -> None:
         if place.table != self.table:  # there is no way to glide from one up to another
@@ -370,6 +427,7 @@ class OrbitCamera:
         self.goal, self.held, self.fov, self.table = place.goal, place.held, place.fov, place.table
         self.home_pose = self._home() if turned else self.home_pose
         self.orthographic = place.orthographic
+        self.navigation = "orbit" if self.walking and not place.walking else self.navigation
 
 
 def view_from_within(pack: Pack) -> ViewCamera | None:

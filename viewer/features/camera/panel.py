@@ -13,7 +13,8 @@ from viewer.core import theme
 from viewer.core.pose import UP_AXES
 from viewer.core.screen import AXIS_COLOURS
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, card, figure, font, hint, label, px, segments, switch, tip, two_buttons
+from viewer.core.widgets import Box, card, figure, font, hint, label, px, segments, slider, switch, tip, two_buttons
+from viewer.features.camera.walking import EYE_HEIGHTS
 from viewer.features.crop.panel import near_plane
 from viewer.rendering.canvas import Canvas
 
@@ -36,10 +37,20 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             if segments("projection", list(titles), now, titles) not in (None, now):
                 run(app, "orthographic")
             app.interface.axes_shown = switch("axes", app.interface.axes_shown, "Axes")
-            if switch("fly", rig.flying, "Fly") != rig.flying:
-                run(app, "fly")
-            if rig.flying:
-                *move, down, up = app.keyboard.flying_names
+            label("Navigation")
+            titles = {"orbit": "Orbit", "fly": "Fly", "walk": "Walk"}
+            if (picked := segments("navigation", list(titles), rig.navigation, titles)) not in (None, rig.navigation):
+                run(app, rig.navigation if picked == "orbit" else picked)
+            *move, down, up = app.keyboard.flying_names
+            if rig.walking:
+                label("Eye height")
+                app.walking.eye_height_m = slider("eye height", app.walking.eye_height_m, *EYE_HEIGHTS, "%.2f m")
+                if not app.annotations.current.scale.unit:
+                    hint("The scene has no scale, so that its metres are a guess.")
+                hint(
+                    f"{' '.join(move)} or the arrows to walk, {up} to jump, Shift faster, drag to look, wheel for the speed."
+                )
+            elif rig.flying:
                 hint(
                     f"{' '.join(move)} or the arrows to move, {down} and {up} down and up, Shift faster, drag to look, "
                     "wheel for the speed."

@@ -15,7 +15,7 @@ from viewer.core.widgets import card, choice, figure, font, hint, label, paragra
 from viewer.rendering.canvas import Canvas
 
 STICKS = (
-    ("Left stick", "slide; move while flying"),
+    ("Left stick", "slide; move while flying or walking"),
     ("Right stick", "turn; look"),
     ("Triggers", "away, closer; down, up"),
 )

@@ -23,6 +23,7 @@ from console.atomic import try_lock, write_file
 from console.json_text import read_json_file
 from viewer.core.annotations import is_number
 from viewer.core.tasks import Autosave
+from viewer.features.camera.walking import EYE_HEIGHTS, USUAL_M
 from viewer.features.display.display import PLAIN
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ class Preferences:
     axes_shown: bool = True
     surroundings: bool = True  # see RenderSettings
     dead_zone: float = 0.15  # of controllers, 0 … 1
+    eye_height: float = USUAL_M  # see Walking.eye_height_m
     recent: list[str] = field(default_factory=list)  # paths, the last opened first
 
     def opened(self, path: Path) -> None:
@@ -82,6 +84,7 @@ def load(file: Path) -> Preferences:
     found.rest_scale = min(max(found.rest_scale, 0.1), 1.0)
     found.interface_scale = min(max(found.interface_scale, 0.75), 2.0)
     found.dead_zone = min(max(found.dead_zone, 0.0), 0.5)
+    found.eye_height = min(max(found.eye_height, EYE_HEIGHTS[0]), EYE_HEIGHTS[1])
     return found
 
 
@@ -163,6 +166,7 @@ PLACES = {
     **{name: ("interface", name) for name in ("page", "moved", "layout", "theme", "axes_shown", "language")},
     "interface_scale": ("interface", "scale"),
     "dead_zone": ("controllers", "dead_zone"),
+    "eye_height": ("walking", "eye_height_m"),
     "target_fps": ("resolution", "target_fps"),
     "dynamic_resolution": ("resolution", "enabled"),
     "rest_scale": ("resolution", "rest_scale"),

@@ -156,7 +156,7 @@ def test_flying_forward_moves_along_the_view(rig):
 
 
 def test_looking_around_while_flying_keeps_the_eye(rig):
-    rig.flying = True
+    rig.navigate("fly")
     eye = rig.matrix[:3, 3].copy()
     rig.orbit(0.2, 0.1)
     while rig.update(1 / 60):
