@@ -17,7 +17,6 @@ from viewer.core.annotations import METRES, Scale
 from viewer.features.camera.orbit_camera import OrbitCamera
 from viewer.features.camera.walk_physics import RADIUS, Body, Space, moved
 from viewer.features.measuring.surface import opacities, surface_at
-from viewer.rendering.camera import content_box
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import RenderSettings
 

@@ -1,0 +1,139 @@
+"""Walking in the toy: a ball and a post on a plate, in the box of -1 … 1."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenepack.placement import Placement
+from tests.viewer.conftest import toy_pack
+from viewer.app.application import App
+from viewer.app.commands import run
+from viewer.core.annotations import Scale
+from viewer.features.camera.orbit_camera import DEFAULT_FOV, WALKING_FOV
+from viewer.features.camera.walking import SCENE_M, USUAL_M, metre_of
+from viewer.features.crop import crop
+from viewer.features.placing import placing
+from viewer.features.preferences.preferences import Preferences, apply_preferences, current_preferences
+
+PLATE = -0.65  # its upper side
+
+
+@pytest.fixture
+def walker(app: App) -> App:
+    """On foot in the toy, with eyes 0.2 above the ground."""
+    app.show(toy_pack(), Path("toy"))
+    app.walking.eye_height_m = 0.2 / metre_of(app.scene.pack, app.scene.rig, Scale())
+    run(app, "walk")
+    settle(app)
+    return app
+
+
+def settle(app: App, seconds: float = 2.0, ahead: float = 0.0) -> None:
+    for _ in range(round(30 * seconds)):
+        if ahead:
+            app.scene.rig.fly(0.0, 0.0, ahead, 1 / 30)
+        app.tick(1 / 30)
+
+
+def eye(app: App) -> np.ndarray:
+    return app.scene.rig.goal.eye(app.scene.rig.table)
+
+
+def put(app: App, x: float, z: float, y: float = PLATE + 0.2, azimuth: float = 0.0) -> None:
+    """At azimuth 0 it looks towards -z."""
+    app.scene.rig.stand_at(np.array([x, y, z]), replace(app.scene.rig.goal, azimuth=azimuth, elevation=0.0))
+    app.scene.rig.shown = app.scene.rig.goal
+
+
+def test_from_outside_the_walk_begins_before_what_is_seen_and_level(walker):
+    rig = walker.scene.rig
+    assert rig.walking and rig.goal.elevation == 0 and rig.fov == WALKING_FOV
+    x, y, z = eye(walker)  # in the middle of the first view is the ball's upper half
+    assert x**2 + z**2 < 0.5**2 and 0.2 <= np.hypot(np.hypot(x, z), y - 0.2 + 0.25) < 0.5
+    walker.frames_owed = 0
+    settle(walker, 0.2)
+    assert not walker.wants_frame  # who stands still costs nothing
+
+
+def test_it_stops_before_the_ball_and_looks_where_it_wants(walker):
+    put(walker, 0.0, 0.7)
+    walker.scene.rig.orbit(0.0, -0.1)
+    settle(walker, 2.0, ahead=1.0)
+    x, y, z = eye(walker)
+    assert 0.3 < z < 0.5 and abs(x) < 0.1 and y == pytest.approx(PLATE + 0.2, abs=0.03)
+    settle(walker, 0.5, ahead=-1.0)
+    assert eye(walker)[2] > z + 0.1
+
+
+def test_off_the_plate_it_falls_to_the_bottom_of_the_content_and_stays_within_its_sides(walker):
+    put(walker, 0.0, 0.7, azimuth=180.0)
+    settle(walker, 4.0, ahead=1.0)
+    low, high = walker.scene.rig.all_of_it
+    assert eye(walker)[1] == pytest.approx(low[1] + 0.2, abs=0.03) and eye(walker)[2] == pytest.approx(
+        high[2], abs=0.05
+    )
+
+
+def test_a_crop_takes_the_ground_away(walker):
+    put(walker, 0.0, 0.7)
+    settle(walker, 0.5)
+    walker.set(crop=crop.placed(walker.scene.pack, np.array([0.0, 0.5, 0.0]), np.full(3, 0.5)))
+    settle(walker)
+    assert eye(walker)[1] < PLATE + 0.15
+
+
+def test_undo_goes_back_to_where_the_walk_began_and_then_to_the_view_before(walker):
+    rig = walker.scene.rig
+    start = rig.goal
+    rig.remember()
+    settle(walker, 0.5, ahead=-1.0)
+    run(walker, "undo")
+    assert rig.walking and rig.goal == start
+    run(walker, "undo")
+    assert not rig.walking and rig.goal == rig.home_pose and rig.fov == DEFAULT_FOV
+
+
+@pytest.mark.parametrize(
+    "command", ["home", "frame", "front", "orthographic", "fly", "walk", "bookmark", "next-bookmark"]
+)
+def test_commands_that_move_the_camera_end_the_walk_and_nothing_else_does(walker, command):
+    if command == "next-bookmark":
+        run(walker, "bookmark")
+    run(walker, command)
+    rig = walker.scene.rig
+    assert rig.walking == (command == "bookmark") and rig.flying == (command == "fly")
+    assert rig.fov == (WALKING_FOV if "bookmark" in command else DEFAULT_FOV)
+
+
+def test_down_is_that_of_the_placed_frame(walker):
+    """A scene that lies on its side: the plate is a wall, and the box's side its bottom."""
+    placing.put(walker, Placement(((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))))
+    walker.scene.rig.stand_at(np.array([0.0, 0.6, 0.7]))
+    settle(walker)
+    assert eye(walker)[0] == pytest.approx(walker.scene.rig.all_of_it[1][0] - 0.2, abs=0.03)
+
+
+def test_a_forward_facing_scene_is_refused(app, ndc_pack):
+    app.show(ndc_pack, Path("toy"))
+    run(app, "walk")
+    assert not app.scene.rig.walking and app.messages.dialogs[-1].text.startswith(
+        "a forward-facing scene has no ground"
+    )
+
+
+def test_a_metre_is_that_of_the_scale_unless_the_scene_is_too_small_for_a_body(app):
+    app.show(toy_pack(), Path("toy"))
+    pack, rig = app.scene.pack, app.scene.rig
+    side = float(np.subtract(*rig.all_of_it[::-1]).max())
+    assert metre_of(pack, rig, Scale(5.0, "m")) == pytest.approx(0.2)
+    assert metre_of(pack, rig, Scale(500.0, "cm")) == pytest.approx(0.2)
+    assert metre_of(pack, rig, Scale(20.0, "cm")) == metre_of(pack, rig, Scale()) == pytest.approx(side / SCENE_M)
+    rig.within, rig.home_pose = True, rig.home_pose.seen_from(np.array([-0.6, PLATE + 0.4, 0.0]), rig.table)
+    assert metre_of(pack, rig, Scale()) == pytest.approx(0.4 / USUAL_M, abs=0.02)
+
+
+def test_the_eye_height_is_remembered_and_nothing_absurd_is_taken(app):
+    apply_preferences(app, Preferences(eye_height=1.2))
+    assert app.walking.eye_height_m == 1.2 and current_preferences(app).eye_height == 1.2
