@@ -187,7 +187,7 @@ def shaped(value: float, dead_zone: float) -> float:
 
 
 def _move_gamepad(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:
-    """Left stick: slide, or move while flying and walking; right stick: turn, or look; triggers: away and closer, or down and up."""
+    """Left stick: slide, or move the camera itself; right stick: turn, or look; triggers: away and closer, or down and up."""
     if rig.looks_around:
         rig.fly(axes[LEFT_X], axes[RIGHT_TRIGGER] - axes[LEFT_TRIGGER], -axes[LEFT_Y], seconds)
     else:
@@ -198,7 +198,7 @@ def _move_gamepad(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> No
 
 
 def _move_mouse(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:
-    """The cap is the camera while flying and walking, else it holds the scene: pushed, tilted and turned, the scene follows."""
+    """The cap is the camera where that looks around, else it holds the scene: pushed, tilted and turned, the scene follows."""
     if rig.looks_around:
         rig.fly(axes[PUSH_X], -axes[PUSH_Z], -axes[PUSH_Y], seconds)
     else:

@@ -26,8 +26,10 @@ from tests.viewer.conftest import missing
 from tests.viewer.window.living import place_of, press, pump, type_path, wait
 from viewer.app.application import App
 from viewer.core import widgets
-from viewer.core.pose import project, shortest_turn
+from viewer.core.annotations import Scale
+from viewer.core.pose import Pose, project, shortest_turn
 from viewer.features.camera import panel as camera_panel
+from viewer.features.camera.walking import metre_of
 from viewer.features.crop import crop
 from viewer.features.making import survey
 from viewer.features.making.make_plan import Plan
@@ -177,6 +179,38 @@ def test_the_arrow_keys_turn_slide_and_fly(window, xdotool, act):
         axis, sign = AXES[place]
         way = moved(window, xdotool, arrow)
         assert np.argmax(np.abs(way)) == axis and np.sign(way[axis]) == sign, arrow
+
+
+def test_on_foot_keys_walk_up_to_the_ball_and_jump_and_the_mouse_looks_around(window, xdotool):
+    app, rig = window.app, window.app.scene.rig
+    app.walking.eye_height_m = 0.2 / metre_of(app.scene.pack, rig, Scale())
+    xdotool("key", "g")
+    wait(window, lambda: rig.walking)
+    rig.stand_at(np.array([0.0, -0.4, 0.75]), Pose())  # on the plate's edge, with the ball ahead
+    wait(window, lambda: app.walking.stands)
+    level = rig.goal.eye(rig.table)
+    xdotool("keydown", "w")
+    wait(window, lambda: rig.goal.eye(rig.table)[2] < level[2] - 0.2)
+    pump(window, 0.5)
+    xdotool("keyup", "w")
+    pump(window)
+    before_ball = rig.goal.eye(rig.table)
+    assert 0.3 < before_ball[2] < 0.55 and abs(before_ball[1] - level[1]) < 0.02
+    xdotool("keydown", "e")
+    wait(window, lambda: rig.goal.eye(rig.table)[1] > level[1] + 0.03)
+    xdotool("keyup", "e")
+    wait(window, lambda: app.walking.stands)
+    azimuth = rig.goal.azimuth
+    xdotool("mousemove", 200, 300, "mousedown", 1)
+    pump(window)
+    xdotool("mousemove", 260, 300)
+    pump(window)
+    xdotool("mouseup", 1)
+    pump(window)
+    assert rig.goal.azimuth != azimuth and np.allclose(rig.goal.eye(rig.table), before_ball, atol=0.02)
+    xdotool("key", "g")
+    wait(window, lambda: not rig.walking)
+    assert not app.messages.dialogs
 
 
 def looks_from(rig, azimuth: float, elevation: float) -> bool:

@@ -35,13 +35,13 @@ SLOPING = 0.5  # a face of the box is a side if less of its normal than this poi
 
 @dataclass
 class Walking:
-    """eye_height_m: in scenes without a scale, metres are a guess. speed: eye heights per second."""
+    """eye_height_m: in scenes without a scale, metres are a guess. speed: eye heights per second. stands: on the ground."""
 
     eye_height_m: float = USUAL_M
     speed: float = 2.0
+    stands: bool = False
     _metre: float = 1.0  # grid units
     _rising: float = 0.0
-    _stands: bool = False
 
     @property
     def eye_height(self) -> float:
@@ -64,7 +64,7 @@ class Walking:
             app.messages.say("Orbiting the pivot")
             return
         self._metre = metre_of(pack, rig, app.annotations.current.scale)
-        self._rising, self._stands = 0.0, False
+        self._rising, self.stands = 0.0, False
         rig.set_orthographic(False)  # remembers this moment
         eye, up, (low, high) = rig.goal.eye(rig.table), rig.table.axes[1], rig.all_of_it
         pose = replace(rig.goal, distance=AHEAD * self.eye_height)
@@ -94,9 +94,9 @@ class Walking:
         axes = rig.table.rotation(rig.goal.azimuth, 0.0)
         way = self.speed * (local_R_grid @ (right * axes[:, 0] - forward * axes[:, 2]))
         before = local_R_grid @ rig.goal.eye(rig.table) / eye_height
-        body = Body(before - EYE, self._rising, self._stands)
+        body = Body(before - EYE, self._rising, self.stands)
         body = moved(_space(app.scene.pack, app.settings, rig, eye_height), body, way, up > 0, seconds)
-        self._rising, self._stands = body.rising, body.stands
+        self._rising, self.stands = body.rising, body.stands
         eye = eye_height * (body.feet + EYE) @ local_R_grid
         is_side, margin = np.abs(rig.table.axes[1]) < SLOPING, RADIUS * eye_height
         eye = np.where(is_side, np.clip(eye, np.minimum(low + margin, high), np.maximum(high - margin, low)), eye)
