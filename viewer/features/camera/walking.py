@@ -17,6 +17,7 @@ from viewer.core.annotations import METRES, Scale
 from viewer.features.camera.orbit_camera import OrbitCamera
 from viewer.features.camera.walk_physics import RADIUS, Body, Space, moved
 from viewer.features.measuring.surface import opacities, surface_at
+from viewer.rendering.camera import ViewCamera
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import RenderSettings
 
@@ -29,6 +30,7 @@ SCENE_M = 64.0  # side of a scene of unknown scale
 SOLID = 0.3  # opacity
 SPEEDS = (0.2, 10.0)  # eye heights per second
 AHEAD = 3.0  # eye heights: where the pivot lies when the walk is over
+FARTHEST_BACK, LOWEST = 5.0, 4.0  # eye heights: from the surface before which the walk begins, and below it
 EYE = np.array([0.0, 1.0, 0.0])  # above the feet
 SLOPING = 0.5  # a face of the box is a side if less of its normal than this points up or down
 
@@ -70,14 +72,25 @@ class Walking:
         pose = replace(rig.goal, distance=AHEAD * self.eye_height)
         above = 2 * self.eye_height * up
         if np.any((eye < low + np.minimum(above, 0.0)) | (eye > high + np.maximum(above, 0.0))):
-            hit = surface_at(pack, camera, app.settings, 0.5 * camera.width, 0.5 * camera.height)
-            back = rig.table.rotation(pose.azimuth, 0.0)[:, 2]
-            eye = (rig.middle if hit is None else hit.point) + self.eye_height * (up + 2 * RADIUS * back)
-            pose = replace(pose, elevation=0.0)
+            eye, pose = self._before(pack, rig, camera, app.settings), replace(pose, elevation=0.0)
         rig.navigate("walk")
         rig.stand_at(eye, pose)
         keys = app.keyboard.flying_names
         app.messages.say(f"Walking: {' '.join(keys[:4])} or the arrows, {keys[5]} to jump; drag to look")
+
+    def _before(self, pack: Pack, rig: OrbitCamera, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
+        """Where the eye begins: before what is seen in the middle of the picture, on the lowest ground, and not on its roof."""
+        hit = surface_at(pack, camera, settings, 0.5 * camera.width, 0.5 * camera.height)
+        local_R_grid, space = np.stack(rig.table.axes), _space(pack, settings, rig, self.eye_height)
+        at = local_R_grid @ (rig.middle if hit is None else hit.point) / self.eye_height
+        back = local_R_grid @ rig.table.rotation(rig.goal.azimuth, 0.0)[:, 2]
+        places = [at + distance * back for distance in np.arange(2 * RADIUS, FARTHEST_BACK, 2 * RADIUS)]
+        grounds = [(place, space.ground(place, LOWEST)) for place in places]
+        free = [
+            feet for place, y in grounds if y is not None and space.is_free(feet := np.array([place[0], y, place[2]]))
+        ]
+        feet = min(free, key=lambda feet: feet[1], default=places[0])
+        return self.eye_height * (feet + EYE) @ local_R_grid
 
     def faster(self, notches: float) -> float:
         """Changes the speed, by a fifth per notch; grid units per second."""
