@@ -89,7 +89,8 @@ def campaign(names: list[str], times: int, disks: int, seed: int) -> tuple[str, 
     moments = random.Random(seed)
     with tempfile.TemporaryDirectory(prefix="snerg-interruptions-") as folder, contextlib.ExitStack() as stack:
         base, place, disk = (Path(folder) / name for name in ("base", "place", "disk"))
-        base.mkdir(), disk.mkdir()
+        base.mkdir()
+        disk.mkdir()
         if set(names) & set(WINDOWS):
             os.environ |= {"DISPLAY": stack.enter_context(virtual_screen())[0], "XDG_CONFIG_HOME": str(base / "home")}
             os.environ.pop("WAYLAND_DISPLAY", None)

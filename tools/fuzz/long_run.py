@@ -101,7 +101,8 @@ def lap_of(scene: Path, place: Path, training: list[str], look: Callable[[Path],
         if status != 0:
             raise RuntimeError(f"{command.__module__} {' '.join(words)}: status {status}: {said.getvalue()[-2000:]}")
     look(pack)
-    _remove(run), _remove(pack), _remove(picture), _remove(film)
+    for made in (run, pack, picture, film):
+        _remove(made)
 
 
 def _remove(path: Path) -> None:

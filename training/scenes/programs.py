@@ -352,7 +352,7 @@ def _read_opensfm(file: Path, _: SizeOf) -> Reconstruction:
     """The largest of the reconstructions: cameras in units of the picture's longer side, shots as camera_T_world."""
     export = ExportFile("OpenSfM", file)
     parts = export.json(list)
-    found = max(parts, key=lambda part: len(part.get("shots") or ()) if isinstance(part, dict) else 0, default=None)
+    found = max(parts, key=lambda part: len(part.get("shots") or ()) if isinstance(part, dict) else 0, default={})
     shots, lenses = export.entry(found, "shots", dict), export.entry(found, "cameras", dict)
     cameras = {}
     for name, shot in shots.items():
