@@ -6,7 +6,7 @@ one another, still fail and report in the same voice.
 
 from console.errors import Notice, UserError, not_written, plain_notices, refusal
 from console.progress import Progress, progress
-from console.results import check_results, write_json, write_text
+from console.results import check_results, write_json, write_result
 from console.run import run_command
 
 __all__ = [
@@ -20,5 +20,5 @@ __all__ = [
     "refusal",
     "run_command",
     "write_json",
-    "write_text",
+    "write_result",
 ]

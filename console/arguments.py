@@ -48,6 +48,12 @@ def parse_box(text: str, where: str) -> tuple[tuple[float, float, float], tuple[
     return (x0, y0, z0), (x1, y1, z1)
 
 
+def require_in_range(where: str, value: float, low: float, high: float) -> None:
+    """UserError where the value of an option is not one of low … high."""
+    if not low <= value <= high:
+        raise UserError("is out of range", where=where, expected=f"{low:g} to {high:g}", found=value)
+
+
 def join_negative_values(words: Sequence[str], options: Sequence[str]) -> list[str]:
     """`--eye -1,2,3` as `--eye=-1,2,3`: otherwise the value would be taken for an option."""
     joined: list[str] = []

@@ -9,7 +9,7 @@ import errno
 import json
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -40,16 +40,16 @@ def write_json(path: Path | None, value: Any) -> bool:
     if path == STDOUT:
         print(text)
         return True
-    write_text(path, text + "\n")
+    write_result(path, text + "\n")
     return False
 
 
-def write_text(path: Path | None, text: str) -> None:
-    """Writes `text` to the file that an option names, if it does, and makes its folder. UserError where it cannot."""
+def write_result(path: Path | None, content: bytes | str | Iterable[bytes]) -> None:
+    """Writes the file that an option names, if it does, in one step, and makes its folder. UserError where it cannot."""
 
     def write(file: Path) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_file(file, text)
+        write_file(file, content)
 
     if path is not None:
         _attempt(path, write)

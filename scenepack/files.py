@@ -92,7 +92,6 @@ class PackFiles(ABC):
 
     path: Path
     sizes: dict[str, int]  # bytes of each file, as read
-    stored_bytes: int  # what the pack takes on disk
 
     def where(self, name: str) -> str:
         """A file for messages."""
@@ -159,13 +158,17 @@ def _not_a_pack(path: Path, names: list[str]) -> UserError:
                      remedy="name the folder or .zip that snerg-bake wrote")  # fmt: skip
 
 
+def stored_bytes(path: Path) -> int:
+    """What a pack takes on disk."""
+    return path.stat().st_size if path.is_file() else sum(f.stat().st_size for f in path.iterdir() if f.is_file())
+
+
 class FolderFiles(PackFiles):
     """A pack as a folder."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.sizes = {entry.name: entry.stat().st_size for entry in path.iterdir() if entry.is_file()}
-        self.stored_bytes = sum(self.sizes.values())
 
     def _bytes(self, name: str, count: int, *, to_end: bool) -> bytes:
         if name not in self.sizes:  # also where it is a pipe, whose writer we would wait for
@@ -209,7 +212,6 @@ class ZipFiles(PackFiles):
             if name.startswith(top) and (not top or "/" not in name.removeprefix(top))
         }
         self.sizes = {name: info.file_size for name, info in self._entries.items()}
-        self.stored_bytes = path.stat().st_size
 
     def _bytes(self, name: str, count: int, *, to_end: bool) -> bytes:
         where = self.where(name)

@@ -18,7 +18,7 @@ from rich.text import Text
 from console.streams import one_line
 from scenepack.blocks import block_copy
 from scenepack.check import Finding
-from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles
+from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, stored_bytes
 from scenepack.pack import Pack
 
 ALPHA_BINS = 8  # of 32 steps each; alpha 0 is counted apart
@@ -37,7 +37,7 @@ def pack_facts(files: PackFiles, pack: Pack) -> dict[str, Any]:
     memory = pack.atlas_rgba.nbytes + pack.atlas_indices.nbytes
     memory += 0 if pack.atlas_features is None else pack.atlas_features.nbytes
     occupied = int(pack.occupied.sum())
-    on_disk = max(files.stored_bytes, 1)
+    disk = stored_bytes(files.path)
     return {
         "path": str(files.path),
         "grid": list(pack.grid_size),
@@ -55,15 +55,15 @@ def pack_facts(files: PackFiles, pack: Pack) -> dict[str, Any]:
         "voxels": {"grid": voxels, "stored": occupied * pack.block_size**3, "with_alpha": int(alpha[1:].sum())},
         "alpha_histogram": alpha[1:].tolist(),
         "bytes": {
-            "disk": files.stored_bytes,
+            "disk": disk,
             **parts,
             "memory": memory,
             "dense_8bit": voxels * channels,
             "dense_float32": voxels * channels * 4,
         },
         "compression": {
-            "against_dense_8bit": voxels * channels / on_disk,
-            "against_dense_float32": voxels * channels * 4 / on_disk,
+            "against_dense_8bit": voxels * channels / max(disk, 1),
+            "against_dense_float32": voxels * channels * 4 / max(disk, 1),
         },
         "features": pack.atlas_features is not None,
         "view_mlp": pack.view_mlp is not None,

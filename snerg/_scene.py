@@ -217,7 +217,7 @@ class Scene:
         from scenepack.exports.scene import geometry_of
 
         made = geometry_of(self._pack, export)
-        return Geometry(made.points, made.normals, made.colours, made.faces, tuple(made.cameras))
+        return Geometry(made.vertices, made.normals, made.colours, made.faces, tuple(made.cameras))
 
     @with_snerg_errors
     def save(self, path: str | Path, *, codec: Codec = "png", title: str | None = None) -> None:
@@ -229,11 +229,11 @@ class Scene:
         Raises:
             SnergError: Where something else lies there, or it cannot be written.
         """
-        from scenepack.exports.scene import write_parts
+        from console.results import write_result
         from scenepack.writer import save_pack
 
         if Path(path).suffix.lower() in (".html", ".htm"):
-            write_parts(Path(path), [self._page(title)])
+            write_result(Path(path), self._page(title))
         else:
             save_pack(self._pack, Path(path), codec=codec)
 
@@ -292,11 +292,11 @@ class Geometry:
         Raises:
             SnergError: Where the suffix is another, or it cannot be written.
         """
+        from console.results import write_result
         from scenepack.exports.scene import Geometry as Written
-        from scenepack.exports.scene import write_parts
 
         suffixes = (".ply", ".glb") if len(self.faces) else (".ply",)
         if Path(path).suffix.lower() not in suffixes:
             raise SnergError("is not a supported file type", where=path, expected=" or ".join(suffixes))
         written = Written(self.vertices, self.normals, self.colours, self.faces, cameras=self._cameras)
-        write_parts(Path(path), written.file_parts(Path(path)))
+        write_result(Path(path), written.file_parts(Path(path)))

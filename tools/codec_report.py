@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from baker.reports.tables import LADDER, measured
-from console import check_results, run_command, write_json, write_text
+from console import check_results, run_command, write_json, write_result
 from training.scenes import load_scene
 
 DESCRIPTION = "Size, quality and time of every codec on one pack, as a table."
@@ -42,7 +42,7 @@ def codec_report(
             rows.append(row)
     table = as_markdown(rows)
     print(table)
-    write_text(out, table + "\n")
+    write_result(out, table + "\n")
     write_json(figures, rows)
 
 

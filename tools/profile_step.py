@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from console import UserError, check_results, progress, run_command, write_json, write_text
+from console import UserError, check_results, progress, run_command, write_json, write_result
 from training.libraries import begin_libraries
 
 if TYPE_CHECKING:
@@ -234,7 +234,7 @@ def profile_step(
         measured = profile(method, state, step, rounds, bar.update)
     measured = dataclasses.replace(measured, facts={"scene": name, **measured.facts})
     if markdown is not None:
-        write_text(markdown, measured.to_markdown())
+        write_result(markdown, measured.to_markdown())
     if not write_json(json, measured.to_json()):
         print(measured.to_markdown(), end="")
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from baker.baking.config import BakeConfig, BakePreset, Quality, default_resolution
-from console import UserError, run_command
-from console.arguments import join_negative_values
+from console import run_command
+from console.arguments import join_negative_values, require_in_range
 from scenepack.constants import CodecName
 from training.libraries import begin_libraries
 
@@ -70,8 +70,7 @@ def snerg_bake(
     if resolution is not None:
         config = replace(config, resolution=resolution)
     config.check()
-    if not 0 <= pictures <= LARGEST_SIDE:
-        raise UserError("is out of range", where="--pictures", expected=f"0 to {LARGEST_SIDE}", found=pictures)
+    require_in_range("--pictures", pictures, 0, LARGEST_SIDE)
     loaded = load_run(run, scene_path=scene)
     if resolution is None:
         config = replace(config, resolution=default_resolution(preset, loaded))

@@ -6,14 +6,12 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
 
-from console import UserError, check_results, not_written, progress, run_command, write_json
-from console.arguments import join_negative_values, parse_box, parse_numbers, parse_point, parse_size
-from console.atomic import write_file
+from console import UserError, check_results, progress, run_command, write_json, write_result
+from console.arguments import join_negative_values, parse_box, parse_numbers, parse_point, parse_size, require_in_range
 from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
@@ -21,6 +19,7 @@ from scenepack.edit_preview import EditPreview
 from scenepack.editing import NOTHING, Selection, Voxels, without
 from scenepack.exports.field import Frame
 from scenepack.exports.scene import Export, Kind, check_export, export_scene, kind_for
+from scenepack.files import stored_bytes
 from scenepack.ground import ground_plane
 from scenepack.pack import MOST_LENGTH
 from scenepack.piece_files import SETTINGS
@@ -88,24 +87,18 @@ def convert(
         png_level: Compression level of PNG, 0 (fast, large) ... 9 (slow, small).
         force: Let a lossy codec replace the pack that is converted. What is lost then cannot be brought back.
     """
-    if not 0 <= png_level <= 9:
-        raise UserError("is out of range", where="--png-level", expected="0 to 9", found=png_level)
+    require_in_range("--png-level", png_level, 0, 9)
     lossy = chosen_quality(codec_named(codec, "--codec"), quality) is not None  # now, not after the work is done
-    if lossy and not force and out.exists() and pack.exists() and out.samefile(pack):
+    if lossy and not force and _is_same(out, pack):
         raise UserError(f"{codec} is lossy, and would replace the pack that is converted", where=out,
                         remedy="choose another --out, a lossless --codec (png, webp), or add --force")  # fmt: skip
     check_target(out)
     with open_pack(pack) as reader:
-        before, stored = _read_all(reader), reader.files.stored_bytes
+        before, stored = _read_all(reader), stored_bytes(pack)
     with progress("encoding", 1) as bar:
-
-        def on_progress(done: int, total: int) -> None:
-            bar.update(done / total)
-
-        save_pack(before, out, codec=codec, quality=quality, png_level=png_level, on_progress=on_progress)
-    with open_pack(out) as reader:
-        after = reader.files.stored_bytes
-    print(f"{out}: {codec}, {after / 1e6:.2f} MB, {100 * after / max(stored, 1):.0f} % of {stored / 1e6:.2f} MB before")
+        save_pack(before, out, codec=codec, quality=quality, png_level=png_level,
+                  on_progress=lambda done, total: bar.update(done / total))  # fmt: skip
+    print(f"{out}: {codec}, {_size(out, stored)}")
 
 
 def edit(
@@ -142,7 +135,7 @@ def edit(
         raise UserError("is out of range", where="--fainter-than", expected="above 0, at most 1", found=fainter_than)
     if smaller_than is not None and smaller_than < 1:
         raise UserError("is out of range", where="--smaller-than", expected="1 or more voxels", found=smaller_than)
-    if out.exists() and pack.exists() and out.samefile(pack):
+    if _is_same(out, pack):
         raise UserError("would replace the pack that is edited", where=out, remedy="choose another --out")
     chosen: dict[str, Callable[[Voxels], Selection]] = {}
     if box is not None:
@@ -162,7 +155,7 @@ def edit(
     check_target(out)
     with open_pack(pack) as reader:
         codec, quality = _codec_of(reader.outline, codec, quality)
-        before, stored = with_annotations(_read_all(reader), pack), reader.files.stored_bytes
+        before, stored = with_annotations(_read_all(reader), pack), stored_bytes(pack)
     with progress("removing", 1) as bar:
         removed, atlas = NOTHING, EditPreview(Voxels(before))
         for done, choose in enumerate(chosen.values(), 1):
@@ -170,18 +163,20 @@ def edit(
             atlas.follow(removed, NOTHING)  # what is chosen next is chosen of what is left
             bar.update(0.5 * done / len(chosen))
         after = without(before, removed, list(chosen))
-
-        def on_progress(done: int, total: int) -> None:
-            bar.update(0.5 + 0.5 * done / total, "encoding")
-
-        save_pack(after, out, codec=codec, quality=quality, on_progress=on_progress)
-    with open_pack(out) as reader:
-        size = reader.files.stored_bytes
+        save_pack(after, out, codec=codec, quality=quality,
+                  on_progress=lambda done, total: bar.update(0.5 + 0.5 * done / total, "encoding"))  # fmt: skip
     gone = int(before.occupied.sum()) - int(after.occupied.sum())
-    print(
-        f"{out}: without {removed.count:,} voxels and {gone:,} macroblocks, {codec}, {size / 1e6:.2f} MB, "
-        f"{100 * size / max(stored, 1):.0f} % of {stored / 1e6:.2f} MB before"
-    )
+    print(f"{out}: without {removed.count:,} voxels and {gone:,} macroblocks, {codec}, {_size(out, stored)}")
+
+
+def _is_same(out: Path, pack: Path) -> bool:
+    return out.exists() and pack.exists() and out.samefile(pack)
+
+
+def _size(pack: Path, before: int) -> str:
+    """Bytes of a pack beside those of the pack that it was made from, in words."""
+    after = stored_bytes(pack)
+    return f"{after / 1e6:.2f} MB, {100 * after / max(before, 1):.0f} % of {before / 1e6:.2f} MB before"
 
 
 def _codec_of(pack: Pack, codec: str | None, quality: int | None) -> tuple[str, int | None]:
@@ -227,7 +222,7 @@ def move(
             "is out of range", where="--origin", expected=f"at most {MOST_LENGTH:g} grid units away", found=origin
         )
     length = None if scale is None else _length(scale)
-    if out.exists() and pack.exists() and out.samefile(pack):
+    if _is_same(out, pack):
         raise UserError("would replace the pack that is moved", where=out, remedy="choose another --out")
     check_target(out)
     with open_pack(pack) as reader:
@@ -246,7 +241,8 @@ def move(
             placement = placement.with_angles(now + turn, *others)
         if point is not None:
             placement = Placement(placement.rotation, point)
-        marks = {**_marks(outline), "placement": placement_to_json(placement)}
+        kept = outline.metadata.get(MARKS)
+        marks = {**(kept if isinstance(kept, Mapping) else {}), "placement": placement_to_json(placement)}
         if length is not None:
             marks["scale"] = {"factor": length[0], "unit": length[1]}
         moved = outline.with_metadata(**{MARKS: marks})
@@ -256,11 +252,6 @@ def move(
         f"{np.cbrt(np.linalg.det(placed_T_grid(moved)[:3, :3])):.6g} {marks.get('scale', {}).get('unit', '')}".rstrip()
     )
     print(f"{out}: up is {upwards}, the origin is {where}, 1 grid unit is {unit}")
-
-
-def _marks(pack: Pack) -> dict[str, Any]:
-    marks = pack.metadata.get(MARKS)
-    return dict(marks) if isinstance(marks, Mapping) else {}
 
 
 def _length(text: str) -> tuple[float, str]:
@@ -335,7 +326,7 @@ def export(
     check_results(to)
     loaded = with_annotations(_read(pack), pack)
     with progress("exporting", 1) as bar:
-        written = export_scene(loaded, to, wanted, lambda share, note: bar.update(share, note))
+        written = export_scene(loaded, to, wanted, bar.update)
     amount = f"{written.faces:,} triangles" if written.faces else f"{written.points:,} {wanted.kind}"
     merged = "" if written.coarser == 1 else f", {written.coarser}³ voxels merged into one"
     print(f"{to}: {amount}{merged}, {to.stat().st_size / 1e6:.2f} MB")
@@ -347,14 +338,8 @@ def _export_page(pack: Pack, to: Path, content: PageContent) -> None:
     check_results(*([to] if one else []), folder=None if one else to)
     with progress("exporting", 1) as bar:
         files = {to.name: scene_page(pack, content, bar.update)} if one else scene_files(pack, content, bar.update)
-    try:
-        for name, data in files.items():
-            file = to if one else to / name
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_file(file, data)
-    except OSError as error:
-        words, remedy = not_written(error)
-        raise UserError(words, where=to, remedy=remedy) from error
+    for name, data in files.items():
+        write_result(to if one else to / name, data)
     size = sum(map(len, files.values())) / 1e6
     print(f"{to}: a web page, {size:.2f} MB" if one else f"{to / INDEX}: a web page for a web server, {size:.2f} MB")
 
@@ -380,8 +365,7 @@ def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Pa
     """
     from baker.reports.pack_compare import compare_packs  # OpenGL starts here, not for info
 
-    if not 1 <= views <= 1000:
-        raise UserError("is out of range", where="--views", expected="1 to 1000", found=views)
+    require_in_range("--views", views, 1, 1000)
     pixels = parse_size(size)
     check_results(json)
     result = compare_packs(a, b, views, pixels)

@@ -15,7 +15,7 @@ from typing import Annotated
 import tyro
 
 from baker.reports.options import ReportOptions
-from console import UserError, check_results, run_command, write_json, write_text
+from console import UserError, check_results, run_command, write_json, write_result
 from console.arguments import join_negative_values
 from training.libraries import begin_libraries
 
@@ -58,7 +58,7 @@ def _side_by_side(folders: Sequence[Path], out: Path) -> None:
         raise UserError("is one of the reports", where=f"--out {out}", expected="a folder of its own")
     document = scenes_document([read_report(folder) for folder in folders])
     write_json(out / "report.json", document)
-    write_text(out / "report.md", scenes_text(document))
+    write_result(out / "report.md", scenes_text(document))
     print(f"{len(folders)} scenes: in {out / 'report.md'}")
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from baker import metrics
 from console import UserError, progress
 from scenepack import Pack, load_pack
+from scenepack.files import stored_bytes
 from viewer.rendering.camera import ViewCamera, orbit_path
 from viewer.rendering.offscreen import OffscreenRenderer
 
@@ -52,11 +53,6 @@ def difference(a: np.ndarray, b: np.ndarray) -> dict[str, Any]:
     x, y = a.astype(np.float32) / 255, b.astype(np.float32) / 255
     ssim = metrics.ssim(x, y) if min(a.shape[:2]) >= metrics.WINDOW else None
     return {"psnr": metrics.psnr(x, y), "ssim": ssim, "worst": int(np.abs(a.astype(int) - b).max())}
-
-
-def stored_bytes(path: Path) -> int:
-    """What a pack takes on disk."""
-    return path.stat().st_size if path.is_file() else sum(f.stat().st_size for f in path.iterdir() if f.is_file())
 
 
 def _pictures(pack: Pack, cameras: Sequence[ViewCamera], advance: Any) -> list[np.ndarray]:

@@ -9,11 +9,11 @@ from typing import Any
 
 from baker.reports import paper_figures
 from baker.reports.options import ReportOptions
-from baker.reports.pack_compare import stored_bytes
 from baker.reports.report_cache import Baked, Study
 from baker.reports.tables import against_command
 from console import Notice
 from scenepack import Pack, load_pack
+from scenepack.files import stored_bytes
 from viewer.benchmark.frames import Contender, Turns, same_view, sustained, taking_turns
 from viewer.benchmark.protocols import Flight, flight, protocol_for
 from viewer.rendering.settings import RenderSettings

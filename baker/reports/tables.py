@@ -21,11 +21,12 @@ from baker.reports import paper_figures
 from baker.reports.evaluation import evaluate
 from baker.reports.fields import OWN, label_of, row_of_run, train_command
 from baker.reports.figures import draw_sections, section, shares
-from baker.reports.pack_compare import compare_packs, stored_bytes
+from baker.reports.pack_compare import compare_packs
 from baker.reports.report_cache import Baked, Score, Study
 from console import UserError
 from scenepack import Pack, load_pack, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
+from scenepack.files import stored_bytes
 from scenepack.report import pack_facts
 from training.recorder import read_metrics
 from training.run import Run, load_run

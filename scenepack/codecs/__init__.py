@@ -12,6 +12,7 @@ To add one, implement PieceCodec and list it in CODECS; docs/results.md has the 
 from __future__ import annotations
 
 from console import UserError
+from console.arguments import require_in_range
 from scenepack.codecs.avif import AvifCodec
 from scenepack.codecs.base import CodecError, PieceCodec
 from scenepack.codecs.h264 import H264Codec
@@ -58,6 +59,5 @@ def chosen_quality(codec: Codec, quality: int | None) -> int | None:
         return usual
     if usual is None:
         raise UserError("is lossless and has no quality", where=f"--codec {codec.name}", remedy="leave out --quality")
-    if not 1 <= quality <= 100:
-        raise UserError("is out of range", where="--quality", expected="1 to 100", found=quality)
+    require_in_range("--quality", quality, 1, 100)
     return quality

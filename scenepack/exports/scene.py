@@ -11,8 +11,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from console import UserError, not_written
-from console.atomic import write_file
+from console import UserError, write_result
+from console.arguments import require_in_range
 from scenepack.cameras import photograph_cameras
 from scenepack.exports.field import Corners, ExportFrame, Field, Frame
 from scenepack.exports.file_formats import (
@@ -117,8 +117,8 @@ def check_export(export: Export, pack: Pack | None = None) -> None:
         ("--faces", export.faces, 100, 1 << 30),
         ("--keep", export.keep if isinstance(export.keep, float) else 0.5, 0, 1),
     ):
-        if value is not None and not low <= value <= high:
-            raise UserError("is out of range", where=name, expected=f"{low:g} to {high:g}", found=value)
+        if value is not None:
+            require_in_range(name, value, low, high)
     if pack is not None and export.coarser is not None and export.coarser not in divisors(pack.block_size):
         expected = ", ".join(map(str, divisors(pack.block_size)))
         raise UserError("does not divide a macroblock", where="--coarser", expected=expected, found=export.coarser)
@@ -129,27 +129,25 @@ def divisors(number: int) -> list[int]:
     return [i for i in range(1, number + 1) if number % i == 0]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Geometry:
-    """Points on a surface, or a mesh. points, normals: float32 [n, 3]. colours: uint8 [n, 3], diffuse, sRGB. faces: int32 [f, 3],
-    counter-clockwise from outside; none of points. coarser: voxels a side that became one. cameras: of the photographs; none of
-    points.
-    """
+    """A mesh, or points, which have no faces."""
 
-    points: np.ndarray
-    normals: np.ndarray
-    colours: np.ndarray
-    faces: np.ndarray
-    coarser: int = 1
-    cameras: Sequence[GltfCamera] = ()
+    vertices: np.ndarray  # float32 [v, 3]
+    normals: np.ndarray  # float32 [v, 3]; zero if unknown
+    colours: np.ndarray  # uint8 [v, 3], diffuse, sRGB
+    faces: np.ndarray  # int32 [f, 3], counter-clockwise from outside
+    coarser: int = 1  # voxels a side that became one
+    cameras: Sequence[GltfCamera] = ()  # of the photographs of a mesh
+    point_size: float = 0.0  # of a preview, grid units
 
     def file_parts(self, file: Path, comments: Sequence[str] = ()) -> list[bytes]:
         """The bytes of a .glb or a .ply; of points, a .ply."""
         if file.suffix.lower() == ".glb":
             said = {"snerg": comments}
-            return glb_parts(self.points, self.normals, self.colours, self.faces, said, self.cameras)
+            return glb_parts(self.vertices, self.normals, self.colours, self.faces, said, self.cameras)
         faces = self.faces if len(self.faces) else None
-        return ply_parts(POINT, [self.points, self.normals, self.colours], faces, comments)
+        return ply_parts(POINT, [self.vertices, self.normals, self.colours], faces, comments)
 
 
 def export_scene(pack: Pack, file: Path, export: Export, on_progress: OnProgress = lambda share, note: None) -> Written:
@@ -158,27 +156,23 @@ def export_scene(pack: Pack, file: Path, export: Export, on_progress: OnProgress
     UserError where nothing would be in it, or it cannot be written.
     """
     if export.kind == "gaussians":
-        values, written = _gaussians(pack, export, on_progress)
+        field, export_frame = _field(pack, export, on_progress), ExportFrame(pack, export.frame, export.scale)
+        positions, rgba = _gaussian_voxels(field, export, export_frame)
+        on_progress(0.5, f"{len(positions):,} Gaussians")
+        values, written = (
+            gaussian_values(positions, rgba, field, export_frame),
+            Written(len(positions), 0, field.coarser),
+        )
         parts = [spz_bytes(values)] if file.suffix.lower() == ".spz" else ply_parts(COLUMNS, values)
     else:
         geometry = geometry_of(pack, export, on_progress)
         said = [f"frame {export.frame}, lengths times {export.scale:g}", "colours are diffuse, sRGB"]
         parts = geometry.file_parts(file, said)
-        written = Written(len(geometry.points), len(geometry.faces), geometry.coarser)
+        written = Written(len(geometry.vertices), len(geometry.faces), geometry.coarser)
     on_progress(0.95, "writing")
-    write_parts(file, parts)
+    write_result(file, parts)
     on_progress(1.0, "")
     return written
-
-
-def write_parts(file: Path, parts: list[bytes]) -> None:
-    """Writes a file in one step. UserError where it cannot be written."""
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_file(file, parts)
-    except OSError as error:
-        words, remedy = not_written(error)
-        raise UserError(f"cannot be written: {words}", where=file, remedy=remedy) from error
 
 
 def _field(pack: Pack, export: Export, on_progress: OnProgress) -> Field:
@@ -207,17 +201,7 @@ def _gaussian_voxels(field: Field, export: Export, export_frame: ExportFrame) ->
     return positions[near], rgba[near]
 
 
-def _gaussians(pack: Pack, export: Export, on_progress: OnProgress) -> tuple[list[np.ndarray], Written]:
-    field, export_frame = _field(pack, export, on_progress), ExportFrame(pack, export.frame, export.scale)
-    positions, rgba = _gaussian_voxels(field, export, export_frame)
-    on_progress(0.5, f"{len(positions):,} Gaussians")
-    values = gaussian_values(positions, rgba, field, export_frame)
-    return values, Written(len(positions), 0, field.coarser)
-
-
-def surface_of(
-    field: Field, export: Export, export_frame: ExportFrame, on_progress: OnProgress = lambda share, note: None
-) -> Surface:
+def surface_of(field: Field, export: Export, export_frame: ExportFrame, on_progress: OnProgress) -> Surface:
     """The surface without floaters, smoothed, in voxels of the pack's grid. UserError where nothing would be in it."""
     surface = extract(field, export.level, lambda share: on_progress(0.6 * share, "finding the surface"))
     on_progress(0.6, "removing floaters")
@@ -282,7 +266,7 @@ def scattered(surface: Surface, export: Export, export_frame: ExportFrame) -> tu
     normals = (vertex_normals(there)[corners] * weights).sum(axis=1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     colours = np.rint((surface.colours[corners] * weights).sum(axis=1)).astype(np.uint8)
-    return points, normals, colours
+    return points.astype(np.float32), normals.astype(np.float32), colours
 
 
 def require_some(count: int, export: Export) -> None:
@@ -297,47 +281,24 @@ def require_some(count: int, export: Export) -> None:
 MOST_CELLS = 256  # along the longest side of the grid
 
 
-@dataclass(frozen=True, eq=False)
-class PreviewGeometry:
-    """Triangles or points of an export, in the grid frame (y up; in forward-facing packs before the warp)."""
-
-    vertices: np.ndarray  # float32 [v, 3]
-    normals: np.ndarray  # float32 [v, 3]; zero if unknown
-    colours: np.ndarray  # uint8 [v, 3], sRGB
-    faces: np.ndarray  # int32 [f, 3]; empty: the vertices are points
-    size: float  # of a point, grid units
-    coarser: int  # voxels per side that were merged into one
-
-
-def preview_geometry(pack: Pack, export: Export, on_progress: OnProgress = lambda share, note: None) -> PreviewGeometry:
+def preview_geometry(pack: Pack, export: Export, on_progress: OnProgress = lambda share, note: None) -> Geometry:
     """The geometry that `export` would write, in the grid frame. on_progress: as for export_scene; may raise.
 
     UserError if it would be empty.
     """
     check_export(export, pack)
-    export_frame = ExportFrame(pack)
     coarser = export.coarser or coarseness(pack)
-    field = Field(pack, coarser, export.crop)
-    no_faces = np.zeros((0, 3), np.int32)
-    if export.kind == "gaussians":
-        positions, rgba = _gaussian_voxels(field, export, export_frame)
-        straight = np.clip(rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6), 0.0, 1.0)
-        points = export_frame.points(positions).astype(np.float32)
-        colours = np.rint(255.0 * straight).astype(np.uint8)
-        return PreviewGeometry(points, np.zeros_like(points), colours, no_faces, coarser * pack.voxel_size, coarser)
-    alike = replace(export, smooth=-(-export.smooth // coarser))  # smooths about as far
-    surface = surface_of(field, alike, export_frame, on_progress)
-    if export.kind == "points":
-        spacing = max(export.spacing, float(coarser))
-        points, normals, colours = scattered(surface, replace(export, spacing=spacing), export_frame)
-        return PreviewGeometry(
-            points.astype(np.float32), normals.astype(np.float32), colours, no_faces, spacing * pack.voxel_size, coarser
-        )
-    if export.faces is not None:
-        on_progress(0.8, "removing triangles")
-        surface = decimated(surface, export.faces)
-    there = placed(surface, export_frame)
-    return PreviewGeometry(there.vertices, vertex_normals(there), there.colours, there.faces, 0.0, coarser)
+    spacing = max(export.spacing, float(coarser))
+    smooth = -(-export.smooth // coarser)  # smooths about as far
+    alike = replace(export, coarser=coarser, smooth=smooth, spacing=spacing, frame="grid", scale=1.0)
+    if export.kind != "gaussians":
+        return replace(geometry_of(pack, alike, on_progress), point_size=spacing * pack.voxel_size)
+    export_frame = ExportFrame(pack)
+    positions, rgba = _gaussian_voxels(Field(pack, coarser, export.crop), export, export_frame)
+    straight = np.clip(rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6), 0.0, 1.0)
+    points, colours = export_frame.points(positions).astype(np.float32), np.rint(255.0 * straight).astype(np.uint8)
+    no_faces, size = np.zeros((0, 3), np.int32), coarser * pack.voxel_size
+    return Geometry(points, np.zeros_like(points), colours, no_faces, coarser, point_size=size)
 
 
 def coarseness(pack: Pack) -> int:

@@ -112,7 +112,7 @@ def test_a_mesh_in_the_placed_frame_is_the_grids_mesh_moved_with_its_cameras() -
     pack = sloping_pack(marks=MARKS, cameras=[shot])
     grid, placed = (geometry_of(pack, Export("mesh", frame=frame, faces=None)) for frame in ("grid", "placed"))
     moved = MOVED.matrix(2.5)
-    assert np.allclose(placed.points, grid.points @ moved[:3, :3].T + moved[:3, 3], atol=1e-5)
+    assert np.allclose(placed.vertices, grid.vertices @ moved[:3, :3].T + moved[:3, 3], atol=1e-5)
     assert np.allclose(placed.normals, grid.normals @ np.array(MOVED.rotation).T, atol=1e-4)
     assert np.array_equal(placed.faces, grid.faces)
     assert np.allclose(placed.cameras[0].frame_T_camera, moved_pose(moved, grid.cameras[0].frame_T_camera), atol=1e-9)

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from console import UserError, check_results, run_command, write_text
+from console import UserError, check_results, run_command, write_result
 from console.arguments import parse_size
 from tools.card.opengl import Sizes, device, pack_figures
 from tools.card.page import page
@@ -145,7 +145,7 @@ def card_report(
     finally:
         if not keep_runs:
             shutil.rmtree(runs, ignore_errors=True)
-    write_text(out / "report.md", page(report))
+    write_result(out / "report.md", page(report))
     print(out / "report.md")
     failed = [name for name, facts in report["parts"].items() if facts["status"] == "failed"]
     if failed:

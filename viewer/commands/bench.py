@@ -12,7 +12,7 @@ from typing import Any, Literal
 from rich.console import Console
 from rich.table import Table
 
-from console import UserError, check_results, run_command, write_json, write_text
+from console import UserError, check_results, run_command, write_json, write_result
 from console.arguments import parse_size
 from console.desktop import tell_if_unseen
 from console.plots import Line, Plot, draw_plots, require_plots
@@ -236,7 +236,7 @@ def bench(
         print_table(result, measurement)
     name = pack.resolve().name
     if markdown is not None:
-        write_text(markdown, markdown_table(name, result, measurement))
+        write_result(markdown, markdown_table(name, result, measurement))
     if plot is not None:
         plot_times(plot, name, result, measurement)
 

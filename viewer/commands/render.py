@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError, check_results, not_written, progress, run_command
-from console.arguments import join_negative_values, parse_box, parse_point, parse_size
+from console.arguments import join_negative_values, parse_box, parse_point, parse_size, require_in_range
 from console.atomic import replacing, writing_alone
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
@@ -129,10 +129,8 @@ def render(
         "--projection": None if projection == "perspective" else projection, "--lens-rays": lens_rays,
     }  # fmt: skip
     _check_choice({option: value for option, value in asked.items() if value is not None})
-    if not 1 <= fps <= MOST_FPS:
-        raise UserError("is out of range", where="--fps", expected=f"1 to {MOST_FPS}", found=fps)
-    if not 1 <= samples <= MOST_SAMPLES:
-        raise UserError("is out of range", where="--samples", expected=f"1 to {MOST_SAMPLES}", found=samples)
+    require_in_range("--fps", fps, 1, MOST_FPS)
+    require_in_range("--samples", samples, 1, MOST_SAMPLES)
     kind = _kind_of(out)
     transparent, exr = background == TRANSPARENT, EXR in (kind, f".{format}")
     settings = RenderSettings(

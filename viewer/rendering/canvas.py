@@ -26,7 +26,7 @@ from viewer.rendering.settings import RenderSettings, of_picture
 from viewer.rendering.targets import MARGIN, Box, Difference, Drawn, Layer, Sheet, SheetTexture, Target, with_margin
 
 if TYPE_CHECKING:
-    from scenepack.exports.scene import PreviewGeometry
+    from scenepack.exports.scene import Geometry
 
 ARRIVING_S = 0.03  # of each frame, for a pack's way to the GPU
 REST_S = 0.12  # this long without a change, and the full picture is begun
@@ -166,7 +166,7 @@ class Canvas:
         return depth_along_axis(self.raw(camera, settings), camera, self._receive_all().pack)
 
     def draw_export_preview(
-        self, geometry: PreviewGeometry, camera: ViewCamera, ground: tuple[float, float, float]
+        self, geometry: Geometry, camera: ViewCamera, ground: tuple[float, float, float]
     ) -> np.ndarray:
         """A picture of what an export would write, uint8 [height, width, 3], over the colour `ground` (sRGB, 0 … 1)."""
         width, height = camera.width, camera.height

@@ -12,7 +12,7 @@ from viewer.rendering.opengl import Drawing
 from viewer.rendering.shader_source import assemble
 
 if TYPE_CHECKING:
-    from scenepack.exports.scene import PreviewGeometry
+    from scenepack.exports.scene import Geometry
 
 NEAREST = 1e-3  # of the farthest that is shown
 CORNER = np.dtype([("place", "f4", 3), ("normal", "f4", 3), ("colour", "u1", 3)])  # one behind the other, packed
@@ -23,14 +23,14 @@ class ExportPreviewPicture:
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
-        self._geometry: PreviewGeometry | None = None
+        self._geometry: Geometry | None = None
         self._buffer: moderngl.Buffer | None = None
         self._drawing: Drawing | None = None
 
     def draw(
         self,
         framebuffer: moderngl.Framebuffer,
-        geometry: PreviewGeometry,
+        geometry: Geometry,
         camera: ViewCamera,
         ground: tuple[float, float, float],
     ) -> None:
@@ -45,7 +45,7 @@ class ExportPreviewPicture:
             "picture_size": (camera.width, camera.height),
             "depths": (NEAREST * farthest, farthest),
             "orthographic": float(camera.orthographic),
-            "point_size": geometry.size,
+            "point_size": geometry.point_size,
         })  # fmt: skip
         framebuffer.use()
         framebuffer.viewport = (0, 0, camera.width, camera.height)
@@ -55,7 +55,7 @@ class ExportPreviewPicture:
         drawing.draw(kind=moderngl.TRIANGLES if len(geometry.faces) else moderngl.POINTS)
         self.ctx.enable_only(moderngl.NOTHING)
 
-    def _take(self, geometry: PreviewGeometry) -> Drawing:
+    def _take(self, geometry: Geometry) -> Drawing:
         if geometry is self._geometry and self._drawing is not None:
             return self._drawing
         self.release()

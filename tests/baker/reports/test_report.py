@@ -24,11 +24,11 @@ from baker.commands.evaluate import main as snerg_eval
 from baker.commands.report import main as snerg_report
 from baker.reports.fields import LARGE, OWN, row_of, size_of_rows
 from baker.reports.options import TABLES, ReportOptions
-from baker.reports.pack_compare import stored_bytes
 from baker.reports.report import open_study, write_tables
 from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_loop import JointConfig
 from scenepack import load_pack
+from scenepack.files import stored_bytes
 from tests.told import told
 from training.config import PRESETS
 

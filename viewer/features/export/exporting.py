@@ -22,7 +22,7 @@ from viewer.core.tasks import Task
 from viewer.features.film.camera_path import save_path
 
 if TYPE_CHECKING:
-    from scenepack.exports.scene import Export, PreviewGeometry
+    from scenepack.exports.scene import Export, Geometry
     from viewer.app.application import App
 
 Kind = Literal["mesh", "points", "gaussians", "page"]
@@ -208,7 +208,7 @@ class _Superseded(Exception):
 
 class ExportPreview:
     def __init__(self) -> None:
-        self.geometry: PreviewGeometry | None = None  # the newest one, also while another is made
+        self.geometry: Geometry | None = None  # the newest one, also while another is made
         self.error = ""  # why there is none of what is wanted
         self.share = 0.0  # of what is being made is done, 0 … 1
         self._wanted: tuple[int, Export] | None = None
