@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 from console.errors import UserError
 
@@ -52,14 +51,3 @@ def require_in_range(where: str, value: float, low: float, high: float) -> None:
     """UserError where the value of an option is not one of low … high."""
     if not low <= value <= high:
         raise UserError("is out of range", where=where, expected=f"{low:g} to {high:g}", found=value)
-
-
-def join_negative_values(words: Sequence[str], options: Sequence[str]) -> list[str]:
-    """`--eye -1,2,3` as `--eye=-1,2,3`: otherwise the value would be taken for an option."""
-    joined: list[str] = []
-    for word in words:
-        if joined and joined[-1] in options and re.match(r"-[\d.]", word):
-            joined[-1] += f"={word}"
-        else:
-            joined.append(word)
-    return joined

@@ -7,6 +7,7 @@ import functools
 import inspect
 import io
 import os
+import re
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -45,7 +46,7 @@ def run_command(
     """
     words = list(sys.argv[1:] if args is None else args)
     debug = "--debug" in words
-    words = [word for word in words if word != "--debug"]
+    words = _with_joined_values([word for word in words if word != "--debug"])
     with lasting_output():
         try:
             with plain_notices(prog), ending_with_stdin():
@@ -70,6 +71,17 @@ def run_command(
             if on_failure is not None:
                 on_failure(prog, line or f"This is a bug in snerg: {type(error).__name__}: {error}")
             return BUG if line is None else USER_CAN_MEND
+
+
+def _with_joined_values(words: Sequence[str]) -> list[str]:
+    """`--eye -1,2,3` as `--eye=-1,2,3`: otherwise the value would be taken for an option."""
+    joined: list[str] = []
+    for word in words:
+        if joined and joined[-1].startswith("--") and re.match(r"-[\d.]", word):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
 
 
 def _say(prog: str, line: str) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from baker.baking.config import BakeConfig, BakePreset, Quality, default_resolution
 from console import run_command
-from console.arguments import join_negative_values, require_in_range
+from console.arguments import require_in_range
 from scenepack.constants import CodecName
 from training.libraries import begin_libraries
 
@@ -82,8 +82,7 @@ def snerg_bake(
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    words = join_negative_values(sys.argv[1:] if args is None else args, ["--aabb"])
-    return run_command(snerg_bake, prog="snerg-bake", description=DESCRIPTION, args=words)
+    return run_command(snerg_bake, prog="snerg-bake", description=DESCRIPTION, args=args)
 
 
 if __name__ == "__main__":

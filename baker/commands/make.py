@@ -16,7 +16,6 @@ import tyro
 
 from baker.baking.config import BakeConfig, Quality, default_resolution
 from console import Notice, UserError, check_results, run_command, write_json
-from console.arguments import join_negative_values
 from console.child_process import module_command
 from scenepack.constants import CodecName
 from training.libraries import begin_libraries
@@ -177,8 +176,7 @@ def minutes(seconds: float) -> str:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    words = join_negative_values(sys.argv[1:] if args is None else args, ["--aabb", "--up"])
-    return run_command(snerg_make, prog="snerg-make", description=DESCRIPTION, args=words)
+    return run_command(snerg_make, prog="snerg-make", description=DESCRIPTION, args=args)
 
 
 if __name__ == "__main__":

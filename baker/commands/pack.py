@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from console import UserError, check_results, progress, run_command, write_json, write_result
-from console.arguments import join_negative_values, parse_box, parse_numbers, parse_point, parse_size, require_in_range
+from console.arguments import parse_box, parse_numbers, parse_point, parse_size, require_in_range
 from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
@@ -33,7 +33,6 @@ DESCRIPTION = (
     "Inspects, checks, converts, edits, moves, exports and compares packs "
     "(baked scenes: a folder with scene_params.json, or one .zip)."
 )
-MAY_BE_NEGATIVE = ("--crop", "--sphere", "--up", "--turn", "--origin")
 PAGE_SUFFIXES = (".html", ".htm")
 
 
@@ -396,8 +395,7 @@ COMMANDS = {
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    words = join_negative_values(sys.argv[1:] if args is None else args, MAY_BE_NEGATIVE)
-    return run_command(COMMANDS, prog="snerg-pack", description=DESCRIPTION, args=words)
+    return run_command(COMMANDS, prog="snerg-pack", description=DESCRIPTION, args=args)
 
 
 if __name__ == "__main__":

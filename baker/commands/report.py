@@ -16,7 +16,6 @@ import tyro
 
 from baker.reports.options import ReportOptions
 from console import UserError, check_results, run_command, write_json, write_result
-from console.arguments import join_negative_values
 from training.libraries import begin_libraries
 
 DESCRIPTION = "Measures the SNeRG paper's tables on a trained run, or puts the reports of several scenes side by side."
@@ -64,8 +63,7 @@ def _side_by_side(folders: Sequence[Path], out: Path) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    words = join_negative_values(sys.argv[1:] if args is None else args, ["--aabb"])
-    return run_command(snerg_report, prog="snerg-report", description=DESCRIPTION, args=words)
+    return run_command(snerg_report, prog="snerg-report", description=DESCRIPTION, args=args)
 
 
 if __name__ == "__main__":

@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Annotated, cast
 import tyro
 
 from console import UserError, run_command
-from console.arguments import join_negative_values
 from training.config import PRESETS, TrainConfig, require_valid
 from training.libraries import find_devices, import_libraries
 from training.scenes import SceneOptions
 from training.scenes.presets import PresetName, names_with_about
-from training.scenes.scene_options import AABB, UP, parse_box, parse_up
+from training.scenes.scene_options import parse_box, parse_up
 
 if TYPE_CHECKING:
     from training.run import RunDescription
@@ -33,7 +32,7 @@ FREE = ("steps", "minutes", "log_every", "validate_every", "validate_views", "ch
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    args = join_negative_values(sys.argv[1:] if args is None else args, [AABB, UP])
+    args = sys.argv[1:] if args is None else args
     return run_command(make_command(args), prog="snerg-train", description=DESCRIPTION, args=args)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError, check_results, not_written, progress, run_command
-from console.arguments import join_negative_values, parse_box, parse_point, parse_size, require_in_range
+from console.arguments import parse_box, parse_point, parse_size, require_in_range
 from console.atomic import replacing, writing_alone
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
@@ -47,7 +47,6 @@ EXCLUDING = (
 NEEDING = {
     "--target": "--eye", "--up": "--eye", "--index": "--scene", "--eye-distance": "--projection", "--focus": "--aperture",
 }  # fmt: skip
-MAY_BE_NEGATIVE = ("--eye", "--target", "--up", "--crop")
 
 
 View = tuple[str, tuple[ViewCamera, ...]]  # a picture's file name without suffix, and its camera, or those of two eyes
@@ -413,8 +412,7 @@ def fly_over(pack: Pack, name: str, folder: Path, fov: float, settings: RenderSe
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    words = join_negative_values(sys.argv[1:] if args is None else args, MAY_BE_NEGATIVE)
-    return run_command(render, prog="snerg-render", description=DESCRIPTION, args=words, on_failure=tell_if_unseen)
+    return run_command(render, prog="snerg-render", description=DESCRIPTION, args=args, on_failure=tell_if_unseen)
 
 
 if __name__ == "__main__":

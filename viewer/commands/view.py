@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from console import UserError, run_command
-from console.arguments import join_negative_values, parse_box, parse_size
+from console.arguments import parse_box, parse_size
 from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
 from viewer.app.application import App
@@ -363,7 +363,7 @@ def _with_port(words: Sequence[str]) -> list[str]:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    words = _with_port(join_negative_values(sys.argv[1:] if args is None else args, ("--pose", "--crop")))
+    words = _with_port(sys.argv[1:] if args is None else args)
     scripted = any(word.startswith(SCRIPTED) for word in words)  # nobody is there to close a box
     return run_command(View, prog="snerg-view", args=words, on_failure=None if scripted else tell_if_unseen)
 
