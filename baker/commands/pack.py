@@ -15,8 +15,7 @@ from console.arguments import parse_box, parse_numbers, parse_point, parse_size,
 from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
-from scenepack.edit_preview import EditPreview
-from scenepack.editing import NOTHING, Selection, Voxels, without
+from scenepack.editing import NOTHING, EditPreview, Selection, Voxels, without
 from scenepack.exports.field import Frame
 from scenepack.exports.scene import Export, Kind, check_export, export_scene, kind_for
 from scenepack.files import stored_bytes

@@ -12,8 +12,7 @@ from scipy import ndimage
 from console import UserError
 from scenepack import Pack, check_pack, load_pack, save_pack
 from scenepack.blocks import dense_from_pack
-from scenepack.edit_preview import MARKED, EditPreview
-from scenepack.editing import Selection, Voxels, without
+from scenepack.editing import MARKED, EditPreview, Selection, Voxels, without
 from scenepack.exports.field import ExportFrame
 from tests.scenepack.helpers import small_pack, smooth_pack
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenepack.edit_preview import EditPreview
-from scenepack.editing import NOTHING, Selection
+from scenepack.editing import NOTHING, EditPreview, Selection
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
 

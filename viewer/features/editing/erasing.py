@@ -1,6 +1,6 @@
 """Erasing: what is selected of the open pack, by tools in the picture and by rules; taking it away, and saving what is left.
 
-The pack on disk does not change. scenepack.edit_preview shows the edits in the atlas in memory, some macroblocks each frame.
+The pack on disk does not change. scenepack.editing shows the edits in the atlas in memory, some macroblocks each frame.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from console import UserError
-from scenepack.edit_preview import EditPreview
-from scenepack.editing import NOTHING, Parts, Selection, Voxels
+from scenepack.editing import NOTHING, EditPreview, Parts, Selection, Voxels
 from viewer.core.files import FileRequest
 from viewer.core.log import Dialog
 from viewer.core.pose import project
