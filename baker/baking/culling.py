@@ -212,11 +212,10 @@ def best_transmittance(
         count = min(TOGETHER, len(ids) - first)
         lines, length = lines_in_grid(box, source, ids[np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1)])
 
-        def share(worker: int, part: int, lines=lines, length=length, count=count) -> None:
-            low, high = part * PART, min((part + 1) * PART, count)
+        def look(worker: int, low: int, high: int, lines=lines, length=length) -> None:
             _raise_best(density, blocks, lines, length, low, high, best[worker])
 
-        workers.share(-(-count // PART), share)
+        workers.share_range(count, PART, look)
         if tick:
             tick((first + count) / len(ids))
     return np.maximum.reduce(best)

@@ -55,12 +55,10 @@ def cells_of(pack: Pack, tables: Tables, side: int) -> Cells:
     corners = np.argwhere(pack.occupied)[:, ::-1].astype(np.int64) * pack.block_size - 1
     dims = -(-np.array(pack.grid_blocks, np.int64) * pack.block_size // side)
     numbers = np.zeros(int(dims.prod()), np.int32)
-    _mark(tables, corners, side, dims, numbers)
+    _count(tables, corners, side, dims, numbers)
     some = numbers > 0
-    numbers[some] = np.arange(1, np.count_nonzero(some) + 1, dtype=np.int32)
-    first = np.zeros(np.count_nonzero(some) + 2, np.int64)
-    _count(tables, corners, side, dims, numbers, first)
-    np.cumsum(first, out=first)
+    first = np.concatenate([np.zeros(2, np.int64), np.cumsum(numbers[some], dtype=np.int64)])
+    numbers[some] = np.arange(1, len(first) - 1, dtype=np.int32)
     places = np.empty(first[-1], np.int64)
     content = np.zeros((first[-1], 8), np.uint8)
     cells = Cells(side, dims, numbers, first, places, content, np.zeros(first[-1], np.uint8), corners)
@@ -69,32 +67,26 @@ def cells_of(pack: Pack, tables: Tables, side: int) -> Cells:
 
 
 @kernel(inline="always")
-def cell_at(numbers, dims, side, x, y, z):
-    """The cell of a grid voxel, 0 outside of the grid."""
+def _index(dims, side, x, y, z):
+    """Where in Cells.numbers the cell of a grid voxel is, -1 outside of the grid."""
     if x < 0 or y < 0 or z < 0:
-        return 0
+        return -1
     x, y, z = x // side, y // side, z // side
     if x >= dims[0] or y >= dims[1] or z >= dims[2]:
-        return 0
-    return numbers[(z * dims[1] + y) * dims[0] + x]
+        return -1
+    return (z * dims[1] + y) * dims[0] + x
+
+
+@kernel(inline="always")
+def cell_at(numbers, dims, side, x, y, z):
+    """The cell of a grid voxel, 0 outside of the grid."""
+    index = _index(dims, side, x, y, z)
+    return numbers[index] if index >= 0 else 0
 
 
 @kernel
-def _mark(tables, corners, side, dims, numbers):
-    """numbers = 1 where a macroblock's own voxels have alpha."""
-    size = tables.size
-    for slot in range(len(corners)):
-        for z in range(1, size + 1):
-            for y in range(1, size + 1):
-                for x in range(1, size + 1):
-                    if tables.rgba[tables.first[slot] + z * tables.layer + y * tables.row + x, 3] != 0:
-                        i, j, k = corners[slot, 0] + x, corners[slot, 1] + y, corners[slot, 2] + z
-                        numbers[((k // side) * dims[1] + j // side) * dims[0] + i // side] = 1
-
-
-@kernel
-def _count(tables, corners, side, dims, numbers, counts):
-    """counts[cell + 1] += places."""
+def _count(tables, corners, side, dims, counts):
+    """counts int32 [z y x]: places of each cell. Where padding has alpha, so has the voxel that it copies."""
     wide = tables.size + 2
     for slot in range(len(corners)):
         for z in range(wide):
@@ -102,9 +94,9 @@ def _count(tables, corners, side, dims, numbers, counts):
                 for x in range(wide):
                     if tables.rgba[tables.first[slot] + z * tables.layer + y * tables.row + x, 3] != 0:
                         i, j, k = corners[slot, 0] + x, corners[slot, 1] + y, corners[slot, 2] + z
-                        cell = cell_at(numbers, dims, side, i, j, k)
-                        if cell > 0:
-                            counts[cell + 1] += 1
+                        index = _index(dims, side, i, j, k)
+                        if index >= 0:
+                            counts[index] += 1
 
 
 @kernel

@@ -11,7 +11,7 @@ whether all are empty: rays cross such a block in one jump.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -353,23 +353,17 @@ class PackMarcher:
         """Calls look(tables, rays, low, high, found, into(worker, first, last)) for parts of all rays, TOGETHER at a time; low
         and high count from `first`. most: workers at once."""
         workers = self.workers if most >= self.workers.count else Workers(most)
-        for first, rays in self._grid_rays(ids, pixel_offset):
-            last = min(first + TOGETHER, len(ids))
+        for first in range(0, len(ids), TOGETHER):
+            some, last = np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1), min(first + TOGETHER, len(ids))
+            moved = None if pixel_offset is None else jnp.asarray(pixel_offset[some])
+            lines = lines_of(_in_grid(self.box, self.rays, jnp.asarray(ids[some]), moved))
 
-            def share(worker: int, part: int, first: int = first, last: int = last, rays=rays) -> None:
-                low, high = part * PART, min((part + 1) * PART, last - first)
-                look(self.tables, rays, low, high, self.found[worker], into(worker, first, last))
+            def work(worker: int, low: int, high: int, first: int = first, last: int = last, lines=lines) -> None:
+                look(self.tables, lines, low, high, self.found[worker], into(worker, first, last))
 
-            workers.share(-(-(last - first) // PART), share)
+            workers.share_range(last - first, PART, work)
             if on_share:
                 on_share(last / len(ids))
-
-    def _grid_rays(self, ids: np.ndarray, pixel_offset: np.ndarray | None) -> Iterator[tuple[int, Lines]]:
-        """Up to TOGETHER rays at a time, and the first's place."""
-        for first in range(0, len(ids), TOGETHER):
-            some = np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1)
-            moved = None if pixel_offset is None else jnp.asarray(pixel_offset[some])
-            yield first, lines_of(_in_grid(self.box, self.rays, jnp.asarray(ids[some]), moved))
 
 
 def lines_in_grid(box: GridBox, source: GridFrameRays, ids: np.ndarray) -> tuple[Lines, np.ndarray]:

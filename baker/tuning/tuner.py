@@ -145,11 +145,10 @@ class Tuner:
         grid, viewdirs, target = _rays_and_colours(self.marcher.box, self.marcher.rays, self.dataset, jnp.asarray(ids))
         rays = lines_of(grid)
 
-        def share(worker: int, chunk: int) -> None:
-            low, high = chunk * CHUNK, (chunk + 1) * CHUNK
-            gather_chunk(self.tables, rays, chunk, low, high, self.found[worker], self.work)
+        def gather(worker: int, low: int, high: int) -> None:
+            gather_chunk(self.tables, rays, low // CHUNK, low, high, self.found[worker], self.work)
 
-        self.workers.share(self.rays // CHUNK, share)
+        self.workers.share_range(self.rays, CHUNK, gather)
         sums, whole = jnp.asarray(self.work.sums), jnp.asarray(self.work.whole)
         sums = Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])
         return ShadingInputs(sums, self.head, viewdirs, target, whole, self.dataset.background)
@@ -157,11 +156,10 @@ class Tuner:
     def _follow(self, slopes: np.ndarray) -> None:
         """From slopes of sums to slopes of cells."""
 
-        def share(_: int, chunk: int) -> None:
-            low, high = chunk * CHUNK, (chunk + 1) * CHUNK
-            slope_chunk(self.tables, self.cells, LOG_DENSITY, slopes, chunk, low, high, self.work)
+        def list_slopes(_: int, low: int, high: int) -> None:
+            slope_chunk(self.tables, self.cells, LOG_DENSITY, slopes, low // CHUNK, low, high, self.work)
 
-        self.workers.share(self.rays // CHUNK, share)
+        self.workers.share_range(self.rays, CHUNK, list_slopes)
         ends = np.linspace(1, self.cells.count + 1, self.workers.count + 1).astype(np.int64)
 
         def add(_: int, part: int) -> None:
@@ -171,31 +169,27 @@ class Tuner:
 
     def _move(self, rates: np.ndarray) -> None:
         """A step of Adam on the cells that were met, stored."""
-        cells = self.cells.count + 1
 
-        def moments(_: int, part: int) -> None:
-            low, high = part * PART, min((part + 1) * PART, cells)
-            move_moments(self.slopes, self.met, self.first, self.second, self.sums, part, low, high)
+        def moments(_: int, low: int, high: int) -> None:
+            move_moments(self.slopes, self.met, self.first, self.second, self.sums, low // PART, low, high)
 
-        self.workers.share(len(self.sums), moments)
+        self.workers.share_range(self.cells.count + 1, PART, moments)
         total, ever = self.sums.sum(0)
         floor = np.sqrt(total / np.maximum(ever, 1)).astype(np.float32)
         some = np.flatnonzero(self.met).astype(np.int32)
         self.met[:] = 0
 
-        def move(_: int, part: int) -> None:
-            low, high = part * PART, min((part + 1) * PART, len(some))
+        def move(_: int, low: int, high: int) -> None:
             move_cells(self.delta, self.slopes, self.first, self.second, floor, rates, some, low, high)
 
-        self.workers.share(-(-len(some) // PART), move)
+        self.workers.share_range(len(some), PART, move)
         self._store(self.delta, some)
 
     def _store(self, delta: np.ndarray, some: np.ndarray) -> None:
-        def share(_: int, part: int) -> None:
-            low, high = part * STORED, min((part + 1) * STORED, len(some))
+        def store(_: int, low: int, high: int) -> None:
             store_cells(self.cells, DEPTHS, delta, self.steps, some, self.tables.rgba, self.tables.features, low, high)
 
-        self.workers.share(-(-len(some) // STORED), share)
+        self.workers.share_range(len(some), STORED, store)
 
 
 @jax.jit

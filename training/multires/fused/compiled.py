@@ -94,3 +94,7 @@ class Workers:
         run(0)
         for other in others:
             other.result()
+
+    def share_range(self, count: int, size: int, work: Callable[[int, int, int], None]) -> None:
+        """Calls work(worker, low, high) for the numbers low … high - 1 of 0 … count - 1, `size` at a time; see share."""
+        self.share(-(-count // size), lambda worker, part: work(worker, part * size, min((part + 1) * size, count)))
