@@ -66,6 +66,12 @@ def restore_padding(atlas: np.ndarray, atlas_indices: np.ndarray, block_size: in
             atlas[to] = atlas[shell.originals]
 
 
+def restore_pack_padding(pack: Pack) -> None:
+    """Writes the padding of a pack's atlases anew, in place."""
+    for atlas in pack.atlases:
+        restore_padding(atlas, pack.atlas_indices, pack.block_size)
+
+
 def _voxels(indices: np.ndarray, blocks: np.ndarray, offsets: list[np.ndarray], side: int) -> Voxels:
     """The voxels at `offsets` within the copies of grid blocks [n, 3]."""
     x, y, z = (indices[tuple(blocks.T)].astype(np.intp) * side).T

@@ -40,9 +40,7 @@ def check_pack(pack: Pack) -> list[Finding]:
     if findings[0].severity == "error":  # the rest would read outside of the atlas
         return findings
     findings += [_check_shared(pack), _check_premultiplied(pack)]
-    findings += [_check_padding(pack, "rgba", pack.atlas_rgba)]
-    if pack.atlas_features is not None:
-        findings += [_check_padding(pack, "features", pack.atlas_features)]
+    findings += [_check_padding(pack, *each) for each in zip(("rgba", "features"), pack.atlases, strict=False)]
     findings += [_check_outside(pack), _check_unused(pack)]
     return findings
 

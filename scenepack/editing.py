@@ -23,7 +23,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from console import UserError
-from scenepack.blocks import atlas_layout, atlas_shape, block_copy, choose_atlas_blocks, restore_padding
+from scenepack.blocks import atlas_layout, atlas_shape, block_copy, choose_atlas_blocks, restore_pack_padding
 from scenepack.exports.field import Corners, ExportFrame
 from scenepack.files import ZIP_ERRORS
 from scenepack.pack import Pack
@@ -292,16 +292,14 @@ def without(pack: Pack, removed: Selection, how: Sequence[str]) -> Pack:
     shape = (*atlas_shape(atlas_blocks, pack.block_size), 4)
     rgba, features = np.zeros(shape, np.uint8), None if pack.atlas_features is None else np.zeros(shape, np.uint8)
     smaller = replace(pack, atlas_indices=atlas_layout(kept, atlas_blocks), atlas_rgba=rgba, atlas_features=features)
-    for old, new in ((pack.atlas_rgba, rgba), (pack.atlas_features, features)):
-        if old is None or new is None:
-            continue
+    for old, new in zip(pack.atlases, smaller.atlases, strict=True):
         for number in numbers:
             place = tuple(voxels.places[number])
             data = block_copy(smaller, new, place)[1:-1, 1:-1, 1:-1]
             data[...] = block_copy(pack, old, place)[1:-1, 1:-1, 1:-1]
             if number in removed.bits:
                 data[voxels.mask(removed, number)] = 0
-        restore_padding(new, smaller.atlas_indices, pack.block_size)
+    restore_pack_padding(smaller)
     before = pack.metadata.get("provenance")
     provenance: dict[str, Any] = dict(before) if isinstance(before, Mapping) else {}
     earlier = provenance.get("edits")
@@ -359,11 +357,6 @@ class EditPreview:
             return []
         return [self._changed.pop() for _ in range(min(most, len(self._changed)))]
 
-    @property
-    def _atlases(self) -> list[np.ndarray]:
-        pack = self.voxels.pack
-        return [pack.atlas_rgba] if pack.atlas_features is None else [pack.atlas_rgba, pack.atlas_features]
-
     def _bits(self, number: int) -> tuple[np.ndarray | None, ...]:
         return tuple(selection.bits.get(number) for selection in self._goal)
 
@@ -373,7 +366,7 @@ class EditPreview:
     def _show(self, number: int) -> None:
         pack = self.voxels.pack
         place = tuple(self.voxels.places[number])
-        data = [block_copy(pack, atlas, place)[1:-1, 1:-1, 1:-1] for atlas in self._atlases]
+        data = [block_copy(pack, atlas, place)[1:-1, 1:-1, 1:-1] for atlas in pack.atlases]
         removed, selected = (self.voxels.mask(selection, number) for selection in self._goal)
         mask = removed | selected
         touched = mask
@@ -395,6 +388,6 @@ class EditPreview:
             if neighbour < 0 or not touched[border].any():
                 continue
             self._changed.add(neighbour)
-            for atlas, values in zip(self._atlases, data, strict=True):
+            for atlas, values in zip(pack.atlases, data, strict=True):
                 copy = block_copy(pack, atlas, tuple(self.voxels.places[neighbour]))
                 copy[_along(PADDING, [-s for s in step])] = values[border]

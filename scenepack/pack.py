@@ -21,6 +21,12 @@ from scenepack.constants import EMPTY_BLOCK
 MOST_LENGTH = 1e6  # grid units; a larger number in the metadata is nonsense
 
 
+def number_in(value: Any, low: float, high: float) -> float | None:
+    """A value of JSON as a number; None where it is none, or not one of low … high."""
+    fits = isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
+    return float(value) if fits else None
+
+
 @dataclass(frozen=True)
 class ViewMlp:
     """The view MLP: float32 weights [34, 16], [16, 16], [16, 3] (input-major) and biases [16], [16], [3]."""
@@ -64,6 +70,11 @@ class Pack:
     params: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def atlases(self) -> list[np.ndarray]:
+        """atlas_rgba, and atlas_features where there are any."""
+        return [self.atlas_rgba] if self.atlas_features is None else [self.atlas_rgba, self.atlas_features]
+
+    @property
     def padded_block_size(self) -> int:
         """B: voxels per macroblock side in the atlas."""
         return self.block_size + 2
@@ -94,20 +105,14 @@ class Pack:
     @property
     def near(self) -> float:
         """How far from the cameras of its photographs rays begin, grid units; 0 where the pack does not say, or says nonsense."""
-        near = self.metadata.get("near")
-        if isinstance(near, bool) or not isinstance(near, int | float) or not 0 <= near <= MOST_LENGTH:
-            return 0.0
-        return float(near)
+        return number_in(self.metadata.get("near"), 0, MOST_LENGTH) or 0.0
 
     @property
     def contraction(self) -> float | None:
         """R, half the side of the inner cube of a contracted pack (scenepack.contraction), grid units; None for packs of straight
         space: forward-facing ones, and those that do not say, or say nonsense.
         """
-        radius = self.metadata.get("contraction")
-        if self.ndc or isinstance(radius, bool) or not isinstance(radius, int | float):
-            return None
-        return float(radius) if self.voxel_size <= radius <= MOST_LENGTH else None
+        return None if self.ndc else number_in(self.metadata.get("contraction"), self.voxel_size, MOST_LENGTH)
 
     @property
     def max_xyz(self) -> np.ndarray:

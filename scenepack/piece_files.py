@@ -119,11 +119,10 @@ NOTICED_S = 0.2  # how long Ctrl-C may wait
 
 def settings_for(pack: Pack, codec: PieceCodec, quality: int | None) -> dict[str, Any]:
     """The codec_settings to write `pack` with."""
-    parts = [pack.atlas_rgba] if pack.atlas_features is None else [pack.atlas_rgba, pack.atlas_features]
     layout, steps = codec.layout, EXACT
     if codec.default_quality is None:
         # Without loss means the atlas voxel by voxel, even where it is not as it should be.
-        layout = "grid" if layout == "grid" and all(follows_grid(pack, part) for part in parts) else "atlas"
+        layout = "grid" if layout == "grid" and all(follows_grid(pack, part) for part in pack.atlases) else "atlas"
         steps = steps_of(pack.atlas_rgba, pack.atlas_features)
     settings: dict[str, Any] = {"layout": layout, "planes": codec.planes(layout, pack.block_size)}
     if steps != EXACT:

@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scenepack.pack import MOST_LENGTH, Pack
+from scenepack.pack import MOST_LENGTH, Pack, number_in
 
 Triple = tuple[float, float, float]
 Rows = tuple[Triple, Triple, Triple]
@@ -138,9 +138,8 @@ def placed_T_grid(pack: Pack) -> np.ndarray:
     """float64 [4, 4], by the pack's own marks: its placement and its scale."""
     marks = pack.metadata.get(MARKS)
     scale = marks.get("scale") if isinstance(marks, Mapping) else None
-    factor = scale.get("factor", 1.0) if isinstance(scale, Mapping) else 1.0
-    fits = isinstance(factor, int | float) and not isinstance(factor, bool) and SCALES[0] <= factor <= SCALES[1]
-    return placement_of(pack).matrix(float(factor) if fits else 1.0)
+    factor = number_in(scale.get("factor"), *SCALES) if isinstance(scale, Mapping) else None
+    return placement_of(pack).matrix(factor or 1.0)
 
 
 def moved_pose(to_T_from: np.ndarray, from_T_camera: np.ndarray) -> np.ndarray:

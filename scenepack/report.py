@@ -34,8 +34,7 @@ def pack_facts(files: PackFiles, pack: Pack) -> dict[str, Any]:
     voxels = int(np.prod(pack.grid_size, dtype=np.int64))
     channels = 4 if pack.atlas_features is None else 8
     parts = bytes_by_part(files)
-    memory = pack.atlas_rgba.nbytes + pack.atlas_indices.nbytes
-    memory += 0 if pack.atlas_features is None else pack.atlas_features.nbytes
+    memory = pack.atlas_indices.nbytes + sum(atlas.nbytes for atlas in pack.atlases)
     occupied = int(pack.occupied.sum())
     disk = stored_bytes(files.path)
     return {

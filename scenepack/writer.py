@@ -199,9 +199,7 @@ def _files(
 
 def _image_jobs(pack: Pack, level: int) -> list[Callable[[], list[tuple[str, bytes]]]]:
     """A call for each group of four planes that gives its files, name and content."""
-    parts = {"rgba": pack.atlas_rgba}
-    if pack.atlas_features is not None:
-        parts["feature"] = pack.atlas_features
+    parts = dict(zip(("rgba", "feature"), pack.atlases, strict=False))
     groups = -(-pack.atlas_rgba.shape[0] // PLANES_PER_IMAGE)
 
     def encode(part: str, group: int) -> list[tuple[str, bytes]]:

@@ -108,13 +108,16 @@ class Camera:
             SnergError: Where the numbers are no camera.
         """
         import numpy as np
+        from scipy.spatial.transform import Rotation
 
         matrix, given = np.eye(4), np.asarray(pose, np.float64)
         if given.shape not in (((7,),) if convention == "colmap" else ((3, 4), (4, 4))) or not np.isfinite(given).all():
             expected = "7 finite numbers" if convention == "colmap" else "a finite matrix [4, 4] or [3, 4]"
             raise SnergError("is no pose", where="pose", expected=expected, found=f"an array {given.shape}")
         if convention == "colmap":
-            rotation = _rotation(given[:4])
+            if not given[:4].any():
+                raise SnergError("is no rotation", where="pose", expected="QW QX QY QZ, not all 0")
+            rotation = Rotation.from_quat(np.roll(given[:4], -1)).as_matrix()  # which has w last
             matrix[:3, :3], matrix[:3, 3] = rotation.T, -rotation.T @ given[4:]
         else:
             matrix[: len(given)] = given
@@ -140,17 +143,6 @@ class Camera:
         sx, sy = width / self.width, height / self.height
         lens = {"fx": self.fx * sx, "fy": self.fy * sy, "cx": self.cx * sx, "cy": self.cy * sy}
         return replace(self, width=width, height=height, **lens)
-
-
-def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of a quaternion w, x, y, z."""
-    import numpy as np
-
-    if not np.linalg.norm(quaternion) > 0:
-        raise SnergError("is no rotation", where="pose", expected="QW QX QY QZ, not all 0")
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross
 
 
 def camera_of(camera: SceneCamera | PhotographCamera, name: str, split: str) -> Camera:

@@ -25,7 +25,7 @@ from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
 from baker.tuning.occluded_voxels import smooth_hidden
 from baker.tuning.pruning import ArrivingTransmittance, Pruned, arriving_transmittance, prune
 from console.progress import Progress
-from scenepack.blocks import restore_padding
+from scenepack.blocks import restore_pack_padding
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import MOST_RAYS, RayDataset
@@ -135,10 +135,7 @@ def passes_of(config: BakeConfig) -> list[tuple[str, Pass]]:
 
 def padded(voxels: Voxels, bar: Progress) -> Voxels:
     """Fills the borders of macroblocks, in place."""
-    pack = voxels.pack
-    for part in (pack.atlas_rgba, pack.atlas_features):
-        if part is not None:
-            restore_padding(part, pack.atlas_indices, pack.block_size)
+    restore_pack_padding(voxels.pack)
     return voxels
 
 

@@ -19,7 +19,7 @@ from baker.baking.grid import box_in_grid_frame, make_grid
 from baker.baking.supersample import supersample
 from console import UserError
 from scenepack import save_pack
-from scenepack.blocks import fill_atlas, restore_padding
+from scenepack.blocks import fill_atlas, restore_pack_padding
 from scenepack.pack import Pack
 from training.run import Run
 from training.scenes.scene import cameras_of
@@ -43,14 +43,13 @@ def preview_pack(run: Run, resolution: int = RESOLUTION) -> Pack | None:
     if not culling.kept.any():
         return None
     macroblocks = supersample(query, grid, culling, grain=run.method.grain(run.state), seed=run.config.seed)
-    atlas = fill_atlas(macroblocks, culling.kept, BLOCK_SIZE)
-    for part in atlas[1:]:
-        restore_padding(part, atlas[0], BLOCK_SIZE)
     provenance = {
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "of_steps": run.config.steps,
         "preview": True, **vars(run.options),
     }  # fmt: skip
+    atlas = fill_atlas(macroblocks, culling.kept, BLOCK_SIZE)
     pack = assembled(run, grid, atlas, run.method.view_mlp(run.state))
+    restore_pack_padding(pack)
     return pack.with_metadata(provenance=provenance, cameras=cameras_of(run.scene), near=float(run.scene.near))
 
 

@@ -67,10 +67,7 @@ def evaluate(
 
     UserError where the subject is neither, it does not fit, or the split has no photographs.
     """
-    photographs = scene.splits.get(split, ())
-    if not photographs:
-        raise UserError("no photographs in this split", where="--split", expected=", ".join(scene.splits), found=split)
-    scores = []
+    photographs, scores = photographs_of(scene, split), []
     with ExitStack() as stack:
         drawn = stack.enter_context(shown_by(subject, allow_half, scene.path))
         mask = drawn if mask_of is None else stack.enter_context(shown_by(mask_of, allow_half, scene.path))
@@ -101,6 +98,14 @@ def evaluate(
         "halved": drawn.halved,
         "mask": str(mask_of) if mask_of is not None else "own" if by_alpha else None,
     }
+
+
+def photographs_of(scene: Scene, split: str) -> tuple[Photograph, ...]:
+    """The photographs of a split. UserError where it has none."""
+    photographs = scene.splits.get(split, ())
+    if not photographs:
+        raise UserError("no photographs in this split", where="--split", expected=", ".join(scene.splits), found=split)
+    return photographs
 
 
 def reading_of(subject: Path) -> dict[str, Any]:

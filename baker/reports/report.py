@@ -20,13 +20,14 @@ import numpy as np
 from baker.baking.bake import check_bake
 from baker.baking.config import BakeConfig, default_resolution
 from baker.reports import tables
+from baker.reports.evaluation import photographs_of
 from baker.reports.fields import OWN, row_of, row_of_run, size_of_rows
 from baker.reports.figures import FIGURES, draw_figure, draw_report_plots
 from baker.reports.options import ReportOptions
 from baker.reports.pages import FIGURES_NAME, report_text
 from baker.reports.paper_figures import NAMES, whose
 from baker.reports.performance import performance_table, resolution_table
-from baker.reports.report_cache import Study
+from baker.reports.report_cache import Study, read_note
 from console import UserError
 from console.atomic import write_file
 from training.run import Run, load_run, read_description
@@ -69,11 +70,7 @@ def open_study(path: Path, options: ReportOptions) -> Study:
             raise UserError("was trained with the sparsity loss", where=f"--against {options.against}",
                             expected="a run with --sparsity-weight 0")  # fmt: skip
     split = options.split
-    photographs = run.scene.splits.get(split, ())
-    if not photographs:
-        raise UserError(
-            "no photographs in this split", where="--split", expected=", ".join(run.scene.splits), found=split
-        )
+    photographs = photographs_of(run.scene, split)
     if 0 < options.views < len(photographs):
         places = np.linspace(0, len(photographs) - 1, options.views).round().astype(int)
         photographs = tuple(photographs[i] for i in places)
@@ -118,11 +115,8 @@ def _begun(study: Study) -> dict[str, Any]:
     }  # fmt: skip
     if study.mask is not None:
         about["aabb"] = list(study.options.overrides["aabb"])
-    try:
-        kept = json.loads((study.out / "report.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        kept = {}
-    same = isinstance(kept, dict) and kept.get("about") == about and isinstance(kept.get("tables"), dict)
+    kept = read_note(study.out / "report.json")
+    same = kept.get("about") == about and isinstance(kept.get("tables"), dict)
     return {"about": about, "tables": kept["tables"] if same else {}, "made": kept.get("made", {}) if same else {}}
 
 

@@ -95,7 +95,7 @@ class Study:
         name = f"{preset}-{config.resolution}-{config.quality}" + ("-no-sparsity" if run is self._against else "")
         name += "-with-hidden" if config.keeps_hidden else ""
         pack, note = self.out / "packs" / name, self.out / "packs" / f"{name}.json"
-        key, kept = work_key(run, config) | {"quality": config.quality}, _read(note)
+        key, kept = work_key(run, config) | {"quality": config.quality}, read_note(note)
         if kept.get("key") == json.loads(json.dumps(key)) and pack.is_dir() and isinstance(kept.get("seconds"), dict):
             return Baked(name, pack, key, kept["seconds"])
         note.unlink(missing_ok=True)  # first, so that no note ever tells of another pack
@@ -136,7 +136,7 @@ class Study:
         note = self.out / "scores" / f"{name}.json"
         views = [photograph.name for photograph in self.photographs]
         about = {"key": key, "views": views, "mask": None if mask_of is None else mask_of.key}
-        kept = _read(note)
+        kept = read_note(note)
         if kept.get("of") == json.loads(json.dumps(about)) and isinstance(kept.get("score"), dict):
             return kept["score"]
         images = self.out / "pictures" / name
@@ -154,7 +154,8 @@ class Study:
         return picture_stems(self.photographs)[view]
 
 
-def _read(note: Path) -> dict[str, Any]:
+def read_note(note: Path) -> dict[str, Any]:
+    """The object in a file of JSON; empty where there is none."""
     try:
         kept = json.loads(note.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from baker.tuning.pruning import ArrivingTransmittance
-from scenepack.blocks import block_copy, restore_padding
+from scenepack.blocks import block_copy, restore_pack_padding
 from scenepack.codecs.quantisation import Steps, in_steps
 from scenepack.pack import Pack
 
@@ -52,9 +52,7 @@ def follow_neighbours(pack: Pack, arriving: ArrivingTransmittance, steps: Steps,
     # its padding, which is as its neighbour was.
     for some in np.split(at, np.cumsum(np.bincount(rank))[:-1]):
         _follow(rgba.reshape(-1, 4), None if features is None else features.reshape(-1, 4), some, row, steps)
-    for atlas in (rgba, features):
-        if atlas is not None:
-            restore_padding(atlas, pack.atlas_indices, pack.block_size)
+    restore_pack_padding(pack)
     return pack
 
 

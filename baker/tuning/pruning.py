@@ -33,7 +33,7 @@ import numpy as np
 from numba import njit
 
 from baker.tuning.marcher import PackMarcher
-from scenepack.blocks import block_copy, fill_atlas, restore_padding
+from scenepack.blocks import block_copy, fill_atlas, restore_pack_padding
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.marching.layout import GridBox
@@ -175,8 +175,7 @@ def _thinner(pack: Pack, arriving: ArrivingTransmittance, tau_weight: float) -> 
         kept, pack.block_size,
     )  # fmt: skip
     thinner = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
-    for atlas in (rgba, features):
-        restore_padding(atlas, indices, pack.block_size)
+    restore_pack_padding(thinner)
     return thinner, Pruned(before, after, len(blocks) - int(kept.sum()), tau_weight)
 
 
