@@ -49,7 +49,7 @@ def shells(atlas_indices: np.ndarray, block_size: int, blocks: np.ndarray) -> It
         near = blocks + step
         inside = np.all((near >= 0) & (near < occupied.shape), axis=1)
         inside[inside] = occupied[tuple(near[inside].T)]
-        originals = _voxels(atlas_indices, near[inside], [origin[s] for s in step], side)
+        originals = voxels_at(atlas_indices, near[inside], [origin[s] for s in step], side)
         yield Shell(step, [own[s] for s in step], inside, originals)
 
 
@@ -61,8 +61,8 @@ def restore_padding(atlas: np.ndarray, atlas_indices: np.ndarray, block_size: in
     for start in range(0, len(blocks), COPIED_AT_ONCE):
         some = blocks[start : start + COPIED_AT_ONCE]
         for shell in shells(atlas_indices, block_size, some):
-            atlas[_voxels(atlas_indices, some[~shell.inside], shell.offsets, block_size + 2)] = 0
-            to = _voxels(atlas_indices, some[shell.inside], shell.offsets, block_size + 2)
+            atlas[voxels_at(atlas_indices, some[~shell.inside], shell.offsets, block_size + 2)] = 0
+            to = voxels_at(atlas_indices, some[shell.inside], shell.offsets, block_size + 2)
             atlas[to] = atlas[shell.originals]
 
 
@@ -72,7 +72,7 @@ def restore_pack_padding(pack: Pack) -> None:
         restore_padding(atlas, pack.atlas_indices, pack.block_size)
 
 
-def _voxels(indices: np.ndarray, blocks: np.ndarray, offsets: list[np.ndarray], side: int) -> Voxels:
+def voxels_at(indices: np.ndarray, blocks: np.ndarray, offsets: list[np.ndarray], side: int) -> Voxels:
     """The voxels at `offsets` within the copies of grid blocks [n, 3]."""
     x, y, z = (indices[tuple(blocks.T)].astype(np.intp) * side).T
     return (

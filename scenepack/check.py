@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from scenepack.blocks import shells
+from scenepack.blocks import shells, voxels_at
 from scenepack.constants import EMPTY_BLOCK
 from scenepack.pack import Pack
 
@@ -46,20 +46,13 @@ def check_pack(pack: Pack) -> list[Finding]:
 
 
 def block_chunks(pack: Pack, atlas: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The occupied macroblocks, some at a time: grid positions int [n, 3] (z, y, x) and copies [n, B, B, B,
-    c].
-    """
+    """The occupied macroblocks, some at a time: places in the grid int [n, 3] (z, y, x) and copies [n, B, B, B, c]."""
     side = pack.padded_block_size
     where = np.argwhere(pack.occupied)
     step = max(1, CHUNK_BYTES // (side**3 * atlas.shape[3]))
-    offsets = np.arange(side)
     for start in range(0, len(where), step):
         blocks = where[start : start + step]
-        sx, sy, sz = (pack.atlas_indices[tuple(blocks.T)].astype(np.intp) * side).T
-        z = (sz[:, None] + offsets)[:, :, None, None]
-        y = (sy[:, None] + offsets)[:, None, :, None]
-        x = (sx[:, None] + offsets)[:, None, None, :]
-        yield blocks, atlas[z, y, x]
+        yield blocks, atlas[voxels_at(pack.atlas_indices, blocks, [np.arange(side)] * 3, side)]
 
 
 def _share(part: int, whole: int) -> str:

@@ -202,14 +202,11 @@ class PieceFiles:
             yield from in_threads(decode, self.total, threads)
         finally:
             decoders.stop()
-        if self._padding_is_stale():
+        # Left out of the grid's planes; lossy codecs make a copy differ from its original, which shows as a seam.
+        if self._layout == "grid" or self.codec.default_quality is not None:
             for atlas in (rgba, features):
                 if atlas is not None:
                     restore_padding(atlas, self.outline.atlas_indices, self.outline.block_size)
-
-    def _padding_is_stale(self) -> bool:
-        """Left out of the grid's planes; lossy codecs make a copy differ from its original, which shows as a seam."""
-        return self._layout == "grid" or self.codec.default_quality is not None
 
     def _settings(self) -> tuple[Any, int]:
         where = self.files.where("scene_params.json")

@@ -27,7 +27,7 @@ from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
 from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, open_files
 from scenepack.pack import Pack
 from scenepack.params import params_json
-from scenepack.piece_files import SETTINGS, encoding_jobs, settings_for
+from scenepack.piece_files import SETTINGS, cut, encoding_jobs, settings_for
 
 ENCODING_THREADS = min(8, os.cpu_count() or 1)
 # Names that a pack may hold, whatever its codec, and what file browsers drop beside them.
@@ -200,15 +200,13 @@ def _files(
 def _image_jobs(pack: Pack, level: int) -> list[Callable[[], list[tuple[str, bytes]]]]:
     """A call for each group of four planes that gives its files, name and content."""
     parts = dict(zip(("rgba", "feature"), pack.atlases, strict=False))
-    groups = -(-pack.atlas_rgba.shape[0] // PLANES_PER_IMAGE)
+    groups = cut(pack, "atlas", PLANES_PER_IMAGE)
 
     def encode(part: str, group: int) -> list[tuple[str, bytes]]:
-        planes = parts[part][group * PLANES_PER_IMAGE : (group + 1) * PLANES_PER_IMAGE]
-        if len(planes) < PLANES_PER_IMAGE:  # an image always holds four
-            planes = np.pad(planes, [(0, PLANES_PER_IMAGE - len(planes)), (0, 0), (0, 0), (0, 0)])
+        planes = groups[group].gather(parts[part])
         return [(image_name(part, group), encode_png(planes.reshape(-1, *planes.shape[2:]), level))]
 
-    return [partial(encode, part, group) for part in parts for group in range(groups)]
+    return [partial(encode, part, group) for part in parts for group in range(len(groups))]
 
 
 def _write_zip(path: Path, files: Iterator[tuple[str, bytes]]) -> None:

@@ -38,27 +38,15 @@ def padded(values: np.ndarray, fill: int) -> np.ndarray:
     return np.pad(values, pad, constant_values=fill)
 
 
-def unpremultiply(values: np.ndarray, alpha: np.ndarray, smoothing: float) -> np.ndarray:
-    """Premultiplied uint8 [D, H, W, C] as straight uint8 [D, H', W', C], filled; H' and W' are whole cells.
-
-    alpha: uint8 [D, H, W].
-    """
-    return _in_cells(values, alpha, smoothing, premultiplied=True)
-
-
-def filled(values: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """uint8 [D, H, W, C] as it is where alpha is above zero, and continued where it is not; whole cells."""
-    return _in_cells(values, alpha, 0.0, premultiplied=False)
-
-
 def premultiplied(values: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """The inverse of `straight`, uint8 [D, H, W, C]; never brighter than alpha, zero where alpha is zero."""
+    """Straight values times alpha, uint8 [D, H, W, C]; never brighter than alpha, zero where alpha is zero."""
     _, height, width = alpha.shape
     product = values[:, :height, :width].astype(np.uint16) * alpha[..., None]
     return ((product + 127) // 255).astype(np.uint8)
 
 
-def _in_cells(values: np.ndarray, alpha: np.ndarray, smoothing: float, *, premultiplied: bool) -> np.ndarray:
+def filled(values: np.ndarray, alpha: np.ndarray, smoothing: float = 0.0, *, premultiplied: bool = False) -> np.ndarray:
+    """uint8 [D, H, W, C] in whole cells: straight if it was `premultiplied`, and continued where alpha uint8 [D, H, W] is 0."""
     depth, height, width, channels = values.shape
     counts = tuple(-(-side // CELL) for side in (depth, height, width))
     result = np.full((depth, counts[1] * CELL, counts[2] * CELL, channels), GREY, np.uint8)
@@ -144,7 +132,7 @@ class StreamCodec(PieceCodec):
         k = FIRST_SMOOTHING * min(1.0, (100 - quality) / (100 - SMOOTHED_FROM))
 
         def colours(values: np.ndarray) -> np.ndarray:
-            return unpremultiply(values, alpha, k) if self.straight else padded(values, 0)
+            return filled(values, alpha, k, premultiplied=True) if self.straight else padded(values, 0)
 
         grey = filled(alpha[..., None], alpha)[..., 0] if self.straight else padded(alpha, 0)
         files = [pack_occupancy(alpha > 0), self.film(grey, "alpha", quality)]
