@@ -37,12 +37,7 @@ SHORT = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Panel:
-    """A picture [H, W, 3], uint8, and what is said of it."""
-
-    picture: np.ndarray
-    caption: str
+Panel = tuple[np.ndarray, str]  # a picture [H, W, 3], uint8, and what is said of it
 
 
 def draw_figure(
@@ -60,13 +55,13 @@ def draw_figure(
     view = max(range(len(views)), key=lambda i: abs(shown[0]["views"][views[i]] - shown[-1]["views"][views[i]]))
     pairs = [_pictures(study.out / row["pictures"] / f"{study.stem(view)}.png") for row in shown]
     box = _most_different(pairs[0][0], pairs[-1][0], pairs[0][1])
-    panels, labels = [], []
+    panels, labels = list[Panel](), []
     for row, (picture, _) in zip(shown, pairs, strict=True):
         psnr = row["views"][views[view]]
         label = SHORT.get(row["row"]) or str(row["label"])
-        panels.append(Panel(picture, f"{label} ({psnr:.2f} dB)"))
+        panels.append((picture, f"{label} ({psnr:.2f} dB)"))
         labels.append({"row": row["row"], "label": label, "psnr": psnr})
-    panels.append(Panel(pairs[0][1], "photograph"))
+    panels.append((pairs[0][1], "photograph"))
     draw_panels(panels, box, path)
     return {"picture": path.name, "view": views[view], "box": list(box), "panels": labels}
 
@@ -94,12 +89,12 @@ def _most_different(first: np.ndarray, last: np.ndarray, photograph: np.ndarray)
 def draw_panels(panels: Sequence[Panel], box: tuple[int, int, int], path: Path) -> None:
     """A row of panels: the crop, whole pixels enlarged; the whole picture above, with the crop's frame."""
     left, top, side = box
-    height, width = panels[0].picture.shape[:2]
+    height, width = panels[0][0].shape[:2]
     small = PANEL, round(PANEL * height / width)
     sheet = Image.new("RGB", (GAP + len(panels) * (PANEL + GAP), small[1] + PANEL + 3 * GAP + CAPTION), PAPER)
     pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(12)
-    for i, panel in enumerate(panels):
-        x, picture = GAP + i * (PANEL + GAP), Image.fromarray(np.ascontiguousarray(panel.picture))
+    for i, (pixels, caption) in enumerate(panels):
+        x, picture = GAP + i * (PANEL + GAP), Image.fromarray(np.ascontiguousarray(pixels))
         sheet.paste(
             picture.resize(small, Image.Resampling.BOX if width > PANEL else Image.Resampling.NEAREST), (x, GAP)
         )
@@ -108,7 +103,7 @@ def draw_panels(panels: Sequence[Panel], box: tuple[int, int, int], path: Path) 
         pen.rectangle([round(edge) for edge in frame], outline=(207, 74, 34))
         crop = picture.crop((left, top, left + side, top + side))
         sheet.paste(crop.resize((PANEL, PANEL), Image.Resampling.NEAREST), (x, small[1] + 2 * GAP))
-        for line, text in enumerate(_lines(panel.caption)):
+        for line, text in enumerate(_lines(caption)):
             pen.text((x, small[1] + PANEL + 2 * GAP + 4 + 15 * line), text, fill=INK, font=font)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as new:

@@ -9,7 +9,7 @@ from typing import Any
 
 from baker.reports import paper_figures
 from baker.reports.options import ReportOptions
-from baker.reports.report_cache import Baked, Study
+from baker.reports.report_cache import Study
 from baker.reports.tables import against_command
 from console import Notice
 from scenepack import Pack, load_pack
@@ -73,7 +73,10 @@ def resolution_table(study: Study) -> dict[str, Any]:
             else:
                 baked = study.baked(preset, run, resolution=n)
                 packs[row["row"]] = load_pack(baked.path)
-                row |= _of_pack(study, baked, packs[row["row"]])
+                row |= study.score(baked) | {
+                    "grid": list(packs[row["row"]].grid_size), "bytes": stored_bytes(baked.path),
+                    "macroblocks": int(packs[row["row"]].occupied.sum()), "seconds": sum(baked.seconds.values()),
+                }  # fmt: skip
             printed = paper_figures.RESOLUTION.get(n) if study.kind == "synthetic" and is_own else None
             named = None if printed is None else dict(zip(("psnr", "ssim", "lpips", "fps", "mb"), printed, strict=True))
             rows.append(row | {"paper": named, "release": None})
@@ -83,13 +86,6 @@ def resolution_table(study: Study) -> dict[str, Any]:
     for row in rows:
         row |= measured.get(row["row"], {})
     return {"preset": preset, "rows": rows, **about}
-
-
-def _of_pack(study: Study, baked: Baked, pack: Pack) -> Row:
-    return {
-        **study.score(baked), "grid": list(pack.grid_size), "bytes": stored_bytes(baked.path),
-        "macroblocks": int(pack.occupied.sum()), "seconds": sum(baked.seconds.values()),
-    }  # fmt: skip
 
 
 def timed(

@@ -29,7 +29,7 @@ from scenepack.codecs import chosen_quality, codec_named
 from scenepack.files import stored_bytes
 from scenepack.report import pack_facts
 from training.recorder import read_metrics
-from training.run import Run, load_run
+from training.run import load_run
 
 # Each codec as it comes, and what places them on one curve.
 LADDER: tuple[tuple[str, int | None], ...] = (
@@ -158,7 +158,8 @@ def field_row(study: Study, name: str, mask_of: Baked | None = None) -> Row:
         command = train_command(study.run, study.out, name, "--baselines")
         return _beside(study, {"row": name, "label": paper_figures.NAMES[name], "command": command})
     run = study.run if is_own or path is None else load_run(path, scene_path=study.scene.path)
-    row = {"row": name, "label": label_of(run.config, run.step), "seconds": trained_seconds(run)}
+    times = [row["training_seconds"] for row in read_metrics(run.path / "metrics.jsonl") if "training_seconds" in row]
+    row = {"row": name, "label": label_of(run.config, run.step), "seconds": times[-1] if times else None}
     return _beside(study, row | study.score_field("field" if is_own else name, run, mask_of))
 
 
@@ -194,12 +195,6 @@ def _beside(study: Study, row: Row) -> Row:
 
 def _stored(study: Study, row: Row) -> Row:
     return row | {"paper": paper_figures.storage(study.kind, row["row"]), "release": None}
-
-
-def trained_seconds(run: Run) -> float | None:
-    """Seconds of training, where the run's journal tells."""
-    seconds = [row["training_seconds"] for row in read_metrics(run.path / "metrics.jsonl") if "training_seconds" in row]
-    return seconds[-1] if seconds else None
 
 
 def _sections(out: Path, axis: int, packs: dict[str, Pack]) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import io
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -41,15 +40,9 @@ class Film:
     samples: list[memoryview]
 
 
-def read_film(data: bytes, most: int) -> Film:
-    """CodecError unless `data` is an MP4 of one H.264 film of at most so many frames, which all lie in it."""
-    try:
-        return _film(memoryview(data), most)
-    except (struct.error, KeyError, IndexError) as error:
-        raise CodecError("the film is damaged") from error
-
-
 def _film(data: memoryview, most: int) -> Film:
+    """The one H.264 film of an MP4, of at most so many frames, which all lie in it. CodecError, or what struct and dictionaries
+    raise, where it is none."""
     tracks = [track for kind, track in _boxes(_only(data, b"moov")) if kind == b"trak"]
     tables = []
     for track in tracks:
@@ -175,12 +168,15 @@ class H264Codec(StreamCodec):
 
     def frames(self, data: bytes, shape: Shape, *, colour: bool) -> np.ndarray:
         self.check_film(data[: self.header_bytes], shape)
-        film = read_film(data, shape[0])
+        try:
+            film = _film(memoryview(data), shape[0])
+        except (struct.error, KeyError, IndexError) as error:
+            raise CodecError("the film is damaged") from error
         if (film.height, film.width) != shape[1:]:
             raise CodecError(f"it is {film.width}×{film.height}, expected {shape[2]}×{shape[1]}")
         out = np.empty((*shape, 3) if colour else shape, np.uint8)
         done = 0
-        with _plain_errors():
+        try:
             for frame in _decoded(film, shape):
                 if done == shape[0]:
                     raise CodecError(f"it holds more than the {shape[0]} frames expected")
@@ -188,6 +184,8 @@ class H264Codec(StreamCodec):
                 # FFmpeg decodes grey to 4:2:0, whose luma rows come first.
                 out[done] = _rgb(pixels) if colour else pixels[: shape[1]]
                 done += 1
+        except _av().FFmpegError as error:  # without its number
+            raise CodecError(f"the film is damaged: {error.strerror}") from error
         if done != shape[0]:
             raise CodecError(f"it holds {done} frames, expected {shape[0]}")
         return out
@@ -205,15 +203,6 @@ def _av() -> ModuleType:
             "H.264 needs PyAV, which is not installed", remedy='pip install "snerg[video]", or use --codec avif'
         ) from error
     return av
-
-
-@contextmanager
-def _plain_errors() -> Iterator[None]:
-    """FFmpeg's errors without their numbers."""
-    try:
-        yield
-    except _av().FFmpegError as error:
-        raise CodecError(f"the film is damaged: {error.strerror}") from error
 
 
 def _decoded(film: Film, shape: Shape) -> Iterator[Any]:

@@ -12,7 +12,8 @@ Sums over faces are taken in parts, and neighbours are stored once, so that memo
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -36,16 +37,12 @@ class Surface:
     faces: np.ndarray
     colours: np.ndarray
 
-    def without_unused(self) -> Surface:
-        """The same without vertices that no face has."""
-        used = np.zeros(len(self.vertices), bool)
-        used[self.faces] = True
-        number = np.cumsum(used, dtype=np.int32) - 1
-        return Surface(self.vertices[used], number[self.faces], self.colours[used])
-
     def only(self, faces: np.ndarray) -> Surface:
         """Some of the faces (bool [f]), and the vertices that they have."""
-        return replace(self, faces=self.faces[faces]).without_unused()
+        kept, used = self.faces[faces], np.zeros(len(self.vertices), bool)
+        used[kept] = True
+        number = np.cumsum(used, dtype=np.int32) - 1
+        return Surface(self.vertices[used], number[kept], self.colours[used])
 
 
 def extract(field: Field, level: float, on_progress: Shared = lambda share: None) -> Surface:
@@ -147,8 +144,8 @@ def vertex_normals(surface: Surface) -> np.ndarray:
     for start in range(0, len(surface.faces), AT_ONCE):
         part = _some(surface, start)
         normals = face_normals(part)
-        for i in range(3):
-            _add(total, part.faces[:, i], normals)
+        for corner, axis in product(range(3), repeat=2):
+            total[:, axis] += np.bincount(part.faces[:, corner], normals[:, axis], minlength=len(total))
     return (total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)).astype(np.float32)
 
 
@@ -181,9 +178,3 @@ def decimated(surface: Surface, most_faces: int) -> Surface:
 
 def _some(surface: Surface, start: int) -> Surface:
     return Surface(surface.vertices, surface.faces[start : start + AT_ONCE], surface.colours)
-
-
-def _add(total: np.ndarray, rows: np.ndarray, values: np.ndarray) -> None:
-    """total[rows] += values, repeated rows counted."""
-    for column in range(total.shape[1]):
-        total[:, column] += np.bincount(rows, weights=values[:, column], minlength=len(total))
