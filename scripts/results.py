@@ -135,15 +135,8 @@ def _made(made: Mapping[str, Any] | None) -> list[str]:
 
 
 def _without_pictures(lines: list[str]) -> list[str]:
-    kept: list[str] = []
-    for line in lines:
-        if line.startswith("!["):
-            continue
-        if not (line == "" and kept and kept[-1] == ""):
-            kept.append(line)
-    while kept and kept[-1] == "":
-        kept.pop()
-    return kept
+    text = "\n".join(line for line in lines if not line.startswith("!["))
+    return re.sub(r"\n{3,}", "\n\n", text).rstrip("\n").split("\n")
 
 
 def pages() -> dict[Path, str]:

@@ -6,10 +6,10 @@ its scores, and of what. A pack or a score whose key is another one (the run wen
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +47,8 @@ class Study:
     options: ReportOptions
     resolution: int
     """Of its packs where a table does not say otherwise."""
-    baselines: Mapping[str, Path] = dataclasses.field(default_factory=dict)
+    baselines: Mapping[str, Path] = field(default_factory=dict)
     """Folders of further runs, by the row of the paper that they are."""
-    _against: Run | None = None
 
     @property
     def out(self) -> Path:
@@ -75,12 +74,11 @@ class Study:
         """Where a box is baked, the paper's bake of it: all is compared only where that is opaque (appendix C.2)."""
         return self.baked("paper") if "aabb" in self.options.overrides else None
 
-    @property
+    @cached_property
     def without_sparsity(self) -> Run | None:
         """The run to compare with, loaded when it is first asked for."""
-        if self._against is None and self.options.against is not None:
-            self._against = load_run(self.options.against, scene_path=self.scene.path)
-        return self._against
+        against = self.options.against
+        return None if against is None else load_run(against, scene_path=self.scene.path)
 
     def config(self, preset: BakePreset, **changes: Any) -> BakeConfig:
         """How a pack of this report is baked."""
@@ -92,7 +90,7 @@ class Study:
         changes: fields of BakeConfig that differ from the report's.
         """
         run, config = run or self.run, self.config(preset, **changes)
-        name = f"{preset}-{config.resolution}-{config.quality}" + ("-no-sparsity" if run is self._against else "")
+        name = f"{preset}-{config.resolution}-{config.quality}" + ("" if run is self.run else "-no-sparsity")
         name += "-with-hidden" if config.keeps_hidden else ""
         pack, note = self.out / "packs" / name, self.out / "packs" / f"{name}.json"
         key, kept = work_key(run, config) | {"quality": config.quality}, read_note(note)
