@@ -76,6 +76,11 @@ class Bake:
         query, box = field_query(self.run), self.config.aabb
         return query if box is None else within(query, _box_to_bake(self.run, box))
 
+    def sampler(self, grid: BakeGrid, culling: Culling) -> Sampler:
+        """What averages the field within voxels."""
+        grain, as_paper = self.run.method.grain(self.run.state), self.config.preset == "paper"
+        return Sampler.of(self.query, grid, culling, grain, self.config.seed, as_paper=as_paper)
+
     @property
     def frame(self) -> np.ndarray:
         """float64 [4, 4]: worldspace_T_opengl."""
@@ -117,9 +122,7 @@ def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:
     check_bake(run, config)
     job = Bake(run, config)
     grid, culling = culled_grid(job)
-    grain, as_paper = run.method.grain(run.state), config.preset == "paper"
-    sampler = Sampler.of(job.query, grid, culling, grain, config.seed, as_paper=as_paper)
-    count = int(culling.kept.sum())
+    sampler, count = job.sampler(grid, culling), int(culling.kept.sum())
     with job.stages("supersampling, in floats", count) as bar:
         indices, rows, values = assemble(supersample_floats(sampler, _Rate(bar, count)), culling.kept, BLOCK_SIZE)
     support = np.zeros((*rows.shape, 4), np.uint8)
@@ -225,13 +228,9 @@ def assembled(
 
 def _content(job: Bake, grid: BakeGrid, culling: Culling) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
     """The kept macroblocks' voxels, as baker.baking.supersample.supersample gives them, with a progress line."""
-    run, count = job.run, int(culling.kept.sum())
+    count = int(culling.kept.sum())
     with job.stages("supersampling", count) as bar:
-        yield from supersample(
-            job.query, grid, culling,
-            grain=run.method.grain(run.state), as_paper=job.config.preset == "paper", seed=job.config.seed,
-            on_blocks=_Rate(bar, count), work=job.work,
-        )  # fmt: skip
+        yield from supersample(job.sampler(grid, culling), _Rate(bar, count), job.work)
 
 
 def _box_to_bake(run: Run, box: Box) -> np.ndarray:

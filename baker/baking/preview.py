@@ -16,7 +16,7 @@ from baker.baking.config import BLOCK_SIZE
 from baker.baking.culling import content_box, opaque_macroblocks
 from baker.baking.field_query import field_query, occupied_query
 from baker.baking.grid import box_in_grid_frame, make_grid
-from baker.baking.supersample import supersample
+from baker.baking.supersample import Sampler, supersample
 from console import UserError
 from scenepack import save_pack
 from scenepack.blocks import fill_atlas, restore_pack_padding
@@ -42,7 +42,7 @@ def preview_pack(run: Run, resolution: int = RESOLUTION) -> Pack | None:
     culling = opacity.culling(grid, opacity.opaque)  # what no camera sees stays
     if not culling.kept.any():
         return None
-    macroblocks = supersample(query, grid, culling, grain=run.method.grain(run.state), seed=run.config.seed)
+    macroblocks = supersample(Sampler.of(query, grid, culling, run.method.grain(run.state), run.config.seed))
     provenance = {
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "of_steps": run.config.steps,
         "preview": True, **vars(run.options),

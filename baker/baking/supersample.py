@@ -36,22 +36,14 @@ OnBlocks = Callable[[int, int], None]  # macroblocks done, samples taken since t
 
 
 def supersample(
-    query: FieldQuery,
-    grid: BakeGrid,
-    culling: Culling,
-    *,
-    grain: np.ndarray | None = None,
-    as_paper: bool = False,
-    seed: int = 0,
-    on_blocks: OnBlocks | None = None,
-    work: WorkFolder | None = None,
+    sampler: Sampler, on_blocks: OnBlocks | None = None, work: WorkFolder | None = None
 ) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
     """(place z, y, x; uint8 [block_size³ as z, y, x, 8]) of the kept macroblocks: rgb and alpha, premultiplied, features.
 
-    Voxels far from any opacity stay zero without being asked. grain: of the field, see training.method.Method.grain.
+    Voxels far from any opacity stay zero without being asked.
     """
-    blocks, sampler = np.argwhere(culling.kept), Sampler.of(query, grid, culling, grain, seed, as_paper=as_paper)
-    size, done, most = grid.block_size, 0, 0
+    blocks = np.argwhere(sampler.culling.kept)
+    size, done, most = sampler.grid.block_size, 0, 0
 
     def make(part: np.ndarray) -> Arrays:
         nonlocal done
@@ -122,8 +114,9 @@ class Sampler:
 
     @classmethod
     def of(
-        cls, query: FieldQuery, grid: BakeGrid, culling: Culling, grain: np.ndarray | None, seed: int, *, as_paper: bool
-    ) -> Sampler:
+        cls, query: FieldQuery, grid: BakeGrid, culling: Culling, grain: np.ndarray | None = None, seed: int = 0,
+        *, as_paper: bool = False,
+    ) -> Sampler:  # fmt: skip
         """The sampler of a field of this grain (training.method.Method.grain)."""
         lattice = None if as_paper or grain is None else lattice_of(grid, grain)
         return cls(query, grid, culling, lattice, seed, as_paper)

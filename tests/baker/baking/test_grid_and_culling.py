@@ -12,7 +12,7 @@ from baker.baking import bake as baking
 from baker.baking.config import BakeConfig
 from baker.baking.culling import content_box
 from baker.baking.grid import box_in_grid_frame, make_grid
-from baker.baking.supersample import lattice_of, supersample
+from baker.baking.supersample import Sampler, lattice_of, supersample
 from baker.baking.work_folder import WorkFolder
 from console import Notice
 from scenepack import Pack, check_pack
@@ -92,7 +92,7 @@ def test_where_more_macroblocks_would_be_kept_than_cards_hold_the_grid_is_coarse
 
 def baked(culling, grid, work=None) -> Pack:
     """What supersample gives, as a pack of its own."""
-    atlas = fill_atlas(supersample(ball, grid, culling, work=work), culling.kept, grid.block_size)
+    atlas = fill_atlas(supersample(Sampler.of(ball, grid, culling), work=work), culling.kept, grid.block_size)
     pack = Pack(grid.voxel_size, grid.min_xyz, grid.size, grid.block_size, *atlas, None, BLENDER_FRAME)
     for part in atlas[1:]:
         restore_padding(part, pack.atlas_indices, pack.block_size)
@@ -126,7 +126,7 @@ def test_a_field_no_finer_than_the_grid_is_asked_once_a_voxel_and_stays_as_sharp
         asked.append(points)
         return ball(points)._replace(density=60 * (1 + np.sin(points[:, 0] * 40)))  # type: ignore[arg-type]
 
-    blocks = dict(supersample(ramp, grid, culling, grain=np.full(3, grid.voxel_size)))
+    blocks = dict(supersample(Sampler.of(ramp, grid, culling, np.full(3, grid.voxel_size))))
     points = np.concatenate(asked)
     voxels = (points @ grid.worldspace_T_opengl[:3, :3] - grid.min_xyz) / grid.voxel_size
     np.testing.assert_allclose(voxels % 1, 0.5, atol=1e-3)
@@ -182,7 +182,7 @@ def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, t
         work = WorkFolder(tmp_path / "work", {"bake": 1})
         try:
             culling = culled(mortal, grid, dataset, work)
-            blocks = supersample(mortal, grid, culling, work=work, on_blocks=lambda *now: told.append(now))
+            blocks = supersample(Sampler.of(mortal, grid, culling), lambda *now: told.append(now), work)
             last = fill_atlas(blocks, culling.kept, 30)
         except KeyboardInterrupt:
             pass

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from baker.baking.grid import make_grid
-from baker.baking.supersample import supersample
+from baker.baking.supersample import Sampler, supersample
 from baker.baking.to_pack import share_of
 from baker.baking.work_folder import Share, WorkFolder
 from baker.commands.bake import main as snerg_bake
@@ -32,7 +32,7 @@ def voxels(dataset, work: WorkFolder | None) -> list[np.ndarray]:
     """indices, rgba and features of the ball, baked through a work folder."""
     grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 90, 30, BLENDER_FRAME)
     culling = culled(ball, grid, dataset, work)
-    return list(fill_atlas(supersample(ball, grid, culling, work=work), culling.kept, 30))
+    return list(fill_atlas(supersample(Sampler.of(ball, grid, culling), work=work), culling.kept, 30))
 
 
 @pytest.fixture
