@@ -199,14 +199,14 @@ def _files(
 
 def _image_jobs(pack: Pack, level: int) -> list[Callable[[], list[tuple[str, bytes]]]]:
     """A call for each group of four planes that gives its files, name and content."""
-    parts = dict(zip(("rgba", "feature"), pack.atlases, strict=False))
     groups = cut(pack, "atlas", PLANES_PER_IMAGE)
 
-    def encode(part: str, group: int) -> list[tuple[str, bytes]]:
-        planes = groups[group].gather(parts[part])
+    def encode(part: str, atlas: np.ndarray, group: int) -> list[tuple[str, bytes]]:
+        planes = groups[group].gather(atlas)
         return [(image_name(part, group), encode_png(planes.reshape(-1, *planes.shape[2:]), level))]
 
-    return [partial(encode, part, group) for part in parts for group in range(len(groups))]
+    parts = zip(("rgba", "feature"), pack.atlases, strict=False)
+    return [partial(encode, *part, group) for part in parts for group in range(len(groups))]
 
 
 def _write_zip(path: Path, files: Iterator[tuple[str, bytes]]) -> None:
