@@ -34,9 +34,6 @@ PADDING = {-1: slice(0, 1), 0: slice(1, -1), 1: slice(-1, None)}
 COPIED = {-1: slice(-1, None), 0: slice(None), 1: slice(0, 1)}
 TOUCHING = np.ones((3, 3, 3), bool)
 Test = Callable[[np.ndarray], np.ndarray]  # positions, float64 [m, 3] -> bool [m]
-Near = Callable[
-    [np.ndarray, np.ndarray], np.ndarray
-]  # corners of boxes of the grid frame, float64 [n, 3] each -> bool [n]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +89,8 @@ class Voxels:
         numbers = np.full([n + 2 for n in pack.occupied.shape], -1)
         numbers[1:-1, 1:-1, 1:-1][pack.occupied] = np.arange(len(self.places))
         near = self.places[:, None] + np.array(STEPS) + 1
-        self.neighbours = numbers[
-            tuple(np.moveaxis(near, -1, 0))
-        ]  # int [n, 26]; -1: not in use, or outside of the grid
+        # int [n, 26]; -1: not in use, or outside of the grid
+        self.neighbours = numbers[tuple(np.moveaxis(near, -1, 0))]
 
     def content(self, number: int) -> np.ndarray:
         """Mask of a macroblock's voxels, bool [bs, bs, bs]."""

@@ -61,9 +61,8 @@ class Placement:
         from_, to = before @ up, np.array([0.0, 1.0, 0.0])
         axis = np.cross(from_, to)
         sine, cosine = np.linalg.norm(axis), float(from_ @ to)
-        axis = (
-            axis / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])
-        )  # level already, or upside down: any axis does
+        # level already, or upside down: any axis does
+        axis = axis / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])
         turned = Rotation.from_rotvec(np.arctan2(sine, cosine) * axis).as_matrix() @ before
         origin = np.array(self.origin)
         if through is not None:

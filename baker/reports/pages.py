@@ -113,7 +113,7 @@ def _to_fill(rows: Iterable[Row]) -> list[str]:
     for row in rows:
         if command := row.get(
             "command"
-        ):  # of baker.reports.fields.train_command, and the option that it says to add then
+        ):  # see baker.reports.fields.train_command: what follows "; then add" is an option
             lines.append(f"- {row['label']}: `{'`, then add `'.join(command.split('; then add '))}`")
     return ["", "Rows without a run, and what would make them:", "", *lines] if lines else []
 

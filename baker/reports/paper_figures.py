@@ -22,12 +22,9 @@ KINDS: Mapping[Kind, str] = {
 _PRINTED: Mapping[str, Any] = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
 SCENES: Mapping[Kind, Sequence[str]] = _PRINTED["scenes"]
 QUALITY: Mapping[Kind, Mapping[str, Mapping[str, Printed]]] = _PRINTED["quality"]  # by metric and row
-QUALITY_MEANS: Mapping[str, Sequence[float]] = _PRINTED[
-    "quality_means"
-]  # tables 2, 3: synthetic, printed as means only
-STORAGE: Mapping[Kind, Mapping[str, Sequence[float]]] = _PRINTED[
-    "storage"
-]  # PSNR, SSIM, LPIPS, MB of table 3 and the appendix
+QUALITY_MEANS: Mapping[str, Sequence[float]] = _PRINTED["quality_means"]  # of synthetic scenes, without single ones
+# PSNR, SSIM, LPIPS, MB of table 3 and the appendix.
+STORAGE: Mapping[Kind, Mapping[str, Sequence[float]]] = _PRINTED["storage"]
 # Table 1 and the appendix: milliseconds a frame and GB on the graphics card, on a laptop with an 85 W AMD Radeon Pro 5500M.
 MILLISECONDS: Mapping[str, Printed] = _PRINTED["milliseconds"]
 GPU_GB: Mapping[str, Printed] = _PRINTED["gpu_gb"]

@@ -115,9 +115,8 @@ def storage_table(study: Study) -> dict[str, Any]:
     for name in ("jaxnerf-plus", "jaxnerf"):
         row = field_row(study, name)
         if "psnr" in row:
-            run = load_run(
-                study.baselines[name], scene_path=study.scene.path
-            )  # 4 bytes a number, as the paper measures it
+            run = load_run(study.baselines[name], scene_path=study.scene.path)
+            # 4 bytes a number, as the paper measures it
             row["bytes"] = 4 * sum(int(leaf.size) for leaf in jax.tree.leaves(run.state.params))
         rows.append(_stored(study, row))
     return {"resolution": study.resolution, "preset": preset, "rows": rows}
