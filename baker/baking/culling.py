@@ -108,7 +108,7 @@ def content_box(
 
 
 def opaque_macroblocks(
-    query: FieldQuery, grid: BakeGrid, occupied: Occupied | None = None, tick: Tick | None = None,
+    query: FieldQuery, grid: BakeGrid, occupied: Occupied | None = None, tick: Tick = lambda share: None,
     work: WorkFolder | None = None,
 ) -> Opacity:  # fmt: skip
     """Culling by opacity: evaluates the field at every voxel centre, layer by layer of macroblocks, and keeps cells.
@@ -131,8 +131,7 @@ def opaque_macroblocks(
     def on_some(count: int) -> None:
         nonlocal done
         done += count
-        if tick:
-            tick(min(done / total, 1.0))
+        tick(min(done / total, 1.0))
 
     layers = {k: (f"{grid.resolution}_opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid, on_some))
               for k in range(bz) if holds[k].any()}  # fmt: skip
@@ -146,7 +145,11 @@ def opaque_macroblocks(
 
 
 def seen_macroblocks(
-    opacity: Opacity, grid: BakeGrid, dataset: RayDataset, tick: Tick | None = None, work: WorkFolder | None = None
+    opacity: Opacity,
+    grid: BakeGrid,
+    dataset: RayDataset,
+    tick: Tick = lambda share: None,
+    work: WorkFolder | None = None,
 ) -> Culling:
     """Culling by visibility: drops macroblocks that no training ray reaches with transmittance TAU_VIS."""
     cells = opacity.density > 0
@@ -196,7 +199,7 @@ BLOCK_BITS = 3  # blocks of 8³ cells are skipped at once where all are empty
 
 
 def best_transmittance(
-    density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: Callable[[float], None] | None = None
+    density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: Tick = lambda share: None
 ) -> np.ndarray:
     """float32 [cells]: the largest T with which any of many training rays reaches a cell; 0 in empty cells."""
     workers, size = Workers(), 1 << BLOCK_BITS
@@ -216,8 +219,7 @@ def best_transmittance(
             _raise_best(density, blocks, lines, length, low, high, best[worker])
 
         workers.share_range(count, PART, look)
-        if tick:
-            tick((first + count) / len(ids))
+        tick((first + count) / len(ids))
     return np.maximum.reduce(best)
 
 

@@ -36,7 +36,7 @@ OnBlocks = Callable[[int, int], None]  # macroblocks done, samples taken since t
 
 
 def supersample(
-    sampler: Sampler, on_blocks: OnBlocks | None = None, work: WorkFolder | None = None
+    sampler: Sampler, on_blocks: OnBlocks = lambda blocks, samples: None, work: WorkFolder | None = None
 ) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
     """(place z, y, x; uint8 [block_size³ as z, y, x, 8]) of the kept macroblocks: rgb and alpha, premultiplied, features.
 
@@ -58,8 +58,7 @@ def supersample(
     def on_some(reached: int, samples: int) -> None:
         nonlocal most
         most = max(most, reached)
-        if on_blocks:
-            on_blocks(most, samples)
+        on_blocks(most, samples)
 
     with ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS)) as pool:
         parts = np.split(blocks, range(BLOCKS_AT_ONCE, len(blocks), BLOCKS_AT_ONCE))
@@ -80,7 +79,7 @@ def supersample(
 
 
 def supersample_floats(
-    sampler: Sampler, on_blocks: OnBlocks | None = None
+    sampler: Sampler, on_blocks: OnBlocks = lambda blocks, samples: None
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """The same content before it is quantised: macroblocks [n, 3] (z, y, x), places and content as Sampler.content gives them."""
     blocks, done = np.argwhere(sampler.culling.kept), 0
@@ -88,8 +87,7 @@ def supersample_floats(
         for part in np.split(blocks, range(BLOCKS_AT_ONCE, len(blocks), BLOCKS_AT_ONCE)):
             places, content = sampler.content(part, pool)
             done += len(part)
-            if on_blocks:
-                on_blocks(done, sampler.samples * len(places))
+            on_blocks(done, sampler.samples * len(places))
             yield part, places, content
 
 

@@ -43,7 +43,7 @@ class Pixels(NamedTuple):
 
 def fine_tune(
     pack: Pack, dataset: RayDataset, *, epochs: int = EPOCHS, seed: int = 0, by_opacity: bool = False,
-    on_share: Callable[[float, str], None] | None = None,
+    on_share: Callable[[float, str], None] = lambda share, text: None,
 ) -> tuple[Pack, float, float]:  # fmt: skip
     """The pack with its view MLP refined, and the PSNR over shaded training pixels before and after.
 
@@ -52,8 +52,7 @@ def fine_tune(
 
     A diffuse pack, and one that no training pixel meets, comes back as it is.
     """
-    report = on_share or (lambda share, text: None)
-    pixels = None if pack.view_mlp is None else shaded_pixels(pack, dataset, seed, report)
+    pixels = None if pack.view_mlp is None else shaded_pixels(pack, dataset, seed, on_share)
     if pack.view_mlp is None or pixels is None:
         return pack, float("nan"), float("nan")
     if not by_opacity:
@@ -67,7 +66,7 @@ def fine_tune(
     for epoch in range(epochs):  # pixels are in random order already: the same batches in another are enough
         order = jax.random.permutation(jax.random.fold_in(key, epoch), -(-count // batch))
         params, moments = _epoch(params, moments, pixels, order, batch, optimiser)
-        report(0.5 + 0.5 * (epoch + 1) / epochs, f"epoch {epoch + 1} of {epochs}")
+        on_share(0.5 + 0.5 * (epoch + 1) / epochs, f"epoch {epoch + 1} of {epochs}")
     return replace(pack, view_mlp=from_params(params)), before, _psnr(params, pixels)
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from baker.tuning.marcher import PackMarcher
+from baker.tuning.marcher import OnShare, PackMarcher
 from baker.tuning.shading import Accumulated, ErrorTerms, psnr_of, squared_error, to_params
 from baker.tuning.tuner import Tuner
 from scenepack.codecs.quantisation import EXACT, Steps
@@ -55,7 +55,7 @@ class JointConfig:
 
 
 def joint_tune(
-    pack: Pack, dataset: RayDataset, config: JointConfig, on_share: Callable[[float, str], None] | None = None,
+    pack: Pack, dataset: RayDataset, config: JointConfig, on_share: Callable[[float, str], None] = lambda share, text: None,
     by_opacity: bool = False,
 ) -> tuple[Pack, dict[str, Any]]:  # fmt: skip
     """The pack with voxels and view MLP refined; figures, of held-out rays before and after. The arrays of `pack` are changed.
@@ -63,7 +63,6 @@ def joint_tune(
 
     by_opacity: see baker.tuning.shading.ErrorTerms. If no training ray meets the pack, it is returned unchanged, without figures.
     """
-    report = on_share or (lambda share, text: None)
     rng, away = np.random.default_rng(config.seed), held_out_views(dataset, config.held_out)
     marcher, tiles = PackMarcher(pack, dataset), tiles_of(dataset, ~away, rng)
     probed = tiles.rays(0, PROBED)
@@ -79,8 +78,8 @@ def joint_tune(
         tuner.fill(probe, max(int(config.samples * steps / LEAST_STEPS), FEWEST_SAMPLES), config.seed)
         steps = config.passes * meet / tuner.rays
     steps = min(max(int(steps), 1), config.most_steps)
-    trained_on = meeting(marcher, tiles, steps * tuner.rays, lambda share: report(CHOOSING * share, "choosing rays"))
-    report(CHOOSING, "compiling")
+    trained_on = meeting(marcher, tiles, steps * tuner.rays, lambda share: on_share(CHOOSING * share, "choosing rays"))
+    on_share(CHOOSING, "compiling")
     before = best = now = tuner.score(held_out)
     if config.steps != EXACT:
         tuner.round_to(config.steps)
@@ -98,7 +97,7 @@ def joint_tune(
             now = tuner.score(held_out)
             if now[0] >= best[0] or not config.held_out:
                 best, kept = now, tuner.snapshot()
-        report(
+        on_share(
             CHOOSING + (1 - CHOOSING) * done / steps,
             f"step {done} of {steps}, {'held-out ' if config.held_out else ''}{now[0]:.2f} dB",
         )
@@ -168,17 +167,14 @@ def tiles_of(dataset: RayDataset, views: np.ndarray, rng: np.random.Generator) -
     return Tiles(first, width, rows, np.cumsum(counts) - counts, rng.permutation(counts.sum()))
 
 
-def meeting(
-    marcher: PackMarcher, tiles: Tiles, most: int, on_share: Callable[[float], None] | None = None
-) -> np.ndarray:
+def meeting(marcher: PackMarcher, tiles: Tiles, most: int, on_share: OnShare = lambda share: None) -> np.ndarray:
     """The first `most` rays of tiles that meet content."""
     found, count = [np.zeros(0, np.int32)], 0
     for start in range(0, len(tiles.numbers), PROBED):
         rays = tiles.rays(start, PROBED)
         found.append(rays[marcher.meets(rays)])
         count += len(found[-1])
-        if on_share:
-            on_share(max(count / most, start / len(tiles.numbers)))
+        on_share(max(count / most, start / len(tiles.numbers)))
         if count >= most:
             break
     return np.concatenate(found)[:most]

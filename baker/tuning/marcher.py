@@ -328,7 +328,9 @@ class PackMarcher:
         self._over(ids, None, half_depth_rays, lambda _, low, high: depths[low:high])
         return depths
 
-    def transmittance(self, ids: np.ndarray, pixel_offset: np.ndarray, on_share: OnShare | None = None) -> np.ndarray:
+    def transmittance(
+        self, ids: np.ndarray, pixel_offset: np.ndarray, on_share: OnShare = lambda share: None
+    ) -> np.ndarray:
         """uint8 [slots, B, B, B] of the occupied macroblocks' padded copies, in the grid's order: the largest T before a
         sample that a voxel is part of, in units of 1/255 and rounded up; 0 where there is none."""
         copies = [np.zeros(self.tables.support.shape, np.uint8) for _ in range(min(self.workers.count, MOST_COPIES))]
@@ -340,7 +342,7 @@ class PackMarcher:
             np.maximum(best, other, out=best)
         return best.reshape(-1, self.side, self.side, self.side)
 
-    def accumulate(self, ids: np.ndarray, on_share: OnShare | None = None) -> Accumulated:
+    def accumulate(self, ids: np.ndarray, on_share: OnShare = lambda share: None) -> Accumulated:
         """What the viewer accumulates along each ray (docs/rendering.md)."""
         sums = np.zeros((len(ids), 8), np.float32)
         self._over(ids, None, accumulate_rays, lambda _, low, high: sums[low:high], on_share)
@@ -348,7 +350,7 @@ class PackMarcher:
 
     def _over(
         self, ids: np.ndarray, pixel_offset: np.ndarray | None, look: Callable[..., None],
-        into: Callable[[int, int, int], np.ndarray], on_share: OnShare | None = None, most: int = 1 << 30,
+        into: Callable[[int, int, int], np.ndarray], on_share: OnShare = lambda share: None, most: int = 1 << 30,
     ) -> None:  # fmt: skip
         """Calls look(tables, rays, low, high, found, into(worker, first, last)) for parts of all rays, TOGETHER at a time; low
         and high count from `first`. most: workers at once."""
@@ -362,8 +364,7 @@ class PackMarcher:
                 look(self.tables, lines, low, high, self.found[worker], into(worker, first, last))
 
             workers.share_range(last - first, PART, work)
-            if on_share:
-                on_share(last / len(ids))
+            on_share(last / len(ids))
 
 
 def lines_in_grid(box: GridBox, source: GridFrameRays, ids: np.ndarray) -> tuple[Lines, np.ndarray]:

@@ -32,7 +32,7 @@ import jax.numpy as jnp
 import numpy as np
 from numba import njit
 
-from baker.tuning.marcher import PackMarcher
+from baker.tuning.marcher import OnShare, PackMarcher
 from scenepack.blocks import block_copy, fill_atlas, restore_pack_padding
 from scenepack.pack import Pack
 from training.dataset import RayDataset
@@ -253,7 +253,7 @@ def _most_of_neighbours(values: np.ndarray, count: int, axis: int) -> np.ndarray
 
 
 def arriving_transmittance(
-    pack: Pack, dataset: RayDataset, seed: int, on_share: Callable[[float], None] | None
+    pack: Pack, dataset: RayDataset, seed: int, on_share: OnShare = lambda share: None
 ) -> ArrivingTransmittance | None:
     """The largest transmittance with which rays of the views arrive at the voxels of a pack; None where they meet none."""
     size, side, marcher = pack.block_size, pack.padded_block_size, PackMarcher(pack, dataset)

@@ -127,7 +127,7 @@ def test_tuning_looks_past_what_is_nearer_than_near(alone: Scene, seen: RayDatas
 def test_pruning_empties_what_is_nearer_than_near_to_all_who_could_see_it(alone: Scene, seen: RayDataset) -> None:
     pack, speck = ball_pack(alone, True)
     before = dense_from_pack(pack)[0][..., 3] > 0
-    light = arriving_transmittance(pack, seen, 0, None)
+    light = arriving_transmittance(pack, seen, 0)
     assert light is not None
     stays = dense_from_pack(prune(pack, light, lambda pack: 0.0, most_lost=1.0)[0])[0][..., 3] > 0
     assert before[speck].all() and not stays[speck].any()

@@ -56,7 +56,7 @@ def test_so_do_those_of_culling_and_pruning(dataset: RayDataset, monkeypatch: py
     programs = recorded(marcher, "_in_grid", monkeypatch)
     culling = culled(ball, GRID, dataset)
     first = len(programs)
-    arriving_transmittance(baked(culling, GRID), dataset, 0, None)
+    arriving_transmittance(baked(culling, GRID), dataset, 0)
     assert len(programs) > first > 0
     for program in programs:
         assert len(precisions(program)) >= 3, "rays are made, and moved into the grid's frame"

@@ -30,7 +30,7 @@ HAZE = 2  # of 255
 
 def emptied(pack: Pack, dataset: RayDataset, tau_weight: float) -> tuple[Pack, Pruned]:
     """The pack pruned, whatever it costs."""
-    light = arriving_transmittance(pack, dataset, 0, None)
+    light = arriving_transmittance(pack, dataset, 0)
     assert light is not None
     return prune(pack, light, lambda _: 0.0, 0.0, tau_weight)
 
@@ -89,7 +89,7 @@ def test_no_more_is_emptied_than_the_score_allows(dataset) -> None:
 
     tau = 0.014  # full light keeps the mist of 2 / 255 at half of that
     hard, milder, mild = (emptied(pack, dataset, part * tau) for part in (1, 0.5, 0.25))
-    most, light = lost_mist(pack), arriving_transmittance(pack, dataset, 0, None)
+    most, light = lost_mist(pack), arriving_transmittance(pack, dataset, 0)
     assert light is not None
     assert most > lost_mist(mild[0]) > lost_mist(milder[0]) > lost_mist(hard[0])
     for allowed, expected in ((1e9, hard), (most - lost_mist(milder[0]), milder), (most - lost_mist(mild[0]), mild)):
