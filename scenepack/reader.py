@@ -193,15 +193,7 @@ class PackReader:
         """The indirection grid, uint8 [blocks z, blocks y, blocks x, 3], each index within the atlas."""
         pack, where = self.outline, self.files.where(INDICES_NAME)
         x, y, z = grid_block_counts(pack.grid_size, pack.block_size)
-        try:
-            first = self.files.head(INDICES_NAME, PNG_HEADER_BYTES)
-            head = probe_png(first)
-            require_room(first, self.files.sizes.get(INDICES_NAME, 0))
-            if (head.width, head.height) != (x, z * y):
-                raise UserError("its size disagrees with the JSON's grid and block_size", where=where,
-                                expected=f"{x}×{z * y} pixels", found=f"{head.width}×{head.height}")  # fmt: skip
-        except CodecError as error:
-            raise self.files.undecodable(INDICES_NAME, error) from error
+        self._check_header(INDICES_NAME, x, z * y, "grid and block_size", "pixels")
         image = np.empty((z * y, x, 4), np.uint8)
         self._decode(INDICES_NAME, image)
         indices = np.ascontiguousarray(image.reshape(z, y, x, 4)[..., :3])
@@ -255,25 +247,25 @@ class PackReader:
             expected, found = f"{len(names)} {part} images for the JSON's atlas_depth", f"{len(names) - len(missing)}"
             raise UserError("is missing", where=self.files.where(missing[0]), expected=expected, found=found,
                             remedy=COPY_OR_BAKE)  # fmt: skip
-        channels = {name: self._check_header(name) for name in names}
+        (height, width), whole = self._image_shape[:2], f"pixels, {PLANES_PER_IMAGE} planes"
+        channels = {name: self._check_header(name, width, height, "atlas", whole) for name in names}
         other = [name for name, layout in channels.items() if layout != "RGBA"]
         if other:
             problem = f"{self.files.where(other[0])} is {channels[other[0]]}, not RGBA ({len(other)} in all)"
             self._notes.append(f"{problem}; read as the PNG standard has it, with alpha 255 where there is none")
         return list(range(self._groups))
 
-    def _check_header(self, name: str) -> str:
-        height, width = self._image_shape[:2]
+    def _check_header(self, name: str, width: int, height: int, entries: str, unit: str) -> str:
+        """The channels of a PNG. UserError where it is none of the size that `entries` of the JSON ask for."""
         try:
             first = self.files.head(name, PNG_HEADER_BYTES)
             head = probe_png(first)
-            require_room(first, self.files.sizes[name])
+            require_room(first, self.files.sizes.get(name, 0))
         except CodecError as error:
             raise self.files.undecodable(name, error) from error
         if (head.width, head.height) != (width, height):
-            expected = f"{width}×{height} pixels, {PLANES_PER_IMAGE} planes"
-            raise UserError("its size disagrees with the JSON's atlas", where=self.files.where(name), expected=expected,
-                            found=f"{head.width}×{head.height}")  # fmt: skip
+            raise UserError(f"its size disagrees with the JSON's {entries}", where=self.files.where(name),
+                            expected=f"{width}×{height} {unit}", found=f"{head.width}×{head.height}")  # fmt: skip
         return head.channels
 
 
