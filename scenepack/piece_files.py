@@ -15,7 +15,7 @@ counted in where they are coarse, without which it cannot be read, and the quali
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -147,6 +147,15 @@ def encoding_jobs(
     return [job(number, piece) for number, piece in enumerate(cut(pack, settings["layout"], settings["planes"]))]
 
 
+def all_there(files: PackFiles, features: Sequence[str], outline: Pack, note: Callable[[str], None]) -> bool:
+    """Whether the files of the features are there. note(line) is called where not, but for a diffuse pack, which has no use for
+    them and may leave all out."""
+    missing = [name for name in features if name not in files.sizes]
+    if missing and (outline.view_mlp is not None or len(missing) < len(features)):
+        note(f"{files.where(missing[0])} is missing ({len(missing)} in all); the pack is shown as diffuse")
+    return not missing
+
+
 class PieceFiles:
     """The pieces of an open pack, not decoded yet. has_features: whether all feature files are there.
 
@@ -168,11 +177,8 @@ class PieceFiles:
             raise UserError("is missing", where=files.where(missing[0]), found=f"{len(missing)} missing",
                             remedy="copy the pack again")  # fmt: skip
         features = [name for names in every for name in names if name not in {n for group in always for n in group}]
-        absent = [name for name in features if name not in files.sizes]
         # A pack without any macroblock has no files to tell by.
-        self.has_features = not absent if features else outline.view_mlp is not None
-        if absent and (outline.view_mlp is not None or len(absent) < len(features)):
-            note(f"{self.files.where(absent[0])} is missing ({len(absent)} in all); the pack is shown as diffuse")
+        self.has_features = all_there(files, features, outline, note) if features else outline.view_mlp is not None
         self.names = every if self.has_features else always
         for names, piece in zip(self.names, self.pieces, strict=True):
             for name in names:

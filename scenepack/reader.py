@@ -39,7 +39,7 @@ from scenepack.files import (
 )
 from scenepack.pack import Pack, warn
 from scenepack.params import parse_params
-from scenepack.piece_files import PieceFiles, in_threads
+from scenepack.piece_files import PieceFiles, all_there, in_threads
 
 RGBA, FEATURE = "rgba", "feature"
 DECODING_THREADS = min(8, os.cpu_count() or 1)
@@ -236,13 +236,9 @@ class PackReader:
     def _check_images(self, part: str) -> list[int]:
         """Groups of `part` to decode, their headers checked; [] where there are no (complete) features."""
         names = [image_name(part, group) for group in range(self._groups)]
-        missing = [name for name in names if name not in self.files.sizes]
-        if missing and part == FEATURE:
-            # A diffuse pack has no use for features and may leave them out.
-            if self.outline.view_mlp is not None or len(missing) < len(names):
-                problem = f"{self.files.where(missing[0])} is missing ({len(missing)} in all)"
-                self._notes.append(f"{problem}; the pack is shown as diffuse")
+        if part == FEATURE and not all_there(self.files, names, self.outline, self._notes.append):
             return []
+        missing = [name for name in names if name not in self.files.sizes]
         if missing:
             expected, found = f"{len(names)} {part} images for the JSON's atlas_depth", f"{len(names) - len(missing)}"
             raise UserError("is missing", where=self.files.where(missing[0]), expected=expected, found=found,
