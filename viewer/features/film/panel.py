@@ -164,10 +164,10 @@ def _depth_of_field(app: App, filming: Filming) -> None:
 def _export(app: App, filming: Filming) -> None:
     export = filming.export
     if export is not None:
-        left = export.seconds_left
+        percent, left = 100 * export.share, export.seconds_left
         imgui.text_unformatted(export.target.name)
         imgui.progress_bar(export.share, ImVec2(-1, px(8)), "")
-        ui.hint(f"{100 * export.share:.0f} %" + (f", about {left:.0f} s left" if left is not None else ""))
+        ui.hint(f"{percent:.0f} %" if left is None else f"{percent:.0f} %, about {left:.0f} s left")
         if imgui.button("Cancel", ImVec2(-1, 0)):
             filming.cancel(app)
         return
