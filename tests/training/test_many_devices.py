@@ -55,14 +55,13 @@ def trained(procedural_path: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     return {name: out / name for name in ("one", "two")}
 
 
-@pytest.mark.parametrize("method", ["nerf"])
 @pytest.mark.parametrize("step", SHARED)
-def test_a_step_from_the_same_state_is_that_of_one_device(trained: dict[str, Path], method: str, step: int) -> None:
+def test_a_step_from_the_same_state_is_that_of_one_device(trained: dict[str, Path], step: int) -> None:
     """Adam's first moment holds the gradient; all else of the state, and the loss, must agree as well."""
     with (
-        np.load(trained["one"] / method / "states" / f"{step}.npz") as before,
-        np.load(trained["one"] / method / "after" / f"{step}.npz") as expected,
-        np.load(trained["two"] / method / "after" / f"{step}.npz") as found,
+        np.load(trained["one"] / "states" / f"{step}.npz") as before,
+        np.load(trained["one"] / "after" / f"{step}.npz") as expected,
+        np.load(trained["two"] / "after" / f"{step}.npz") as found,
     ):
         assert set(found.files) == set(expected.files)
         moved = 0
@@ -75,15 +74,11 @@ def test_a_step_from_the_same_state_is_that_of_one_device(trained: dict[str, Pat
         assert moved >= 3, "the step did more than rounding can"
 
 
-@pytest.mark.parametrize("method", ["nerf"])
-def test_two_processes_leave_the_files_of_one(trained: dict[str, Path], method: str) -> None:
-    names = [
-        sorted(str(p.relative_to(trained[w])) for p in (trained[w] / method / "run").rglob("*")) for w in ("one", "two")
-    ]
+def test_two_processes_leave_the_files_of_one(trained: dict[str, Path]) -> None:
+    one, two = (trained[name] / "run" for name in ("one", "two"))
+    names = [sorted(str(path.relative_to(run)) for path in run.rglob("*")) for run in (one, two)]
     assert names[0] == names[1]
-    description = json.loads((trained["two"] / method / "run" / "config.json").read_text())
+    description = json.loads((two / "config.json").read_text())
     assert description["provenance"]["processes"] == 2 and description["provenance"]["device"].startswith("4 x")
-    (_, ours), (_, theirs) = (
-        read_checkpoint(list_checkpoints(trained[w] / method / "run" / "checkpoints")[-1][1]) for w in ("two", "one")
-    )
+    (_, ours), (_, theirs) = (read_checkpoint(list_checkpoints(run / "checkpoints")[-1][1]) for run in (two, one))
     assert {n: a.shape for n, a in ours.items()} == {n: a.shape for n, a in theirs.items()}
