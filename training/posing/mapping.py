@@ -371,8 +371,14 @@ def _with_two_focals(model: Any) -> Any:
     squeezed = any(
         abs(np.log(camera.focal_length_x / camera.focal_length_y)) > SQUEEZED for camera in fitted.cameras.values()
     )
-    before, after = (each.compute_mean_reprojection_error() for each in (model, fitted))
+    before, after = (_median_error(each) for each in (model, fitted))
     return fitted if squeezed and after < MUCH_BETTER * before else None
+
+
+def _median_error(model: Any) -> float:
+    """Reprojection error in pixels. A point that has run away would decide a mean."""
+    model.update_point_3d_errors()
+    return float(np.median([point.error for point in model.points3D.values()]))
 
 
 def _map_again(task: Task, squeezed: Any, on_progress: OnProgress) -> list[Any]:
