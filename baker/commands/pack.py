@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from console import UserError, check_results, progress, run_command, write_json, write_result
-from console.arguments import parse_box, parse_numbers, parse_point, parse_size, require_in_range
+from console.arguments import parse_corners, parse_numbers, parse_point, parse_size, require_in_range
 from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
@@ -127,7 +127,7 @@ def edit(
         codec: As of convert. The default is that of the pack. A lossy codec loses a little once more.
         quality: Quality of a lossy codec, 1 (smallest) ... 100 (best). The default is that of the pack.
     """
-    box = parse_box(crop, "--crop") if crop else None
+    box = parse_corners(crop, "--crop") if crop else None
     ball = parse_numbers(sphere, 4, "--sphere") if sphere else None
     if fainter_than is not None and not 0 < fainter_than <= 1:
         raise UserError("is out of range", where="--fainter-than", expected="above 0, at most 1", found=fainter_than)
@@ -308,7 +308,7 @@ def export(
         path: Camera path that a web page plays, as the viewer or nerfstudio saves it (JSON).
         pose: First camera of a web page, as snerg-view takes it.
     """
-    box = parse_box(crop, "--crop") if crop else None
+    box = parse_corners(crop, "--crop") if crop else None
     if to.suffix.lower() in PAGE_SUFFIXES or not to.suffix or to.is_dir():
         if kind is not None:
             raise UserError(f"cannot hold {kind}", where=to, expected="a web page", remedy="leave out --kind")

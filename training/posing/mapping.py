@@ -376,7 +376,7 @@ def _with_two_focals(model: Any) -> Any:
 
 
 def _median_error(model: Any) -> float:
-    """Reprojection error in pixels. A point that has run away would decide a mean."""
+    """Median reprojection error of the points, in pixels. One diverged point would decide a mean: 1e150 pixels were seen."""
     model.update_point_3d_errors()
     return float(np.median([point.error for point in model.points3D.values()]))
 

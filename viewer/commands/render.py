@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError, check_results, not_written, progress, run_command
-from console.arguments import parse_box, parse_point, parse_size, require_in_range
+from console.arguments import parse_corners, parse_point, parse_size, require_in_range
 from console.atomic import replacing, writing_alone
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
@@ -135,7 +135,7 @@ def render(
     settings = RenderSettings(
         marcher=marcher,
         background=(1.0, 1.0, 1.0) if transparent else _colour(background),
-        crop=parse_box(crop, "--crop") if crop else None,
+        crop=parse_corners(crop, "--crop") if crop else None,
         surroundings=surroundings,
         samples=samples,
     )

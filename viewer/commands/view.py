@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from console import UserError, run_command
-from console.arguments import parse_box, parse_size
+from console.arguments import parse_corners, parse_size
 from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
 from viewer.app.application import App
@@ -44,7 +44,7 @@ STILL_SUFFIX = ".png"
 SCRIPTED = ("--frames", "--screenshot")
 SERVED_ON = 8090  # port
 SMALLEST_SIDE = 64  # of a window, screen units
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # a Literal that is computed tells type checkers nothing
     PageName = str
 else:
     PageName = Literal[*(page.id for page in PAGES)]
@@ -142,7 +142,7 @@ class View:
             raise UserError("there is no pack to serve", remedy="name one: snerg-view PACK --serve")
         if self.pose is not None:
             _check_pose(self.pose)
-        box = None if self.crop is None else parse_box(self.crop, "--crop")
+        box = None if self.crop is None else parse_corners(self.crop, "--crop")
         serve(path, self.host, port, PageContent(self.title or "", self.credits, self.path, box, self.pose))
         return 0
 

@@ -96,7 +96,7 @@ class _MouseState:
     button: int = LEFT
     under: _Under = NOTHING
     travelled: float = 0.0  # window units since then, to tell a click from a drag
-    keys_move: bool = False  # the camera
+    moves_by_keys: bool = False  # keys are held that move the camera
 
 
 _mouse_state = _MouseState()  # one mouse
@@ -209,11 +209,11 @@ def _move_by_keys(app: App) -> None:
         across, along = across + keyboard.axis("D", "A"), along + keyboard.axis("W", "S")
         up = keyboard.axis("E", "Q")
     if not (across or along or up):
-        _mouse_state.keys_move = False
+        _mouse_state.moves_by_keys = False
         return
-    if not _mouse_state.keys_move:  # the whole way is one step to be undone
+    if not _mouse_state.moves_by_keys:  # the whole way is one step to be undone
         rig.remember()
-    _mouse_state.keys_move = True
+    _mouse_state.moves_by_keys = True
     if rig.looks_around:
         pace = 3.0 if io.key_shift else 1.0
         rig.fly(pace * min(max(across, -1.0), 1.0), pace * up, pace * min(max(along, -1.0), 1.0), seconds)

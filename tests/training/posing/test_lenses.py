@@ -35,7 +35,7 @@ def test_square_pixels_keep_one_focal_length() -> None:
     assert _with_two_focals(reconstruction((500.0, 500.0))) is None
 
 
-def test_a_point_that_has_run_away_says_nothing_of_the_fit() -> None:
+def test_a_diverged_point_does_not_change_the_median_error() -> None:
     made = reconstruction((500.0, 500.0))
     before = _median_error(made)
     next(iter(made.points3D.values())).xyz = (1e30, 0.0, 0.0)

@@ -67,6 +67,14 @@ def test_exact_takes_every_sample_of_random_packs(offscreen: Make, seed: int) ->
         assert_exact(renderer, camera, RenderSettings(), f"from {reach}")
 
 
+@pytest.mark.parametrize("name", ["inside", "outside"])
+def test_the_paper_marcher_comes_close(offscreen: Make, surroundings: Pack, name: str) -> None:
+    camera = CAMERAS[name].resized(96, 72)
+    paper = offscreen(surroundings, "paper").render_float(camera, RenderSettings(marcher="paper"))
+    exact = offscreen(surroundings).render_float(camera)
+    assert 22 < -10 * np.log10(np.mean((paper - exact) ** 2)) < 60
+
+
 def known_distance(point: np.ndarray, ray: np.ndarray) -> tuple[float, np.ndarray, float]:
     """Of the floor, the ball and the sky, the nearest: its distance along a ray, unit normal, and |x|∞ there."""
     found = []

@@ -111,7 +111,7 @@ def _walked(space: Space, feet: np.ndarray, way: np.ndarray, reach: float) -> tu
     if ground is None:
         return there, False
     lifted = _at_height(there, ground)
-    if ground > feet[1] and not stuck and not space.is_free(lifted):  # no room for the head
+    if ground > feet[1] and not stuck and not space.is_free(lifted):  # the ceiling is too low
         return feet, space.ground(feet, reach) is not None
     return lifted, True
 

@@ -134,9 +134,10 @@ def _space(pack: Pack, settings: RenderSettings, rig: OrbitCamera, eye_height: f
 
 
 def metre_of(pack: Pack, rig: OrbitCamera, scale: Scale) -> float:
-    """Grid units in a metre: by the scale of the scene, unless that makes it smaller than a body has room in.
+    """Grid units in a metre, by the scale of the scene if its longest side is more than two eye heights then.
 
-    Without one, the central photograph of a scene that was taken from amid it was taken at eye height; others are so large.
+    Otherwise a guess: the first view of a scene that was photographed from inside is at eye height above the ground; any other
+    scene is SCENE_M long.
     """
     low, high = rig.all_of_it
     side = float((high - low).max())
