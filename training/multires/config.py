@@ -57,6 +57,8 @@ class MultiresConfig:
     """Weight of the distortion loss of mip-NeRF 360, with distances relative to the cube; 0 for none."""
     sparsity_factor: float | None = None
     """Factor on the sparsity weight."""
+    feature_decay: float | None = None
+    """Weight of the mean square of each level's features, summed over levels (Zip-NeRF, Barron et al. 2023); 0 for none."""
     density_smoothness: float | None = None
     """Weight of the squared difference of density between neighbouring points, as ln(1 + optical depth of a cell); 0 for none."""
     colour_smoothness: float | None = None
@@ -79,6 +81,7 @@ class KindSettings:
     distortion_weight: float
     sparsity_factor: float
     least_views: int
+    feature_decay: float = 0.1
     density_smoothness: float = 0.0
     colour_smoothness: float = 0.0
 
@@ -88,8 +91,8 @@ BY_KIND: Mapping[Kind, KindSettings] = {
     "surroundings": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
     "unbounded": KindSettings(128, occupancy_threshold=0.03, distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
     "forward": KindSettings(
-        256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=0.2, least_views=3, density_smoothness=0.01,
-        colour_smoothness=0.1,
+        256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=0.2, least_views=3, feature_decay=1.0,
+        density_smoothness=0.01, colour_smoothness=0.1,
     ),
 }  # fmt: skip
 # Samples along the cube's side, over the cells of the finest level, where steps_across is None; of contracted space few at first,

@@ -22,7 +22,7 @@ from training.marching.march import MarchSizes, Samples, march, occupied_segment
 from training.marching.rays import to_grid
 from training.method import Rays, RenderOutput
 from training.multires import field
-from training.multires.levels import absent_rows, make_levels
+from training.multires.levels import FEATURES, ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.occupancy import is_on, neighbouring_points
 from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, Plan, Settings
 from training.multires.state import State, Trainable
@@ -69,15 +69,15 @@ Optimised = tuple[Trainable, Trainable, Trainable]  # values, and Adam's first a
 
 
 def update(
-    optimised: Optimised, cells: Cells, maps: jax.Array, absent: jax.Array, pairs: jax.Array, dataset: RayDataset, key: jax.Array,
+    optimised: Optimised, cells: Cells, maps: jax.Array, decay: jax.Array, pairs: jax.Array, dataset: RayDataset, key: jax.Array,
     step: jax.Array, rates: jax.Array, *, constants: Constants,
 ) -> tuple[Optimised, dict[str, jax.Array]]:  # fmt: skip
-    """One step. rates [3]: Adam's, of table, decoder and view MLP. absent bool [E]: rows that never learn. pairs [M, 2, 3]: of
-    points that the smoothness loss compares."""
+    """One step. rates [3]: Adam's, of table, decoder and view MLP. decay: see training.multires.levels.decay_of_blocks.
+    pairs [M, 2, 3]: of points that the smoothness loss compares."""
     samples, target = draw(cells, dataset, key, step, constants)
     samples, pairs = split((samples, pairs), dataset.mesh)
     gradient, metrics = loss_and_gradient(optimised[0], maps, samples, target, pairs, constants)
-    return adam(optimised, gradient, absent, rates, constants), metrics
+    return adam(optimised, gradient, decay, rates, constants), metrics
 
 
 def draw(
@@ -120,9 +120,10 @@ def loss_and_gradient(
 
 
 def adam(
-    optimised: Optimised, gradient: Trainable, absent: jax.Array, rates: jax.Array, constants: Constants
+    optimised: Optimised, gradient: Trainable, decay: jax.Array, rates: jax.Array, constants: Constants
 ) -> Optimised:  # fmt: skip
-    """Adam; a feature without a gradient is left alone, moments included (DVGO's masked Adam)."""
+    """Adam; blocks of features that no sample of the step meets are left alone, moments included (DVGO's masked Adam). decay:
+    see update."""
     (values, first, second), (keep1, keep2) = optimised, ADAM_BETAS
     inputs = field.inputs_of(len(constants.levels))
     decoder = field.decoder_size(inputs)
@@ -135,7 +136,9 @@ def adam(
         new_two = jnp.where(seen, two + (1 - keep2) * (jnp.square(slope) - two), two)
         return jnp.where(seen, value - rate * new_one / (jnp.sqrt(new_two) + ADAM_EPSILON), value), new_one, new_two
 
-    slopes = jnp.where(absent[:, None], 0.0, gradient.table)
+    slopes, blocks, of_block = gradient.table, (-1, ROWS_OF_BRICK * FEATURES), decay[:, None]
+    met = (of_block >= 0) & (slopes.reshape(blocks) != 0).any(1, keepdims=True)
+    slopes = jnp.where(met, slopes.reshape(blocks) + of_block * values.table.reshape(blocks), 0.0).reshape(slopes.shape)
     tables = move(values.table, slopes, first.table, second.table, rates[0], slopes != 0)
     slope = jnp.where(unseen, 0.0, gradient.parameters)
     parameters = move(values.parameters, slope, first.parameters, second.parameters, of_parameters, ~unseen)
@@ -165,11 +168,11 @@ class JaxEngine:
         return state
 
     def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
-        mesh, (cells, maps, absent, _) = self.dataset.mesh, self._derived(state)
+        mesh, (cells, maps, decay, _) = self.dataset.mesh, self._derived(state)
         dataset = self.dataset.in_average_look(state.gains)
         rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
         optimised, metrics = compiled_update(mesh)(
-            (state.values, state.first, state.second), *put_whole((cells, maps, absent, self.pairs(state, step)), mesh),
+            (state.values, state.first, state.second), *put_whole((cells, maps, decay, self.pairs(state, step)), mesh),
             dataset, self.key, np.int32(step), rates, constants=self._constants(state),
         )  # fmt: skip
         state.values, state.first, state.second = optimised
@@ -218,13 +221,11 @@ class JaxEngine:
         return RenderOutput(*(jnp.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def _derived(self, state: State) -> tuple[Cells, jax.Array, jax.Array, tuple[field.Level, ...]]:
-        """Occupancy grid, maps, absent rows and levels of a state."""
+        """Occupancy grid, maps, decay by block and levels of a state."""
         if state.kept.get("of") != (id(state.codes), id(state.bricks)):
             levels = make_levels(self.plan.resolutions, state.bricks)
-            absent = np.zeros(levels.total, bool)
-            for rows in absent_rows(levels):
-                absent[rows] = True
-            arrays = cells_of(state, self.dataset.facts.contraction), jnp.asarray(levels.maps), jnp.asarray(absent)
+            decay = jnp.asarray(decay_of_blocks(levels, self.settings.decay))
+            arrays = cells_of(state, self.dataset.facts.contraction), jnp.asarray(levels.maps), decay
             state.kept = {"of": (id(state.codes), id(state.bricks)), "derived": (*arrays, field.static_levels(levels))}
         return state.kept["derived"]
 

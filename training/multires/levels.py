@@ -112,6 +112,16 @@ def moved_rows(old: Levels, new: Levels, old_bricks: tuple, new_bricks: tuple) -
     return source
 
 
+def decay_of_blocks(levels: Levels, weight: float) -> np.ndarray:
+    """float32 [E / 64]: what a feature is multiplied by in the gradient of weight times the mean square of its level's; negative
+    where blocks of rows never learn."""
+    entries = np.maximum(levels.rows, 1) * FEATURES
+    decay = np.repeat(np.float32(2 * weight) / entries.astype(np.float32), levels.rows // ROWS_OF_BRICK)
+    for rows in absent_rows(levels):
+        decay[rows.start // ROWS_OF_BRICK] = -1.0
+    return decay
+
+
 def absent_rows(levels: Levels) -> list[slice]:
     """The rows of the bricks 0: zero for ever."""
     return [

@@ -32,7 +32,8 @@ class Settings(NamedTuple):
     """Numbers that a step treats as constants.
 
     resolution: cells of the occupancy grid along the cube. background: the scene's. distortion: weight of the loss with distances
-    in sides of the cube. sparsity: weight of the loss summed over lengths of rays in world units; sparsity_scale: its scale.
+    in sides of the cube. decay: weight of the mean squares of levels' features. sparsity: weight of the loss summed over lengths
+    of rays in world units; sparsity_scale: its scale.
     smoothness: weights of density, and of colours and features. rates: of table, decoder, view MLP. octaves: of the view
     direction; has_view_mlp.
     """
@@ -41,6 +42,7 @@ class Settings(NamedTuple):
     background: tuple[float, float, float]
     random_background: bool
     distortion: float
+    decay: float
     sparsity: float
     sparsity_scale: float
     smoothness: tuple[float, float]
@@ -163,6 +165,7 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
         background=dataset.background,
         random_background=own.random_background or dataset.kind != "object" or dataset.facts.cut_out,
         distortion=by_kind.distortion_weight,
+        decay=by_kind.feature_decay,
         sparsity=config.sparsity_weight * by_kind.sparsity_factor * SPARSITY_SAMPLES / _ray_length(dataset),
         sparsity_scale=config.sparsity_scale,
         smoothness=(by_kind.density_smoothness, by_kind.colour_smoothness),

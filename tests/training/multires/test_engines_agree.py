@@ -20,7 +20,7 @@ from training.marching.rays import GridRays
 from training.multires.config import MultiresConfig
 from training.multires.field import Target, decoder_size, inputs_of, seen_inputs
 from training.multires.jax_engine import Constants, JaxEngine, Lists, adam, cells_of, loss_and_gradient
-from training.multires.levels import make_levels
+from training.multires.levels import ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.state import State, Trainable
 from training.scenes import load_scene
@@ -74,7 +74,7 @@ class Trained:
     def jax(self) -> tuple[Constants, dict[str, Any], Trainable]:
         b, state = self.batch, self.state
         engine = JaxEngine(self.method.dataset, self.method.plan, self.method.settings, 0)
-        cells, maps, absent, levels = engine._derived(dataclasses.replace(state, kept={}))
+        cells, maps, decay, levels = engine._derived(dataclasses.replace(state, kept={}))
         arrays = b.origins, b.directions, b.begins, b.start, b.end, b.length, b.length
         rays = GridRays(*(jnp.asarray(a) for a in arrays))
         segments = 4 * state.codes.shape[0]
@@ -91,7 +91,8 @@ class Trained:
         used = np.ones(gradient.parameters.shape, bool)  # by Adam: see training.multires.jax_engine.adam
         decoder = decoder_size(inputs_of(len(levels)))
         used[decoder : decoder + 34 * 16] = np.repeat(seen_inputs(self.method.settings.octaves), 16)
-        gradient = Trainable(jnp.where(absent[:, None], 0.0, gradient.table), jnp.where(used, gradient.parameters, 0.0))
+        learn = jnp.repeat(decay >= 0, ROWS_OF_BRICK)[:, None]
+        gradient = Trainable(jnp.where(learn, gradient.table, 0.0), jnp.where(used, gradient.parameters, 0.0))
         return constants, metrics, gradient
 
 
@@ -151,11 +152,12 @@ def test_adam_moves_as_the_definition_does(trained: Trained) -> None:
     first, second, third = (Trainable(*(a.copy() for a in p)) for p in (state.values, state.first, state.second))
     before = first, second, third
     rates = np.array(trained.method.settings.rates_at(state.updates, 0.3), np.float32)
-    absent = np.zeros(len(gradient.table), bool)
-    expected = adam(before, gradient, jnp.asarray(absent), jnp.asarray(rates), constants)
+    decay = decay_of_blocks(trained.engine._derived(state)[1], trained.method.settings.decay)
+    expected = adam(before, gradient, jnp.asarray(decay), jnp.asarray(rates), constants)
     summed, marks = trained.engine._accumulators(state)
     rays = np.float32(metrics["rays"])
-    summed[:], marks[:] = gradient.table * rays, 1
+    summed[:] = gradient.table * rays
+    marks[:] = (summed.reshape(len(marks), -1) != 0).any(1)
     trained.engine._adam(state, summed, marks, gradient.parameters * rays, metrics["rays"], 0.3)
     try:
         for ours, theirs in zip((state.values, state.first, state.second), expected, strict=True):

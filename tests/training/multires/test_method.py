@@ -18,7 +18,7 @@ from training.config import QUICK
 from training.dataset import RayDataset, make_dataset
 from training.exposure import FITTED_FROM
 from training.multires.config import MultiresConfig
-from training.multires.levels import INITIAL, make_levels
+from training.multires.levels import INITIAL, ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.occupancy import INITIAL as INITIAL_CODE
 from training.multires.occupancy import NEVER, code_of, is_on, visited
@@ -88,6 +88,16 @@ def test_a_level_joins_with_new_rows_and_leaves_the_others_as_they_are(dataset: 
     np.testing.assert_array_equal(state.values.table[:rows], before[:rows])
     new = state.values.table[levels.offset[3] + 64 :]
     assert 0 < np.abs(new).max() <= INITIAL and not state.values.table[levels.offset[3] : levels.offset[3] + 64].any()
+
+
+def test_decay_is_the_gradient_of_each_levels_mean_square(learnt: Learnt) -> None:
+    levels, table = make_levels(learnt.method.plan.resolutions, learnt.state.bricks), learnt.state.values.table
+    slopes = np.repeat(decay_of_blocks(levels, 0.3), ROWS_OF_BRICK)[:, None] * table
+    for first, rows in zip(levels.offset, levels.rows, strict=True):
+        some = slice(first, first + rows)
+        expected = jax.grad(lambda features: 0.3 * jnp.square(features).mean())(jnp.asarray(table[some]))
+        np.testing.assert_allclose(slopes[some], expected, rtol=1e-5)
+        assert np.abs(expected).max() > 0
 
 
 def test_what_may_hold_density_is_where_queries_find_it(learnt: Learnt, dataset: RayDataset) -> None:

@@ -39,7 +39,7 @@ from training.multires.fused.corners import BLOCK, scatter
 from training.multires.fused.march import Grid, grid_of
 from training.multires.fused.rays import Batch, empty_batch, fill_batch, photographs_of, take_rays
 from training.multires.fused.vectors import FEATURES
-from training.multires.levels import HASHED, ROWS_OF_BRICK, Levels, absent_rows, make_levels
+from training.multires.levels import HASHED, ROWS_OF_BRICK, Levels, absent_rows, decay_of_blocks, make_levels
 from training.multires.occupancy import is_on, neighbouring_points
 from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, LARGEST_RAW, LEAST_LIGHT, Plan, Settings
 from training.multires.state import State, Trainable
@@ -49,8 +49,9 @@ NEW_1, NEW_2, EPSILON = (np.float32(value) for value in (1 - ADAM_BETAS[0], 1 - 
 
 
 @kernel(error_model="numpy")
-def move_marked(values, first, second, gradient, marks, scale, rate, low, high):
-    """Moves the marked blocks low … high - 1 of flat arrays by gradient * scale, which is set to zero with its marks."""
+def move_marked(values, first, second, gradient, marks, decay, scale, rate, low, high):
+    """Moves the marked blocks low … high - 1 of flat arrays by gradient * scale, which is set to zero with its marks, and by
+    decay (training.multires.levels.decay_of_blocks)."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for block in range(low, high):
         if marks[block] == 0:
@@ -58,8 +59,9 @@ def move_marked(values, first, second, gradient, marks, scale, rate, low, high):
         marks[block] = 0
         start, end = block * MARKED, (block + 1) * MARKED
         value, mean, square, slope = values[start:end], first[start:end], second[start:end], gradient[start:end]
+        fade = decay[block]
         for i in range(MARKED):
-            g = slope[i] * scale
+            g = slope[i] * scale + fade * value[i]
             seen = one if g != zero else zero
             new_mean = mean[i] + seen * NEW_1 * (g - mean[i])
             new_square = square[i] + seen * NEW_2 * (g * g - square[i])
@@ -274,10 +276,11 @@ class FusedEngine:
         table_rate, decoder_rate, view_rate = self.settings.rates_at(state.updates, progress)
         scale, blocks, shares = np.float32(1.0 / rays), len(marks), 4 * self.workers.count
         flat = [a.reshape(-1) for a in (state.values.table, state.first.table, state.second.table, gradient)]
+        decay = decay_of_blocks(self._derived(state)[1], self.settings.decay)
 
         def move(_: int, part: int) -> None:
             low, high = blocks * part // shares, blocks * (part + 1) // shares
-            move_marked(*flat, marks, scale, np.float32(table_rate), low, high)
+            move_marked(*flat, marks, decay, scale, np.float32(table_rate), low, high)
 
         self.workers.share(shares, move)
         value, first, second = state.values.parameters, state.first.parameters, state.second.parameters
