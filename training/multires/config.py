@@ -81,7 +81,7 @@ class KindSettings:
     distortion_weight: float
     sparsity_factor: float
     least_views: int
-    feature_decay: float
+    feature_decay: float = 0.0
     density_smoothness: float = 0.0
     colour_smoothness: float = 0.0
 
@@ -90,12 +90,8 @@ BY_KIND: Mapping[Kind, KindSettings] = {
     "object": KindSettings(
         256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=1.0, least_views=1, feature_decay=0.1
     ),
-    "surroundings": KindSettings(
-        256, occupancy_threshold=0.01, distortion_weight=0.01, sparsity_factor=2.0, least_views=6, feature_decay=0.0
-    ),
-    "unbounded": KindSettings(
-        128, occupancy_threshold=0.03, distortion_weight=0.05, sparsity_factor=1.0, least_views=1, feature_decay=0.0
-    ),
+    "surroundings": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
+    "unbounded": KindSettings(128, occupancy_threshold=0.03, distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
     "forward": KindSettings(
         256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=0.2, least_views=3, feature_decay=1.0,
         density_smoothness=0.01, colour_smoothness=0.1,

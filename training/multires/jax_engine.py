@@ -122,8 +122,8 @@ def loss_and_gradient(
 def adam(
     optimised: Optimised, gradient: Trainable, decay: jax.Array, rates: jax.Array, constants: Constants
 ) -> Optimised:  # fmt: skip
-    """Adam; blocks of features that no sample of the step meets are left alone, moments included (DVGO's masked Adam). decay:
-    see update."""
+    """Adam; a feature without a gradient is left alone, moments included (DVGO's masked Adam). Features decay only in blocks of
+    rows that a sample of the step meets. decay: see update."""
     (values, first, second), (keep1, keep2) = optimised, ADAM_BETAS
     inputs = field.inputs_of(len(constants.levels))
     decoder = field.decoder_size(inputs)

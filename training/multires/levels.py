@@ -113,8 +113,8 @@ def moved_rows(old: Levels, new: Levels, old_bricks: tuple, new_bricks: tuple) -
 
 
 def decay_of_blocks(levels: Levels, weight: float) -> np.ndarray:
-    """float32 [E / 64]: what a feature is multiplied by in the gradient of weight times the mean square of its level's; negative
-    where blocks of rows never learn."""
+    """float32 [E / 64], a factor for each block of rows: times a feature, it is the gradient of `weight` times the mean square of
+    all features of its level. -1 for blocks that never learn (absent_rows)."""
     entries = np.maximum(levels.rows, 1) * FEATURES
     decay = np.repeat(np.float32(2 * weight) / entries.astype(np.float32), levels.rows // ROWS_OF_BRICK)
     for rows in absent_rows(levels):

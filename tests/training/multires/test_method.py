@@ -90,7 +90,7 @@ def test_a_level_joins_with_new_rows_and_leaves_the_others_as_they_are(dataset: 
     assert 0 < np.abs(new).max() <= INITIAL and not state.values.table[levels.offset[3] : levels.offset[3] + 64].any()
 
 
-def test_decay_is_the_gradient_of_each_levels_mean_square(learnt: Learnt) -> None:
+def test_decay_is_the_gradient_of_the_mean_square_of_each_level(learnt: Learnt) -> None:
     levels, table = make_levels(learnt.method.plan.resolutions, learnt.state.bricks), learnt.state.values.table
     slopes = np.repeat(decay_of_blocks(levels, 0.3), ROWS_OF_BRICK)[:, None] * table
     for first, rows in zip(levels.offset, levels.rows, strict=True):

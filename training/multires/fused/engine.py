@@ -248,12 +248,13 @@ class FusedEngine:
             room *= 2
         return gathered
 
-    def _derived(self, state: State) -> tuple[Grid, Levels, np.ndarray]:
-        """What the loops need of codes and bricks: grid, levels, and which cells are occupied."""
+    def _derived(self, state: State) -> tuple[Grid, Levels, np.ndarray, np.ndarray]:
+        """What the loops need of codes and bricks: grid, levels, which cells are occupied, and decay by block."""
         if state.kept.get("of") != (id(state.codes), id(state.bricks)):
             state.kept["of"] = id(state.codes), id(state.bricks)
-            on = is_on(state.codes)
-            state.kept["derived"] = grid_of(on), make_levels(self.plan.resolutions, state.bricks), np.flatnonzero(on)
+            on, levels = is_on(state.codes), make_levels(self.plan.resolutions, state.bricks)
+            decay = decay_of_blocks(levels, self.settings.decay)
+            state.kept["derived"] = grid_of(on), levels, np.flatnonzero(on), decay
         return state.kept["derived"]
 
     def _accumulators(self, state: State) -> tuple[np.ndarray, np.ndarray]:
@@ -276,7 +277,7 @@ class FusedEngine:
         table_rate, decoder_rate, view_rate = self.settings.rates_at(state.updates, progress)
         scale, blocks, shares = np.float32(1.0 / rays), len(marks), 4 * self.workers.count
         flat = [a.reshape(-1) for a in (state.values.table, state.first.table, state.second.table, gradient)]
-        decay = decay_of_blocks(self._derived(state)[1], self.settings.decay)
+        *_, decay = self._derived(state)
 
         def move(_: int, part: int) -> None:
             low, high = blocks * part // shares, blocks * (part + 1) // shares
