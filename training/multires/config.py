@@ -64,7 +64,7 @@ class MultiresConfig:
     colour_smoothness: float | None = None
     """The same of colours and features."""
     least_views: int | None = None
-    """Where fewer training photographs look, nothing is."""
+    """Where fewer training photographs look, nothing is; at most a quarter of them are asked for."""
     ndc_depth: float = 4.0
     """Depth of a cell relative to its width, in forward-facing scenes, where depth is known less precisely."""
     random_background: bool = True
@@ -88,7 +88,7 @@ class KindSettings:
 
 BY_KIND: Mapping[Kind, KindSettings] = {
     "object": KindSettings(
-        256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=1.0, least_views=1, feature_decay=0.1
+        256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=1.0, least_views=6, feature_decay=0.1
     ),
     "surroundings": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
     "unbounded": KindSettings(128, occupancy_threshold=0.03, distortion_weight=0.05, sparsity_factor=1.0, least_views=1),

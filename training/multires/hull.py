@@ -23,6 +23,7 @@ COARSE = 4  # cells of the occupancy grid to a cell that is looked at first, alo
 FINE = 128  # cells that are looked at along an axis of contracted space, where some lie close before cameras
 TIGHT = 64  # cells along the box, of which those that hold something decide where the cube is
 BEHIND = 1e-3  # depth below which a cell may reach behind the camera
+DISAGREE = 0.2  # part of the photographs whose masks may be wrong about a place: each mask is found by itself
 AROUND = 0.5 * np.pi  # how much wider than it is a fisheye shows what lies before the camera, at most
 _distort, _ideal = LENS.distort, LENS.ideal
 
@@ -66,11 +67,13 @@ def _cube(low: np.ndarray, high: np.ndarray, side: int, depth: float) -> Box:
 def _look(
     dataset: RayDataset, box: Box, possible: np.ndarray, coarse: int, least_views: int, workers: Workers
 ) -> None:  # fmt: skip
-    """Clears the cells of `possible`, `coarse` times as large as the box's, that no photograph leaves anything in, or that
-    fewer than least_views look at; in contracted space those, too, that are nearer to a camera than its rays begin."""
+    """Clears the cells of `possible`, `coarse` times as large as the box's, where more than DISAGREE of the photographs that
+    look there show nothing, or that fewer than least_views look at; in contracted space those, too, that are nearer to a
+    camera than its rays begin."""
     photographs, cut_out = photographs_of(dataset.local()), dataset.kind == "object"
     ends = np.append(photographs.first[1:], dataset.count)
-    counts = np.zeros(possible.shape if least_views else (0, 0, 0), np.int32)
+    counts, against = np.zeros(possible.shape, np.int32), np.zeros(possible.shape, np.int32)
+    most = int(DISAGREE * len(ends))
     side = possible.shape[0]
     for view, (first, last) in enumerate(zip(photographs.first, ends, strict=True)):
         width = int(photographs.width[view])
@@ -81,11 +84,12 @@ def _look(
             np.cumsum(np.cumsum(shows, 0, dtype=np.int32), 1, out=table[1:, 1:])
 
         def look(_: int, z: int, view: int = view, table: np.ndarray = table) -> None:
-            _look_at_layer(photographs, view, table, cut_out, box.origin, box.cell * coarse, possible, counts, z)
+            _look_at_layer(
+                photographs, view, table, cut_out, box.origin, box.cell * coarse, possible, counts, against, most, z
+            )
 
         workers.share(side, look)
-    if least_views:
-        possible[counts < least_views] = 0
+    possible[(counts < least_views) | (against > DISAGREE * counts)] = 0
 
 
 def _pixels(dataset: RayDataset, first: int, last: int) -> np.ndarray:
@@ -96,8 +100,9 @@ def _pixels(dataset: RayDataset, first: int, last: int) -> np.ndarray:
 
 
 @njit(nogil=True, cache=True)
-def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell, possible, counts, z):
-    """One layer of cells, as one view sees them. table int32 [rows + 1, width + 1]: pixels that show something, summed."""
+def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell, possible, counts, against, most, z):
+    """One layer of cells, as one view sees them. table int32 [rows + 1, width + 1]: pixels that show something, summed; counts:
+    views that look at a cell; against: of them, those that show nothing there, of which `most` are too few to matter."""
     pose, lens, distortion = (
         photographs.world_T_camera[view], photographs.intrinsics[view], photographs.distortion[view]
     )  # fmt: skip
@@ -106,7 +111,7 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
     place, relative = np.empty(3), np.empty(3)
     for y in range(possible.shape[1]):
         for x in range(possible.shape[2]):
-            if possible[z, y, x] == 0:
+            if possible[z, y, x] == 0 or against[z, y, x] > most:
                 continue
             place[0], place[1], place[2] = x, y, z
             for axis in range(3):
@@ -134,7 +139,7 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
                 continue
             u, v = _distort(a, b, distortion)
             px, py = lens[0] * u + lens[2], (lens[1] * v + lens[3]) / photographs.row_step
-            if counts.size and px >= 0 and py >= 0 and px < width and py < rows:
+            if px >= 0 and py >= 0 and px < width and py < rows:
                 counts[z, y, x] += 1
             if not cut_out or photographs.ndc[2] > 0:
                 continue
@@ -143,7 +148,7 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
                 if distance >= 2.0 * radius and not _in_panorama(
                     table, px, py, b, np.arcsin(radius / distance), lens[0], lens[1] / photographs.row_step
                 ):
-                    possible[z, y, x] = 0
+                    against[z, y, x] += 1
                 continue
             if depth < 2.0 * radius:
                 continue
@@ -156,7 +161,7 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
             if left < 0 or top < 0 or past > width or below > rows:
                 continue  # partly out of sight
             if _shown(table, left, top, past, below) == 0:
-                possible[z, y, x] = 0
+                against[z, y, x] += 1
 
 
 @njit(nogil=True, cache=True)

@@ -110,7 +110,7 @@ def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
         samples=own.samples_per_step or samples_for(longest_side(dataset), dataset.kind),
         steps_across=steps_across,
         steps_from=own.steps_from,
-        least_views=min(by_kind.least_views, dataset.views),
+        least_views=max(min(by_kind.least_views, dataset.views // 4), 1),
         occupancy_threshold=by_kind.occupancy_threshold,
         gains=is_fitted(config.exposure, rendered=dataset.facts.rendered),
     )
