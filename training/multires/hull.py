@@ -23,7 +23,7 @@ COARSE = 4  # cells of the occupancy grid to a cell that is looked at first, alo
 FINE = 128  # cells that are looked at along an axis of contracted space, where some lie close before cameras
 TIGHT = 64  # cells along the box, of which those that hold something decide where the cube is
 BEHIND = 1e-3  # depth below which a cell may reach behind the camera
-DISAGREE = 0.2  # part of the photographs whose masks may be wrong about a place: each mask is found by itself
+DISAGREE = 0.2  # part of the photographs whose masks may be wrong about a place; rendered alpha never is
 AROUND = 0.5 * np.pi  # how much wider than it is a fisheye shows what lies before the camera, at most
 _distort, _ideal = LENS.distort, LENS.ideal
 
@@ -73,7 +73,8 @@ def _look(
     photographs, cut_out = photographs_of(dataset.local()), dataset.kind == "object"
     ends = np.append(photographs.first[1:], dataset.count)
     counts, against = np.zeros(possible.shape, np.int32), np.zeros(possible.shape, np.int32)
-    most = int(DISAGREE * len(ends))
+    disagree = 0.0 if dataset.facts.rendered else DISAGREE
+    most = int(disagree * len(ends))
     side = possible.shape[0]
     for view, (first, last) in enumerate(zip(photographs.first, ends, strict=True)):
         width = int(photographs.width[view])
@@ -89,7 +90,7 @@ def _look(
             )
 
         workers.share(side, look)
-    possible[(counts < least_views) | (against > DISAGREE * counts)] = 0
+    possible[(counts < least_views) | (against > disagree * counts)] = 0
 
 
 def _pixels(dataset: RayDataset, first: int, last: int) -> np.ndarray:

@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.ndimage import maximum_filter
 
 from console import UserError
 from scenepack.contraction import uncontract
@@ -20,7 +19,7 @@ from training.dataset import RayDataset, make_dataset
 from training.exposure import FITTED_FROM
 from training.multires.config import MultiresConfig
 from training.multires.fused.compiled import Workers
-from training.multires.hull import DISAGREE, box_around, hull_codes
+from training.multires.hull import box_around, hull_codes
 from training.multires.levels import INITIAL, ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.occupancy import INITIAL as INITIAL_CODE
@@ -124,29 +123,25 @@ def test_cells_stay_on_as_long_as_their_density_says_and_those_outside_the_hull_
     assert (codes[:4, :, 4:] == 14).all() and not codes[:4, :, :4].any()
 
 
-def test_nothing_can_be_where_alpha_leaves_nothing_but_in_a_few_photographs(
-    procedural_scene: Scene, learnt: Learnt
-) -> None:
-    """Most photographs that a cell of the hull lies in wholly show the cell, or something around it."""
-    state = learnt.state
+def test_nothing_can_be_where_alpha_leaves_nothing(procedural_scene: Scene, learnt: Learnt) -> None:
+    """A cell of the hull shows itself, or something around it, in every photograph that it lies in wholly."""
+    state, camera = learnt.state, procedural_scene.splits["train"][0].camera
+    alpha = procedural_scene.splits["train"][0].load()[..., 3] > 0
     z, y, x = np.nonzero(state.codes != NEVER)
     centres = state.box.origin + (np.stack([x, y, z], -1) + 0.5) * state.box.cell
-    looking, against = np.zeros((2, len(x)))
-    for photograph in procedural_scene.splits["train"]:
-        camera, alpha = photograph.camera, photograph.load()[..., 3] > 0
-        local = (centres - camera.world_T_camera[:3, 3]) @ camera.world_T_camera[:3, :3]
-        px = np.rint(camera.fx * local[:, 0] / -local[:, 2] + camera.cx - 0.5).astype(int)
-        py = np.rint(camera.fy * -local[:, 1] / -local[:, 2] + camera.cy - 0.5).astype(int)
-        reach = int(np.ceil(camera.fx * 2 * state.box.cell.max() / -local[:, 2].max()))
-        grown = maximum_filter(alpha, 2 * reach + 1)
-        inside = (px > reach) & (py > reach) & (px < camera.width - reach) & (py < camera.height - reach)
-        looking += inside
-        against[inside] += ~grown[py[inside], px[inside]]
-    assert looking.mean() > 4 and (against <= DISAGREE * looking.max()).all()
-    assert (state.codes == NEVER).mean() > 0.3
+    local = (centres - camera.world_T_camera[:3, 3]) @ camera.world_T_camera[:3, :3]
+    px = np.rint(camera.fx * local[:, 0] / -local[:, 2] + camera.cx - 0.5).astype(int)
+    py = np.rint(camera.fy * -local[:, 1] / -local[:, 2] + camera.cy - 0.5).astype(int)
+    reach = int(np.ceil(camera.fx * 2 * state.box.cell.max() / -local[:, 2].max()))
+    grown = np.array([
+        alpha[max(b - reach, 0) : b + reach + 1, max(a - reach, 0) : a + reach + 1].any() for a, b in zip(px, py, strict=True)
+    ])  # fmt: skip
+    inside = (px > reach) & (py > reach) & (px < camera.width - reach) & (py < camera.height - reach)
+    assert inside.sum() > 100 and grown[inside].all() and (state.codes == NEVER).mean() > 0.3
 
 
-def test_a_wrong_mask_takes_nothing_away(dataset: RayDataset) -> None:
+def test_the_wrong_mask_of_a_photograph_takes_nothing_away(dataset: RayDataset) -> None:
+    dataset = dataclasses.replace(dataset, facts=dataset.facts._replace(rendered=False))
     box, workers = box_around(dataset, 32, 1.0, Workers(1)), Workers(1)
     blank = np.asarray(dataset.pixels).copy()
     blank[: len(blank) // dataset.views, -1] = 0
