@@ -49,7 +49,7 @@ class Recorder:
 
     def __init__(self, run: Run) -> None:
         self.run = run
-        self.log = MetricsLog(run.path / "metrics.jsonl", run.step, writes=is_writer())
+        self.log = MetricsLog(run.path / "metrics.jsonl", run.step)
         self._start = time.monotonic() - self.log.seconds
         self._paused = self.log.seconds - self.log.training_seconds
         self._last_record: tuple[int, float] | None = None  # its step and training_seconds
@@ -165,23 +165,23 @@ def render_photograph(
 
 
 class MetricsLog:
-    """A run's metrics.jsonl, on disk and as `records`."""
+    """A run's metrics.jsonl, on disk and as `records`; process 0 writes it."""
 
-    def __init__(self, path: Path, step: int, *, writes: bool = True) -> None:
-        """Opens the log of a run that stands at `step`, without later records. writes: False only reads."""
-        self.path, self._writes = path, writes
+    def __init__(self, path: Path, step: int) -> None:
+        """Opens the log of a run that stands at `step`, without later records."""
+        self.path = path
         self.records = [record for record in read_metrics(path) if record["step"] <= step]
         last = self.records[-1] if self.records else {}
         self.seconds = float(last.get("seconds", 0.0))
         self.training_seconds = float(last.get("training_seconds", self.seconds))
-        if writes:
+        if is_writer():
             with writing(path):
                 write_file(path, "".join(json.dumps(record) + "\n" for record in self.records))
 
     def write(self, record: dict[str, Any]) -> None:
         """Appends one record. UserError where the disk is full."""
         self.records.append(record)
-        if self._writes:
+        if is_writer():
             with writing(self.path), open(self.path, "a", encoding="utf-8") as file:
                 file.write(json.dumps(record) + "\n")
 
