@@ -227,15 +227,11 @@ def draw_curves(records: Records, path: Path, title: str) -> None:
 
 def _curve(label: str, records: Records, name: str, *, marked: bool = False) -> list[Line]:
     """At most POINTS points, means of equal numbers of neighbours; nothing where no record has a value."""
-    xs, ys = (np.asarray(values) for values in _series(records, name))
-    parts = np.array_split(np.arange(len(xs)), min(len(xs), POINTS)) if len(xs) else []
-    return [Line(label, *([float(v[p].mean()) for p in parts] for v in (xs, ys)), marked=marked)] if parts else []
-
-
-def _series(records: Records, name: str, over: str = "step") -> tuple[list[float], list[float]]:
-    """x ("step" or "training_seconds") and y of the finite values under a name."""
-    pairs = [(float(r[over]), float(r[name])) for r in records if name in r and over in r and np.isfinite(r[name])]
-    return [x for x, _ in pairs], [y for _, y in pairs]
+    points = [(r["step"], r[name]) for r in records if name in r and np.isfinite(r[name])]
+    if not points:
+        return []
+    means = [part.mean(axis=0).tolist() for part in np.array_split(np.array(points, float), min(len(points), POINTS))]
+    return [Line(label, *map(list, zip(*means, strict=True)), marked=marked)]
 
 
 def write_report(run: Run, records: Records) -> None:
@@ -245,9 +241,9 @@ def write_report(run: Run, records: Records) -> None:
     with writing(folder):
         folder.mkdir(exist_ok=True)
         write_file(folder / "report.json", json.dumps(figures, indent=2) + "\n")
-        if figures["validation"]:
-            seconds, values = _series(records, "validation_psnr", "training_seconds")
-            line = Line("held out", [s / 60 for s in seconds], values, marked=True)
+        if validation := figures["validation"]:
+            minutes, values = [v["seconds"] / 60 for v in validation], [v["psnr"] for v in validation]
+            line = Line("held out", minutes, values, marked=True)
             title = f"{run.scene.path.name}: PSNR against minutes"
             plot = Plot([line], title, "minutes of training", "PSNR (dB)", "data")
             draw_plots(folder / "psnr-minutes.png", [plot])
@@ -264,7 +260,7 @@ def _figures(run: Run, records: Records) -> dict[str, Any]:
         for r in records
         if "validation_psnr" in r
     ]
-    speeds = _series(records, "rays_per_second")[1]
+    speeds = [r["rays_per_second"] for r in records if "rays_per_second" in r]
     last: Mapping[str, Any] = next((r for r in reversed(records) if "loss" in r), {})
     return {
         "scene": str(run.scene.path),
