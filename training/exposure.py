@@ -14,12 +14,11 @@ Notation: V photographs, K sampled rays of each.
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
 Choice = Literal["auto", "on", "off"]
-CHOICES: tuple[str, ...] = get_args(Choice)
 FITTED_FROM, FIT_EVERY = 100, 25  # steps: before, the field shows nothing to compare with
 RAYS, FEWEST, MOST = 16_384, 64, 256  # rays of a fit in all, and of a photograph
 RIDGE = 0.05  # towards 1, as a share of what a photograph's rays say

@@ -49,7 +49,7 @@ class Recorder:
 
     def __init__(self, run: Run) -> None:
         self.run = run
-        self.log = MetricsLog(run.path / "metrics.jsonl", run.step, writes=is_writer())
+        self.log = MetricsLog(run.path / "metrics.jsonl", run.step)
         self._start = time.monotonic() - self.log.seconds
         self._paused = self.log.seconds - self.log.training_seconds
         self._last_record: tuple[int, float] | None = None  # its step and training_seconds
@@ -165,23 +165,23 @@ def render_photograph(
 
 
 class MetricsLog:
-    """A run's metrics.jsonl, on disk and as `records`."""
+    """A run's metrics.jsonl, on disk and as `records`; process 0 writes it."""
 
-    def __init__(self, path: Path, step: int, *, writes: bool = True) -> None:
-        """Opens the log of a run that stands at `step`, without later records. writes: False only reads."""
-        self.path, self._writes = path, writes
+    def __init__(self, path: Path, step: int) -> None:
+        """Opens the log of a run that stands at `step`, without later records."""
+        self.path = path
         self.records = [record for record in read_metrics(path) if record["step"] <= step]
         last = self.records[-1] if self.records else {}
         self.seconds = float(last.get("seconds", 0.0))
         self.training_seconds = float(last.get("training_seconds", self.seconds))
-        if writes:
+        if is_writer():
             with writing(path):
                 write_file(path, "".join(json.dumps(record) + "\n" for record in self.records))
 
     def write(self, record: dict[str, Any]) -> None:
         """Appends one record. UserError where the disk is full."""
         self.records.append(record)
-        if self._writes:
+        if is_writer():
             with writing(self.path), open(self.path, "a", encoding="utf-8") as file:
                 file.write(json.dumps(record) + "\n")
 
@@ -227,15 +227,11 @@ def draw_curves(records: Records, path: Path, title: str) -> None:
 
 def _curve(label: str, records: Records, name: str, *, marked: bool = False) -> list[Line]:
     """At most POINTS points, means of equal numbers of neighbours; nothing where no record has a value."""
-    xs, ys = (np.asarray(values) for values in _series(records, name))
-    parts = np.array_split(np.arange(len(xs)), min(len(xs), POINTS)) if len(xs) else []
-    return [Line(label, *([float(v[p].mean()) for p in parts] for v in (xs, ys)), marked=marked)] if parts else []
-
-
-def _series(records: Records, name: str, over: str = "step") -> tuple[list[float], list[float]]:
-    """x ("step" or "training_seconds") and y of the finite values under a name."""
-    pairs = [(float(r[over]), float(r[name])) for r in records if name in r and over in r and np.isfinite(r[name])]
-    return [x for x, _ in pairs], [y for _, y in pairs]
+    points = [(r["step"], r[name]) for r in records if name in r and np.isfinite(r[name])]
+    if not points:
+        return []
+    means = [part.mean(axis=0).tolist() for part in np.array_split(np.array(points, float), min(len(points), POINTS))]
+    return [Line(label, *map(list, zip(*means, strict=True)), marked=marked)]
 
 
 def write_report(run: Run, records: Records) -> None:
@@ -245,9 +241,9 @@ def write_report(run: Run, records: Records) -> None:
     with writing(folder):
         folder.mkdir(exist_ok=True)
         write_file(folder / "report.json", json.dumps(figures, indent=2) + "\n")
-        if figures["validation"]:
-            seconds, values = _series(records, "validation_psnr", "training_seconds")
-            line = Line("held out", [s / 60 for s in seconds], values, marked=True)
+        if validation := figures["validation"]:
+            minutes, values = [v["seconds"] / 60 for v in validation], [v["psnr"] for v in validation]
+            line = Line("held out", minutes, values, marked=True)
             title = f"{run.scene.path.name}: PSNR against minutes"
             plot = Plot([line], title, "minutes of training", "PSNR (dB)", "data")
             draw_plots(folder / "psnr-minutes.png", [plot])
@@ -264,7 +260,7 @@ def _figures(run: Run, records: Records) -> dict[str, Any]:
         for r in records
         if "validation_psnr" in r
     ]
-    speeds = _series(records, "rays_per_second")[1]
+    speeds = [r["rays_per_second"] for r in records if "rays_per_second" in r]
     last: Mapping[str, Any] = next((r for r in reversed(records) if "loss" in r), {})
     return {
         "scene": str(run.scene.path),

@@ -101,7 +101,7 @@ def _matching_pairs(request: Mapping[str, Any], on_progress: OnProgress) -> dict
     from training.posing.mapping import matching_pairs
 
     pairs, is_static = matching_pairs(_task(request), on_progress)
-    return {"pairs": [asdict(pair) for pair in pairs], "is_static": is_static}
+    return {"pairs": pairs, "is_static": is_static}
 
 
 def _take_frames(request: Mapping[str, Any], on_progress: OnProgress) -> list[dict[str, Any]]:

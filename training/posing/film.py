@@ -133,7 +133,7 @@ def srgb_to_linear(signal: np.ndarray) -> np.ndarray:
     return np.where(signal <= 0.04045, signal / 12.92, ((signal + 0.055) / 1.055) ** 2.4)
 
 
-# --- Frames of a film as photographs: the sharpest of each interval of time, upright. Runs in the child p ---
+# --- frames as photographs: the sharpest of each interval of time, upright; runs in the child process -----------------
 
 CODECS = (
     "h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mjpeg", "prores", "dnxhd", "mpeg1video", "mpeg2video", "h263", "msmpeg4v2",
@@ -185,7 +185,7 @@ def take_frames(film: Path, folder: Path, most: int, on_progress: Callable[[str,
         times = _times(film)
         start, end = min(times), max(times)
         kept: list[Frame] = []
-        changes, before = [], None
+        small: list[np.ndarray] = []
 
         def on_frame(seconds: float) -> None:
             on_progress("frames", seconds - start, max(end - start, 1e-3))
@@ -194,21 +194,22 @@ def take_frames(film: Path, folder: Path, most: int, on_progress: Callable[[str,
         intervals = itertools.groupby(_graded(film, times, candidates, on_frame), key=lambda frame: frame.interval)
         sharpest = (max(frames, key=lambda frame: frame.sharpness) for _, frames in intervals)
         for best in _differing(sharpest):
-            small = thumbnail(best.preview)
-            changes.append(0.0 if before is None else LEAST_CHANGE + shift(before, small))
-            before = small
+            small.append(thumbnail(best.preview))
             picture = _upright(best.frame, best.aspect)
             name = write_picture(Image.fromarray(picture), folder, f"frame_{len(kept) + 1:04d}", lossy=True)
             height, width = picture.shape[:2]
             kept.append(Frame(name, (width, height), round(best.seconds - start, 3), best.sharpness))
-    return kept if len(kept) <= most else _spaced(kept, changes, end - start, most, folder)
+    return kept if len(kept) <= most else _spaced(kept, small, end - start, most, folder)
 
 
-def _spaced(frames: Sequence[Frame], changes: Sequence[float], length: float, most: int, folder: Path) -> list[Frame]:
+def _spaced(
+    frames: Sequence[Frame], small: Sequence[np.ndarray], length: float, most: int, folder: Path
+) -> list[Frame]:
     """The sharpest frame of each of `most` intervals, equal in time or in how much the picture changes; the files of the others
-    are removed. changes: from the frame before to each. length: of the film, in seconds."""
+    are removed. small: thumbnails of the frames. length: of the film, in seconds."""
     shares = np.array([frame.seconds for frame in frames]) / length
-    reached = np.cumsum(changes) / max(np.sum(changes), 1e-9)
+    reached = np.cumsum([0.0, *(LEAST_CHANGE + shift(*pair) for pair in itertools.pairwise(small))])
+    reached /= reached[-1]
     shares = reached if np.abs(reached - shares).max() > UNEVEN else shares
     best: dict[int, Frame] = {}
     for frame, share in zip(frames, shares, strict=True):

@@ -11,7 +11,6 @@ something comes back to its beginning. Notation: N pictures, F features of each,
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shutil
 import tempfile
@@ -109,24 +108,18 @@ def reconstruct(task: Task, on_progress: OnProgress) -> Found:
     return replace(found, registered=named[0], models=named, points=best.num_points3D(), error=error)
 
 
-@dataclass(frozen=True)
-class Pair:
-    """Two pictures that match."""
+def matching_pairs(task: Task, on_progress: OnProgress) -> tuple[list[dict[str, Any]], bool]:
+    """Which pictures match, and whether the camera stands still before what turns. Of each pair:
 
-    first: str
-    second: str
-    share: float  # of the features of the one that has fewer, that match as one scene does that stands still
-    moving: float  # share of the matches that do not
-    turned: bool  # the camera turned and did not move, or all lies in one plane
-    # x, y in the first and x, y in the second picture of some features, as shares of width and height
-    places: list[list[float]]
-
-
-def matching_pairs(task: Task, on_progress: OnProgress) -> tuple[list[Pair], bool]:
-    """Which pictures match, and whether the camera stands still before what turns."""
+    first, second: the names
+    share: of the features of the one that has fewer, that match as one scene does that stands still
+    moving: share of the matches that do not
+    turned: whether the camera turned and did not move, or all lies in one plane
+    places: [K, 4], x, y in the first and x, y in the second picture of some features, as shares of width and height
+    """
     _features_and_matches(task, on_progress)
     found = []
-    with _opened(task) as database:
+    with pycolmap.Database.open(task.database) as database:
         sizes = {camera.camera_id: (camera.width, camera.height) for camera in database.read_all_cameras()}
         for both, config, places in _verified_pairs(database):
             inliers, (first, second) = len(places[0]), (image.name for image in both)
@@ -134,9 +127,12 @@ def matching_pairs(task: Task, on_progress: OnProgress) -> tuple[list[Pair], boo
             features = min(database.num_keypoints_for_image(image.image_id) for image in both)
             some = [at[:: max(inliers // PLACES, 1)] for at in places]
             shares = [at / sizes[image.camera_id] for image, at in zip(both, some, strict=True)]
-            turned = config in (GEOMETRY.PANORAMIC, GEOMETRY.PLANAR_OR_PANORAMIC)
-            found.append(Pair(first, second, inliers / max(features, 1), 1 - inliers / max(matches, 1), turned,
-                              np.concatenate(shares, 1).round(4).tolist()))  # fmt: skip
+            found.append({
+                "first": first, "second": second,
+                "share": inliers / max(features, 1), "moving": 1 - inliers / max(matches, 1),
+                "turned": config in (GEOMETRY.PANORAMIC, GEOMETRY.PLANAR_OR_PANORAMIC),
+                "places": np.concatenate(shares, 1).round(4).tolist(),
+            })  # fmt: skip
     return found, _matches_found(task).is_static
 
 
@@ -160,7 +156,7 @@ def _begin_database(task: Task) -> None:
     """All cameras and pictures, numbered in their order whatever the threads' speed; begun anew where it is broken."""
     whole = False
     if task.database.exists():
-        with _opened(task) as database:
+        with pycolmap.Database.open(task.database) as database:
             numbers = [image.image_id for image in database.read_all_images()]
             whole = len(numbers) == len(task.names) and all(
                 database.exists_keypoints(number) == database.exists_descriptors(number) for number in numbers
@@ -171,7 +167,7 @@ def _begin_database(task: Task) -> None:
         pycolmap.Database.open(task.database).close()
         for names, _ in task.groups:
             pycolmap.import_images(task.database, task.images, pycolmap.CameraMode.SINGLE, names, _reading())
-    with _opened(task) as database:
+    with pycolmap.Database.open(task.database) as database:
         camera_of = {image.name: image.camera_id for image in database.read_all_images()}
         for names, focal in task.groups:
             camera = database.read_camera(camera_of[names[0]])
@@ -182,11 +178,6 @@ def _begin_database(task: Task) -> None:
             database.update_camera(camera)
 
 
-def _opened(task: Task) -> Any:
-    """The database, closed at the end of a `with` block."""
-    return contextlib.closing(pycolmap.Database.open(task.database))
-
-
 def _reading(**more: Any) -> Any:
     return pycolmap.ImageReaderOptions(camera_model=LENS, default_focal_length_factor=UNKNOWN_FOCAL, **more)
 
@@ -194,7 +185,7 @@ def _reading(**more: Any) -> Any:
 def _extract(task: Task, on_progress: OnProgress) -> None:
     options = pycolmap.FeatureExtractionOptions(use_gpu=False, max_image_size=task.longest_side, num_threads=_threads())
     options.sift.max_num_features = task.most_features
-    with _opened(task) as database:
+    with pycolmap.Database.open(task.database) as database:
         there = {image.name for image in database.read_all_images() if database.exists_keypoints(image.image_id)}
     for masked in (False, True):
         todo = [name for name in task.names if name not in there and (name in task.masked) == masked]
@@ -213,7 +204,7 @@ def _extract(task: Task, on_progress: OnProgress) -> None:
 
 
 def _match(task: Task, on_progress: OnProgress) -> None:
-    with _opened(task) as database:
+    with pycolmap.Database.open(task.database) as database:
         number_of = {image.name: image.image_id for image in database.read_all_images()}
         numbers = [number_of[name] for name in task.names]
         pairs = list(combinations(range(len(numbers)), 2))
@@ -314,7 +305,7 @@ def _matches_found(task: Task) -> Found:
     Before a turntable, camera and background stand still: features of the background match at the same place of the picture, and
     outvote what turns.
     """
-    with _opened(task) as database:
+    with pycolmap.Database.open(task.database) as database:
         images = database.read_all_images()
         features = {image.name: database.num_keypoints_for_image(image.image_id) for image in images}
         sides = {camera.camera_id: max(camera.width, camera.height) for camera in database.read_all_cameras()}
@@ -383,7 +374,7 @@ def _median_error(model: Any) -> float:
 
 def _map_again(task: Task, squeezed: Any, on_progress: OnProgress) -> list[Any]:
     """Models of cameras that begin as in `squeezed`; none where fewer pictures get a pose."""
-    with _opened(task) as database:
+    with pycolmap.Database.open(task.database) as database:
         for camera in squeezed.cameras.values():
             camera.has_prior_focal_length = True
             database.update_camera(camera)

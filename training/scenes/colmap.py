@@ -27,6 +27,7 @@ from training.scenes.space import (
     depth_ranges,
     frame_about_focus,
     frame_forward,
+    poses_of,
     space_forward,
     space_of_capture,
 )
@@ -128,7 +129,7 @@ def _placed(
     path: Path, found: Reconstruction, photographs: list[Photograph], options: SceneOptions
 ) -> tuple[tuple[Photograph, ...], Space]:
     """The photographs in the training frame, and what a Scene says of the space."""
-    P, points = found.world_T_camera, PointCloud(found.points, found.tracks, found.seen)
+    P, points = poses_of(found.cameras), PointCloud(found.points, found.tracks, found.seen)
     if points.suffices and not options.spherify and faces_forward(P):
         if options.up is not None:
             raise UserError("which way is up is not asked of a forward-facing scene", where=UP, found=str(path),
@@ -164,10 +165,10 @@ def sparse_points(scene: Scene) -> SparsePoints | None:
     if scene.kind != "colmap" or scene.ndc:
         return None
     found = reconstruction_of(scene.path)
-    pose_of = {p.name: p.camera.world_T_camera for split in scene.splits.values() for p in split}
-    rows = [row for row, name in enumerate(found.names) if clean_name(name) in pose_of]
-    theirs = found.world_T_camera[rows]
-    ours = np.stack([pose_of[clean_name(found.names[row])] for row in rows])
+    camera_of = {photograph.name: photograph.camera for split in scene.splits.values() for photograph in split}
+    names = [clean_name(name) for name in found.names]
+    theirs = poses_of([camera for name, camera in zip(names, found.cameras, strict=True) if name in camera_of])
+    ours = poses_of([camera_of[name] for name in names if name in camera_of])
     # The reader turned, moved and scaled all cameras alike; so it is undone by what it did to them.
     spread, wanted = (np.linalg.norm(P[:, :3, 3] - P[:, :3, 3].mean(0), axis=-1).mean() for P in (theirs, ours))
     scale = wanted / spread if spread > LEAST_SPREAD else 1.0

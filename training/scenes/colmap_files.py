@@ -45,11 +45,6 @@ class Reconstruction:
     tracks: np.ndarray  # [M]: how many images show each
     seen: tuple[np.ndarray, ...]  # of each image the rows of `points` that it shows
 
-    @property
-    def world_T_camera(self) -> np.ndarray:
-        """Poses [N, 4, 4]."""
-        return np.stack([camera.world_T_camera for camera in self.cameras])
-
     def only(self, rows: list[int]) -> Reconstruction:
         """The same points with these images alone."""
         names, cameras, seen = (tuple(values[row] for row in rows) for values in (self.names, self.cameras, self.seen))

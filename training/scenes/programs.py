@@ -151,18 +151,15 @@ def _document(file: Path, export: ExportFile) -> ElementTree.Element:
 
 def _transform(element: ElementTree.Element, export: ExportFile) -> np.ndarray | None:
     """world_T_chunk [4, 4] of a chunk or a component: rotation, translation, scale; None where there is none."""
-    found = element.find("transform")
-    if found is None:
+    if (found := element.find("transform")) is None:
         return None
-    R, t, s = (found.findtext(name) for name in ("rotation", "translation", "scale"))
-    matrix = np.eye(4)
-    if R is not None:
-        matrix[:3, :3] = export.numbers(R.split(), 9, "rotation of a chunk").reshape(3, 3)
-    if s is not None:
-        matrix[:3, :3] *= export.numbers([s], 1, "scale of a chunk")
-    if t is not None:
-        matrix[:3, 3] = export.numbers(t.split(), 3, "translation of a chunk")
-    return matrix
+
+    def numbers(name: str, default: str, count: int) -> np.ndarray:
+        return export.numbers(found.findtext(name, default).split(), count, f"{name} of a chunk")
+
+    R = numbers("rotation", "1 0 0 0 1 0 0 0 1", 9).reshape(3, 3)
+    t = numbers("translation", "0 0 0", 3)
+    return np.vstack([np.column_stack([numbers("scale", "1", 1) * R, t]), [0, 0, 0, 1]])
 
 
 def _camera(label: str, world_T_camera: np.ndarray, sensor: ElementTree.Element, export: ExportFile) -> Camera:
@@ -344,7 +341,7 @@ def _read_record3d(file: Path, _: SizeOf) -> Reconstruction:
 OPENSFM = {
     "perspective": (PERSPECTIVE, ()), "simple_radial": (PERSPECTIVE, ()), "radial": (PERSPECTIVE, ()),
     "brown": (PERSPECTIVE, ("k3", "p1", "p2")), "fisheye": (FISHEYE, ()), "fisheye_opencv": (FISHEYE, ("k3", "k4")),
-    "spherical": (EQUIRECTANGULAR, None), "equirectangular": (EQUIRECTANGULAR, None),
+    "spherical": (EQUIRECTANGULAR, ()), "equirectangular": (EQUIRECTANGULAR, ()),
 }  # fmt: skip
 
 
@@ -365,13 +362,11 @@ def _read_opensfm(file: Path, _: SizeOf) -> Reconstruction:
                             remedy="undistort the pictures first (opensfm undistort)")  # fmt: skip
         projection, further = OPENSFM[kind]
         width, height = size = export.number(lens, "width"), export.number(lens, "height")
-        scale, focal, centre, coefficients = max(size), [1.0], [0.0, 0.0], {}
-        if further is not None:
-            fx = export.number(lens, "focal_x", export.number(lens, "focal", 0.0))
-            focal = [scale * fx, scale * export.number(lens, "focal_y", fx)]
-            centre = [scale * export.number(lens, "c_x", 0.0), scale * export.number(lens, "c_y", 0.0)]
-            coefficients = {key: export.number(lens, key, 0.0) for key in ("k1", "k2", *further)}
-        middle = centre[0] + 0.5 * width, centre[1] + 0.5 * height
+        scale, fx = max(size), export.number(lens, "focal_x", export.number(lens, "focal", 0.0))
+        focal = [scale * fx, scale * export.number(lens, "focal_y", fx)]
+        coefficients = {key: export.number(lens, key, 0.0) for key in ("k1", "k2", *further)}
+        c_x, c_y = (scale * export.number(lens, key, 0.0) for key in ("c_x", "c_y"))
+        middle = c_x + 0.5 * width, c_y + 0.5 * height
         world_T_camera = np.linalg.inv(pose(camera_T_world, f"{file} {name}")) @ OPENGL_FROM_OPENCV
         cameras[name] = export.camera(name, world_T_camera, size, focal, middle, Model(projection, ()), coefficients)
     points = [point if isinstance(point, dict) else {} for point in (found.get("points") or {}).values()]

@@ -44,10 +44,11 @@ KEYS = {
     EQUIRECTANGULAR: {},
 }
 RATIONAL = {"q1": "k4", "q2": "k5", "q3": "k6"}
-ALL_COEFFICIENTS = [
+# All keys that change a lens, in the files of any program.
+ALL_KEYS = (
+    "fisheye", "equirectangular", "latlong", "orthographic", "ftheta_p0", "ftheta_p1",
     "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "sx1", "sy1", "omega", "xi", "alpha",
-]  # fmt: skip
-OTHER_LENSES = ("fisheye", "equirectangular", "latlong", "orthographic", "ftheta_p0", "ftheta_p1")
+)  # fmt: skip
 FOCAL_KEYS = ("fl_x", "fl_y", "x_fov", "y_fov", "camera_angle_x", "camera_angle_y")
 
 
@@ -57,8 +58,7 @@ def read_camera(world_T_camera: np.ndarray, values: dict[str, Any], size: tuple[
     model = LENSES.get(name.upper()) if isinstance(name, str) else None
     keys = KEYS[model.projection] if model is not None else {}
     keys = keys | RATIONAL if model is MODELS["FULL_OPENCV"] else keys
-    others = [key for key in OTHER_LENSES if values.get(key)]
-    others += [key for key in ALL_COEFFICIENTS if key not in keys.values() and values.get(key)]
+    others = [key for key in ALL_KEYS if key not in keys.values() and values.get(key)]
     if model is None or others:
         raise UserError("this lens model is not supported", where=where, expected=", ".join(LENSES),
                         found=", ".join([str(name)[:40], *others]), remedy="undistort the pictures first")  # fmt: skip
