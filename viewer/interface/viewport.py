@@ -13,7 +13,7 @@ from viewer.app.frame import draw_frame
 from viewer.core import screen, theme
 from viewer.core.state import Viewport
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, chip, in_front, px
+from viewer.core.widgets import Box, button, chip, in_front, px, style
 from viewer.features.bookmarks import panel as bookmarks_panel
 from viewer.features.camera.panel import AxisGizmo
 from viewer.features.comparison import panel as comparison_panel
@@ -278,13 +278,12 @@ def _progress(app: App, box: Box, fonts: Fonts) -> None:
     width, height = min(px(380), box[2] - px(24)), px(84)
     x, y = box[0] + 0.5 * (box[2] - width), box[1] + box[3] - height - px(20)
     imgui.set_cursor_screen_pos(ImVec2(x, y))
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(16), px(12)))
-    imgui.begin_child("##progress", ImVec2(width, height), imgui.ChildFlags_.always_use_window_padding)
-    imgui.pop_style_var()
+    with style(window_padding=(16, 12)):
+        imgui.begin_child("##progress", ImVec2(width, height), imgui.ChildFlags_.always_use_window_padding)
     imgui.align_text_to_frame_padding()
     imgui.text_unformatted(title)
     imgui.same_line(width - px(16) - px(70))
-    if imgui.button("Cancel", ImVec2(px(70), 0)):
+    if button("Cancel", px(70)):
         app.opening.cancel(app) if app.loading is not None else app.filming.cancel(app)
     imgui.progress_bar(share, ImVec2(-1, px(6)), "")
     imgui.end_child()
