@@ -38,9 +38,8 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             ui.hint("Forward-facing packs use a warped space (NDC), where a crop box does not work.")
         return
     with ui.card("crop", fonts, "Crop box"):
-        on = ui.switch("crop", app.settings.crop is not None, "Crop to a box")
-        if on != (app.settings.crop is not None):
-            app.cut(crop=crop.whole(pack) if on else None)
+        if ui.switch("crop", app.settings.crop is not None, "Crop to a box") != (app.settings.crop is not None):
+            app.cut(crop=crop.whole(pack) if app.settings.crop is None else None)
         if app.settings.crop is None:
             ui.hint("The whole scene is shown.")
         else:

@@ -44,8 +44,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
 
 
 def _path(app: App, canvas: Canvas, filming: Filming) -> None:
-    pressed = ui.two_buttons(f"{fa.ICON_FA_PLUS}  Keyframe", f"{fa.ICON_FA_ROTATE}  Turntable")
-    if pressed is not None:
+    if (pressed := ui.two_buttons(f"{fa.ICON_FA_PLUS}  Keyframe", f"{fa.ICON_FA_ROTATE}  Turntable")) is not None:
         run(app, ("keyframe", "turntable")[pressed])
     path = filming.path
     if not path.keyframes:

@@ -223,7 +223,7 @@ def _strip(name: str, texture: int, sheet: np.ndarray, height: float, pictures: 
         uv = (x / columns, y / rows), ((x + width) / columns, (y + tall) / rows)
         ui.draw_picture(texture, at, low, uv, opacity=FADED if crossed else 1.0, rounding=ROUNDING)
         if crossed:
-            _cross(imgui.get_window_draw_list(), at, low)
+            _cross(at, low)
         imgui.dummy(ImVec2(wide, high))
         if imgui.is_item_hovered():
             imgui.set_tooltip(tooltip)
@@ -231,7 +231,8 @@ def _strip(name: str, texture: int, sheet: np.ndarray, height: float, pictures: 
     imgui.end_child()
 
 
-def _cross(draw: imgui.ImDrawList, at: ImVec2, low: ImVec2) -> None:
+def _cross(at: ImVec2, low: ImVec2) -> None:
+    draw = imgui.get_window_draw_list()
     x, y, arm = 0.5 * (at.x + low.x), 0.5 * (at.y + low.y), px(7)
     for rise in (arm, -arm):
         draw.add_line(ImVec2(x + arm, y + rise), ImVec2(x - arm, y - rise), theme.packed(theme.WARN), px(2.5))
