@@ -342,19 +342,16 @@ class AnnotationStore:
 def _write(pack: Pack, path: Path, folder: Path, annotations: Annotations) -> str:
     """Writes annotations into the pack or the user's file. Returns what went wrong, or ""."""
     document = None if annotations == Annotations() else annotations_to_json(annotations)
+    file = file_for(pack, folder)
     try:
         if metadata_writable(pack, path):
             write_metadata(path, KEY, document)
-            return ""
-        file = file_for(pack, folder)
-        if document is None:
+        elif document is None:
             file.unlink(missing_ok=True)
         else:
             file.parent.mkdir(parents=True, exist_ok=True)
             write_file(file, json.dumps(document, indent=1))
-        return ""
-    except OSError as error:
-        words, remedy = not_written(error)
-        return f"Measurements and bookmarks are not saved: {words}; {remedy}"
-    except ValueError as error:
-        return f"Measurements and bookmarks are not saved: {error}"
+    except (OSError, ValueError) as error:
+        why = "; ".join(not_written(error)) if isinstance(error, OSError) else error
+        return f"Measurements and bookmarks are not saved: {why}"
+    return ""

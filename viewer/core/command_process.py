@@ -58,10 +58,6 @@ class CommandProcess:
             self._clean_up()
             raise UserError(f"it cannot be started: {error.strerror or error}", where=error.filename or log) from error
 
-    @property
-    def pid(self) -> int:
-        return self._child.pid
-
     def poll(self) -> int | None:
         """Its exit status once it has ended (negative: the signal that ended it), None while it runs."""
         status = self._child.poll()

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
+from viewer.core import theme
 from viewer.core.pose import project
-from viewer.core.widgets import Box
+from viewer.core.widgets import Box, px
 from viewer.rendering.targets import Layer
 
 if TYPE_CHECKING:
@@ -41,6 +42,13 @@ class Screen:
         pixels, before = project(self.camera, grid)
         corner = np.array(self.box[:2])
         return [ImVec2(*(float(v) for v in corner + self.scale * p)) for p in pixels], before
+
+    def outlined_lines(
+        self, grid: np.ndarray, edges, colour: str, width: float, dark: float, shade: float = 0.75
+    ) -> None:
+        """Lines on wider dark ones, to be seen on any picture. width, dark: in units of a 100 % display. shade: 0 … 1."""
+        self.lines(grid, edges, theme.packed(theme.BASE, shade), px(dark))
+        self.lines(grid, edges, theme.packed(colour), px(width))
 
     def lines(self, grid: np.ndarray, edges, colour: int, width: float) -> None:
         if any(self.camera.distortion):  # a lens bends them

@@ -60,31 +60,21 @@ class JsonTask(Task[None]):
         self._child: ChildProcess | None = None
         super().__init__(self._listen)
 
-    def before(self) -> None:
-        """Called in the thread before the child starts."""
-
-    def after(self) -> None:
-        """Called in the thread at the end, whatever happened."""
-
     def close(self) -> None:
         self.cancel()
         if self._child is not None:
             self._child.close()
 
     def _listen(self) -> None:
+        if self.cancelled:
+            return
+        self._child = ChildProcess(self._command, polite=True)
         try:
-            self.before()
-            if self.cancelled:
-                return
-            self._child = ChildProcess(self._command, polite=True)
-            try:
-                if not self.cancelled:  # while the child was being started
-                    for message in self._child.messages():
-                        self._on_message(message)
-            finally:
-                self._child.close()
+            if not self.cancelled:  # while the child was being started
+                for message in self._child.messages():
+                    self._on_message(message)
         finally:
-            self.after()
+            self._child.close()
 
 
 class Autosave(Generic[T]):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
@@ -17,8 +17,10 @@ from viewer.core.theme import Fonts
 if TYPE_CHECKING:
     from viewer.app.application import App
 
+T = TypeVar("T")
 Box = tuple[float, float, float, float]  # x, y, width, height in window units
 LABEL_WIDTH = 104.0
+WHOLE = (0.0, 0.0), (1.0, 1.0)  # of a texture
 
 
 def px(length: float) -> float:
@@ -49,12 +51,34 @@ def coloured(**colours: str | tuple[str, float]) -> Iterator[None]:
 
 
 @contextmanager
+def style(**lengths: float | tuple[float, float]) -> Iterator[None]:
+    """Lengths by imgui's names, in units of a 100 % display: style(window_padding=(14, 12))."""
+    for name, length in lengths.items():
+        scaled = ImVec2(px(length[0]), px(length[1])) if isinstance(length, tuple) else px(length)
+        imgui.push_style_var(getattr(imgui.StyleVar_, name), scaled)
+    try:
+        yield
+    finally:
+        imgui.pop_style_var(len(lengths))
+
+
+@contextmanager
+def clipped(box: Box) -> Iterator[imgui.ImDrawList]:
+    """The window's list to draw with, cut off at a box."""
+    draw = imgui.get_window_draw_list()
+    draw.push_clip_rect(ImVec2(box[0], box[1]), ImVec2(box[0] + box[2], box[1] + box[3]), True)
+    try:
+        yield draw
+    finally:
+        draw.pop_clip_rect()
+
+
+@contextmanager
 def card(name: str, fonts: Fonts, title: str) -> Iterator[None]:
     """A rounded box as wide as the panel and as high as what is in it."""
     flags = imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.always_use_window_padding
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(14), px(12)))
-    imgui.begin_child(f"##card {name}", ImVec2(0, 0), flags)
-    imgui.pop_style_var()
+    with style(window_padding=(14, 12)):
+        imgui.begin_child(f"##card {name}", ImVec2(0, 0), flags)
     write(translated(title).upper(), theme.MUTED, fonts.bold, theme.SMALL)
     imgui.dummy(ImVec2(0, px(1)))
     try:
@@ -62,6 +86,17 @@ def card(name: str, fonts: Fonts, title: str) -> Iterator[None]:
     finally:
         imgui.end_child()
         imgui.dummy(ImVec2(0, px(2)))
+
+
+@contextmanager
+def list_box(name: str, height: float) -> Iterator[None]:
+    """A dark box whose lines scroll. height: window units."""
+    with coloured(child_bg=theme.BASE):
+        imgui.begin_child(name, ImVec2(0, height), imgui.ChildFlags_.always_use_window_padding)
+    try:
+        yield
+    finally:
+        imgui.end_child()
 
 
 def write(text: str, colour: str = theme.TEXT, face: imgui.ImFont | None = None, size: float = 0.0) -> None:
@@ -118,34 +153,30 @@ def tip(text: str) -> None:
         imgui.set_tooltip(text)
 
 
-def choice(name: str, options: Sequence[str], current: str, titles: dict[str, str] | None = None) -> str | None:
-    """A drop-down list; the option that was picked just now, else None."""
-    titles = titles or {}
+def choice(name: str, titles: Mapping[T, str], shown: str) -> T | None:
+    """A drop-down list of named values; the value that was picked just now, else None. shown: the title of the present one."""
     picked = None
-    if imgui.begin_combo(f"##{name}", titles.get(current, current)):
-        for option in options:
-            if imgui.selectable(titles.get(option, option), option == current)[0]:
+    if imgui.begin_combo(f"##{name}", shown):
+        for option, title in titles.items():
+            if imgui.selectable(title, title == shown)[0]:
                 picked = option
         imgui.end_combo()
     return picked
 
 
-def segments(name: str, options: Sequence[str], current: str, titles: dict[str, str] | None = None) -> str | None:
-    """A few choices side by side, as one control; the one that was picked just now, else None."""
-    titles = titles or {}
+def segments(name: str, titles: Mapping[T, str], current: object) -> T | None:
+    """A few named values side by side, as one control; the value that was picked just now, else None."""
     picked = None
     gap = px(2)
-    width = (imgui.get_content_region_avail().x - gap * (len(options) - 1)) / len(options)
-    imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(0, px(6)))
-    for i, option in enumerate(options):
+    width = (imgui.get_content_region_avail().x - gap * (len(titles) - 1)) / len(titles)
+    for i, (option, title) in enumerate(titles.items()):
         if i:
             imgui.same_line(0, gap)
         chosen = option == current
         face = {"button": theme.ACCENT, "button_hovered": theme.ACCENT, "text": theme.ON_ACCENT} if chosen else {}
-        with coloured(**face):
-            if imgui.button(f"{titles.get(option, option)}##{name}", ImVec2(width, 0)):
+        with style(frame_padding=(0, 6)), coloured(**face):
+            if imgui.button(f"{title}##{name}", ImVec2(width, 0)):
                 picked = option
-    imgui.pop_style_var()
     return picked
 
 
@@ -155,6 +186,14 @@ def slider(
     """A slider that shows `value` `times` larger, between low and high, as printf's `words` say; the new value."""
     changed, moved = imgui.slider_float(f"##{name}", times * value, low, high, words, flags)
     return moved / times if changed else value
+
+
+def undoable_slider(app: App, name: str, value: float, low: float, high: float, words: str) -> float | None:
+    """A slider whose drag is one step that can be undone; the value that it was moved to just now, else None."""
+    changed, moved = imgui.slider_float(f"##{name}", value, low, high, words)
+    if imgui.is_item_activated() and app.scene is not None:
+        app.scene.rig.remember()
+    return moved if changed else None
 
 
 def switch(name: str, on: bool, title: str = "") -> bool:
@@ -179,13 +218,19 @@ def switch(name: str, on: bool, title: str = "") -> bool:
     return on
 
 
+def button(text: str, width: float = -1, height: float = 0, *, enabled: bool = True) -> bool:
+    """A button. width, height: window units; -1 for all of the width, 0 for what the text needs."""
+    imgui.begin_disabled(not enabled)
+    pressed = imgui.button(text, ImVec2(width, height))
+    imgui.end_disabled()
+    return pressed
+
+
 def icon_button(icon: str, name: str, tooltip: str, *, on: bool = False, enabled: bool = True) -> bool:
     """A square button without a frame; lit where `on`."""
     colours = {"button": (theme.ACCENT, 0.16 if on else 0.0), "text": theme.ACCENT if on else theme.MUTED}
-    imgui.begin_disabled(not enabled)
     with coloured(**colours, button_hovered=theme.CONTROL):
-        pressed = imgui.button(f"{icon}##{name}", ImVec2(px(34), px(32)))
-    imgui.end_disabled()
+        pressed = button(f"{icon}##{name}", px(34), px(32), enabled=enabled)
     tip(tooltip)
     return pressed
 
@@ -236,6 +281,20 @@ def elided_start(text: str, width: float) -> str:
     return text
 
 
+def draw_picture(
+    texture: int,
+    low: ImVec2,
+    high: ImVec2,
+    uv: tuple[tuple[float, float], tuple[float, float]] = WHOLE,
+    *,
+    opacity: float = 1.0,
+    rounding: float = 4.0,
+) -> None:
+    """A texture, or the part of it from uv[0] to uv[1], in a rectangle (window units)."""
+    image, shade = imgui.ImTextureRef(texture), theme.packed("#ffffff", opacity)
+    imgui.get_window_draw_list().add_image_rounded(image, low, high, *uv, shade, px(rounding))
+
+
 def chip(text: str, x: float, y: float) -> float:
     """A dark label on the picture, its upper left corner at x, y (window units); where its right edge is."""
     width, height = chip_size(text)
@@ -253,9 +312,9 @@ def chip_size(text: str) -> tuple[float, float]:
     return size.x + px(24), size.y + px(12)
 
 
-def main_button(text: str, width: float = 0.0) -> bool:
+def main_button(text: str, width: float = -1, *, enabled: bool = True) -> bool:
     with coloured(button=theme.ACCENT, button_hovered=theme.TEXT, text=theme.ON_ACCENT):
-        return imgui.button(text, ImVec2(width, px(34)))
+        return button(text, width, px(34), enabled=enabled)
 
 
 def half_width() -> float:
@@ -266,21 +325,18 @@ def half_width() -> float:
 def two_buttons(left: str, right: str) -> int | None:
     """Two buttons side by side; 0 or 1 for the one that was pressed just now."""
     width = half_width()
-    first = imgui.button(left, ImVec2(width, 0))
+    first = button(left, width)
     imgui.same_line()
-    second = imgui.button(right, ImVec2(width, 0))
+    second = button(right, width)
     return 0 if first else 1 if second else None
 
 
 def cancel_or(text: str, width: float, padding: float, *, enabled: bool = True) -> tuple[bool, bool]:
     """The last row of a dialog: whether it was cancelled, also by Escape; and whether `text` was pressed."""
     imgui.set_cursor_pos_x(imgui.get_window_width() - px(padding) - 2 * px(width) - px(8))
-    cancelled = imgui.button("Cancel", ImVec2(px(width), px(34))) or pressed_here(imgui.Key.escape)
+    cancelled = button("Cancel", px(width), px(34)) or pressed_here(imgui.Key.escape)
     imgui.same_line()
-    imgui.begin_disabled(not enabled)
-    pressed = main_button(text, px(width))
-    imgui.end_disabled()
-    return cancelled, pressed
+    return cancelled, main_button(text, px(width), enabled=enabled)
 
 
 def begin_modal(
@@ -296,10 +352,8 @@ def begin_modal(
     imgui.set_next_window_pos(ImVec2(0.5 * size.x, at * size.y), imgui.Cond_.always, ImVec2(0.5, pivot))
     imgui.set_next_window_size(ImVec2(min(px(width), size.x - px(32)), 0))
     flags = imgui.WindowFlags_.no_decoration | imgui.WindowFlags_.no_saved_settings
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(padding[0]), px(padding[1])))
-    shown = imgui.begin_popup_modal(name, None, flags | imgui.WindowFlags_.always_auto_resize)[0]
-    imgui.pop_style_var()
-    return shown
+    with style(window_padding=padding):
+        return imgui.begin_popup_modal(name, None, flags | imgui.WindowFlags_.always_auto_resize)[0]
 
 
 def pressed_here(key: imgui.Key) -> bool:
@@ -341,17 +395,15 @@ def corner_card(name: str, box: Box) -> Iterator[None]:
     kinds = imgui.WindowFlags_
     flags = kinds.no_decoration | kinds.no_saved_settings | kinds.no_nav | kinds.no_docking
     flags |= kinds.no_focus_on_appearing | kinds.always_auto_resize
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(16), px(14)))
-    with coloured(window_bg=theme.CARD):
+    with style(window_padding=(16, 14)), coloured(window_bg=theme.CARD):
         imgui.begin(name, None, flags)
-    imgui.pop_style_var()
     try:
         yield
     finally:
         imgui.end()
 
 
-def titled_button(title: str, button: str, fonts: Fonts, note: str = "") -> bool:
+def titled_button(title: str, action: str, fonts: Fonts, note: str = "") -> bool:
     """The first row of such a card: a title, a note behind it, and a button at the right; whether that was pressed."""
     width = px(BUTTON_WIDTH)
     imgui.align_text_to_frame_padding()
@@ -361,4 +413,4 @@ def titled_button(title: str, button: str, fonts: Fonts, note: str = "") -> bool
         write(note, theme.ACCENT)
     imgui.same_line()
     imgui.set_cursor_pos_x(imgui.get_window_width() - px(16) - width)
-    return imgui.button(button, ImVec2(width, 0))
+    return button(action, width)

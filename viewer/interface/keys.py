@@ -19,7 +19,7 @@ from viewer.core import theme
 from viewer.core.input import KeyPress, shown_keys
 from viewer.core.language import translated
 from viewer.core.theme import Fonts
-from viewer.core.widgets import coloured, figure, in_front, px, write
+from viewer.core.widgets import coloured, figure, in_front, px, style, write
 
 REPEATING = ("Z", "Y", "Num2", "Num4", "Num6", "Num8")  # undo, redo and turning go on while they are held
 
@@ -133,20 +133,16 @@ def show(app: App, fonts: Fonts) -> None:
     kinds = imgui.WindowFlags_
     flags = kinds.no_title_bar | kinds.no_resize | kinds.no_move | kinds.no_collapse | kinds.no_docking
     flags |= kinds.no_saved_settings | kinds.no_nav | kinds.always_auto_resize
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(PADDING[0]), px(PADDING[1])))
-    with coloured(window_bg=theme.PANEL):
+    with style(window_padding=PADDING), coloured(window_bg=theme.PANEL):
         imgui.begin(NAME, None, flags)
-    imgui.pop_style_var()
     write("Keys and mouse", face=fonts.bold, size=theme.LARGE)
-    imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(px(8), px(4)))
-    imgui.push_style_var(imgui.StyleVar_.cell_padding, ImVec2(px(10), 0))
-    if imgui.begin_table("##columns", count, imgui.TableFlags_.sizing_stretch_same):
-        for column in _columns(_groups(app), count):
-            imgui.table_next_column()
-            for group in column:
-                _group(group, fonts)
-        imgui.end_table()
-    imgui.pop_style_var(2)
+    with style(item_spacing=(8, 4), cell_padding=(10, 0)):
+        if imgui.begin_table("##columns", count, imgui.TableFlags_.sizing_stretch_same):
+            for column in _columns(_groups(app), count):
+                imgui.table_next_column()
+                for group in column:
+                    _group(group, fonts)
+            imgui.end_table()
     scroll = app.keyboard.axis("Down", "Up") * imgui.get_io().delta_time
     if scroll:
         imgui.set_scroll_y(imgui.get_scroll_y() + px(SCROLL_PER_S) * scroll)

@@ -19,7 +19,7 @@ from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core.input import shown_keys
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, Entry, coloured, more_button, px
+from viewer.core.widgets import Box, Entry, coloured, more_button, px, style
 from viewer.features.bookmarks import panel as bookmarks_panel
 from viewer.features.camera import panel as camera_panel
 from viewer.features.comparison import panel as comparison_panel
@@ -76,14 +76,9 @@ class Docking:
 
     def space(self, app: App, box: Box, shown: bool) -> Box:
         """Lays the dock space into `box`; what is left of it for the picture. shown: False only keeps it in mind."""
-        imgui.set_next_window_pos(ImVec2(box[0], box[1]))
-        imgui.set_next_window_size(ImVec2(box[2], box[3]))
-        imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(0, 0))
-        imgui.push_style_var(imgui.StyleVar_.window_rounding, 0.0)
         # Only a dock space that is shown has a hole over the picture; else its window would keep the mouse from all below.
         deaf = 0 if shown else imgui.WindowFlags_.no_mouse_inputs
-        imgui.begin(HOST, None, FIXED | imgui.WindowFlags_.no_background | deaf)
-        imgui.pop_style_var(2)
+        begin(HOST, box, (0, 0), imgui.WindowFlags_.no_background | deaf)
         space = imgui.get_id(SPACE)
         if shown:
             self._prepare(app, space, box)
@@ -209,10 +204,8 @@ def begin(name: str, box: Box, padding: tuple[float, float], extra: int = 0) -> 
     """Begins a window that stays in its box; end it with imgui.end()."""
     imgui.set_next_window_pos(ImVec2(box[0], box[1]))
     imgui.set_next_window_size(ImVec2(box[2], box[3]))
-    imgui.push_style_var(imgui.StyleVar_.window_rounding, 0.0)
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(padding[0]), px(padding[1])))
-    imgui.begin(name, None, FIXED | extra)
-    imgui.pop_style_var(2)
+    with style(window_rounding=0.0, window_padding=padding):
+        imgui.begin(name, None, FIXED | extra)
 
 
 def show_rail(app: App, where: Regions) -> None:
@@ -273,10 +266,8 @@ def _page_over(app: App, canvas: Canvas, page: Page, where: Regions, fonts: Font
     imgui.set_next_window_size(ImVec2(wide, height))
     kinds = imgui.WindowFlags_
     flags = kinds.no_move | kinds.no_resize | kinds.no_collapse | kinds.no_docking | kinds.no_saved_settings
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(12), px(12)))
-    imgui.push_style_var(imgui.StyleVar_.window_rounding, 0.0)
-    _, still_open = imgui.begin(f"{page.icon}   {page.title}###over", True, flags)
-    imgui.pop_style_var(2)
+    with style(window_padding=(12, 12), window_rounding=0.0):
+        _, still_open = imgui.begin(f"{page.icon}   {page.title}###over", True, flags)
     with coloured(child_bg=theme.CARD):
         page.show(app, canvas, fonts)
     imgui.end()
@@ -291,9 +282,8 @@ def _page(app: App, canvas: Canvas, page: Page, fonts: Fonts) -> None:
     kind = imgui.WindowClass()
     kind.dock_node_flags_override_set = imgui.internal.DockNodeFlagsPrivate_.no_close_button  # tabs have one each
     imgui.set_next_window_class(kind)
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(12), px(12)))
-    seen, still_open = imgui.begin(page.window, True, imgui.WindowFlags_.no_collapse)
-    imgui.pop_style_var()
+    with style(window_padding=(12, 12)):
+        seen, still_open = imgui.begin(page.window, True, imgui.WindowFlags_.no_collapse)
     if seen:
         with coloured(child_bg=theme.CARD):
             page.show(app, canvas, fonts)

@@ -13,7 +13,7 @@ from viewer.app.frame import draw_frame
 from viewer.core import screen, theme
 from viewer.core.state import Viewport
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, chip, in_front, px
+from viewer.core.widgets import Box, button, chip, in_front, px, style
 from viewer.features.bookmarks import panel as bookmarks_panel
 from viewer.features.camera.panel import AxisGizmo
 from viewer.features.comparison import panel as comparison_panel
@@ -105,6 +105,7 @@ _mouse_state = _MouseState()  # one mouse
 def _mouse(app: App, box: Box, under: _Under) -> None:
     assert app.scene is not None
     io, rig = imgui.get_io(), app.scene.rig
+    at = io.mouse_pos.x - box[0], io.mouse_pos.y - box[1]
     hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
     if imgui.is_item_activated():
         _mouse_state.under, _mouse_state.travelled = under, 0.0
@@ -113,7 +114,7 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
         if _mouse_state.holds != "wipe":
             rig.remember()
         if _mouse_state.holds == "erase":
-            app.erasing.press(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1], subtracts=io.key_ctrl)
+            app.erasing.press(app, *at, subtracts=io.key_ctrl)
     dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
     if imgui.is_item_activated():
         dx = dy = 0.0  # in a slow frame, that is how the mouse came to where it was pressed
@@ -125,19 +126,18 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
         if app.measure_tool.finish(app):
             _mouse_state.travelled = math.inf  # it is no click any more
         elif not app.measure_tool.tool and not app.erasing.tool:
-            app.pivot_at(io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+            app.pivot_at(*at)
     if imgui.is_item_deactivated() and _mouse_state.holds == "erase":
         app.erasing.release(app)
     elif imgui.is_item_deactivated() and _mouse_state.travelled < px(4):
-        _click(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+        _click(app, *at)
     if hovered and io.mouse_wheel:
         if rig.looks_around:
             speed = app.walking.faster(io.mouse_wheel) if rig.walking else rig.faster(io.mouse_wheel)
             app.messages.say(f"Speed {speed:.3g} units per second")
         else:
-            x, y = 2.0 * (io.mouse_pos.x - box[0]) - box[2], 2.0 * (io.mouse_pos.y - box[1]) - box[3]
             rig.remember()
-            rig.dolly(io.mouse_wheel, (x / box[3], -y / box[3]))
+            rig.dolly(io.mouse_wheel, ((2.0 * at[0] - box[2]) / box[3], (box[3] - 2.0 * at[1]) / box[3]))
         app.touch()
     if not io.want_text_input and not io.key_ctrl and not in_front(app) and not app.interface.help_shown:
         _move_by_keys(app)
@@ -155,40 +155,39 @@ def _held(app: App, box: Box) -> str:
 
 def _click(app: App, x: float, y: float) -> None:
     """A button went down and up at one place (window units from the picture's corner)."""
-    review = app.making.review
-    if review is not None and review.picking and _mouse_state.button == LEFT:
+    review, left, under = app.making.review, _mouse_state.button == LEFT, _mouse_state.under
+    if left and review is not None and review.picking:
         app.making.pick_ground(app, x, y)
-    elif app.bookmarks.placing and _mouse_state.button == LEFT:
+    elif left and app.bookmarks.placing:
         app.bookmarks.place(app, x, y)
-    elif app.filming.focusing and _mouse_state.button == LEFT:
+    elif left and app.filming.focusing:
         app.filming.focus_at(app, x, y)
-    elif _mouse_state.holds == "mark" and _mouse_state.under.mark is not None:
-        app.measure_tool.click_point(app, *_mouse_state.under.mark)
-    elif app.measure_tool.tool and _mouse_state.button == LEFT:
+    elif _mouse_state.holds == "mark" and under.mark is not None:
+        app.measure_tool.click_point(app, *under.mark)
+    elif left and app.measure_tool.tool:
         app.measure_tool.click(app, x, y)
-    elif _mouse_state.under.place is not None:
-        app.bookmarks.go(app, _mouse_state.under.place)
-    elif _mouse_state.under.shot is not None:
-        photographs_panel.stand_in(app, _mouse_state.under.shot)
+    elif under.place is not None:
+        app.bookmarks.go(app, under.place)
+    elif under.shot is not None:
+        photographs_panel.stand_in(app, under.shot)
 
 
 def _drag(app: App, box: Box, dx: float, dy: float) -> None:
     """The mouse moved by dx, dy (picture heights) while it holds something."""
     assert app.scene is not None
-    rig, io = app.scene.rig, imgui.get_io()
-    camera = app.camera()
+    rig, io, camera, under = app.scene.rig, imgui.get_io(), app.camera(), _mouse_state.under
+    x, y = io.mouse_pos.x - box[0], io.mouse_pos.y - box[1]
     if _mouse_state.holds == "wipe":
-        app.comparison.split = min(max((io.mouse_pos.x - box[0]) / box[2], 0.02), 0.98)
+        app.comparison.split = min(max(x / box[2], 0.02), 0.98)
     elif _mouse_state.holds == "face":
-        face = _mouse_state.under.face
-        if app.settings.crop is not None and camera is not None and face is not None:
+        if app.settings.crop is not None and camera is not None and under.face is not None:
             moved = (dx * camera.height, dy * camera.height)
-            app.set(crop=crop.dragged(app.scene.pack, app.settings.crop, face, camera, moved))
+            app.set(crop=crop.dragged(app.scene.pack, app.settings.crop, under.face, camera, moved))
     elif _mouse_state.holds == "mark":
-        if _mouse_state.under.mark is not None and _mouse_state.travelled >= px(4):
-            app.measure_tool.move_point(app, *_mouse_state.under.mark, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+        if under.mark is not None and _mouse_state.travelled >= px(4):
+            app.measure_tool.move_point(app, *under.mark, x, y)
     elif _mouse_state.holds == "erase":
-        app.erasing.drag(app, io.mouse_pos.x - box[0], io.mouse_pos.y - box[1])
+        app.erasing.drag(app, x, y)
     else:
         sides = (LEFT, MIDDLE) if rig.bounded else (MIDDLE,) if app.erasing.tool else (RIGHT, MIDDLE)
         pans = _mouse_state.button in sides or (_mouse_state.button == LEFT and io.key_shift)
@@ -278,13 +277,12 @@ def _progress(app: App, box: Box, fonts: Fonts) -> None:
     width, height = min(px(380), box[2] - px(24)), px(84)
     x, y = box[0] + 0.5 * (box[2] - width), box[1] + box[3] - height - px(20)
     imgui.set_cursor_screen_pos(ImVec2(x, y))
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(16), px(12)))
-    imgui.begin_child("##progress", ImVec2(width, height), imgui.ChildFlags_.always_use_window_padding)
-    imgui.pop_style_var()
+    with style(window_padding=(16, 12)):
+        imgui.begin_child("##progress", ImVec2(width, height), imgui.ChildFlags_.always_use_window_padding)
     imgui.align_text_to_frame_padding()
     imgui.text_unformatted(title)
     imgui.same_line(width - px(16) - px(70))
-    if imgui.button("Cancel", ImVec2(px(70), 0)):
+    if button("Cancel", px(70)):
         app.opening.cancel(app) if app.loading is not None else app.filming.cancel(app)
     imgui.progress_bar(share, ImVec2(-1, px(6)), "")
     imgui.end_child()

@@ -369,7 +369,7 @@ def test_the_scene_is_exported_within_the_crop_box_and_can_be_cancelled(film_pag
     press(watched, xdotool, "Points##kind")
     wait(window, lambda: app.exporting.plan.kind == "points")
     press(watched, xdotool, "Sparse##spacing")
-    wait(window, lambda: app.exporting.plan.spacing == "Sparse")
+    wait(window, lambda: app.exporting.plan.spacing == 2.0)
     press(watched, xdotool, "Export…")
     type_path(window, xdotool, tmp_path / "plate.ply")
     goal = app.scene.rig.goal

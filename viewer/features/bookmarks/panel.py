@@ -13,10 +13,11 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.annotations import Bookmark
 from viewer.core.screen import Screen
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, card, coloured, elided, hint, icon_button, label, main_button, px, switch, tip
+from viewer.core.widgets import Box, px
 from viewer.features.bookmarks.bookmarks import SIZE, pose_of
 from viewer.rendering.canvas import Canvas
 
@@ -29,29 +30,27 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     if app.scene is None:
         return
     views = app.annotations.current.bookmarks
-    with card("bookmarks", fonts, "Bookmarks"):
-        if main_button(f"{fa.ICON_FA_BOOKMARK}  Bookmark this view", -1):
+    with ui.card("bookmarks", fonts, "Bookmarks"):
+        if ui.main_button(f"{fa.ICON_FA_BOOKMARK}  Bookmark this view"):
             run(app, "bookmark")
         waits = "Click on a surface" if app.bookmarks.placing else "Annotate a place"
-        if imgui.button(f"{fa.ICON_FA_LOCATION_DOT}  {waits}###annotate", ImVec2(-1, 0)):
+        if ui.button(f"{fa.ICON_FA_LOCATION_DOT}  {waits}###annotate"):
             run(app, "annotate")
-        tip("A number marks it in the picture; its bookmark has the title and the text")
+        ui.tip("A number marks it in the picture; its bookmark has the title and the text")
         if views:
             _list(app, canvas)
             _chosen(app)
         else:
-            hint(NO_VIEWS)
-    with card("fly", fonts, "Film"):
-        imgui.begin_disabled(len(views) < 2)
-        if imgui.button(f"{fa.ICON_FA_FILM}  Film through the bookmarks", ImVec2(-1, 0)):
+            ui.hint(NO_VIEWS)
+    with ui.card("fly", fonts, "Film"):
+        if ui.button(f"{fa.ICON_FA_FILM}  Film through the bookmarks", enabled=len(views) > 1):
             run(app, "film-bookmarks")
-        imgui.end_disabled()
-        hint("Makes them the keyframes of the camera path.")
-    with card("session", fonts, "Session"):
-        if imgui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save the session…", ImVec2(-1, 0)):
+        ui.hint("Makes them the keyframes of the camera path.")
+    with ui.card("session", fonts, "Session"):
+        if ui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save the session…"):
             run(app, "save-session")
-        tip("Ctrl+Shift+S")
-        hint("A small file with all open packs, their cameras, crops and marks. Open it like a pack.")
+        ui.tip("Ctrl+Shift+S")
+        ui.hint("A small file with all open packs, their cameras, crops and marks. Open it like a pack.")
 
 
 def _list(app: App, canvas: Canvas) -> None:
@@ -60,28 +59,26 @@ def _list(app: App, canvas: Canvas) -> None:
     views = app.annotations.current.bookmarks
     rows = min(len(views), SHOWN)
     height = rows * px(HEIGHT) + (rows - 1) * imgui.get_style().item_spacing.y + px(30)
-    with coloured(child_bg=theme.BASE):
-        imgui.begin_child("##bookmarks", ImVec2(0, height), imgui.ChildFlags_.always_use_window_padding)
-    for i, view in enumerate(views):
-        turned = replace(table, up=view.up)
-        pose = pose_of(view, turned).matrix(turned)
-        texts = view.name, "" if view.point is None else str(i + 1)
-        if row(app, canvas, f"bookmark{i}", (pose, view.fov), texts, chosen=i == bookmarks.selected):
-            bookmarks.go(app, i)
-    imgui.end_child()
+    with ui.list_box("##bookmarks", height):
+        for i, view in enumerate(views):
+            turned = replace(table, up=view.up)
+            pose = pose_of(view, turned).matrix(turned)
+            texts = view.name, "" if view.point is None else str(i + 1)
+            if row(app, canvas, f"bookmark{i}", (pose, view.fov), texts, chosen=i == bookmarks.selected):
+                bookmarks.go(app, i)
 
 
 def _chosen(app: App) -> None:
     bookmarks, views = app.bookmarks, app.annotations.current.bookmarks
     index = bookmarks.selected
     if index is None or index >= len(views):
-        hint("Click on one to go there.")
+        ui.hint("Click on one to go there.")
         return
     move, update = partial(bookmarks.move, app, index), partial(bookmarks.update, app, index)
     if changed_by_buttons(move, update, partial(bookmarks.remove, app, index)):
         return
     imgui.new_line()
-    label("Name")
+    ui.label("Name")
     imgui.push_id(index)
     changed, text = imgui.input_text("##name", bookmarks.naming or views[index].name)
     if changed:
@@ -106,7 +103,7 @@ def _text(app: App, index: int) -> None:
         if bookmarks.wording is not None:
             bookmarks.give_text(app, index, bookmarks.wording)
         bookmarks.wording = None
-    bookmarks.shown = switch("places", bookmarks.shown, "Show places")
+    bookmarks.shown = ui.switch("places", bookmarks.shown, "Show places")
 
 
 # --- Annotated places over the picture ---
@@ -122,23 +119,21 @@ def draw(app: App, box: Box, over: bool) -> int | None:
         return None
     places, before = Screen(app, box).points(np.array([views[i].point for i in marked]))
     covered, mouse, under = bookmarks.covered(app), imgui.get_io().mouse_pos, None
-    draw_list = imgui.get_window_draw_list()
-    draw_list.push_clip_rect(ImVec2(box[0], box[1]), ImVec2(box[0] + box[2], box[1] + box[3]), True)
     seen = {i: at for i, at, ahead in zip(marked, places, before, strict=True) if ahead}
     seen = {i: at for i, at in seen.items() if views[i].point not in covered}
     for i, at in seen.items():
         under = i if over and np.hypot(mouse.x - at.x, mouse.y - at.y) < px(RADIUS) else under
-    for i, at in seen.items():
-        hot = i in (under, bookmarks.selected)
-        draw_list.add_circle_filled(at, px(RADIUS + 1.5), theme.packed(theme.BASE, 0.85))
-        draw_list.add_circle_filled(at, px(RADIUS), theme.packed(theme.ACCENT if hot else theme.CARD))
-        size = imgui.calc_text_size(str(i + 1))
-        colour = theme.packed(theme.ON_ACCENT if hot else theme.TEXT)
-        draw_list.add_text(ImVec2(at.x - 0.5 * size.x, at.y - 0.5 * size.y), colour, str(i + 1))
-    said = bookmarks.selected if under is None else under
-    if said in seen:
-        _say(views[said], seen[said], box)
-    draw_list.pop_clip_rect()
+    with ui.clipped(box) as draw_list:
+        for i, at in seen.items():
+            hot = i in (under, bookmarks.selected)
+            draw_list.add_circle_filled(at, px(RADIUS + 1.5), theme.packed(theme.BASE, 0.85))
+            draw_list.add_circle_filled(at, px(RADIUS), theme.packed(theme.ACCENT if hot else theme.CARD))
+            size = imgui.calc_text_size(str(i + 1))
+            colour = theme.packed(theme.ON_ACCENT if hot else theme.TEXT)
+            draw_list.add_text(ImVec2(at.x - 0.5 * size.x, at.y - 0.5 * size.y), colour, str(i + 1))
+        said = bookmarks.selected if under is None else under
+        if said in seen:
+            _say(views[said], seen[said], box)
     return under
 
 
@@ -167,7 +162,7 @@ def changed_by_buttons(move: Callable[[int], None], update: Callable[[], None], 
         (fa.ICON_FA_CAMERA, "update", "Move it to the current camera", update),
         (fa.ICON_FA_TRASH, "remove", "Remove", remove),
     ):
-        if icon_button(icon, name, tooltip):
+        if ui.icon_button(icon, name, tooltip):
             action()
             return True
         imgui.same_line(0, px(2))
@@ -192,12 +187,11 @@ def row(
     if texture is None:
         draw.add_rect_filled(low, high, theme.packed(theme.CONTROL), px(4))
     else:
-        white, whole = theme.packed("#ffffff"), (ImVec2(0, 0), ImVec2(1, 1))
-        draw.add_image_rounded(imgui.ImTextureRef(texture), low, high, *whole, white, px(4))
+        ui.draw_picture(texture, low, high)
     middle = at.y + 0.5 * (px(HEIGHT) - imgui.get_text_line_height())
     right = imgui.calc_text_size(texts[1]).x
     left = px(WIDTH + GAP)
-    shown = elided(texts[0], width - left - right - px(2 * GAP if texts[1] else GAP))
+    shown = ui.elided(texts[0], width - left - right - px(2 * GAP if texts[1] else GAP))
     draw.add_text(ImVec2(at.x + left, middle), theme.packed(theme.TEXT), shown)
     draw.add_text(ImVec2(at.x + width - right - px(4), middle), theme.packed(theme.MUTED), texts[1])
     return clicked

@@ -10,73 +10,73 @@ from scenepack.placement import moved_pose
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.pose import UP_AXES
 from viewer.core.screen import AXIS_COLOURS
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, card, figure, font, hint, label, px, segments, slider, switch, tip, two_buttons
+from viewer.core.widgets import Box, px
+from viewer.features.camera.orbit_camera import Navigation
 from viewer.features.camera.walking import EYE_HEIGHTS
 from viewer.features.crop.panel import near_plane
 from viewer.rendering.canvas import Canvas
+
+PROJECTIONS = {False: "Perspective", True: "Ortho"}  # by whether it is orthographic
+NAVIGATIONS: dict[Navigation, str] = {"orbit": "Orbit", "fly": "Fly", "walk": "Walk"}
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     if app.scene is None:
         return
     rig = app.scene.rig
-    with card("go", fonts, "Go to"):
-        pressed = two_buttons(f"{fa.ICON_FA_HOUSE}  First view", f"{fa.ICON_FA_EXPAND}  Whole scene")
+    with ui.card("go", fonts, "Go to"):
+        pressed = ui.two_buttons(f"{fa.ICON_FA_HOUSE}  First view", f"{fa.ICON_FA_EXPAND}  Whole scene")
         if pressed is not None:
             run(app, ("home", "frame")[pressed])
         if not rig.bounded:
             for views in (("front", "right", "top"), ("back", "left", "bottom")):
-                if picked := segments(f"axis {views[0]}", list(views), "", {view: view.capitalize() for view in views}):
+                if picked := ui.segments(f"axis {views[0]}", {view: view.capitalize() for view in views}, ""):
                     run(app, picked)
-            label("Projection")
-            now = "orthographic" if rig.orthographic else "perspective"
-            titles = {"perspective": "Perspective", "orthographic": "Ortho"}
-            if segments("projection", list(titles), now, titles) not in (None, now):
+            ui.label("Projection")
+            if ui.segments("projection", PROJECTIONS, rig.orthographic) not in (None, rig.orthographic):
                 run(app, "orthographic")
-            app.interface.axes_shown = switch("axes", app.interface.axes_shown, "Axes")
-            label("Navigation")
-            titles = {"orbit": "Orbit", "fly": "Fly", "walk": "Walk"}
-            if (picked := segments("navigation", list(titles), rig.navigation, titles)) not in (None, rig.navigation):
+            app.interface.axes_shown = ui.switch("axes", app.interface.axes_shown, "Axes")
+            ui.label("Navigation")
+            if (picked := ui.segments("navigation", NAVIGATIONS, rig.navigation)) not in (None, rig.navigation):
                 run(app, rig.navigation if picked == "orbit" else picked)
             *move, down, up = app.keyboard.flying_names
             if rig.walking:
-                label("Eye height")
-                app.walking.eye_height_m = slider("eye height", app.walking.eye_height_m, *EYE_HEIGHTS, "%.2f m")
+                ui.label("Eye height")
+                app.walking.eye_height_m = ui.slider("eye height", app.walking.eye_height_m, *EYE_HEIGHTS, "%.2f m")
                 if not app.annotations.current.scale.unit:
-                    hint("The scene has no scale, so that its metres are a guess.")
-                hint(
+                    ui.hint("The scene has no scale, so that its metres are a guess.")
+                ui.hint(
                     f"{' '.join(move)} or the arrows to walk, {up} to jump, Shift faster, drag to look, wheel for the speed."
                 )
             elif rig.flying:
-                hint(
+                ui.hint(
                     f"{' '.join(move)} or the arrows to move, {down} and {up} down and up, Shift faster, drag to look, "
                     "wheel for the speed."
                 )
-    with card("lens", fonts, "Lens"):
-        label("Field of view")
-        changed, value = imgui.slider_float("##fov", rig.fov, 10.0, 110.0, "%.0f°")
-        if imgui.is_item_activated():
-            rig.remember()
-        tip("Vertical angle; Ctrl+click to type")
-        if changed:
+    with ui.card("lens", fonts, "Lens"):
+        ui.label("Field of view")
+        value = ui.undoable_slider(app, "fov", rig.fov, 10.0, 110.0, "%.0f°")
+        ui.tip("Vertical angle; Ctrl+click to type")
+        if value is not None:
             app.set_fov(value)
         if not rig.bounded:
             near_plane(app)
-            label("Up")
-            if picked := segments("up", list(UP_AXES), rig.table.up):
+            ui.label("Up")
+            if picked := ui.segments("up", {axis: axis for axis in UP_AXES}, rig.table.up):
                 rig.set_up(picked)
-    with card("where", fonts, "Position"):
+    with ui.card("where", fonts, "Position"):
         placed_T_grid = app.annotations.current.placed_T_grid
         pose = moved_pose(placed_T_grid, rig.matrix)
-        figure("Eye", _numbers(pose[:3, 3]))
-        figure("Direction", _numbers(-pose[:3, 2]))
+        ui.figure("Eye", _numbers(pose[:3, 3]))
+        ui.figure("Direction", _numbers(-pose[:3, 2]))
         if not rig.bounded:
-            figure("Pivot", _numbers((placed_T_grid @ (*rig.goal.pivot, 1.0))[:3]))
-        hint("In the placed frame, y up.")
-        pressed = two_buttons(f"{fa.ICON_FA_COPY}  Copy pose", f"{fa.ICON_FA_PASTE}  Paste pose")
+            ui.figure("Pivot", _numbers((placed_T_grid @ (*rig.goal.pivot, 1.0))[:3]))
+        ui.hint("In the placed frame, y up.")
+        pressed = ui.two_buttons(f"{fa.ICON_FA_COPY}  Copy pose", f"{fa.ICON_FA_PASTE}  Paste pose")
         if pressed is not None:
             run(app, ("copy-pose", "paste")[pressed])
 
@@ -174,7 +174,7 @@ def _draw_axes(middle: np.ndarray, places: np.ndarray, depths: np.ndarray, under
             draw.add_circle(place, size + px(1.5), theme.packed("#ffffff"), 0, px(2))
         if positive or end == under:
             name = NAMES[end % 3] if positive else f"-{NAMES[end % 3]}"
-            with font(None, theme.SMALL):
+            with ui.font(None, theme.SMALL):
                 wide = imgui.calc_text_size(name)
                 at = ImVec2(place.x - wide.x / 2, place.y - wide.y / 2)
                 draw.add_text(at, theme.packed(ON_BALL if positive else "#ffffff"), name)

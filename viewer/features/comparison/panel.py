@@ -12,17 +12,18 @@ from viewer.core import widgets as ui
 from viewer.core.screen import draw_layers
 from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, px
+from viewer.features.comparison.comparison import How
 from viewer.features.opening.open_prompt import ask_to_open
 from viewer.rendering.canvas import Canvas
 
-HOW = {"wipe": "Wipe", "flip": "Flip", "difference": "Difference"}
+HOW: dict[How, str] = {"wipe": "Wipe", "flip": "Flip", "difference": "Difference"}
 
 
 def compare_controls(app: App, fonts: Fonts, title: str) -> None:
     """How two pictures are compared; shared with the page of packs."""
     comparison = app.comparison
     with ui.card("compare", fonts, title):
-        comparison.how = ui.segments("how", list(HOW), comparison.how, HOW) or comparison.how  # type: ignore[assignment]
+        comparison.how = ui.segments("how", HOW, comparison.how) or comparison.how
         if comparison.how == "difference":
             ui.label("Amplified")
             comparison.gain = ui.slider("gain", comparison.gain, 1.0, 32.0, "%.0f ×")
@@ -36,7 +37,7 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
             photographs = app.gallery.photographs
             if photographs is not None and not photographs.reachable:
                 ui.hint("Compared with the copy in the pack.")
-        if imgui.button("End comparison", ImVec2(-1, 0)):
+        if ui.button("End comparison"):
             comparison.drop_other(app) if comparison.against == "pack" else comparison.stop()
 
 
@@ -48,7 +49,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             ui.figure("Right", comparison.other_path.name)
         else:
             ui.hint("Choose a second pack, for example another bake of the same scene. Both use the same camera.")
-        if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose a pack…", ImVec2(-1, 0)):
+        if ui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose a pack…"):
             ask_to_open(app, other=True)
     if comparison.against == "pack":
         compare_controls(app, fonts, "Compare")
@@ -69,9 +70,8 @@ def draw_comparison(app: App, canvas: Canvas, box: Box) -> None:
         draw = imgui.get_window_draw_list()
         x, y, width, height = box
         edge = x + comparison.split * width
-        draw.push_clip_rect(ImVec2(edge, y), ImVec2(x + width, y + height), True)
-        draw_layers(other, box)
-        draw.pop_clip_rect()
+        with ui.clipped((edge, y, x + width - edge, height)):
+            draw_layers(other, box)
         draw.add_line(ImVec2(edge, y), ImVec2(edge, y + height), theme.packed(theme.BASE, 0.6), px(4))
         draw.add_line(ImVec2(edge, y), ImVec2(edge, y + height), theme.packed(theme.ACCENT), px(2))
         middle = y + height / 2

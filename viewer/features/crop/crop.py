@@ -5,7 +5,7 @@ Corners are in the grid frame; no box means that nothing is cut off.
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from viewer.rendering.camera import ViewCamera, content_box
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 FACES = tuple((axis, side) for axis in range(3) for side in range(2))  # side 0: the low face
 Tool = Literal["faces", "move", "scale"]
-TOOLS: tuple[Tool, ...] = get_args(Tool)
+
 THINNEST = 0.01  # of the content's extent along an axis
 
 

@@ -6,21 +6,22 @@ ImGuizmo only takes hold of the mouse where no widget is under it, so that the p
 from __future__ import annotations
 
 import numpy as np
-from imgui_bundle import ImVec2, imgui, imguizmo
 from imgui_bundle import icons_fontawesome_6 as fa
+from imgui_bundle import imgui, imguizmo
 
 from scenepack.pack import Pack
 from viewer.app.application import App
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.pose import BOX_EDGES, box_points
 from viewer.core.screen import AXIS_COLOURS, Screen
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, card, hint, icon_button, label, px, segments, switch, tip
+from viewer.core.widgets import Box, px
 from viewer.features.crop import crop
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 
-TITLES = {"faces": "Faces", "move": "Move", "scale": "Scale"}
+TITLES: dict[crop.Tool, str] = {"faces": "Faces", "move": "Move", "scale": "Scale"}
 HINTS = {
     "faces": "Drag the dots on the box's faces in the picture.",
     "move": "Drag the arrows in the picture, or the squares between them.",
@@ -33,56 +34,48 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         return
     pack, rig = app.scene.pack, app.scene.rig
     if rig.bounded:
-        with card("none", fonts, "Crop box"):
-            hint("Forward-facing packs use a warped space (NDC), where a crop box does not work.")
+        with ui.card("none", fonts, "Crop box"):
+            ui.hint("Forward-facing packs use a warped space (NDC), where a crop box does not work.")
         return
-    with card("crop", fonts, "Crop box"):
-        on = switch("crop", app.settings.crop is not None, "Crop to a box")
-        if on != (app.settings.crop is not None):
-            app.cut(crop=crop.whole(pack) if on else None)
+    with ui.card("crop", fonts, "Crop box"):
+        if ui.switch("crop", app.settings.crop is not None, "Crop to a box") != (app.settings.crop is not None):
+            app.cut(crop=crop.whole(pack) if app.settings.crop is None else None)
         if app.settings.crop is None:
-            hint("The whole scene is shown.")
+            ui.hint("The whole scene is shown.")
         else:
-            app.crop_tool = segments("tool", crop.TOOLS, app.crop_tool, TITLES) or app.crop_tool  # type: ignore[assignment]
-            hint(HINTS[app.crop_tool])
+            app.crop_tool = ui.segments("tool", TITLES, app.crop_tool) or app.crop_tool
+            ui.hint(HINTS[app.crop_tool])
             _faces(app, pack)
-            imgui.begin_disabled(app.settings.crop == crop.whole(pack))
-            if imgui.button(f"{fa.ICON_FA_ROTATE_LEFT}  Reset the box", ImVec2(-1, 0)):
+            if ui.button(f"{fa.ICON_FA_ROTATE_LEFT}  Reset the box", enabled=app.settings.crop != crop.whole(pack)):
                 app.cut(crop=crop.whole(pack))
-            imgui.end_disabled()
-            tip("To the whole scene")
-    with card("near", fonts, "Slice"):
+            ui.tip("To the whole scene")
+    with ui.card("near", fonts, "Slice"):
         near_plane(app)
-        hint("Hides everything closer to the camera than this, in grid units.")
+        ui.hint("Hides everything closer to the camera than this, in grid units.")
 
 
 def near_plane(app: App) -> None:
     """The row with the near plane's slider and its reset; one drag is one step to be undone."""
     assert app.scene is not None
-    rig = app.scene.rig
-    label("Near plane")
+    ui.label("Near plane")
     imgui.set_next_item_width(-px(34) - px(8))
-    changed, value = imgui.slider_float("##near", app.settings.near, 0.0, 3.0 * rig.radius, "%.3f")
-    if imgui.is_item_activated():
-        rig.remember()
-    tip("Hide everything closer than this, in grid units")
-    if changed:
+    value = ui.undoable_slider(app, "near", app.settings.near, 0.0, 3.0 * app.scene.rig.radius, "%.3f")
+    ui.tip("Hide everything closer than this, in grid units")
+    if value is not None:
         app.set(near=value)
     imgui.same_line()
-    if icon_button(fa.ICON_FA_ROTATE_LEFT, "near reset", "Reset the near plane", enabled=app.settings.near > 0):
+    if ui.icon_button(fa.ICON_FA_ROTATE_LEFT, "near reset", "Reset the near plane", enabled=app.settings.near > 0):
         app.cut(near=0.0)
 
 
 def _faces(app: App, pack: Pack) -> None:
     outer = crop.whole(pack)
     for face, (axis, side) in enumerate(crop.FACES):
-        assert app.settings.crop is not None and app.scene is not None
-        label(f"{'xyz'[axis]} {'from' if side == 0 else 'to'}")
+        assert app.settings.crop is not None
+        ui.label(f"{'xyz'[axis]} {'from' if side == 0 else 'to'}")
         before, ends = app.settings.crop, (outer[0][axis], outer[1][axis])
-        changed, value = imgui.slider_float(f"##face{face}", before[side][axis], *ends, "%.3f")
-        if imgui.is_item_activated():
-            app.scene.rig.remember()
-        if changed:
+        value = ui.undoable_slider(app, f"face{face}", before[side][axis], *ends, "%.3f")
+        if value is not None:
             app.set(crop=crop.with_face(pack, before, face, value))
 
 
@@ -161,8 +154,7 @@ def draw_crop(app: App, box: Box) -> int | None:
     screen, mouse = Screen(app, box), imgui.get_io().mouse_pos
     low, high = np.asarray(app.settings.crop[0]), np.asarray(app.settings.crop[1])
     corners = box_points(low, high)
-    screen.lines(corners, BOX_EDGES, theme.packed(theme.BASE, 0.5), px(3))
-    screen.lines(corners, BOX_EDGES, theme.packed(theme.ACCENT), px(1.5))
+    screen.outlined_lines(corners, BOX_EDGES, theme.ACCENT, 1.5, 3, shade=0.5)
     if app.crop_tool != "faces":
         return None
     places, before = screen.points(np.array([crop.face_centre(app.settings.crop, face) for face in range(6)]))

@@ -9,8 +9,9 @@ from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.theme import Fonts
-from viewer.core.widgets import card, choice, figure, font, hint, label, px, segments, slider, switch, tip
+from viewer.core.widgets import px
 from viewer.features.display.display import BACKGROUNDS, PLAIN, modes_for, set_look
 from viewer.features.performance import panel as performance_panel
 from viewer.rendering.canvas import Canvas
@@ -31,60 +32,57 @@ MODE_WORDS = {  # the title of each mode, and what it shows
     "macroblocks": ("Macroblocks", "One colour for each macroblock that a ray hits first."),
     "atlas": ("Atlas", "All macroblocks as they lie in memory."),
 }
-RESOLUTIONS = {"1.0": "Full", "0.75": "75 %", "0.5": "Half", "0.25": "Quarter"}
+RESOLUTIONS = {1.0: "Full", 0.75: "75 %", 0.5: "Half", 0.25: "Quarter"}
+BACKDROPS = {PLAIN: "Plain", "gradient": "Gradient", "checker": "Checker"}
 
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    with card("mode", fonts, "Display"):
-        label("Mode")
-        titles = {mode: title for mode, (title, _) in MODE_WORDS.items()}
-        app.set(mode=choice("mode", modes_for(app), app.settings.mode, titles) or app.settings.mode)
-        hint(MODE_WORDS[app.settings.mode][1])
+    with ui.card("mode", fonts, "Display"):
+        ui.label("Mode")
+        titles = {mode: MODE_WORDS[mode][0] for mode in modes_for(app)}
+        app.set(mode=ui.choice("mode", titles, MODE_WORDS[app.settings.mode][0]) or app.settings.mode)
+        ui.hint(MODE_WORDS[app.settings.mode][1])
         if app.settings.mode in ("samples", "jumps"):
-            label("Maximum")
-            app.set(cost_scale=slider("cost", app.settings.cost_scale, 4.0, 512.0, "%.0f"))
+            ui.label("Maximum")
+            app.set(cost_scale=ui.slider("cost", app.settings.cost_scale, 4.0, 512.0, "%.0f"))
         _background(app)
         if app.scene is not None and app.scene.pack.contraction is not None:
-            app.set(surroundings=switch("surroundings", app.settings.surroundings, "Surroundings"))
-            tip("What lies beyond the inner cube of an unbounded scene")
-    with card("look", fonts, "Colour"):
+            app.set(surroundings=ui.switch("surroundings", app.settings.surroundings, "Surroundings"))
+            ui.tip("What lies beyond the inner cube of an unbounded scene")
+    with ui.card("look", fonts, "Colour"):
         _look(app)
-    with card("resolution", fonts, "Resolution"):
-        if picked := segments("rest", list(RESOLUTIONS), str(app.resolution.rest_scale), RESOLUTIONS):
-            app.resolution.rest_scale = float(picked)
+    with ui.card("resolution", fonts, "Resolution"):
+        if picked := ui.segments("rest", RESOLUTIONS, app.resolution.rest_scale):
+            app.resolution.rest_scale = picked
             app.touch()
-        app.resolution.enabled = switch("dynamic", app.resolution.enabled, "Dynamic resolution")
+        app.resolution.enabled = ui.switch("dynamic", app.resolution.enabled, "Dynamic resolution")
         if app.resolution.enabled:
-            label("Target")
-            app.resolution.target_fps = slider("target", app.resolution.target_fps, 10.0, 120.0, "%.0f fps")
-        hint("Draws fewer pixels while the camera moves, and all of them when it rests.")
-    with card("time", fonts, "Frame time"):
+            ui.label("Target")
+            app.resolution.target_fps = ui.slider("target", app.resolution.target_fps, 10.0, 120.0, "%.0f fps")
+        ui.hint("Draws fewer pixels while the camera moves, and all of them when it rests.")
+    with ui.card("time", fonts, "Frame time"):
         performance_panel.frame_time(app, fonts)
         performance_panel.rolling(app.times, app.resolution.target_ms, px(84))
         width, height = canvas.drawn_size
-        figure("Pixels drawn", f"{width} × {height}")
+        ui.figure("Pixels drawn", f"{width} × {height}")
 
 
 def _look(app: App) -> None:
     look = app.annotations.current.look or Look()
     for name, (least, most) in LOOKS.items():
-        label(name.capitalize())
-        changed, value = imgui.slider_float(f"##{name}", getattr(look, name), least, most, "%.2f")
-        if imgui.is_item_activated() and app.scene is not None:
-            app.scene.rig.remember()
-        if changed:
+        ui.label(name.capitalize())
+        value = ui.undoable_slider(app, name, getattr(look, name), least, most, "%.2f")
+        if value is not None:
             set_look(app, **{name: value})
-    imgui.begin_disabled(look == Look())
-    if imgui.button("Colours as they are", ImVec2(-1, 0)):
+    if ui.button("Colours as they are", enabled=look != Look()):
         app.annotations.change(app, replace(app.annotations.current, look=None))
-    imgui.end_disabled()
-    hint(
+    ui.hint(
         "Of the scene, not of its background; kept with the pack. Comparisons with photographs show colours as they are."
     )
 
 
 def _background(app: App) -> None:
-    label("Background")
+    ui.label("Background")
     current = app.settings.background
     side, gap = px(26), px(8)
     draw = imgui.get_window_draw_list()
@@ -107,12 +105,11 @@ def _background(app: App) -> None:
         imgui.set_tooltip("Another colour")
     if changed:
         app.set(background=tuple(float(v) for v in value[:3]), backdrop=None)
-    label("Behind it")
-    titles = {PLAIN: "Plain", "gradient": "Gradient", "checker": "Checker"}
+    ui.label("Behind it")
     now = app.settings.backdrop.style if app.settings.backdrop is not None else PLAIN
-    if picked := segments("backdrop", list(titles), now, titles):
+    if picked := ui.segments("backdrop", BACKDROPS, now):
         app.set_backdrop(picked)
-    tip("By opacity, after shading: the colours of the scene stay those that it was trained with")
+    ui.tip("By opacity, after shading: the colours of the scene stay those that it was trained with")
 
 
 # --- What the colours of a false-colour picture mean: a bar with numbers and their unit, in the picture's ---
@@ -159,7 +156,7 @@ def show_legend(app: App, box: tuple[float, float, float, float]) -> None:
     if legend is None:
         return
     draw = imgui.get_window_draw_list()
-    with font(None, theme.SMALL):
+    with ui.font(None, theme.SMALL):
         line = imgui.get_text_line_height()
         width = min(px(BAR[0]), box[2] - px(28 + 2 * LEGEND_PADDING))
         height = px(BAR[1]) + 2 * line + px(10)

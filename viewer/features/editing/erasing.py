@@ -61,13 +61,6 @@ FAINTEST = (0.004, 0.5)  # opacity
 Choose = Callable[[Voxels, Edits], Selection]  # of the voxels that are left, with what is selected now
 
 
-@dataclass(frozen=True)
-class _Choice:
-    choose: Choose  # called in a thread
-    replaces: bool = False  # its result is all that is selected; else it adds or subtracts
-    base: Selection | None = None  # what it adds to: of a rule whose slider is moved, what was selected before
-
-
 @dataclass
 class Erasing:
     """State of the page, and what the mouse does in the picture."""
@@ -84,10 +77,10 @@ class Erasing:
     _stroke: tuple[float, float] | None = None  # where the brush painted last
     _subtracts: bool = False  # the stroke of this moment
     _dabs: deque[tuple[float, float]] = field(default_factory=deque)
-    _wanted: _Choice | None = None
-    _working: tuple[_Choice, Edits, Task[Selection]] | None = None
+    _wanted: tuple[Choose, bool] | None = None  # gives all that is selected; and whether that is a step to be undone
+    _working: tuple[bool, Edits, Task[Selection]] | None = None  # the latter, what was selected, and the thread
     _parts: tuple[Selection, Parts] | None = None  # of what was left when this had been removed
-    _base: Selection | None = None
+    _base: Selection | None = None  # what was selected before the slider of a rule was taken
     _drawn: float = 0.0  # when the picture was drawn anew
 
     def of_another_scene(self) -> Erasing:
@@ -174,7 +167,7 @@ class Erasing:
         elif self.tool == "sphere" and stroke is not None and self.cursor is not None and self.reach > 0:
             hit, radius = self.cursor, self.reach / self._units_per_voxel(app, self.cursor)
             self.reach = 0.0
-            self._begin(app, lambda voxels, _: voxels.in_ball(hit.position, radius))
+            self._combine(app, lambda voxels, _: voxels.in_ball(hit.position, radius))
         app.touch()
 
     def _select_within(self, app: App, outline: np.ndarray) -> None:
@@ -185,7 +178,7 @@ class Erasing:
             return
         if not self.through and canvas is not None:
             depth = depth_within(canvas, camera, settings, box, app.resolution.moving_scale)
-        self._begin(app, lambda voxels, _: seen_within(voxels, camera, settings, outline, box, depth))
+        self._combine(app, lambda voxels, _: seen_within(voxels, camera, settings, outline, box, depth))
 
     def radius_units(self, app: App, hit: Hit) -> float:
         """Of the brush at a surface, window units."""
@@ -217,7 +210,7 @@ class Erasing:
             rules["inside"] = lambda voxels, _: voxels.in_box(crop)
             rules["outside"] = lambda voxels, _: voxels.everything() - voxels.in_box(crop)
         self._subtracts = not self.adds
-        self._begin(app, rules[rule], base=self._base)
+        self._combine(app, rules[rule], self._base)
 
     def _parts_of(self, voxels: Voxels, edits: Edits) -> Parts:
         """Found once for what is left."""
@@ -241,11 +234,22 @@ class Erasing:
             "shrink": lambda voxels, edits: voxels.shrunk(edits.selected),
             "clear": lambda voxels, edits: NOTHING,
         }
-        self._begin(app, ways[how], replaces=True)
+        self._begin(app, ways[how])
 
-    def _begin(self, app: App, choose: Choose, *, replaces: bool = False, base: Selection | None = None) -> None:
+    def _combine(self, app: App, choose: Choose, base: Selection | None = None) -> None:
+        """Adds what is chosen to `base`, or to what is selected (None), or takes it away."""
+        subtracts = self._subtracts
+
+        def combined(voxels: Voxels, edits: Edits) -> Selection:
+            found, start = choose(voxels, edits), edits.selected if base is None else base
+            return start - found if subtracts else start | found
+
+        self._begin(app, combined, undoable=base is None)
+
+    def _begin(self, app: App, choose: Choose, *, undoable: bool = True) -> None:
+        """Has a thread choose all that is selected."""
         _preview(app)
-        self._wanted = _Choice(choose, replaces, base)
+        self._wanted = choose, undoable
         app.touch()
 
     # What is selected
@@ -268,9 +272,8 @@ class Erasing:
         self._paint(app, scene)
         self._take(app, scene)
         if scene.preview.settled and self._working is None and self._wanted is not None:
-            choice, self._wanted = self._wanted, None
-            voxels, edits = scene.preview.voxels, scene.edits
-            self._working = choice, edits, Task(lambda: choice.choose(voxels, edits))
+            (choose, undoable), self._wanted = self._wanted, None
+            self._working = undoable, scene.edits, Task(partial(choose, scene.preview.voxels, scene.edits))
         self._show(app, scene.preview, scene.edits)
 
     def _paint(self, app: App, scene: OpenScene) -> None:
@@ -287,7 +290,7 @@ class Erasing:
     def _take(self, app: App, scene: OpenScene) -> None:
         if self._working is None or not self._working[2].finished:
             return
-        (choice, before, task), self._working = self._working, None
+        (undoable, before, task), self._working = self._working, None
         app.touch()
         try:
             found = task.result()
@@ -296,10 +299,7 @@ class Erasing:
             return
         if scene.edits is not before:  # something was undone meanwhile
             return
-        base = before.selected if choice.base is None else choice.base
-        if not choice.replaces:
-            found = base - found if self._subtracts else base | found
-        if choice.base is None:
+        if undoable:
             scene.rig.remember()
         scene.edits = replace(before, selected=found)
 

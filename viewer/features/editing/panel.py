@@ -25,7 +25,7 @@ HINTS = {
     "sphere": "Press on a surface and drag: from the middle outwards.",
 }
 HELD = " Ctrl takes away. The right button turns the camera, the middle one moves it. Esc stops."
-MODES = {"add": "Add", "subtract": "Subtract"}
+MODES = {True: "Add", False: "Subtract"}
 ICONS = {
     "invert": fa.ICON_FA_CIRCLE_HALF_STROKE,
     "grow": fa.ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER,
@@ -39,11 +39,11 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         return
     erasing, edits = app.erasing, app.scene.edits
     with ui.card("tool", fonts, "Select in the picture"):
-        if picked := ui.segments("tool", list(TOOLS), erasing.tool, {**TOOLS}):
+        if picked := ui.segments("tool", TOOLS, erasing.tool):
             run(app, f"erase-{picked}")
         ui.hint(HINTS[erasing.tool] + (HELD if erasing.tool else ""))
-        if mode := ui.segments("mode", list(MODES), "add" if erasing.adds else "subtract", MODES):
-            erasing.adds = mode == "add"
+        picked = ui.segments("mode", MODES, erasing.adds)
+        erasing.adds = erasing.adds if picked is None else picked
         if erasing.tool == "lasso":
             erasing.through = ui.switch("through", erasing.through, "What is hidden, too")
         elif erasing.tool == "brush":
@@ -59,21 +59,17 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
                 run(app, f"selection-{how}")
             imgui.same_line(0, px(2))
         imgui.new_line()
-        imgui.begin_disabled(not edits.selected.bits)
-        if ui.main_button(f"{fa.ICON_FA_ERASER}  Erase", -1):
+        if ui.main_button(f"{fa.ICON_FA_ERASER}  Erase", enabled=bool(edits.selected.bits)):
             run(app, "erase-selected")
-        imgui.end_disabled()
     with ui.card("save", fonts, "Erased"):
         ui.figure("Voxels", f"{edits.removed.count:,}")
-        imgui.begin_disabled(not edits.removed.bits)
-        if imgui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save as…", ImVec2(-1, 0)):
+        if ui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save as…", enabled=bool(edits.removed.bits)):
             run(app, "save-edited")
-        imgui.end_disabled()
         ui.hint("The open pack stays as it is. Ctrl+Z brings back what was erased.")
 
 
 def _rules(app: App, erasing: Erasing) -> None:
-    if imgui.button(RULES["parts"], ImVec2(-1, 0)):
+    if ui.button(RULES["parts"]):
         run(app, "select-parts")
     ui.label("Parts below")
     flags = imgui.SliderFlags_.logarithmic

@@ -34,9 +34,9 @@ SUFFIXES: dict[Kind, tuple[str, ...]] = {
     "gaussians": (".ply", ".spz"),
     "page": (".html",),
 }
-FACES: dict[str, int] = {"100,000": 100_000, "500,000": 500_000, "All": 0}  # triangles of a mesh, at most
-SPACINGS: dict[str, float] = {"Dense": 0.5, "Usual": 1.0, "Sparse": 2.0}  # of points, in voxels
-KEPT: dict[str, str | float] = {"All": "all", "Large": 0.001, "Largest": "largest"}  # components of the surface
+FACES = {100_000: "100,000", 500_000: "500,000", 0: "All"}  # triangles of a mesh, at most
+SPACINGS = {0.5: "Dense", 1.0: "Usual", 2.0: "Sparse"}  # of points, in voxels
+KEPT: dict[str | float, str] = {"all": "All", 0.001: "Large", "largest": "Largest"}  # components of the surface
 LEVELS = (0.02, 0.9)  # of opacity, that the slider has
 
 
@@ -70,9 +70,9 @@ class ExportPlan:
 
     kind: Kind = "mesh"
     level: float = 0.15
-    faces: str = "500,000"
-    spacing: str = "Usual"
-    keep: str = "Large"
+    faces: int = 500_000  # a key of FACES, as the next two of SPACINGS and KEPT
+    spacing: float = 1.0
+    keep: str | float = 0.001
     smooth: bool = True
     frame: Frame = "placed"
     crop: bool = True
@@ -84,10 +84,10 @@ class ExportPlan:
         if self.kind != "page":
             words += ["--kind", self.kind, "--frame", self.frame]
         if self.kind in ("mesh", "points"):
-            words += ["--level", f"{self.level:g}", "--keep", str(KEPT[self.keep])]
+            words += ["--level", f"{self.level:g}", "--keep", str(self.keep)]
             words += [] if self.smooth else ["--smooth", "0"]
-        words += ["--faces", str(FACES[self.faces])] * (self.kind == "mesh")
-        words += ["--spacing", f"{SPACINGS[self.spacing]:g}"] * (self.kind == "points")
+        words += ["--faces", str(self.faces)] * (self.kind == "mesh")
+        words += ["--spacing", f"{self.spacing:g}"] * (self.kind == "points")
         return words
 
     def export(self, crop: Corners | None) -> Export:
@@ -95,9 +95,8 @@ class ExportPlan:
         from scenepack.exports.scene import Export
 
         assert self.kind != "page"
-        keep, faces, spacing = KEPT[self.keep], FACES[self.faces] or None, SPACINGS[self.spacing]
-        cropped = crop if self.crop else None
-        export = Export(self.kind, level=self.level, keep=keep, faces=faces, spacing=spacing, crop=cropped)
+        faces, cropped = self.faces or None, crop if self.crop else None
+        export = Export(self.kind, level=self.level, keep=self.keep, faces=faces, spacing=self.spacing, crop=cropped)
         return export if self.smooth else replace(export, smooth=0)
 
 

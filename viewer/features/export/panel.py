@@ -65,7 +65,7 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts, pane: PreviewPane
 
 def _choices(app: App, plan: ExportPlan) -> None:
     ui.label("As", LABELS)
-    plan.kind = ui.segments("kind", list(KINDS), plan.kind, dict(KINDS.items())) or plan.kind  # type: ignore[assignment]
+    plan.kind = ui.segments("kind", KINDS, plan.kind) or plan.kind
     ui.hint(HINTS[plan.kind])
     if plan.kind in ("mesh", "points"):
         ui.label("Opacity level", LABELS)
@@ -73,24 +73,24 @@ def _choices(app: App, plan: ExportPlan) -> None:
         plan.level = imgui.slider_float("##level", plan.level, *LEVELS, "%.2f")[1]
         ui.tip("Where the surface lies. Lower includes thinner mist.")
         ui.label("Parts", LABELS)
-        plan.keep = ui.segments("keep", list(KEPT), plan.keep) or plan.keep
+        plan.keep = ui.segments("keep", KEPT, plan.keep) or plan.keep
         plan.smooth = ui.switch("smooth", plan.smooth, "Smooth")
     if plan.kind == "mesh":
         ui.label("Triangles", LABELS)
-        plan.faces = ui.segments("faces", list(FACES), plan.faces) or plan.faces
+        faces = ui.segments("faces", FACES, plan.faces)
+        plan.faces = plan.faces if faces is None else faces
     elif plan.kind == "points":
         ui.label("Density", LABELS)
-        plan.spacing = ui.segments("spacing", list(SPACINGS), plan.spacing) or plan.spacing
+        plan.spacing = ui.segments("spacing", SPACINGS, plan.spacing) or plan.spacing
     if plan.kind != "page":
         ui.label("Frame", LABELS)
-        picked = ui.segments("frame", list(FRAMES), plan.frame, dict(FRAMES.items()))
-        plan.frame = picked or plan.frame  # type: ignore[assignment]
+        plan.frame = ui.segments("frame", FRAMES, plan.frame) or plan.frame
         ui.hint(_frame_hint(plan, app.annotations.current.scale))
     if app.settings.crop is not None:
         plan.crop = ui.switch("cropped", plan.crop, "Crop box only")
     if plan.kind == "page":
         imgui.dummy(ImVec2(0, px(4)))
-        if imgui.button(f"{fa.ICON_FA_SHARE_NODES}  Share…", ImVec2(px(112), 0)):
+        if ui.button(f"{fa.ICON_FA_SHARE_NODES}  Share…", px(112)):
             imgui.close_current_popup()
             app.exporting.dismiss()
             run(app, "share")
@@ -149,7 +149,7 @@ def show_sharing(app: App, box: Box, fonts: Fonts) -> None:
         imgui.set_next_item_width(-width - px(8))
         imgui.input_text("##address", server.address, imgui.InputTextFlags_.read_only)
         imgui.same_line()
-        if imgui.button(f"{fa.ICON_FA_COPY}  Copy##address", ImVec2(width, 0)):
+        if ui.button(f"{fa.ICON_FA_COPY}  Copy##address", width):
             app.sharing.copy(app)
         ui.tip("Open it in a browser on this computer")
         ui.hint("Only this computer can open it, until you stop it or close the viewer.")
@@ -186,9 +186,8 @@ class PreviewPane:
                 ground = theme.rgb(theme.BASE)
                 self._pixels = canvas.draw_export_preview(preview.geometry, camera, (ground.x, ground.y, ground.z))
                 self._of = preview.geometry, camera.key
-            texture = imgui.ImTextureRef(canvas.image(IMAGE, self._pixels))
-            shade = theme.packed("#ffffff", 0.35 if preview.error else 1.0)
-            draw.add_image_rounded(texture, at, corner, ImVec2(0, 0), ImVec2(1, 1), shade, px(6))
+            opacity = 0.35 if preview.error else 1.0
+            ui.draw_picture(canvas.image(IMAGE, self._pixels), at, corner, opacity=opacity, rounding=6)
         if preview.working:
             low = ImVec2(at.x + width * preview.share, corner.y)
             draw.add_rect_filled(ImVec2(at.x, corner.y - px(3)), low, theme.packed(theme.ACCENT))

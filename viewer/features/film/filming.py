@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from viewer.app.application import App
 
 Size = tuple[int, int]  # width, height in pixels
-SIZES: dict[str, Size] = {"Full HD": (1920, 1080), "4K": (3840, 2160), "Square": (1080, 1080), "Small": (640, 360)}
-PANORAMA_SIZES: dict[str, Size] = {"4K": (4096, 2048), "8K": (8192, 4096), "Small": (1024, 512)}
+SIZES: dict[Size, str] = {(1920, 1080): "Full HD", (3840, 2160): "4K", (1080, 1080): "Square", (640, 360): "Small"}
+PANORAMA_SIZES: dict[Size, str] = {(4096, 2048): "4K", (8192, 4096): "8K", (1024, 512): "Small"}
 STEP_S = 0.02  # of a frame's time that an export takes
 TURNTABLE_KEYS = 8
 LARGEST_SIDE = 16384
@@ -41,8 +41,8 @@ STILL_MODES: dict[Mode, str] = {
 }  # besides the picture
 COPY = Path("the clipboard")
 KEPT = ("size", "panorama", "fps", "samples", "besides", "transparent", "annotated", "lens_rays")
-LENS_QUALITY = {"Draft": 16, "Good": 64, "Fine": 256}  # rays through the opening of the lens
-SAMPLES = {"Off": 1, "2 × 2": 2, "4 × 4": 4}  # rays per pixel
+LENS_QUALITY = {16: "Draft", 64: "Good", 256: "Fine"}  # rays through the opening of the lens
+SAMPLES = {1: "Off", 2: "2 × 2", 4: "4 × 4"}  # rays along each side of a pixel
 
 
 @dataclass
@@ -53,7 +53,7 @@ class Filming:
     selected: int | None = None  # a keyframe's index
     time: float = 0.0  # seconds along the path
     playing: bool = False
-    size: Size = SIZES["Full HD"]  # of stills and films
+    size: Size = (1920, 1080)  # of stills and films
     panorama: bool = False  # they show all directions, level (equirectangular), twice as wide as high
     fps: float = 30.0
     samples: int = 1  # rays along each side of a pixel; see RenderSettings
@@ -61,7 +61,7 @@ class Filming:
     transparent: bool = False  # stills have no background
     annotated: bool = False  # numbers and titles of annotated places are drawn into stills and films with a background
     aperture: float = 0.0  # of stills: diameter of the opening of the lens, of the scene's radius; 0: all is sharp
-    lens_rays: int = LENS_QUALITY["Good"]
+    lens_rays: int = 64
     focus: Point | None = None  # what is in focus, grid frame; None: what is in the middle of the picture
     focusing: bool = False  # a click chooses it
     export: Export | None = None
@@ -73,7 +73,7 @@ class Filming:
 
     def set_panorama(self, on: bool) -> None:
         self.panorama = on
-        self.size = next(iter((PANORAMA_SIZES if on else SIZES).values()))
+        self.size = next(iter(PANORAMA_SIZES if on else SIZES))
 
     def set_size(self, width: int, height: int) -> None:
         """Pixels of stills and films, within what is possible; of a panorama the side that was changed counts."""

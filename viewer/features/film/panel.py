@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
@@ -41,13 +39,12 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         _export(app, filming)
     with ui.card("scene", fonts, "Scene"):
         ui.hint("A mesh, points or Gaussians for other programs.")
-        if imgui.button(f"{fa.ICON_FA_CUBE}  Export the scene…", ImVec2(-1, 0)):
+        if ui.button(f"{fa.ICON_FA_CUBE}  Export the scene…"):
             run(app, "export-scene")
 
 
 def _path(app: App, canvas: Canvas, filming: Filming) -> None:
-    pressed = ui.two_buttons(f"{fa.ICON_FA_PLUS}  Keyframe", f"{fa.ICON_FA_ROTATE}  Turntable")
-    if pressed is not None:
+    if (pressed := ui.two_buttons(f"{fa.ICON_FA_PLUS}  Keyframe", f"{fa.ICON_FA_ROTATE}  Turntable")) is not None:
         run(app, ("keyframe", "turntable")[pressed])
     path = filming.path
     if not path.keyframes:
@@ -65,24 +62,20 @@ def _path(app: App, canvas: Canvas, filming: Filming) -> None:
             filming.playing = False
             filming.show(app, value)
     width = ui.half_width()
-    if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Load…", ImVec2(width, 0)):
+    if ui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Load…", width):
         app.file_request = FileRequest("Load a camera path", "open", partial(filming.load, app), (".json",))
     imgui.same_line()
-    imgui.begin_disabled(not path.keyframes)
-    if imgui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save…", ImVec2(width, 0)):
+    if ui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save…", width, enabled=bool(path.keyframes)):
         save = partial(filming.save, app)
         app.file_request = FileRequest("Save the path", "save", save, (".json",), "camera_path.json")
-    imgui.end_disabled()
 
 
 def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
-    with ui.coloured(child_bg=theme.BASE):
-        imgui.begin_child("##keys", ImVec2(0, px(LIST_HEIGHT)), imgui.ChildFlags_.always_use_window_padding)
-    for i, key in enumerate(filming.path.keyframes):
-        texts = f"Keyframe {i + 1}", f"{key.seconds:.1f} s"
-        if row(app, canvas, f"key{i}", (key.grid_T_camera, key.fov), texts, chosen=i == filming.selected):
-            filming.select(app, i)
-    imgui.end_child()
+    with ui.list_box("##keys", px(LIST_HEIGHT)):
+        for i, key in enumerate(filming.path.keyframes):
+            texts = f"Keyframe {i + 1}", f"{key.seconds:.1f} s"
+            if row(app, canvas, f"key{i}", (key.grid_T_camera, key.fov), texts, chosen=i == filming.selected):
+                filming.select(app, i)
     index = filming.selected
     if index is None or index >= len(filming.path.keyframes):
         return
@@ -99,7 +92,8 @@ def _size(filming: Filming) -> None:
     ui.tip("All directions around the camera (equirectangular), level, twice as wide as high")
     if panorama != filming.panorama:
         filming.set_panorama(panorama)
-    filming.size = _pick("sizes", PANORAMA_SIZES if filming.panorama else SIZES, filming.size)
+    sizes = PANORAMA_SIZES if filming.panorama else SIZES
+    filming.size = ui.segments("sizes", sizes, filming.size) or filming.size
     ui.label("Pixels")
     changed, value = imgui.input_int2("##pixels", list(filming.size))
     if changed:
@@ -109,13 +103,7 @@ def _size(filming: Filming) -> None:
     filming.annotated = ui.switch("annotated", filming.annotated, "Annotated places")
     ui.tip("Draws their numbers and titles into saved views and films, unless they have no background")
     ui.label("Anti-aliasing")
-    filming.samples = _pick("samples", SAMPLES, filming.samples)
-
-
-def _pick(name: str, options: Mapping[str, Any], current: Any) -> Any:
-    """A choice between named values; the new one."""
-    picked = ui.segments(name, list(options), next((title for title, value in options.items() if value == current), ""))
-    return options[picked] if picked else current
+    filming.samples = ui.segments("samples", SAMPLES, filming.samples) or filming.samples
 
 
 def _still(app: App, filming: Filming) -> None:
@@ -130,12 +118,10 @@ def _still(app: App, filming: Filming) -> None:
             filming.besides = tuple(m for m in STILL_MODES if (m in filming.besides) != (m == mode))
     if not filming.panorama:
         _depth_of_field(app, filming)
-    imgui.begin_disabled(filming.export is not None)
-    if ui.main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", -1):
+    if ui.main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", enabled=filming.export is None):
         filming.ask_for_still(app)
-    if imgui.button(f"{fa.ICON_FA_COPY}  Copy the picture", ImVec2(-1, 0)):
+    if ui.button(f"{fa.ICON_FA_COPY}  Copy the picture", enabled=filming.export is None):
         run(app, "copy-picture")
-    imgui.end_disabled()
     ui.tip("The picture as it is shown, to the clipboard")
 
 
@@ -151,7 +137,7 @@ def _depth_of_field(app: App, filming: Filming) -> None:
     filming.aperture = ui.slider("aperture", filming.aperture, *APERTURES, "%.2f %%", times=100.0, flags=flags)
     ui.tip("Diameter of the opening, of the scene's radius")
     ui.label("Quality")
-    filming.lens_rays = _pick("rays", LENS_QUALITY, filming.lens_rays)
+    filming.lens_rays = ui.segments("rays", LENS_QUALITY, filming.lens_rays) or filming.lens_rays
     titles = ("Click on a surface" if filming.focusing else "Choose the focus", "The middle")
     pressed = ui.two_buttons(f"{titles[0]}###focus", titles[1])
     if pressed == 0:
@@ -168,19 +154,15 @@ def _export(app: App, filming: Filming) -> None:
         imgui.text_unformatted(export.target.name)
         imgui.progress_bar(export.share, ImVec2(-1, px(8)), "")
         ui.hint(f"{percent:.0f} %" if left is None else f"{percent:.0f} %, about {left:.0f} s left")
-        if imgui.button("Cancel", ImVec2(-1, 0)):
+        if ui.button("Cancel"):
             filming.cancel(app)
         return
-    imgui.begin_disabled(not filming.path.keyframes)
-    width, write = ui.half_width(), partial(filming.film, app)
-    imgui.begin_disabled(not films_possible())
-    if imgui.button(f"{fa.ICON_FA_FILM}  Film…", ImVec2(width, 0)):
+    width, write, possible = ui.half_width(), partial(filming.film, app), bool(filming.path.keyframes)
+    if ui.button(f"{fa.ICON_FA_FILM}  Film…", width, enabled=possible and films_possible()):
         app.file_request = FileRequest("Save the film", "save", write, tuple(FILMS), "flight.mp4")
-    imgui.end_disabled()
     imgui.same_line()
-    if imgui.button(f"{fa.ICON_FA_IMAGES}  Pictures…", ImVec2(width, 0)):
+    if ui.button(f"{fa.ICON_FA_IMAGES}  Pictures…", width, enabled=possible):
         app.file_request = FileRequest("A new folder for the pictures", "save", write, (), "flight")
-    imgui.end_disabled()
     if not films_possible():
         ui.hint("Films need PyAV: pip install 'snerg[video]'")
 

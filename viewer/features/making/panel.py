@@ -18,7 +18,7 @@ from viewer.core.widgets import Box, px
 from viewer.features.making import survey
 from viewer.features.making.make_job import MakeJob, RejectedPhotographs
 from viewer.features.making.make_plan import RESOLUTIONS, Plan
-from viewer.features.making.review import Review
+from viewer.features.making.review import Kind, Review
 from viewer.features.making.survey import OFFERED, BarePreview, few_with_reasons, result_lines
 from viewer.rendering.canvas import Canvas
 
@@ -70,7 +70,7 @@ def _check(app: App, plan: Plan, fonts: Fonts) -> None:
     check = app.making.check
     imgui.dummy(ImVec2(0, px(2)))
     if check is not None and check.running:
-        if imgui.button("Stop##check", ImVec2(px(86), 0)):
+        if ui.button("Stop##check", px(86)):
             app.making.end_check()
         imgui.same_line()
         imgui.align_text_to_frame_padding()
@@ -79,50 +79,46 @@ def _check(app: App, plan: Plan, fonts: Fonts) -> None:
         imgui.progress_bar(report.share if report is not None else 0.0, ImVec2(-1, px(6)), "")
         return
     assert plan.survey is not None
-    imgui.begin_disabled(plan.survey.busy)
-    if imgui.button(f"{fa.ICON_FA_MAGNIFYING_GLASS}  Check photographs", ImVec2(px(190), 0)):
+    if ui.button(f"{fa.ICON_FA_MAGNIFYING_GLASS}  Check photographs", px(190), enabled=not plan.survey.busy):
         app.making.check_photographs(app)
-    imgui.end_disabled()
     what = "Sharpness, overlap and exposure, and which photographs to take again"
     ui.tip("Once the time is measured" if plan.survey.busy else what)
     if check is not None and check.error:
         ui.hint(check.error, theme.WARN)
     elif check is not None and check.result is not None:
         imgui.same_line()
-        if imgui.button(f"{fa.ICON_FA_ARROW_UP_RIGHT_FROM_SQUARE}  Open the page", ImVec2(px(150), 0)):
+        if ui.button(f"{fa.ICON_FA_ARROW_UP_RIGHT_FROM_SQUARE}  Open the page", px(150)):
             check.open_page()
         ui.tip(f"All photographs, and which of them match, in the browser: {check.page}")
         imgui.same_line()
         imgui.align_text_to_frame_padding()
         ui.write(f"Quality {check.result['score']:.0f} of 100", face=fonts.bold)
-        imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(px(8), px(3)))
-        for text, warns in result_lines(check.result):
-            ui.hint(text, theme.WARN if warns else theme.MUTED)
-        imgui.pop_style_var()
+        with ui.style(item_spacing=(8, 3)):
+            for text, warns in result_lines(check.result):
+                ui.hint(text, theme.WARN if warns else theme.MUTED)
 
 
 def _choices(app: App, plan: Plan) -> None:
     """Preset, size and what else there is to choose; none of it where an earlier attempt is gone on with."""
     if plan.subject == "run":
         ui.label("Voxels", LABELS)
-        titles = {str(side): f"{side}³" for side in RESOLUTIONS}
-        if picked := ui.segments("voxels", list(titles), str(plan.resolution or RESOLUTIONS[1]), titles):
-            plan.resolution = int(picked)
+        titles = {side: f"{side}³" for side in RESOLUTIONS}
+        plan.resolution = ui.segments("voxels", titles, plan.resolution or RESOLUTIONS[1]) or plan.resolution
         _indented("More voxels show finer detail but take more memory and time. Baking 1000³ needs 5 GB.")
         return
     if plan.attempt is not None:
         return
     ui.label("How", LABELS)
-    picked = ui.segments("preset", list(OFFERED), plan.preset, {name: preset.title for name, preset in OFFERED.items()})
-    plan.preset = picked or plan.preset
+    presets = {name: preset.title for name, preset in OFFERED.items()}
+    plan.preset = ui.segments("preset", presets, plan.preset) or plan.preset
     _indented(OFFERED[plan.preset].advice if plan.preset in OFFERED else plan.preset)
     survey = plan.survey
     assert survey is not None
     ui.label("Photographs", LABELS)
-    titles = {"": AUTOMATIC} | {str(k): f"{width} px" for k, (width, _) in survey.sizes.items()}
-    picked = ui.segments("downscale", ["", *map(str, survey.choices)], str(plan.downscale or ""), titles)
+    titles = {0: AUTOMATIC} | {k: f"{survey.sizes[k][0]} px" for k in survey.choices}
+    picked = ui.segments("downscale", titles, plan.downscale or 0)
     if picked is not None:
-        plan.downscale = int(picked) if picked else None
+        plan.downscale = picked or None
     size = survey.size(plan.preset, plan.downscale)
     _indented(f"Trained on {size[0]} × {size[1]} pixels each." if size else "")
     _indented(what_it_needs(plan, max(size)) if size else "")
@@ -165,7 +161,7 @@ def _where(app: App, plan: Plan, remarks: bool) -> None:
     ui.tip(str(plan.out))
     imgui.same_line()
     imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - px(84))
-    if imgui.button("Change…", ImVec2(px(84), 0)):
+    if ui.button("Change…", px(84)):
         app.making.ask_where(app)
     remark = plan.attempt_text()
     if not remark and plan.pack.exists():
@@ -175,7 +171,7 @@ def _where(app: App, plan: Plan, remarks: bool) -> None:
 
 
 def _answer(app: App, plan: Plan, possible: bool) -> None:
-    if imgui.button(f"{fa.ICON_FA_COPY}  Copy the command", ImVec2(px(176), px(34))):
+    if ui.button(f"{fa.ICON_FA_COPY}  Copy the command", px(176), px(34)):
         app.making.copy_command(app)
     ui.tip("The same as a command line, for example for another computer")
     imgui.same_line()
@@ -220,15 +216,14 @@ def _strip(name: str, texture: int, sheet: np.ndarray, height: float, pictures: 
     wheel = imgui.get_io().mouse_wheel
     if wheel and imgui.is_window_hovered():
         imgui.set_scroll_x(imgui.get_scroll_x() - px(60) * wheel)
-    draw, image, (rows, columns) = imgui.get_window_draw_list(), imgui.ImTextureRef(texture), sheet.shape[:2]
+    rows, columns = sheet.shape[:2]
     for (x, y, width, tall), tooltip, crossed in pictures:
         at, wide, high = imgui.get_cursor_screen_pos(), px(height) * width / tall, px(height)
         low = ImVec2(at.x + wide, at.y + high)
-        uv = ImVec2(x / columns, y / rows), ImVec2((x + width) / columns, (y + tall) / rows)
-        shade = theme.packed("#ffffff", FADED if crossed else 1.0)
-        draw.add_image_rounded(image, at, low, *uv, shade, px(ROUNDING))
+        uv = (x / columns, y / rows), ((x + width) / columns, (y + tall) / rows)
+        ui.draw_picture(texture, at, low, uv, opacity=FADED if crossed else 1.0, rounding=ROUNDING)
         if crossed:
-            _cross(draw, at, low)
+            _cross(at, low)
         imgui.dummy(ImVec2(wide, high))
         if imgui.is_item_hovered():
             imgui.set_tooltip(tooltip)
@@ -236,7 +231,8 @@ def _strip(name: str, texture: int, sheet: np.ndarray, height: float, pictures: 
     imgui.end_child()
 
 
-def _cross(draw: imgui.ImDrawList, at: ImVec2, low: ImVec2) -> None:
+def _cross(at: ImVec2, low: ImVec2) -> None:
+    draw = imgui.get_window_draw_list()
     x, y, arm = 0.5 * (at.x + low.x), 0.5 * (at.y + low.y), px(7)
     for rise in (arm, -arm):
         draw.add_line(ImVec2(x + arm, y + rise), ImVec2(x - arm, y - rise), theme.packed(theme.WARN), px(2.5))
@@ -298,7 +294,7 @@ def show_job(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
             "Stop without saving" if job.child.stopping else "Finished work is kept. Make the scene again to continue."
         )
         if app.making.sparse_preview is not None and not app.making.sparse_preview_shown(app):
-            if imgui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", ImVec2(-1, px(28))):
+            if ui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", height=px(28)):
                 app.making.show_points(app)
             ui.tip("The scene that is open now is closed")
         _training_preview(app)
@@ -321,7 +317,7 @@ def _training_preview(app: App) -> None:
     if making.training_preview_shown(app):
         ui.hint(f"You see a {name}. It is small and coarse; a newer one takes its place by itself.")
     else:
-        if imgui.button(f"{fa.ICON_FA_EYE}  Show the {name}", ImVec2(-1, px(28))):
+        if ui.button(f"{fa.ICON_FA_EYE}  Show the {name}", height=px(28)):
             making.show_training_preview(app)
         ui.tip("Fly around in what is trained so far")
 
@@ -332,9 +328,7 @@ def _picture(canvas: Canvas, job: MakeJob) -> None:
     height, width = job.picture.shape[:2]
     at, wide = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
     high = wide * height / width
-    low = ImVec2(at.x + wide, at.y + high)
-    texture, whole = imgui.ImTextureRef(canvas.image(PICTURE, job.picture)), (ImVec2(0, 0), ImVec2(1, 1))
-    imgui.get_window_draw_list().add_image_rounded(texture, at, low, *whole, theme.packed("#ffffff"), px(6))
+    ui.draw_picture(canvas.image(PICTURE, job.picture), at, ImVec2(at.x + wide, at.y + high), rounding=6)
     imgui.dummy(ImVec2(wide, high))
 
 
@@ -390,7 +384,7 @@ def with_time_left(text: str, report: Report) -> str:
 # --- Review of the poses ---
 
 REVIEW_LABELS = 86.0
-KINDS = {"subject": "Subject", "room": "Room", "forward": "Forward"}
+KINDS: dict[Kind, str] = {"subject": "Subject", "room": "Room", "forward": "Forward"}
 ABOUT = {
     "subject": "The cameras look inwards at something. The box keeps to it.",
     "room": "The cameras look outwards. The box reaches to the walls.",
@@ -409,7 +403,7 @@ def show_review(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
             show_rejected(canvas, review.rejected)
         shown = app.making.sparse_preview_shown(app)
         if not shown:
-            if imgui.button(f"{fa.ICON_FA_EYE}  Show the points", ImVec2(-1, px(30))):
+            if ui.button(f"{fa.ICON_FA_EYE}  Show the points", height=px(30)):
                 review.hold()
                 app.making.show_points(app)
             ui.tip("The scene that is open now is closed")
@@ -428,9 +422,9 @@ def _head(review: Review, fonts: Fonts) -> None:
 
 def _review_choices(app: App, review: Review, shown: bool) -> None:
     ui.label("Seen as", REVIEW_LABELS)
-    picked = ui.segments("kind", review.kinds, review.kind, KINDS)
+    picked = ui.segments("kind", {kind: KINDS[kind] for kind in review.kinds}, review.kind)
     if picked is not None and picked != review.kind:
-        app.making.choose_kind(app, picked)  # type: ignore[arg-type]
+        app.making.choose_kind(app, picked)
         if app.settings.crop is not None:
             app.interface.opens("crop")  # where the box is drawn
     ui.hint(ABOUT[review.kind])
@@ -469,7 +463,7 @@ def _upright(app: App, review: Review) -> None:
 def _review_answer(app: App, review: Review) -> None:
     imgui.dummy(ImVec2(0, px(2)))
     half = ui.half_width()
-    if imgui.button("Not now", ImVec2(half, px(34))):
+    if ui.button("Not now", half, px(34)):
         app.making.leave(app)
     ui.tip("The camera poses are kept. Make the scene again to continue.")
     imgui.same_line(0, px(8))

@@ -58,8 +58,11 @@ class BarePreview(JsonTask):
         self._folder = temporary_folder("snerg-preview-")
         super().__init__("training.posing.preview", [str(source.path.resolve()), str(self._folder)], self._take)
 
-    def after(self) -> None:
-        shutil.rmtree(self._folder, ignore_errors=True)
+    def _listen(self) -> None:
+        try:
+            super()._listen()
+        finally:
+            shutil.rmtree(self._folder, ignore_errors=True)
 
     def state(self) -> object:
         return self.count, len(self.names), self.aside is None, self.seconds is None
@@ -113,9 +116,10 @@ class TimeNeeded(JsonTask):
         words = ["unbounded"] * unbounded + [str(side) for side in sorted(set(sides))]
         super().__init__("training.speed", words, self._take)
 
-    def before(self) -> None:
+    def _listen(self) -> None:
         with contextlib.suppress(Exception):  # it reports what went wrong itself
             self._after()
+        super()._listen()
 
     def state(self) -> object:
         return len(self._runs), self._per_sample

@@ -13,7 +13,7 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
-from viewer.core.annotations import METRES, UNITS, Measurement, Point, Scale
+from viewer.core.annotations import METRES, Kind, Measurement, Point, Scale, Unit
 from viewer.core.pose import triple
 from viewer.core.screen import Screen
 from viewer.core.theme import Fonts
@@ -22,8 +22,15 @@ from viewer.features.measuring.measure_tool import PAGE, LengthFormat, angle, le
 from viewer.rendering.canvas import Canvas
 
 LIST_HEIGHT = 150.0
-TITLES = {"line": "Length", "angle": "Angle", "point": "Point"}
-UNIT_TITLES = {"": "none", "m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
+TITLES: dict[Kind, str] = {"line": "Length", "angle": "Angle", "point": "Point"}
+UNIT_TITLES: dict[Unit, str] = {
+    "": "none",
+    "m": "metres",
+    "cm": "centimetres",
+    "mm": "millimetres",
+    "in": "inches",
+    "ft": "feet",
+}
 HINTS = {
     "": "M takes the ruler.",
     "line": "Click on surfaces. Enter or a double click ends the line.",
@@ -57,8 +64,8 @@ def _cursor(app: App, words: LengthFormat) -> None:
 
 def _tools(app: App) -> None:
     measure_tool = app.measure_tool
-    if picked := ui.segments("tool", list(TITLES), measure_tool.tool, TITLES):
-        measure_tool.choose(app, "" if picked == measure_tool.tool else picked)  # type: ignore[arg-type]
+    if picked := ui.segments("tool", TITLES, measure_tool.tool):
+        measure_tool.choose(app, "" if picked == measure_tool.tool else picked)
     tool = measure_tool.tool if measure_tool.tool in HINTS else ""  # those of the Move page say it there
     ui.hint(HINTS[tool] + (" Backspace takes a point back, Esc stops." if tool else ""))
 
@@ -66,18 +73,15 @@ def _tools(app: App) -> None:
 def _list(app: App, words: LengthFormat) -> None:
     measure_tool, measurements = app.measure_tool, app.annotations.current.measurements
     if measurements:
-        with ui.coloured(child_bg=theme.BASE):
-            flags = imgui.ChildFlags_.always_use_window_padding
-            imgui.begin_child("##measured", ImVec2(0, px(min(LIST_HEIGHT, 26.0 * len(measurements) + 24.0))), flags)
-        for i, measurement in enumerate(measurements):
-            width = imgui.get_content_region_avail().x
-            imgui.push_id(i)
-            if imgui.selectable(f"{TITLES[measurement.kind]} {i + 1}", i == measure_tool.selected)[0]:
-                measure_tool.selected = None if i == measure_tool.selected else i
-            imgui.pop_id()
-            imgui.same_line(px(86))
-            ui.write(ui.elided(words.measurement(measurement), width - px(80)), theme.MUTED)
-        imgui.end_child()
+        with ui.list_box("##measured", px(min(LIST_HEIGHT, 26.0 * len(measurements) + 24.0))):
+            for i, measurement in enumerate(measurements):
+                width = imgui.get_content_region_avail().x
+                imgui.push_id(i)
+                if imgui.selectable(f"{TITLES[measurement.kind]} {i + 1}", i == measure_tool.selected)[0]:
+                    measure_tool.selected = None if i == measure_tool.selected else i
+                imgui.pop_id()
+                imgui.same_line(px(86))
+                ui.write(ui.elided(words.measurement(measurement), width - px(80)), theme.MUTED)
         _actions(app)
         ui.hint("Drag a point in the picture to move it. Delete removes what is selected.")
     measure_tool.shown = ui.switch("shown", measure_tool.shown, "Always show")
@@ -105,13 +109,14 @@ def show_scale(app: App) -> None:
         return
     factor = f"{scale.factor:.6g} {scale.unit}".rstrip()
     ui.hint("Lengths are in grid units." if scale == Scale() else f"1 grid unit is {factor}.")
-    if imgui.button(f"{fa.ICON_FA_RULER}  Set by two points", ImVec2(-1, 0)):
+    if ui.button(f"{fa.ICON_FA_RULER}  Set by two points"):
         measure_tool.choose(app, "scale")
     if scale.unit in METRES:
         ui.label("Show in")
-        if picked := ui.choice("unit", list(METRES), scale.unit, UNIT_TITLES):
-            measure_tool.use_scale(app, scale.shown_in(picked))  # type: ignore[arg-type]  (one of UNITS)
-    if scale != Scale() and imgui.button("Back to grid units", ImVec2(-1, 0)):
+        units: dict[Unit, str] = {unit: title for unit, title in UNIT_TITLES.items() if unit}
+        if picked := ui.choice("unit", units, UNIT_TITLES[scale.unit]):
+            measure_tool.use_scale(app, scale.shown_in(picked))
+    if scale != Scale() and ui.button("Back to grid units"):
         measure_tool.use_scale(app, Scale())
 
 
@@ -126,14 +131,14 @@ def _known(app: App) -> None:
         measure_tool.known = value
     entered = imgui.is_item_deactivated_after_edit() and imgui.is_key_pressed(imgui.Key.enter)
     ui.label("Unit")
-    picked = ui.choice("known unit", UNITS, measure_tool.known_unit, UNIT_TITLES)
+    picked = ui.choice("known unit", UNIT_TITLES, UNIT_TITLES[measure_tool.known_unit])
     if picked is not None:  # "" is one of them
-        measure_tool.known_unit = picked  # type: ignore[assignment]  (one of UNITS)
-    pressed = ui.main_button("Set the scale", -1)
+        measure_tool.known_unit = picked
+    pressed = ui.main_button("Set the scale")
     imgui.end_disabled()
     if pressed or (entered and ready):
         run(app, "set-scale")
-    if imgui.button("Cancel", ImVec2(-1, 0)):
+    if ui.button("Cancel"):
         measure_tool.choose(app, "")
 
 
@@ -162,15 +167,14 @@ def draw(app: App, box: Box, over: bool) -> Handle | None:
         measure_tool.look_at(app, mouse.x - box[0], mouse.y - box[1])
     else:
         measure_tool.look_away()
-    screen, draw_list = Screen(app, box), imgui.get_window_draw_list()
-    draw_list.push_clip_rect(ImVec2(box[0], box[1]), ImVec2(box[0] + box[2], box[1] + box[3]), True)
-    measurements = app.annotations.current.measurements
+    screen, measurements = Screen(app, box), app.annotations.current.measurements
     under = _handle_at(screen, measurements, mouse) if over and active else None
-    for index, measurement in enumerate(measurements):
-        hot = under.point if under is not None and under.measurement == index else None
-        _measurement(screen, words, measurement, index == measure_tool.selected, hot)
-    _draft(app, screen, words, None if under is not None else measure_tool.cursor and triple(measure_tool.cursor.point))
-    draw_list.pop_clip_rect()
+    with ui.clipped(box):
+        for index, measurement in enumerate(measurements):
+            hot = under.point if under is not None and under.measurement == index else None
+            _measurement(screen, words, measurement, index == measure_tool.selected, hot)
+        cursor = measure_tool.cursor if under is None else None
+        _draft(app, screen, words, cursor and triple(cursor.point))
     return under
 
 
@@ -227,16 +231,11 @@ def _lengths(screen: Screen, words: LengthFormat, points: tuple[Point, ...]) -> 
         _label_at(screen, points[-1], f"total {words.length(sum(pieces))}", below=True)
 
 
-def _line(screen: Screen, points: tuple[Point, ...], colour: str) -> None:
+def _line(
+    screen: Screen, points: np.ndarray | tuple[Point, ...], colour: str, width: float = 2, dark: float = 5
+) -> None:
     if len(points) > 1:
-        _outlined(screen, np.asarray(points), colour, 5, 2)
-
-
-def _outlined(screen: Screen, points: np.ndarray, colour: str, dark: float, width: float) -> None:
-    """A line through points, on a wider dark one."""
-    edges = list(pairwise(range(len(points))))
-    screen.lines(points, edges, theme.packed(theme.BASE, 0.75), px(dark))
-    screen.lines(points, edges, theme.packed(colour), px(width))
+        screen.outlined_lines(np.asarray(points), list(pairwise(range(len(points)))), colour, width, dark)
 
 
 def _arc(screen: Screen, points: tuple[Point, ...], colour: str) -> None:
@@ -251,7 +250,7 @@ def _arc(screen: Screen, points: tuple[Point, ...], colour: str) -> None:
     size = np.linalg.norm(way, axis=1, keepdims=True)
     if size.min() < 1e-6:  # a straight angle has no plane
         return
-    _outlined(screen, b + ARC_SHARE * min(sides) * way / size, colour, 4, 1.5)
+    _line(screen, b + ARC_SHARE * min(sides) * way / size, colour, 1.5, 4)
 
 
 def _dots(screen: Screen, points: tuple[Point, ...], colour: str, hot: int | None) -> None:

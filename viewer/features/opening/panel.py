@@ -205,10 +205,10 @@ class OpenDialog:
         browsed: Literal["", "open", "folder"] = ""
         width = px(BUTTON)
         if self.native:
-            if imgui.button(f"{fa.ICON_FA_FILE}  File…", ImVec2(width, px(34))):
+            if ui.button(f"{fa.ICON_FA_FILE}  File…", width, px(34)):
                 browsed = "open"
             imgui.same_line()
-            if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Folder…", ImVec2(width, px(34))):
+            if ui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Folder…", width, px(34)):
                 browsed = "folder"
             imgui.same_line()
         cancelled, pressed = ui.cancel_or("Open", BUTTON, 24)
@@ -272,7 +272,7 @@ def show_start_page(app: App, fonts: Fonts) -> None:
 
 
 def _button(app: App, text: str, command: str, width: float) -> None:
-    if imgui.button(text, ImVec2(width, px(34))):
+    if ui.button(text, width, px(34)):
         run(app, command)
 
 

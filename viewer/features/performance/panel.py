@@ -10,13 +10,13 @@ from imgui_bundle import ImVec2, imgui, implot
 
 from viewer.app.application import App
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.theme import Fonts
-from viewer.core.widgets import card, figure, font, headline, hint, paragraph, px, segments, switch, tip
+from viewer.core.widgets import px
 from viewer.features.performance.frame_stats import AVERAGED, KEPT, FrameStats
 from viewer.rendering.canvas import Canvas
-from viewer.rendering.settings import MARCHERS
 
-MARCHER_TITLES = {"exact": "Exact", "paper": "Paper", "brute": "Every sample"}
+MARCHERS = {"exact": "Exact", "paper": "Paper", "brute": "Every sample"}
 MARCHER_HINTS = {
     "exact": "Jumps over empty space by a grid of distances. The picture is that of every sample.",
     "paper": "The paper's algorithm: skips empty macroblocks, then asks the nearest opacity before it takes a sample.",
@@ -26,58 +26,60 @@ MARCHER_HINTS = {
 
 def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     summary, target = app.times.summary(), app.resolution.target_ms
-    with card("time", fonts, "Frame time"):
+    with ui.card("time", fonts, "Frame time"):
         frame_time(app, fonts)
         rolling(app.times, target, px(104))
-        figure("Frame to frame", f"{summary.mean:.1f} ms", dot=FRAME)
-        figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", dot=WALL)
+        ui.figure("Frame to frame", f"{summary.mean:.1f} ms", dot=FRAME)
+        ui.figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", dot=WALL)
         gpu = canvas.picture_gpu_ms
-        figure("Whole picture, GPU clock", "not measured" if gpu is None else f"{gpu:.1f} ms", dot=GPU)
+        ui.figure("Whole picture, GPU clock", "not measured" if gpu is None else f"{gpu:.1f} ms", dot=GPU)
         if canvas.clock.reason:
-            hint(f"{canvas.clock.reason}: its timer is not reliable.")
+            ui.hint(f"{canvas.clock.reason}: its timer is not reliable.")
         width, height = canvas.drawn_size
-        figure("Pixels drawn", f"{width} × {height}")
-        app.interface.v_sync = switch("v-sync", app.interface.v_sync, "V-sync")
-        tip("Limit the frame rate to that of the screen")
-    with card("marcher", fonts, "Marcher"):
-        if picked := segments("marcher", MARCHERS, app.settings.marcher, MARCHER_TITLES):
+        ui.figure("Pixels drawn", f"{width} × {height}")
+        app.interface.v_sync = ui.switch("v-sync", app.interface.v_sync, "V-sync")
+        ui.tip("Limit the frame rate to that of the screen")
+    with ui.card("marcher", fonts, "Marcher"):
+        if picked := ui.segments("marcher", MARCHERS, app.settings.marcher):
             app.set(marcher=picked)
-        hint(MARCHER_HINTS[app.settings.marcher])
-    with card("spread", fonts, "Spread"):
+        ui.hint(MARCHER_HINTS[app.settings.marcher])
+    with ui.card("spread", fonts, "Spread"):
         histogram(app.times, target, px(96))
         for name, value in (("Median", summary.median), ("95th percentile", summary.p95), ("Slowest", summary.slowest)):
-            figure(name, f"{value:.1f} ms")
-        hint(f"Of the last {len(app.times.frame_ms)} frames; the figures above are of the last {AVERAGED}.")
-    with card("rays", fonts, "Rays"):
+            ui.figure(name, f"{value:.1f} ms")
+        ui.hint(f"Of the last {len(app.times.frame_ms)} frames; the figures above are of the last {AVERAGED}.")
+    with ui.card("rays", fonts, "Rays"):
         _rays(app)
-    with card("card", fonts, "Graphics card"):
-        paragraph(canvas.gpu_name)
+    with ui.card("card", fonts, "Graphics card"):
+        ui.paragraph(canvas.gpu_name)
         for name, size in canvas.gpu_bytes_by_use.items():
-            figure(name, f"{size / 2**20:.0f} MiB")
-        figure("All textures", f"{canvas.gpu_bytes / 2**20:.0f} MiB")
+            ui.figure(name, f"{size / 2**20:.0f} MiB")
+        ui.figure("All textures", f"{canvas.gpu_bytes / 2**20:.0f} MiB")
         if app.scene is not None:
             pack = app.scene.pack
-            figure("Macroblocks", f"{int(pack.occupied.sum())} of {pack.occupied.size}")
-            figure("Block size", f"{pack.block_size}³ voxels")
+            ui.figure("Macroblocks", f"{int(pack.occupied.sum())} of {pack.occupied.size}")
+            ui.figure("Block size", f"{pack.block_size}³ voxels")
 
 
 def _rays(app: App) -> None:
-    on = switch("rays", app.costs.enabled, "Count at rest")
-    tip("Counts in a small picture of the view, once the camera rests")
+    on = ui.switch("rays", app.costs.enabled, "Count at rest")
+    ui.tip("Counts in a small picture of the view, once the camera rests")
     if on != app.costs.enabled:
         app.costs.switch(on)
     costs = app.costs.costs
     if not app.costs.enabled:
-        hint("How many voxels each ray fetches, and how often it jumps over empty space.")
+        ui.hint("How many voxels each ray fetches, and how often it jumps over empty space.")
     elif costs is None:
-        hint("Waiting for the camera to rest.")
+        ui.hint("Waiting for the camera to rest.")
     else:
-        figure("Samples, mean", f"{costs.samples_mean:.1f}")
-        figure("Samples, maximum", f"{costs.samples_max}")
-        figure("Jumps, mean", f"{costs.jumps_mean:.1f}")
-        figure("Jumps, maximum", f"{costs.jumps_max}")
+        ui.figure("Samples, mean", f"{costs.samples_mean:.1f}")
+        ui.figure("Samples, maximum", f"{costs.samples_max}")
+        ui.figure("Jumps, mean", f"{costs.jumps_mean:.1f}")
+        ui.figure("Jumps, maximum", f"{costs.jumps_max}")
         width, height = costs.size
-        hint(f"Of the {100 * costs.hit:.0f} % of rays that hit something, counted at {width} × {height}.", theme.MUTED)
+        ui.hint(
+            f"Of the {100 * costs.hit:.0f} % of rays that hit something, counted at {width} × {height}.", theme.MUTED
+        )
 
 
 # --- Frame times as ImPlot shows them ---
@@ -142,7 +144,7 @@ def _plot(name: str, height: float, xs: tuple[float, float], top: float, x_forma
     implot.push_style_var(implot.StyleVar_.plot_padding, ImVec2(0, px(4)))
     implot.push_style_var(implot.StyleVar_.label_padding, ImVec2(px(4), px(4)))
     bare, quiet = implot.AxisFlags_.no_decorations, implot.AxisFlags_.no_tick_marks | implot.AxisFlags_.no_label
-    with font(None, theme.SMALL - 1):
+    with ui.font(None, theme.SMALL - 1):
         flags = implot.Flags_.canvas_only | implot.Flags_.no_inputs | implot.Flags_.no_frame
         shown = implot.begin_plot(name, ImVec2(-1, height), flags)
         if shown:
@@ -176,4 +178,4 @@ def _line(name: str, values: np.ndarray, colour: str, width: float, xs: np.ndarr
 def frame_time(app: App, fonts: Fonts) -> None:
     """The figures that matter: the mean time of a frame, and the frames per second that follow from it."""
     summary = app.times.summary()
-    headline(f"{summary.mean:.1f}", f"ms      {summary.fps:.0f} fps", fonts)
+    ui.headline(f"{summary.mean:.1f}", f"ms      {summary.fps:.0f} fps", fonts)

@@ -14,10 +14,11 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.files import FileRequest, existing_folder
 from viewer.core.pose import FRUSTUM_EDGES, project
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, card, coloured, half_width, hint, label, px, segments, slider, switch, tip, write
+from viewer.core.widgets import Box, px
 from viewer.features.comparison.panel import compare_controls
 from viewer.features.photographs.photographs import Photographs, Thumbnails
 from viewer.rendering.canvas import Canvas
@@ -31,33 +32,35 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
     comparison, gallery = app.comparison, app.gallery
     photographs = gallery.photographs
     if photographs is None or not len(photographs):
-        with card("none", fonts, "Cameras"):
-            hint("This pack has no camera poses. Packs made by snerg-make have them.")
+        with ui.card("none", fonts, "Cameras"):
+            ui.hint("This pack has no camera poses. Packs made by snerg-make have them.")
         return
-    with card("cameras", fonts, "Cameras"):
-        gallery.frusta = switch("frusta", gallery.frusta, "Show in the scene")
+    with ui.card("cameras", fonts, "Cameras"):
+        gallery.frusta = ui.switch("frusta", gallery.frusta, "Show in the scene")
         if len(photographs.splits) > 1:
-            picked = segments("split", ["", *photographs.splits], gallery.split_shown, {"": "all"})
+            picked = ui.segments(
+                "split", {"": "all", **{split: split for split in photographs.splits}}, gallery.split_shown
+            )
             if picked is not None:
                 gallery.split_shown, gallery.reveal = picked, True
         if gallery.frusta and comparison.against != "photograph":
-            label("Size")
-            gallery.frusta_size = slider(
+            ui.label("Size")
+            gallery.frusta_size = ui.slider(
                 "size", gallery.frusta_size, 25.0, 400.0, "%.0f %%", times=100, flags=imgui.SliderFlags_.logarithmic
             )
-            label("Opacity")
-            gallery.frusta_opacity = slider("opacity", gallery.frusta_opacity, 0.0, 100.0, "%.0f %%", times=100)
-            tip("Of the photographs in the scene; at 0 only their outlines are drawn")
+            ui.label("Opacity")
+            gallery.frusta_opacity = ui.slider("opacity", gallery.frusta_opacity, 0.0, 100.0, "%.0f %%", times=100)
+            ui.tip("Of the photographs in the scene; at 0 only their outlines are drawn")
     if comparison.against == "photograph":
         compare_controls(app, fonts, "Compare with the photograph")
     bottom = imgui.get_window_pos().y + imgui.get_window_height()
-    with card("list", fonts, _list_title(app)):
+    with ui.card("list", fonts, _list_title(app)):
         _list(app, canvas, photographs, bottom)
-    with card("folder", fonts, "Scene folder"):
-        hint(_where(photographs))
+    with ui.card("folder", fonts, "Scene folder"):
+        ui.hint(_where(photographs))
         if gallery.thumbnails is not None and gallery.thumbnails.problem:
-            hint(gallery.thumbnails.problem, theme.WARN)
-        if imgui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose…", ImVec2(-1, 0)):
+            ui.hint(gallery.thumbnails.problem, theme.WARN)
+        if ui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose…"):
             start = existing_folder(photographs.folder) if photographs.folder else None
             app.file_request = FileRequest("The folder of photographs", "folder", photographs.look_in, start=start)
 
@@ -80,31 +83,28 @@ def _list_title(app: App) -> str:
 
 def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> None:
     """bottom: the page's lower edge, in window units."""
-    width = half_width()
-    if imgui.button(f"{fa.ICON_FA_ARROW_LEFT}  Previous", ImVec2(width, 0)):
+    width = ui.half_width()
+    if ui.button(f"{fa.ICON_FA_ARROW_LEFT}  Previous", width):
         run(app, "last-photo")
-    tip("B")
+    ui.tip("B")
     imgui.same_line()
-    if imgui.button(f"Next  {fa.ICON_FA_ARROW_RIGHT}", ImVec2(width, 0)):
+    if ui.button(f"Next  {fa.ICON_FA_ARROW_RIGHT}", width):
         run(app, "next-photo")
-    tip("N")
-    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(px(4), px(4)))
-    imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(0, 0))
+    ui.tip("N")
     # As high as the page has room for, with the folder's card below it.
     folder = FOLDER_HEIGHT if photographs.reachable else FOLDER_HEIGHT + MORE_WORDS
     room = bottom - imgui.get_cursor_screen_pos().y - px(folder)
-    height = max(room, px(SMALLEST_LIST * ROW))
-    with coloured(child_bg=theme.BASE):
-        imgui.begin_child("##shots", ImVec2(0, height), imgui.ChildFlags_.always_use_window_padding)
     visible = app.gallery.visible()
-    _reveal(app, visible)
-    clipper = imgui.ListClipper()
-    clipper.begin(len(visible), px(ROW))
-    while clipper.step():
-        for place in range(clipper.display_start, clipper.display_end):
-            _row(app, canvas, photographs, visible[place])
-    imgui.end_child()
-    imgui.pop_style_var(2)
+    with (
+        ui.style(window_padding=(4, 4), item_spacing=(0, 0)),
+        ui.list_box("##shots", max(room, px(SMALLEST_LIST * ROW))),
+    ):
+        _reveal(app, visible)
+        clipper = imgui.ListClipper()
+        clipper.begin(len(visible), px(ROW))
+        while clipper.step():
+            for place in range(clipper.display_start, clipper.display_end):
+                _row(app, canvas, photographs, visible[place])
 
 
 def _reveal(app: App, visible: list[int]) -> None:
@@ -253,8 +253,7 @@ def picture(canvas: Canvas, thumbnails: Thumbnails | None, index: int, low: ImVe
     scale = min((high.x - low.x) / w, (high.y - low.y) / h)
     x, y = 0.5 * (low.x + high.x - scale * w), 0.5 * (low.y + high.y - scale * h)
     corner = ImVec2(x + scale * w, y + scale * h)
-    texture = imgui.ImTextureRef(canvas.sheet(thumbnails))
-    imgui.get_window_draw_list().add_image_rounded(texture, ImVec2(x, y), corner, *uv, theme.packed("#ffffff"), px(4))
+    ui.draw_picture(canvas.sheet(thumbnails), ImVec2(x, y), corner, uv)
     return True
 
 
@@ -268,5 +267,5 @@ def _tooltip(app: App, index: int, sheet: int | None) -> None:
         scale = px(PREVIEW) / max(w, h)
         imgui.image(imgui.ImTextureRef(sheet), ImVec2(scale * w, scale * h), *uv)
     imgui.text_unformatted(shot.name)
-    write(f"{shot.split}   click to go there", theme.MUTED, size=theme.SMALL)
+    ui.write(f"{shot.split}   click to go there", theme.MUTED, size=theme.SMALL)
     imgui.end_tooltip()

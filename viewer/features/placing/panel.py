@@ -5,16 +5,16 @@ from __future__ import annotations
 from math import floor, log10
 
 import numpy as np
-from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from scenepack.placement import NOT_MOVED, Placement
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
+from viewer.core import widgets as ui
 from viewer.core.screen import AXIS_COLOURS, Screen
 from viewer.core.theme import Fonts
-from viewer.core.widgets import Box, card, figure, hint, label, px
+from viewer.core.widgets import Box, px
 from viewer.features.measuring.panel import show_scale
 from viewer.features.placing import placing
 from viewer.features.placing.placing import PAGE
@@ -30,43 +30,38 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         return
     placement = app.annotations.current.placement
     if not app.scene.rig.bounded:  # that is seen from one side
-        with card("level", fonts, "Level"):
+        with ui.card("level", fonts, "Level"):
             _tool_button(app, "ground", f"{fa.ICON_FA_ARROWS_DOWN_TO_LINE}  By three points", "move-ground")
-            if imgui.button(f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Find the ground", ImVec2(-1, 0)):
+            if ui.button(f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Find the ground"):
                 run(app, "move-find-ground")
-            hint("The ground becomes level, at height 0.")
+            ui.hint("The ground becomes level, at height 0.")
             _angles(app, placement)
-    with card("origin", fonts, "Origin"):
-        figure("In the grid frame", "  ".join(f"{value:.3f}" for value in placement.origin))
+    with ui.card("origin", fonts, "Origin"):
+        ui.figure("In the grid frame", "  ".join(f"{value:.3f}" for value in placement.origin))
         _tool_button(app, "origin", f"{fa.ICON_FA_LOCATION_CROSSHAIRS}  By a point", "move-origin")
-    with card("scale", fonts, "Scale"):
+    with ui.card("scale", fonts, "Scale"):
         show_scale(app)
-    with card("placed", fonts, "Placed frame"):
-        hint("Navigation, coordinates, exports and the web page follow. The pack keeps it, and no voxel changes.")
-        imgui.begin_disabled(placement == NOT_MOVED)
-        if imgui.button(f"{fa.ICON_FA_ROTATE_LEFT}  Back to the grid frame", ImVec2(-1, 0)):
+    with ui.card("placed", fonts, "Placed frame"):
+        ui.hint("Navigation, coordinates, exports and the web page follow. The pack keeps it, and no voxel changes.")
+        if ui.button(f"{fa.ICON_FA_ROTATE_LEFT}  Back to the grid frame", enabled=placement != NOT_MOVED):
             run(app, "move-reset")
-        imgui.end_disabled()
 
 
 def _tool_button(app: App, tool: str, title: str, command: str) -> None:
     """A button that waits for clicks, and says so; pressed again, it does not any more."""
     waits = app.measure_tool.tool == tool
-    if imgui.button("Cancel" if waits else title, ImVec2(-1, 0)):
+    if ui.button("Cancel" if waits else title):
         run(app, command)
     if waits:
-        hint(WAITS[tool])
+        ui.hint(WAITS[tool])
 
 
 def _angles(app: App, placement: Placement) -> None:
-    assert app.scene is not None
     angles = list(placement.angles)
     for i, (name, most) in enumerate(ANGLES):
-        label(name)
-        changed, value = imgui.slider_float(f"##{name}", round(angles[i], 1) + 0.0, -most, most, "%.1f°")
-        if imgui.is_item_activated():
-            app.scene.rig.remember()
-        if changed:
+        ui.label(name)
+        value = ui.undoable_slider(app, name, round(angles[i], 1) + 0.0, -most, most, "%.1f°")
+        if value is not None:
             angles[i] = min(max(value, -most), most)
             placing.put(app, placement.with_angles(*angles))
 
@@ -85,21 +80,18 @@ def draw(app: App, box: Box) -> None:
     placed = np.array(annotations.placement.rotation)
     step = _round(SPAN * rig.radius * annotations.scale.factor / CELLS) / annotations.scale.factor
     origin = np.array(annotations.placement.origin)
-    screen, draw_list = Screen(app, box), imgui.get_window_draw_list()
-    draw_list.push_clip_rect(ImVec2(box[0], box[1]), ImVec2(box[0] + box[2], box[1] + box[3]), True)
-    if not rig.bounded:
-        x, z, edges = *np.meshgrid(*2 * [np.arange(-CELLS, CELLS + 1)], indexing="ij"), []
-        side = 2 * CELLS + 1
-        for i in range(side):  # piece by piece: those that lie before the camera
-            for j in range(side - 1):
-                edges += [(i * side + j, i * side + j + 1), (j * side + i, (j + 1) * side + i)]
-        points = origin + step * (x.reshape(-1, 1) * placed[0] + z.reshape(-1, 1) * placed[2])
-        screen.lines(points, edges, theme.packed(theme.MUTED, 0.6), px(1))  # seen on white and on black
-    for axis, colour in zip(placed, AXIS_COLOURS, strict=True):
-        ends = np.stack([origin, origin + 2 * step * axis])
-        screen.lines(ends, [(0, 1)], theme.packed(theme.BASE, 0.75), px(5))
-        screen.lines(ends, [(0, 1)], theme.packed(colour), px(2.5))
-    draw_list.pop_clip_rect()
+    screen = Screen(app, box)
+    with ui.clipped(box):
+        if not rig.bounded:
+            x, z, edges = *np.meshgrid(*2 * [np.arange(-CELLS, CELLS + 1)], indexing="ij"), []
+            side = 2 * CELLS + 1
+            for i in range(side):  # piece by piece: those that lie before the camera
+                for j in range(side - 1):
+                    edges += [(i * side + j, i * side + j + 1), (j * side + i, (j + 1) * side + i)]
+            points = origin + step * (x.reshape(-1, 1) * placed[0] + z.reshape(-1, 1) * placed[2])
+            screen.lines(points, edges, theme.packed(theme.MUTED, 0.6), px(1))  # seen on white and on black
+        for axis, colour in zip(placed, AXIS_COLOURS, strict=True):
+            screen.outlined_lines(np.stack([origin, origin + 2 * step * axis]), [(0, 1)], colour, 2.5, 5)
 
 
 def _round(length: float) -> float:

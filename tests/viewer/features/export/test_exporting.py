@@ -31,7 +31,7 @@ def test_all_choices_of_the_dialog_are_options_of_the_command(kind, tmp_path: Pa
     asked = []
     monkeypatch.setattr(command, "export", lambda *words, **named: None)
     monkeypatch.setattr(command, "run_command", lambda commands, **named: asked.append(named["args"]) or 0)
-    plan = ExportPlan(kind=kind, faces="100,000", spacing="Dense", keep="All", frame="world")
+    plan = ExportPlan(kind=kind, faces=100_000, spacing=0.5, keep="all", frame="world")
     words = plan.arguments(Path("pack"), tmp_path / "a.ply", BOX)
     assert command.main(words) == 0 and asked == [words]
     text = " ".join(words)

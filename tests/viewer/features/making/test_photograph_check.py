@@ -63,7 +63,7 @@ def test_a_check_shows_its_progress_and_then_what_it_found(asked: App, tmp_path:
 def test_a_check_that_is_stopped_or_whose_dialog_is_closed_leaves_nothing(asked: App, tmp_path: Path):
     for stop in (asked.making.end_check, asked.making.dismiss):
         asked.making.check_photographs(asked)
-        pid = asked.making.check._process.child.pid
+        pid = asked.making.check._process.child._child.pid
         live(asked, lambda: asked.making.check.report is not None, 120.0)
         stop()
         assert asked.making.check is None
