@@ -72,7 +72,7 @@ def _look(
     camera than its rays begin."""
     photographs, cut_out = photographs_of(dataset.local()), dataset.kind == "object"
     ends = np.append(photographs.first[1:], dataset.count)
-    counts, against = np.zeros(possible.shape, np.int32), np.zeros(possible.shape, np.int32)
+    counts = np.zeros((2, *possible.shape), np.int32)  # of views that look at a cell; of those that show nothing there
     disagree = 0.0 if dataset.facts.rendered else DISAGREE
     most = int(disagree * len(ends))
     side = possible.shape[0]
@@ -85,12 +85,10 @@ def _look(
             np.cumsum(np.cumsum(shows, 0, dtype=np.int32), 1, out=table[1:, 1:])
 
         def look(_: int, z: int, view: int = view, table: np.ndarray = table) -> None:
-            _look_at_layer(
-                photographs, view, table, cut_out, box.origin, box.cell * coarse, possible, counts, against, most, z
-            )
+            _look_at_layer(photographs, view, table, cut_out, box.origin, box.cell * coarse, possible, counts, most, z)
 
         workers.share(side, look)
-    possible[(counts < least_views) | (against > disagree * counts)] = 0
+    possible[(counts[0] < least_views) | (counts[1] > disagree * counts[0])] = 0
 
 
 def _pixels(dataset: RayDataset, first: int, last: int) -> np.ndarray:
@@ -101,9 +99,9 @@ def _pixels(dataset: RayDataset, first: int, last: int) -> np.ndarray:
 
 
 @njit(nogil=True, cache=True)
-def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell, possible, counts, against, most, z):
+def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell, possible, counts, most, z):
     """One layer of cells, as one view sees them. table int32 [rows + 1, width + 1]: pixels that show something, summed; counts:
-    views that look at a cell; against: of them, those that show nothing there, of which `most` are too few to matter."""
+    see _look; as many as `most` views that show nothing do not matter."""
     pose, lens, distortion = (
         photographs.world_T_camera[view], photographs.intrinsics[view], photographs.distortion[view]
     )  # fmt: skip
@@ -112,7 +110,7 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
     place, relative = np.empty(3), np.empty(3)
     for y in range(possible.shape[1]):
         for x in range(possible.shape[2]):
-            if possible[z, y, x] == 0 or against[z, y, x] > most:
+            if possible[z, y, x] == 0 or counts[1, z, y, x] > most:
                 continue
             place[0], place[1], place[2] = x, y, z
             for axis in range(3):
@@ -141,7 +139,7 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
             u, v = _distort(a, b, distortion)
             px, py = lens[0] * u + lens[2], (lens[1] * v + lens[3]) / photographs.row_step
             if px >= 0 and py >= 0 and px < width and py < rows:
-                counts[z, y, x] += 1
+                counts[0, z, y, x] += 1
             if not cut_out or photographs.ndc[2] > 0:
                 continue
             if distortion[PROJECTION] == EQUIRECTANGULAR:
@@ -149,7 +147,7 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
                 if distance >= 2.0 * radius and not _in_panorama(
                     table, px, py, b, np.arcsin(radius / distance), lens[0], lens[1] / photographs.row_step
                 ):
-                    against[z, y, x] += 1
+                    counts[1, z, y, x] += 1
                 continue
             if depth < 2.0 * radius:
                 continue
@@ -162,7 +160,7 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
             if left < 0 or top < 0 or past > width or below > rows:
                 continue  # partly out of sight
             if _shown(table, left, top, past, below) == 0:
-                against[z, y, x] += 1
+                counts[1, z, y, x] += 1
 
 
 @njit(nogil=True, cache=True)

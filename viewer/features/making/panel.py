@@ -422,7 +422,8 @@ def _head(review: Review, fonts: Fonts) -> None:
 
 def _review_choices(app: App, review: Review, shown: bool) -> None:
     ui.label("Seen as", REVIEW_LABELS)
-    picked = ui.segments("kind", {kind: KINDS[kind] for kind in review.kinds}, review.kind)
+    titles: dict[Kind, str] = {kind: KINDS[kind] for kind in review.kinds}
+    picked = ui.segments("kind", titles, review.kind)
     if picked is not None and picked != review.kind:
         app.making.choose_kind(app, picked)
         if app.settings.crop is not None:
