@@ -64,7 +64,7 @@ class MultiresConfig:
     colour_smoothness: float | None = None
     """The same of colours and features."""
     least_views: int | None = None
-    """Where fewer training photographs look, nothing is; at most a quarter of them are asked for."""
+    """Space that fewer training photographs see is empty; a quarter of all photographs always suffices."""
     ndc_depth: float = 4.0
     """Depth of a cell relative to its width, in forward-facing scenes, where depth is known less precisely."""
     random_background: bool = True

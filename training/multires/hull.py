@@ -1,4 +1,4 @@
-"""Where anything can be, by the training photographs: what their alpha leaves over, and what enough of them look at.
+"""Where anything can be, by the training photographs: what the alpha of most leaves over, and what enough of them see.
 
 Notation: R³ cells of the unit cube, uint8 [z, y, x], 1 where something may be; V views. A cell is taken for the ball around it,
 of which a view's picture shows at most a square.
@@ -23,7 +23,7 @@ COARSE = 4  # cells of the occupancy grid to a cell that is looked at first, alo
 FINE = 128  # cells that are looked at along an axis of contracted space, where some lie close before cameras
 TIGHT = 64  # cells along the box, of which those that hold something decide where the cube is
 BEHIND = 1e-3  # depth below which a cell may reach behind the camera
-DISAGREE = 0.2  # part of the photographs whose masks may be wrong about a place; rendered alpha never is
+DISAGREE = 0.2  # of the photographs that see a cell, the share whose masks may be wrong there; rendered alpha never is
 AROUND = 0.5 * np.pi  # how much wider than it is a fisheye shows what lies before the camera, at most
 _distort, _ideal = LENS.distort, LENS.ideal
 
@@ -72,7 +72,7 @@ def _look(
     camera than its rays begin."""
     photographs, cut_out = photographs_of(dataset.local()), dataset.kind == "object"
     ends = np.append(photographs.first[1:], dataset.count)
-    counts = np.zeros((2, *possible.shape), np.int32)  # of views that look at a cell; of those that show nothing there
+    counts = np.zeros((2, *possible.shape), np.int32)  # views that see a cell; of these, those that show nothing there
     disagree = 0.0 if dataset.facts.rendered else DISAGREE
     most = int(disagree * len(ends))
     side = possible.shape[0]
@@ -101,7 +101,7 @@ def _pixels(dataset: RayDataset, first: int, last: int) -> np.ndarray:
 @njit(nogil=True, cache=True)
 def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell, possible, counts, most, z):
     """One layer of cells, as one view sees them. table int32 [rows + 1, width + 1]: pixels that show something, summed; counts:
-    see _look; as many as `most` views that show nothing do not matter."""
+    see _look. most: a cell that more views than this show nothing of is empty, and not counted further."""
     pose, lens, distortion = (
         photographs.world_T_camera[view], photographs.intrinsics[view], photographs.distortion[view]
     )  # fmt: skip

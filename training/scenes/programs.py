@@ -338,9 +338,10 @@ def _read_record3d(file: Path, _: SizeOf) -> Reconstruction:
 # --- OpenSfM, OpenDroneMap --------------------------------------------------------------------------------------------
 
 # projection_type: the projection, and coefficients besides k1, k2
-OPENSFM = {
-    "perspective": (PERSPECTIVE, ()), "simple_radial": (PERSPECTIVE, ()), "radial": (PERSPECTIVE, ()),
-    "brown": (PERSPECTIVE, ("k3", "p1", "p2")), "fisheye": (FISHEYE, ()), "fisheye_opencv": (FISHEYE, ("k3", "k4")),
+OPENSFM = {  # projection, and the coefficients of its lens
+    "perspective": (PERSPECTIVE, ("k1", "k2")), "simple_radial": (PERSPECTIVE, ("k1", "k2")),
+    "radial": (PERSPECTIVE, ("k1", "k2")), "brown": (PERSPECTIVE, ("k1", "k2", "k3", "p1", "p2")),
+    "fisheye": (FISHEYE, ("k1", "k2")), "fisheye_opencv": (FISHEYE, ("k1", "k2", "k3", "k4")),
     "spherical": (EQUIRECTANGULAR, ()), "equirectangular": (EQUIRECTANGULAR, ()),
 }  # fmt: skip
 
@@ -360,11 +361,11 @@ def _read_opensfm(file: Path, _: SizeOf) -> Reconstruction:
         if kind not in OPENSFM:
             raise UserError("this lens model is not supported", where=file, expected=", ".join(OPENSFM), found=kind[:40],
                             remedy="undistort the pictures first (opensfm undistort)")  # fmt: skip
-        projection, further = OPENSFM[kind]
+        projection, keys = OPENSFM[kind]
         width, height = size = export.number(lens, "width"), export.number(lens, "height")
         scale, fx = max(size), export.number(lens, "focal_x", export.number(lens, "focal", 0.0))
         focal = [scale * fx, scale * export.number(lens, "focal_y", fx)]
-        coefficients = {key: export.number(lens, key, 0.0) for key in ("k1", "k2", *further)}
+        coefficients = {key: export.number(lens, key, 0.0) for key in keys}
         c_x, c_y = (scale * export.number(lens, key, 0.0) for key in ("c_x", "c_y"))
         middle = c_x + 0.5 * width, c_y + 0.5 * height
         world_T_camera = np.linalg.inv(pose(camera_T_world, f"{file} {name}")) @ OPENGL_FROM_OPENCV
