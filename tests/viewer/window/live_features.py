@@ -186,7 +186,8 @@ def test_on_foot_keys_walk_up_to_the_ball_and_jump_and_the_mouse_looks_around(wi
     app.walking.eye_height_m = 0.2 / metre_of(app.scene.pack, rig, Scale())
     xdotool("key", "g")
     wait(window, lambda: rig.walking)
-    rig.stand_at(np.array([0.0, -0.4, 0.75]), Pose())  # on the plate's edge, with the ball ahead
+    rig.stand_at(np.array([0.0, -0.4, 0.75]), Pose())  # above the plate's edge, with the ball ahead
+    app.walking.stands = False  # it stood where it came from; now it has to land
     wait(window, lambda: app.walking.stands)
     level = rig.goal.eye(rig.table)
     xdotool("keydown", "w")
