@@ -310,7 +310,7 @@ def without(pack: Pack, removed: Selection, how: Sequence[str]) -> Pack:
 MARKED = np.array([255, 20, 90], np.float32)  # a warning colour, sRGB
 
 State = tuple[Selection, Selection]  # removed, selected
-Values = tuple[np.ndarray, list[np.ndarray]]  # a mask, and what was there of each atlas, uint8 [m, 4]
+Values = tuple[tuple[np.ndarray, ...], list[np.ndarray]]  # where (z, y, x), int [m] each, and what was there, uint8 [m, 4]
 
 
 @dataclass
@@ -364,24 +364,24 @@ class EditPreview:
         place = tuple(self.voxels.places[number])
         data = [block_copy(pack, atlas, place)[1:-1, 1:-1, 1:-1] for atlas in pack.atlases]
         removed, selected = (self.voxels.mask(selection, number) for selection in self._goal)
-        mask = removed | selected
-        touched = mask
+        touched = at = np.nonzero(removed | selected)
         if number in self._originals:
             before, originals = self._originals.pop(number)
-            touched = mask | before
+            touched = tuple(np.concatenate(both) for both in zip(at, before, strict=True))
             for values, original in zip(data, originals, strict=True):
                 values[before] = original
-        if mask.any():
-            self._originals[number] = mask, [values[mask] for values in data]
-            alpha = data[0][selected][:, 3:]
+        if len(at[0]):
+            self._originals[number] = at, [values[at] for values in data]
+            alpha = data[0][at][:, 3:] * selected[at][:, None]
             for values in data:
-                values[mask] = 0
-            data[0][selected] = np.concatenate([np.rint(alpha * (MARKED / 255.0)).astype(np.uint8), alpha], axis=1)
+                values[at] = 0
+            data[0][at] = np.concatenate([np.rint(alpha * (MARKED / 255.0)).astype(np.uint8), alpha], axis=1)
         self._shown[number] = self._bits(number)
         self._changed.add(number)
+        reaches = [{-1: axis.min() == 0, 0: True, 1: axis.max() == pack.block_size - 1} for axis in touched]
         for step, neighbour in zip(STEPS, self.voxels.neighbours[number].tolist(), strict=True):
             border = _along(COPIED, [-s for s in step])  # what the neighbour's padding copies
-            if neighbour < 0 or not touched[border].any():
+            if neighbour < 0 or not all(ends[s] for ends, s in zip(reaches, step, strict=True)):
                 continue
             self._changed.add(neighbour)
             for atlas, values in zip(pack.atlases, data, strict=True):
