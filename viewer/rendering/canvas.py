@@ -83,6 +83,11 @@ class Canvas:
         self._drop_coming()
         self._coming = coming
 
+    @property
+    def refines(self) -> bool:
+        """Whether a finer version of the open pack is on its way to the GPU."""
+        return self._coming is not None
+
     def _drop_coming(self) -> None:
         if self._coming is not None:
             self._coming.release()

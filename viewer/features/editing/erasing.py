@@ -372,11 +372,10 @@ def _preview(app: App) -> EditPreview:
         raise UserError("there is no scene")
     if scene.preview is None:
         check_is_on_disk(scene, "open a pack, then erase parts of it")
-        pack = scene.pack
-        if not scene.whole or not scene.stays:
+        pack, canvas = scene.pack, app.canvas
+        if not scene.whole or not scene.stays or (canvas is not None and canvas.refines):
             raise UserError("is not complete yet", where=scene.name, remedy="wait for it")
-        renderer = app.canvas.renderer if app.canvas is not None else None
-        if renderer is not None and renderer.pack is not pack:
+        if canvas is not None and canvas.renderer is not None and canvas.renderer.pack is not pack:
             what = "does not fit on the graphics card, so that its voxels cannot be shown one by one"
             raise UserError(what, where=scene.name, remedy="use snerg-pack edit")
         used = pack.atlas_indices[pack.occupied]

@@ -270,6 +270,10 @@ def test_save_as_writes_a_pack_of_what_is_left_and_opens_it_from_where_one_was(u
 
 
 def test_what_cannot_be_edited_says_why(ui, app, pack):
+    app.canvas.refine(specked())  # the finer pack is on its way to the GPU
+    run(app, "erase")
+    assert "is not complete yet" in app.messages.dialogs.pop().text and not app.erasing.tool
+    ui.settle()
     run(app, "save-edited")
     assert "nothing was erased" in app.messages.dialogs.pop().text
     run(app, "select-inside")
