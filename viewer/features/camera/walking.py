@@ -17,6 +17,7 @@ from viewer.core.annotations import METRES, Scale
 from viewer.features.camera.orbit_camera import OrbitCamera
 from viewer.features.camera.walk_physics import RADIUS, Body, Space, moved
 from viewer.features.measuring.surface import opacities, surface_at
+from viewer.features.photographs.photographs import shots_of
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import RenderSettings
@@ -136,8 +137,8 @@ def _space(pack: Pack, settings: RenderSettings, rig: OrbitCamera, eye_height: f
 def metre_of(pack: Pack, rig: OrbitCamera, scale: Scale) -> float:
     """Grid units in a metre, by the scale of the scene if its longest side is more than two eye heights then.
 
-    Otherwise a guess: the first view of a scene that was photographed from inside is at eye height above the ground; any other
-    scene is SCENE_M long.
+    Otherwise a guess: a scene that was photographed from inside was photographed at eye height, in the median; any other scene is
+    SCENE_M long.
     """
     low, high = rig.all_of_it
     side = float((high - low).max())
@@ -146,10 +147,11 @@ def metre_of(pack: Pack, rig: OrbitCamera, scale: Scale) -> float:
         if 2 * USUAL_M * metre < side:
             return metre
     if rig.within:
+        eyes = np.array([shot.view.position for shot in shots_of(pack)] or [rig.home_pose.eye(rig.table)])
         down = np.arange(0.0, side, 0.5 * pack.voxel_size)
-        places = rig.home_pose.eye(rig.table) - down[:, None] * rig.table.axes[1]
-        solid = opacities(pack, (places - pack.min_xyz) / pack.voxel_size) >= SOLID
-        height = float(down[np.argmax(solid)])
-        if 0.01 * side < height < 0.5 * side:
+        places = eyes[:, None] - down[:, None] * rig.table.axes[1]
+        solid = opacities(pack, ((places - pack.min_xyz) / pack.voxel_size).reshape(-1, 3)) >= SOLID
+        heights = down[np.argmax(solid.reshape(len(eyes), -1), axis=1)]  # 0 where there is no ground
+        if (height := float(np.median(heights))) > 0.01 * side:
             return height / USUAL_M
     return side / SCENE_M

@@ -8,10 +8,11 @@ import pytest
 
 from scenepack.placement import Placement
 from tests.viewer.conftest import toy_pack
+from tests.viewer.features.camera.test_orbit_camera import seen_from
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core.annotations import Scale
-from viewer.features.camera.orbit_camera import DEFAULT_FOV, WALKING_FOV
+from viewer.features.camera.orbit_camera import DEFAULT_FOV, WALKING_FOV, OrbitCamera
 from viewer.features.camera.walking import SCENE_M, USUAL_M, metre_of
 from viewer.features.crop import crop
 from viewer.features.placing import placing
@@ -132,6 +133,10 @@ def test_a_metre_is_that_of_the_scale_unless_the_scene_is_too_small_for_a_body(a
     assert metre_of(pack, rig, Scale(20.0, "cm")) == metre_of(pack, rig, Scale()) == pytest.approx(side / SCENE_M)
     rig.within, rig.home_pose = True, rig.home_pose.seen_from(np.array([-0.6, PLATE + 0.4, 0.0]), rig.table)
     assert metre_of(pack, rig, Scale()) == pytest.approx(0.4 / USUAL_M, abs=0.02)
+    photographed = seen_from(toy_pack(), 0.9)  # from a height of three quarters, in the median
+    rig = OrbitCamera(photographed)
+    expected = rig.home_pose.eye(rig.table)[1] - PLATE
+    assert metre_of(photographed, rig, Scale()) == pytest.approx(expected / USUAL_M, abs=0.02)
 
 
 def test_the_eye_height_is_remembered_and_nothing_absurd_is_taken(app):
