@@ -310,7 +310,7 @@ def without(pack: Pack, removed: Selection, how: Sequence[str]) -> Pack:
 MARKED = np.array([255, 20, 90], np.float32)  # a warning colour, sRGB
 
 State = tuple[Selection, Selection]  # removed, selected
-Values = tuple[tuple[np.ndarray, ...], list[np.ndarray]]  # where (z, y, x), int [m] each, and what was there, uint8 [m, 4]
+Values = tuple[tuple[np.ndarray, ...], list[np.ndarray]]  # z, y and x, int [m] each, and of each atlas uint8 [m, 4]
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""`python -m tools.spoilt SCENE OUT`: does the check of photographs rank a capture and worse versions of it by the PSNR they reach?
+"""`python -m tools.spoilt SCENE OUT`: a capture, worse versions of it, what the check says of each, and the PSNR that it reaches.
 
 Versions, each a scene in a folder of OUT: whole; blurred; third, every third photograph alone; exposure, in turns darker and
 brighter. All are tested on the same photographs, which are held out, as sharp and as bright as they were.

@@ -230,13 +230,14 @@ def roughness(
 
 class Target(NamedTuple):
     """What N rays should show. viewdirs, colours, background [N, 3]; step_lengths [N]: distance between a ray's samples, in sides
-    of the cube; side []: world units of one."""
+    of the cube; side []: world units of one. shares [S]: of the gradients of samples."""
 
     viewdirs: jax.Array
     colours: jax.Array
     background: jax.Array
     step_lengths: jax.Array
     side: jax.Array
+    shares: jax.Array
 
 
 def loss(
@@ -247,7 +248,8 @@ def loss(
     and SNeRG's sparsity loss (section 4.3), the last over all that is in the way of a ray, and roughness of pairs of points."""
     count = target.colours.shape[0]
     x = encode(table, levels, maps, samples.g / settings.resolution)
-    density, values = activate(decode(parameters, x))
+    raw = decode(parameters, x)
+    density, values = activate(jax.lax.stop_gradient(raw) + target.shares[:, None] * (raw - jax.lax.stop_gradient(raw)))
     gathered, weights, lit = composite(density, values, samples, target.step_lengths, count, sizes.per_ray)
     view_mlp = split_parameters(parameters, x.shape[1])[-1] if settings.has_view_mlp else None
     rgb = shade(gathered, view_mlp, target.viewdirs, target.background).rgb

@@ -101,7 +101,17 @@ def sampled(
     in_grid = to_grid(cells, rays)
     samples = march(cells, in_grid, phase, constants.lists.sizes, constants.step_cells)
     side = cells.voxel[0] * constants.settings.resolution
-    return samples, field.Target(rays.viewdirs, colours, background, constants.step_cells * in_grid.length / side, side)
+    step_lengths = constants.step_cells * in_grid.length / side
+    shares = gradient_shares(samples, in_grid.length, constants.settings)
+    return samples, field.Target(rays.viewdirs, colours, background, step_lengths, side, shares)
+
+
+def gradient_shares(samples: Samples, lengths: jax.Array, settings: Settings) -> jax.Array:
+    """How much of its gradient each sample keeps, float32 [S]: see Settings. lengths [N]: world units per voxel."""
+    if settings.whole_from == 0:
+        return jnp.ones(len(samples.t))
+    away = settings.near + samples.t * lengths[samples.ray]
+    return jnp.square(jnp.minimum(away / settings.whole_from, 1.0))
 
 
 def loss_and_gradient(

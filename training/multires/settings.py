@@ -35,7 +35,9 @@ class Settings(NamedTuple):
     in sides of the cube. decay: weight of the mean squares of levels' features. sparsity: weight of the loss summed over lengths
     of rays in world units; sparsity_scale: its scale.
     smoothness: weights of density, and of colours and features. rates: of table, decoder, view MLP. octaves: of the view
-    direction; has_view_mlp.
+    direction; has_view_mlp. near, whole_from: world units from the camera to where a ray begins, and from which gradients are
+    whole (0: all are): nearer they shrink with the square of the distance (Philip and Deschaintre 2023), for the fewer
+    photographs see a place, the more of their rays meet there.
     """
 
     resolution: int
@@ -51,6 +53,8 @@ class Settings(NamedTuple):
     warmup_steps: int
     octaves: int
     has_view_mlp: bool
+    near: float
+    whole_from: float
 
     def rates_at(self, updates: int, progress: float) -> tuple[float, float, float]:
         """Adam's rates with warm-up, decay and bias correction, after so many updates."""
@@ -174,6 +178,8 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
         warmup_steps=own.warmup_steps,
         octaves=own.view_octaves,
         has_view_mlp=own.view_dependence,
+        near=dataset.near,
+        whole_from=dataset.facts.contraction or 0.0,
     )
 
 

@@ -19,7 +19,7 @@ from training.marching.march import MarchSizes, march
 from training.marching.rays import GridRays
 from training.multires.config import MultiresConfig
 from training.multires.field import Target, decoder_size, inputs_of, seen_inputs
-from training.multires.jax_engine import Constants, JaxEngine, Lists, adam, cells_of, loss_and_gradient
+from training.multires.jax_engine import Constants, JaxEngine, Lists, adam, cells_of, gradient_shares, loss_and_gradient
 from training.multires.levels import ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.state import State, Trainable
@@ -84,7 +84,8 @@ class Trained:
         constants = Constants(levels, Lists(sizes, len(b.phase)), state.step_cells, self.method.settings)
         lengths = b.length * np.float32(state.step_cells / (state.box.cell[0] * self.method.settings.resolution))
         reference = np.float32(state.box.cell[0] * self.method.settings.resolution)
-        target = Target(*(jnp.asarray(a) for a in (b.viewdirs, b.target, b.background, lengths, reference)))
+        shares = gradient_shares(samples, jnp.asarray(b.length), self.engine.settings)
+        target = Target(*(jnp.asarray(a) for a in (b.viewdirs, b.target, b.background, lengths, reference, shares)))
         compiled = jax.jit(loss_and_gradient, static_argnames="constants")
         values = Trainable(*(jnp.asarray(a) for a in state.values))
         gradient, metrics = compiled(values, maps, samples, target, jnp.asarray(b.pairs), constants=constants)
@@ -187,7 +188,8 @@ def parts_of(trained: Trained) -> Iterator[tuple[str, Trainable]]:
 
 
 @pytest.mark.slow
-def test_gradients_are_what_finite_differences_say(trained: Trained) -> None:
+def test_gradients_are_what_finite_differences_say(trained: Trained, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trained.engine, "settings", trained.engine.settings._replace(whole_from=0.0))
     _, _, gradient = trained.fused()
     values = Trainable(*(a.copy() for a in trained.state.values))
     for name, mask in parts_of(trained):

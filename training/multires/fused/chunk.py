@@ -50,6 +50,7 @@ class Numbers(NamedTuple):
     counts. octaves: of the direction that it sees. first_view: where its parameters begin; first_turned: in what the gradients'
     products read. smoothness: weights of density and of colours and features; cell: side of the finest level's, of the cube.
     sampled_below: times the mean of slopes; samples with smaller ones are taken at random for the gradient. 0: all are taken.
+    near, whole_from: see Settings.
     """
 
     step: float
@@ -67,6 +68,8 @@ class Numbers(NamedTuple):
     smoothness: tuple[float, float]
     cell: float
     sampled_below: float
+    near: float
+    whole_from: float
 
 
 class Scratch(NamedTuple):
@@ -253,6 +256,10 @@ def _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics):
         if scratch.density[n] >= largest:  # beyond the largest density only what leads back counts
             slope = max(slope, zero)
         scratch.slopes[at] = slope
+        away = numbers.near + scratch.t[n] * batch.length[low + r]
+        if away < numbers.whole_from:
+            for c in range(OUTPUTS):
+                scratch.slopes[at + c] *= (away / numbers.whole_from) ** 2
     for r in range(high - low):
         metrics[SPARSITY] += (logs[r] + np.log(product[r])) * np.float64(batch.length[low + r] * per_length)
 

@@ -317,7 +317,7 @@ class FusedEngine:
             f(LARGEST_RAW), f(LEAST_LIGHT), f(TRANSMITTANCE_SHADED), np.int64(settings.octaves), settings.has_view_mlp,
             decoder_size(self.inputs), (8 + self.inputs + 1) * HIDDEN,
             (f(settings.smoothness[0]), f(settings.smoothness[1])), f(1 / self.plan.resolutions[-1]),
-            f(self.sampled_below),
+            f(self.sampled_below), f(settings.near), f(settings.whole_from),
         )  # fmt: skip
 
     def _field(self, state: State) -> Field:
