@@ -18,7 +18,7 @@ from viewer.rendering.settings import MODES
 class FakeCanvas:
     """Remembers what it was told to show. refuse: a reason to refuse packs."""
 
-    gpu_bytes, renderer = 0, None
+    gpu_bytes, renderer, refines = 0, None, False
 
     def __init__(self, refuse: str = "") -> None:
         self.shown, self.refuse = [], refuse
