@@ -80,7 +80,7 @@ def main(
         verdict = check(require_source(folder / "images"), out / f"{version}.html", 120)
         run = train(folder, out / "runs" / version, replace(PRESETS["quick"], steps=steps), half)
         psnr = evaluate(run, load_scene(folder, half), "test")["psnr"]
-        figures[version] = {"psnr": psnr, "lines": verdict.lines()[:2]} | verdict.as_json()
+        figures[version] = {"psnr": psnr} | verdict.as_json()
         print(f"{scene.name:12s} {version:10s} quality {verdict.score:3.0f}, {psnr:.2f} dB", flush=True)
         (out / "figures.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
 

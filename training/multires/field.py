@@ -230,7 +230,8 @@ def roughness(
 
 class Target(NamedTuple):
     """What N rays should show. viewdirs, colours, background [N, 3]; step_lengths [N]: distance between a ray's samples, in sides
-    of the cube; side []: world units of one. shares [S]: of the gradients of samples."""
+    of the cube; side []: world units of one. shares [S]: of its gradient that each sample
+    keeps."""
 
     viewdirs: jax.Array
     colours: jax.Array
@@ -249,7 +250,8 @@ def loss(
     count = target.colours.shape[0]
     x = encode(table, levels, maps, samples.g / settings.resolution)
     raw = decode(parameters, x)
-    density, values = activate(jax.lax.stop_gradient(raw) + target.shares[:, None] * (raw - jax.lax.stop_gradient(raw)))
+    fixed = jax.lax.stop_gradient(raw)
+    density, values = activate(fixed + target.shares[:, None] * (raw - fixed))
     gathered, weights, lit = composite(density, values, samples, target.step_lengths, count, sizes.per_ray)
     view_mlp = split_parameters(parameters, x.shape[1])[-1] if settings.has_view_mlp else None
     rgb = shade(gathered, view_mlp, target.viewdirs, target.background).rgb

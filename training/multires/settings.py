@@ -36,8 +36,8 @@ class Settings(NamedTuple):
     of rays in world units; sparsity_scale: its scale.
     smoothness: weights of density, and of colours and features. rates: of table, decoder, view MLP. octaves: of the view
     direction; has_view_mlp. near, whole_from: world units from the camera to where a ray begins, and from which gradients are
-    whole (0: all are): nearer they shrink with the square of the distance (Philip and Deschaintre 2023), for the fewer
-    photographs see a place, the more of their rays meet there.
+    whole (0: all are): nearer they shrink with the square of the distance (Philip and Deschaintre 2023), as the
+    space between a photograph's rays does.
     """
 
     resolution: int

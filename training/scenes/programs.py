@@ -337,8 +337,8 @@ def _read_record3d(file: Path, _: SizeOf) -> Reconstruction:
 
 # --- OpenSfM, OpenDroneMap --------------------------------------------------------------------------------------------
 
-# projection_type: the projection, and coefficients besides k1, k2
-OPENSFM = {  # projection, and the coefficients of its lens
+# projection_type: the projection, and the coefficients of the lens
+OPENSFM = {
     "perspective": (PERSPECTIVE, ("k1", "k2")), "simple_radial": (PERSPECTIVE, ("k1", "k2")),
     "radial": (PERSPECTIVE, ("k1", "k2")), "brown": (PERSPECTIVE, ("k1", "k2", "k3", "p1", "p2")),
     "fisheye": (FISHEYE, ("k1", "k2")), "fisheye_opencv": (FISHEYE, ("k1", "k2", "k3", "k4")),

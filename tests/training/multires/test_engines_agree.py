@@ -85,6 +85,9 @@ class Trained:
         lengths = b.length * np.float32(state.step_cells / (state.box.cell[0] * self.method.settings.resolution))
         reference = np.float32(state.box.cell[0] * self.method.settings.resolution)
         shares = gradient_shares(samples, jnp.asarray(b.length), self.engine.settings)
+        assert bool((shares < 1).any()) == (
+            self.method.dataset.kind == "unbounded"
+        )  # in which the cameras' surroundings count
         target = Target(*(jnp.asarray(a) for a in (b.viewdirs, b.target, b.background, lengths, reference, shares)))
         compiled = jax.jit(loss_and_gradient, static_argnames="constants")
         values = Trainable(*(jnp.asarray(a) for a in state.values))

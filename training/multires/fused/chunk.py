@@ -258,8 +258,9 @@ def _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics):
         scratch.slopes[at] = slope
         away = numbers.near + scratch.t[n] * batch.length[low + r]
         if away < numbers.whole_from:
+            share = (away / numbers.whole_from) ** 2
             for c in range(OUTPUTS):
-                scratch.slopes[at + c] *= (away / numbers.whole_from) ** 2
+                scratch.slopes[at + c] *= share
     for r in range(high - low):
         metrics[SPARSITY] += (logs[r] + np.log(product[r])) * np.float64(batch.length[low + r] * per_length)
 

@@ -137,8 +137,8 @@ def _space(pack: Pack, settings: RenderSettings, rig: OrbitCamera, eye_height: f
 def metre_of(pack: Pack, rig: OrbitCamera, scale: Scale) -> float:
     """Grid units in a metre, by the scale of the scene if its longest side is more than two eye heights then.
 
-    Otherwise a guess: a scene that was photographed from inside was photographed at eye height, in the median; any other scene is
-    SCENE_M long.
+    Otherwise a guess: in a scene that was photographed from inside, the photographs' median height is eye height; any other scene
+    is SCENE_M long.
     """
     low, high = rig.all_of_it
     side = float((high - low).max())

@@ -15,6 +15,7 @@ from viewer.core.annotations import Scale
 from viewer.features.camera.orbit_camera import DEFAULT_FOV, WALKING_FOV, OrbitCamera
 from viewer.features.camera.walking import SCENE_M, USUAL_M, metre_of
 from viewer.features.crop import crop
+from viewer.features.photographs.photographs import shots_of
 from viewer.features.placing import placing
 from viewer.features.preferences.preferences import Preferences, apply_preferences, current_preferences
 
@@ -133,10 +134,19 @@ def test_a_metre_is_that_of_the_scale_unless_the_scene_is_too_small_for_a_body(a
     assert metre_of(pack, rig, Scale(20.0, "cm")) == metre_of(pack, rig, Scale()) == pytest.approx(side / SCENE_M)
     rig.within, rig.home_pose = True, rig.home_pose.seen_from(np.array([-0.6, PLATE + 0.4, 0.0]), rig.table)
     assert metre_of(pack, rig, Scale()) == pytest.approx(0.4 / USUAL_M, abs=0.02)
-    photographed = seen_from(toy_pack(), 0.9)  # from a height of three quarters, in the median
+    photographed = seen_from(toy_pack(), 0.9)
+    cameras = [dict(camera) for camera in photographed.metadata["cameras"]]
+    raised = np.array(cameras[1]["world_T_camera"])  # that of the first view, which is one of three
+    raised[:3, 3] += 0.2 * photographed.worldspace_T_opengl[:3, 1]
+    cameras[1]["world_T_camera"] = raised.tolist()
+    photographed = photographed.with_metadata(cameras=cameras)
     rig = OrbitCamera(photographed)
-    expected = rig.home_pose.eye(rig.table)[1] - PLATE
-    assert metre_of(photographed, rig, Scale()) == pytest.approx(expected / USUAL_M, abs=0.02)
+    heights = [shot.view.position[1] - PLATE for shot in shots_of(photographed)]
+    assert (
+        rig.home_pose.eye(rig.table)[1] - PLATE == pytest.approx(max(heights))
+        and max(heights) > np.median(heights) + 0.1
+    )
+    assert metre_of(photographed, rig, Scale()) == pytest.approx(np.median(heights) / USUAL_M, abs=0.02)
 
 
 def test_the_eye_height_is_remembered_and_nothing_absurd_is_taken(app):
