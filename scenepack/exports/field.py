@@ -171,7 +171,7 @@ class ExportFrame:
                 sizes *= np.where(contracted > 1.0, w * w, w)
             return sizes
         z = _unwarped(self.pack, self._ndc(positions))[:, 2]
-        width, height, focal = _ndc_camera(self.pack)
+        width, height, focal = ndc_camera(self.pack)
         across, up = -z * width / (2 * focal), -z * height / (2 * focal)
         unit = abs(np.linalg.det(self._frame_T_training[:3, :3])) ** (1 / 3)
         return self.scale * unit * voxel * np.stack([across, up, z**2 / (2 * NDC_NEAR)], axis=1)
@@ -220,7 +220,8 @@ class ExportFrame:
         return _moved(self._training_T_grid, grid)
 
 
-def _ndc_camera(pack: Pack) -> tuple[float, float, float]:
+def ndc_camera(pack: Pack) -> tuple[float, float, float]:
+    """Width, height and focal length, in pixels, of the photographs whose frustum the NDC cube is."""
     given = (pack.input_width, pack.input_height, pack.input_focal)
     width, height, focal = (
         old if value is None else float(value) for value, old in zip(given, PUBLISHED_NDC_CAMERA, strict=True)
@@ -229,7 +230,7 @@ def _ndc_camera(pack: Pack) -> tuple[float, float, float]:
 
 
 def _unwarped(pack: Pack, ndc: np.ndarray) -> np.ndarray:
-    width, height, focal = _ndc_camera(pack)
+    width, height, focal = ndc_camera(pack)
     z = 2.0 * NDC_NEAR / np.minimum(ndc[:, 2] - 1.0, -1e-9)
     return np.stack([-ndc[:, 0] * z * width / (2 * focal), -ndc[:, 1] * z * height / (2 * focal), z], axis=1)
 

@@ -253,7 +253,7 @@ class GpuScene:
         self.ctx.clear_samplers(0, len(self.textures))
 
     def release(self) -> None:
-        for thing in {id(thing): thing for thing in (*self.textures.values(), *self.samplers.values())}.values():
+        for thing in {*self.textures.values(), *self.samplers.values()}:
             thing.release()
         if self.hull is not None:
             self.hull.release()

@@ -11,25 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from scenepack.constants import PUBLISHED_NDC_CAMERA
+from scenepack.exports.field import ndc_camera
 from scenepack.pack import Pack
 from training.scenes.lens import LENS_SIZE, lens_reach, whole_lens
 from viewer.rendering.camera import ViewCamera, inner_box
 from viewer.rendering.settings import RenderSettings
 
 
-def ndc_input(pack: Pack) -> tuple[float, float, float]:
-    """Width, height and focal length, in pixels, of the photographs whose frustum the NDC cube is."""
-    given = (pack.input_width, pack.input_height, pack.input_focal)
-    width, height, focal = (
-        old if value is None else float(value) for value, old in zip(given, PUBLISHED_NDC_CAMERA, strict=True)
-    )
-    return width, height, focal
-
-
 def ndc_fov(pack: Pack) -> float:
-    """Vertical field of view of these photographs, degrees."""
-    _, height, focal = ndc_input(pack)
+    """Vertical field of view of the photographs whose frustum the NDC cube is, degrees."""
+    _, height, focal = ndc_camera(pack)
     return degrees(2.0 * atan(0.5 * height / focal))
 
 
@@ -49,7 +40,7 @@ class RayFrame:
             }
         self.ndc = {}
         if pack.ndc:
-            width, height, focal = ndc_input(pack)
+            width, height, focal = ndc_camera(pack)
             rotation, _, rows = np.linalg.svd(self.training_T_grid[:3, :3])  # its orthogonal part, reflections included
             grid_T_ndc = np.linalg.inv(self.training_T_grid)
             self.ndc = {

@@ -189,7 +189,7 @@ class Renderer:
         """Fills the picture with its backdrop, to be seen in the pixels whose rays are not cast."""
         style = _style(settings)
         if style not in self._drawings:
-            text = assemble("backdrop.frag", _backdrop_defines(settings))
+            text = assemble("backdrop.frag", {"BACKDROP_CHECKER": style == "checker"})
             self._drawings[style] = Drawing(self.ctx, assemble("fullscreen.vert"), text)
         backdrop = self._drawings[style]
         backdrop.write(uniforms)
@@ -313,7 +313,8 @@ def shader_defines(
         "RAW": settings.raw,
         "LOOK": settings.look is not None and mode in MODES_WITH_LOOK,
         "OVER_BACKGROUND": int(mode in MODES_OVER_BACKGROUND),
-        **_backdrop_defines(settings),
+        "BACKDROP": _style(settings) != "",
+        "BACKDROP_CHECKER": _style(settings) == "checker",
     }
 
 
@@ -336,19 +337,11 @@ def look_uniforms(look: Look | None) -> dict[str, Any]:
     return {} if look is None else {"look_gain": look.gain, "look_saturation": look.saturation}
 
 
-BACKDROPS = {"gradient": 1, "checker": 2}
-
-
 def _style(settings: RenderSettings) -> str:
     """Which backdrop is seen; "" for none."""
     if settings.backdrop is None or settings.mode not in MODES_OVER_BACKGROUND or settings.counts or settings.raw:
         return ""
     return settings.backdrop.style
-
-
-def _backdrop_defines(settings: RenderSettings) -> dict[str, object]:
-    names: dict[str, object] = {f"BACKDROP_{name.upper()}": number for name, number in BACKDROPS.items()}
-    return {**names, "BACKDROP": BACKDROPS[_style(settings)]} if _style(settings) else {}
 
 
 def _backdrop_uniforms(settings: RenderSettings, camera: ViewCamera) -> dict[str, Any]:

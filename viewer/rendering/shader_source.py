@@ -19,7 +19,6 @@ import moderngl
 import numpy as np
 
 from scenepack import constants
-from scenepack.constants import FEATURES
 from scenepack.pack import ViewMlp
 
 SHADER_FOLDER = Path(__file__).resolve().parents[2] / "shaders"
@@ -166,44 +165,33 @@ def colour_stops() -> tuple[tuple[float, float, float], ...]:
 
 # --- GLSL text made from a pack's view MLP ---
 
-DIRECTION_INPUTS = ("v", "s1", "s2", "s4", "s8", "c1", "c2", "c4", "c8", "rgb")  # vec3 each, in the inputs' order
-LAYER_0_INPUTS = (*DIRECTION_INPUTS, "features")
+INPUTS = dict.fromkeys(("v", "s1", "s2", "s4", "s8", "c1", "c2", "c4", "c8", "rgb"), 3) | {"features": 4}
+HIDDEN = dict.fromkeys(("h0", "h1", "h2", "h3"), 4)  # vectors by name, and their lengths, in a layer's order; as INPUTS
 
 
 def _numbers(values: np.ndarray) -> str:
     return ", ".join(glsl_float(value) for value in np.ravel(values))
 
 
-def _product(weights: np.ndarray, name: str) -> str:
-    """weights [inputs, outputs] times the vector `name`, as a GLSL expression."""
-    inputs, outputs = weights.shape
-    kind = f"mat{inputs}" if inputs == outputs else f"mat{inputs}x{outputs}"
-    return f"{kind}({_numbers(weights)}) * {name}"
-
-
-def _function(head: str, bias: np.ndarray, products: list[str]) -> str:
-    terms = "\n        + ".join([f"vec{len(bias)}({_numbers(bias)})", *products])
-    return f"{head} {{\n    return {terms};\n}}\n"
+def _layer(name: str, vectors: Mapping[str, int], weights: np.ndarray, bias: np.ndarray) -> str:
+    """A function of `vectors` that multiplies them by weights [inputs, outputs] and adds the bias [outputs]."""
+    parameters = ", ".join(f"vec{length} {vector}" for vector, length in vectors.items())
+    parts = np.split(weights, np.cumsum(list(vectors.values()))[:-1])
+    terms = [f"vec{len(bias)}({_numbers(bias)})"]
+    for vector, part in zip(vectors, parts, strict=True):
+        terms.append(f"mat{len(part)}x{len(bias)}({_numbers(part)}) * {vector}")
+    total = "\n        + ".join(terms)
+    return f"vec{len(bias)} {name}({parameters}) {{\n    return {total};\n}}\n"
 
 
 def view_mlp_weights(mlp: ViewMlp) -> str:
     """The layers as GLSL functions with constant weights; see shaders/view_mlp.glsl for their names."""
     texts = []
-    inputs = ", ".join(f"vec3 {name}" for name in DIRECTION_INPUTS) + ", vec4 features"
-    hidden = ", ".join(f"vec4 h{i}" for i in range(4))
-    for j in range(4):
-        out = slice(4 * j, 4 * j + 4)
-        columns = [mlp.weights[0][3 * i : 3 * i + 3, out] for i in range(len(DIRECTION_INPUTS))]
-        columns.append(mlp.weights[0][-FEATURES:, out])
-        products = [_product(w, name) for w, name in zip(columns, LAYER_0_INPUTS, strict=True)]
-        texts.append(_function(f"vec4 layer_0_{j}({inputs})", mlp.biases[0][out], products))
-    for j in range(4):
-        out = slice(4 * j, 4 * j + 4)
-        products = [_product(mlp.weights[1][4 * i : 4 * i + 4, out], f"h{i}") for i in range(4)]
-        texts.append(_function(f"vec4 layer_1_{j}({hidden})", mlp.biases[1][out], products))
-    products = [_product(mlp.weights[2][4 * i : 4 * i + 4], f"h{i}") for i in range(4)]
-    texts.append(_function(f"vec3 layer_2({hidden})", mlp.biases[2], products))
-    return "\n".join(texts)
+    for layer, vectors in enumerate((INPUTS, HIDDEN)):
+        for j in range(4):
+            out = slice(4 * j, 4 * j + 4)
+            texts.append(_layer(f"layer_{layer}_{j}", vectors, mlp.weights[layer][:, out], mlp.biases[layer][out]))
+    return "\n".join([*texts, _layer("layer_2", HIDDEN, mlp.weights[2], mlp.biases[2])])
 
 
 def view_mlp_biases(mlp: ViewMlp) -> str:
