@@ -88,7 +88,7 @@ def open_it(path: Path, base: str) -> None:
             raise AssertionError("what was taken is not taken again")
     elif base == "pose":
         try:
-            matrix, _ = pose_from_text(file.read_text(encoding="utf-8", errors="replace") if file.is_file() else "")
+            matrix, *_ = pose_from_text(file.read_text(encoding="utf-8", errors="replace") if file.is_file() else "")
         except ValueError as error:  # which the dialog shows
             raise UserError(str(error)) from None
         _require_finite(matrix)

@@ -20,8 +20,8 @@ from viewer.core.annotations import Annotations, AnnotationStore, Point
 from viewer.core.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.core.input import Controllers, Keyboard
 from viewer.core.log import Messages
-from viewer.core.pose import ortho_height_of, pose_from_text, pose_to_text
-from viewer.core.state import FRAMES_AFTER_EVENT, Clipboard, Edits, Interface, OpenScene, Viewport, name_of
+from viewer.core.pose import pose_from_text, pose_to_text
+from viewer.core.state import FRAMES_AFTER_EVENT, Clipboard, Interface, OpenScene, Viewport, name_of
 from viewer.features.bookmarks.bookmarks import Bookmarks, ViewPictures
 from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.camera.orbit_camera import FOVS, OrbitCamera
@@ -124,10 +124,7 @@ class App:
         self.annotations.open_pack(self, pack, path if path.exists() else None, entry.annotations)
         # the annotations may be kept elsewhere than in the pack, which the rig knows
         self.scene.rig.begin_placed(self.annotations.current.placement.rotation)
-        self.measure_tool.drop()
-        self.erasing = self.erasing.of_another_scene()
-        self.bookmarks.drop()
-        self.touch()
+        self._put_tools_away()
 
     def left_now(self) -> OpenPack | None:
         """The shown pack as an entry of `open_packs`; None if it does not stay open."""
@@ -177,12 +174,8 @@ class App:
             lambda: (self.settings.crop, self.settings.near), lambda cut: self.set(crop=cut[0], near=cut[1])
         )
         rig.history.follow(lambda: (self.annotations.current, self.measure_tool.draft), self._restore_annotations)
-        rig.history.follow(lambda: self.scene and self.scene.edits, self._restore_edits)
+        rig.history.follow(lambda: self.scene and self.scene.edits, lambda edits: setattr(self.scene, "edits", edits))
         return rig
-
-    def _restore_edits(self, edits: Edits) -> None:
-        assert self.scene is not None
-        self.scene.edits = edits
 
     def _restore_annotations(self, marked: tuple[Annotations, tuple[Point, ...]]) -> None:
         self.annotations.current, self.measure_tool.draft = marked
@@ -204,11 +197,14 @@ class App:
             self.canvas.show(None)
         self.scene, self.filming = None, self.filming.of_another_scene()
         self.annotations.close_pack()
+        self._put_tools_away()
+        if self.open_packs.packs:
+            self.turn_to(self.open_packs.packs.pop())
+
+    def _put_tools_away(self) -> None:
         self.measure_tool.drop()
         self.erasing = self.erasing.of_another_scene()
         self.bookmarks.drop()
-        if self.open_packs.packs:
-            self.turn_to(self.open_packs.packs.pop())
         self.touch()
 
     def quit(self) -> None:
@@ -319,8 +315,8 @@ class App:
         """Goes to a pose from the clipboard (or `text`). ValueError if it is not a pose."""
         if self.scene is not None:
             text = self.clipboard.get() if text is None else text
-            annotations, height = self.annotations.current, ortho_height_of(text)
-            matrix, fov = pose_from_text(text)
+            annotations = self.annotations.current
+            matrix, fov, height = pose_from_text(text)
             height = None if height is None else height / annotations.scale.factor
             self.scene.rig.set_matrix(moved_pose(np.linalg.inv(annotations.placed_T_grid), matrix), fov, height)
             self.touch()

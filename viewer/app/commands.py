@@ -17,8 +17,6 @@ from viewer.features.film import kiosk
 from viewer.features.opening.open_prompt import ask_to_open, browse
 from viewer.features.placing import placing
 
-STEP_DEGREES = 15.0  # of a key that turns
-
 
 @dataclass(frozen=True)
 class Command:
@@ -42,10 +40,7 @@ def _rig(action: Callable) -> Callable[[App], object]:
 
 
 def _toggle(name: str) -> Callable[[App], object]:
-    def toggle(app: App) -> None:
-        setattr(app.interface, name, not getattr(app.interface, name))
-
-    return toggle
+    return lambda app: setattr(app.interface, name, not getattr(app.interface, name))
 
 
 def _fly(app: App) -> None:
@@ -115,20 +110,12 @@ def _place(tool: Literal["ground", "origin"]) -> Callable[[App], object]:
     return lambda app: app.measure_tool.choose(app, "" if tool == app.measure_tool.tool else tool)
 
 
-def _turn(right: float, up: float) -> Callable[[App], object]:
-    return _rig(lambda rig: rig.turn(STEP_DEGREES * right, STEP_DEGREES * up))
-
-
 def _usual_size(app: App) -> None:
     app.interface.scale = 1.0
 
 
 def _other_theme(app: App) -> None:
     app.set_theme("dark" if app.interface.theme == "light" else "light")
-
-
-def _view(azimuth: float, elevation: float) -> Callable[[App], object]:
-    return _rig(lambda rig: rig.look_along(azimuth, elevation))
 
 
 def _group(group: str, *rows: tuple) -> list[Command]:
@@ -153,18 +140,18 @@ _ALL = (
     ),
     *_group(  # along the axes by the number block as in Blender, and by the digits above the letters
         "Views",
-        ("front", "Look from the front", _view(0, 0), "Num1 or 1"),
-        ("back", "Look from behind", _view(180, 0), "Ctrl+Num1 or Ctrl+1"),
-        ("right", "Look from the right", _view(90, 0), "Num3 or 2"),
-        ("left", "Look from the left", _view(270, 0), "Ctrl+Num3 or Ctrl+2"),
-        ("top", "Look from above", _view(0, 90), "Num7 or 3"),
-        ("bottom", "Look from below", _view(0, -90), "Ctrl+Num7 or Ctrl+3"),
+        ("front", "Look from the front", _rig(lambda rig: rig.look_along(0, 0)), "Num1 or 1"),
+        ("back", "Look from behind", _rig(lambda rig: rig.look_along(180, 0)), "Ctrl+Num1 or Ctrl+1"),
+        ("right", "Look from the right", _rig(lambda rig: rig.look_along(90, 0)), "Num3 or 2"),
+        ("left", "Look from the left", _rig(lambda rig: rig.look_along(270, 0)), "Ctrl+Num3 or Ctrl+2"),
+        ("top", "Look from above", _rig(lambda rig: rig.look_along(0, 90)), "Num7 or 3"),
+        ("bottom", "Look from below", _rig(lambda rig: rig.look_along(0, -90)), "Ctrl+Num7 or Ctrl+3"),
         ("orthographic", "Orthographic or perspective", _other_projection, "Num5 or 5"),
         ("opposite", "Look from the other side", _rig(lambda rig: rig.turn(180, 0)), "Num9"),
-        ("turn-left", "Turn by 15° to the left", _turn(-1, 0), "Num4"),
-        ("turn-right", "Turn by 15° to the right", _turn(1, 0), "Num6"),
-        ("turn-up", "Turn by 15° upwards", _turn(0, 1), "Num8"),
-        ("turn-down", "Turn by 15° downwards", _turn(0, -1), "Num2"),
+        ("turn-left", "Turn by 15° to the left", _rig(lambda rig: rig.turn(-15, 0)), "Num4"),
+        ("turn-right", "Turn by 15° to the right", _rig(lambda rig: rig.turn(15, 0)), "Num6"),
+        ("turn-up", "Turn by 15° upwards", _rig(lambda rig: rig.turn(0, 15)), "Num8"),
+        ("turn-down", "Turn by 15° downwards", _rig(lambda rig: rig.turn(0, -15)), "Num2"),
     ),
     *_group(
         "Picture",

@@ -36,9 +36,8 @@ def _draw(app: App, canvas: Canvas) -> Drawn | None:
         settings = replace(settings, backdrop=None, look=None)
     scene = app.viewport.camera, settings, app.resolution
     before = unfinished(app, canvas)
-    shown: list[Canvas] = [canvas]
-    if comparison.against == "pack" and canvas.other is not None:
-        shown.append(canvas.other)
+    other = _other_pack(app, canvas)
+    shown = [canvas] if other is None else [canvas, other]
     drew = [each for each in shown if each.follow(*scene)]
     if drew:  # two pictures that are compared are of one sharpness
         drew += [each for each in shown if each not in drew and each.follow(*scene, anew=True)]
@@ -63,19 +62,24 @@ def _draw(app: App, canvas: Canvas) -> Drawn | None:
 
 def _compared(app: App, canvas: Canvas) -> tuple[Layer, Layer] | None:
     """The picture and what it is compared with. Of two packs, quick pictures are compared until both full ones are done."""
-    other = other_layers(app, canvas)
-    if not other or not canvas.layers:
+    layers, other = other_layers(app, canvas), _other_pack(app, canvas)
+    if not layers or not canvas.layers:
         return None
-    if app.comparison.against == "pack" and canvas.other is not None and unfinished(app, canvas):
-        return (canvas.quick, canvas.other.quick) if canvas.quick and canvas.other.quick else None
-    return canvas.layers[0], other[0]
+    if other is not None and unfinished(app, canvas):
+        return (canvas.quick, other.quick) if canvas.quick and other.quick else None
+    return canvas.layers[0], layers[0]
+
+
+def _other_pack(app: App, canvas: Canvas) -> Canvas | None:
+    """Of the pack that the picture is compared with, if it is with one."""
+    return canvas.other if app.comparison.against == "pack" else None
 
 
 def other_layers(app: App, canvas: Canvas) -> list[Layer]:
     """Layers of what the picture is compared with; empty without a comparison."""
-    comparison = app.comparison
-    if comparison.against == "pack" and canvas.other is not None:
-        return canvas.other.layers
+    comparison, other = app.comparison, _other_pack(app, canvas)
+    if other is not None:
+        return other.layers
     if comparison.against == "photograph" and comparison.pixels is not None:
         texture = canvas.image(PHOTOGRAPH, comparison.pixels)
         return [Layer(texture, (0.0, 0.0), (1.0, 1.0), comparison.box(app))]
@@ -85,8 +89,8 @@ def other_layers(app: App, canvas: Canvas) -> list[Layer]:
 
 def unfinished(app: App, canvas: Canvas) -> bool:
     """Whether the picture, or the one compared with, is not yet at full resolution."""
-    comparing = app.comparison.against == "pack" and canvas.other is not None
-    return canvas.pending or (comparing and canvas.other is not None and canvas.other.pending)
+    other = _other_pack(app, canvas)
+    return canvas.pending or (other is not None and other.pending)
 
 
 def is_waiting(app: App) -> bool:

@@ -37,7 +37,7 @@ from viewer.rendering.settings import Marcher, Mode, RenderSettings
 from viewer.web.description import PageContent, with_annotations
 from viewer.web.server import serve
 from viewer.window.shutdown import on_lost_display, signals_ask
-from viewer.window.window import NoDisplay, Window, display_problem
+from viewer.window.window import NoDisplay, Window, require_display
 
 OUT = Path("out")
 STILL_SUFFIX = ".png"
@@ -256,9 +256,7 @@ def _check_has_pack(view: View) -> None:
 
 def _show_window(view: View, size: tuple[int, int] | None, frames: int | None) -> int:
     """Runs the viewer until it is closed, or for so many frames; the exit status. NoDisplay; UserError of a script's failure."""
-    problem = display_problem()
-    if problem:
-        raise NoDisplay(problem)
+    require_display()
     app = App(demo=demo_pack())
     if frames is None:
         return _live(app, view, size)

@@ -134,20 +134,11 @@ def pose_to_text(grid_T_camera: np.ndarray, fov: float, ortho_height: float | No
     return json.dumps({**rounded, "fov": round(fov, 4), **parallel})
 
 
-def ortho_height_of(text: str) -> float | None:
-    """The height of an orthographic view in a pose that pose_to_text wrote; None for one with perspective."""
-    try:
-        values = parse_json(text)
-        height = float(values["ortho_height"])
-    except (ValueError, TypeError, KeyError):
-        return None
-    return height if 0 < height < FARTHEST else None
+def pose_from_text(text: str) -> tuple[np.ndarray, float | None, float | None]:
+    """grid_T_camera (float64 [4, 4], not mirrored), fov and ortho_height of a pose written by pose_to_text.
 
-
-def pose_from_text(text: str) -> tuple[np.ndarray, float | None]:
-    """grid_T_camera (float64 [4, 4], not mirrored) and fov of a pose written by pose_to_text.
-
-    `up` may be missing (y). Also taken: six bare numbers, eye and target. ValueError, in plain words, for the rest.
+    `up` may be missing (y). Also taken: six bare numbers, eye and target. ValueError, in plain words, for the rest, but for an
+    ortho_height that makes no sense, which is passed over.
     """
     try:
         values = parse_json(text)
@@ -157,11 +148,13 @@ def pose_from_text(text: str) -> tuple[np.ndarray, float | None]:
         if isinstance(values, dict):
             eye, target = values["eye"], values["target"]
             up, fov = values.get("up", (0.0, 1.0, 0.0)), values.get("fov")
+            given = values.get("ortho_height")
+            height = float(given) if isinstance(given, int | float) and 0 < given < FARTHEST else None
         else:
             numbers = [float(v) for v in values]
             if len(numbers) != 6:
                 raise ValueError
-            eye, target, up, fov = numbers[:3], numbers[3:], (0.0, 1.0, 0.0), None
+            eye, target, up, fov, height = numbers[:3], numbers[3:], (0.0, 1.0, 0.0), None, None
         eye, target, up = (np.asarray(v, np.float64) for v in (eye, target, up))
         if any(v.shape != (3,) or not (np.abs(v) <= FARTHEST).all() for v in (eye, target, up)):
             raise ValueError
@@ -174,7 +167,7 @@ def pose_from_text(text: str) -> tuple[np.ndarray, float | None]:
             'this is not a pose: expected {"eye": [x, y, z], "target": [x, y, z]} with "up" and "fov" if wanted, '
             "or six numbers x,y,z,x,y,z"
         ) from None
-    return camera.grid_T_camera, fov
+    return camera.grid_T_camera, fov, height
 
 
 def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera:

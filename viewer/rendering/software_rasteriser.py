@@ -80,31 +80,23 @@ def move_to_huge_pages(ranges: list[Range]) -> Iterator[None]:
             yield
 
 
-def memory_taken_since(before: list[Range]) -> list[Range]:
-    """What this process has allocated since private_memory() gave `before`."""
-    return _without(private_memory(), before)
-
-
 def private_memory() -> list[Range]:
     """Addresses [start, end), in order, of writable memory that no file backs."""
     found = []
-    try:
-        with open("/proc/self/maps", encoding="ascii", errors="replace") as maps:
-            for line in maps:
-                addresses, access, _, _, inode, *name = line.split()
-                if access == "rw-p" and inode == "0" and not name:
-                    start, end = (int(part, 16) for part in addresses.split("-"))
-                    found.append((start, end))
-    except OSError:
-        pass
+    with suppress(OSError), open("/proc/self/maps", encoding="ascii", errors="replace") as maps:
+        for line in maps:
+            addresses, access, _, _, inode, *name = line.split()
+            if access == "rw-p" and inode == "0" and not name:
+                start, end = (int(part, 16) for part in addresses.split("-"))
+                found.append((start, end))
     return found
 
 
-def _without(ranges: list[Range], others: list[Range]) -> list[Range]:
-    """The parts of `ranges` that are in none of `others`; both in order."""
+def memory_taken_since(before: list[Range]) -> list[Range]:
+    """What this process has allocated since private_memory() gave `before`."""
     left = []
-    for start, end in ranges:
-        for low, high in others:
+    for start, end in private_memory():
+        for low, high in before:
             if high <= start or low >= end:
                 continue
             if low > start:

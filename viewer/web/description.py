@@ -249,7 +249,7 @@ def _camera(pack: Pack, start: str | None, annotations: Annotations) -> dict[str
     home, fov = rig.home_pose, rig.home_fov
     if start is not None:
         try:
-            placed_T_camera, fov_degrees = pose_from_text(start)
+            placed_T_camera, fov_degrees, _ = pose_from_text(start)
             rig.set_matrix(moved_pose(np.linalg.inv(annotations.placed_T_grid), placed_T_camera), fov_degrees)
         except ValueError as error:
             raise UserError(str(error), where="--pose") from error

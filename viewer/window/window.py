@@ -63,30 +63,27 @@ class NoDisplay(Exception):
     """There is no window to be had here; the message says why, in one line."""
 
 
-def display_problem() -> str | None:
-    """Why no window can be opened, as far as is known beforehand; None where nothing speaks against it.
+def require_display() -> None:
+    """NoDisplay where no window can be opened, as far as is known beforehand.
 
     UserError on a desktop with Wayland alone, where imgui_bundle's GLFW knows X11 only: somebody waits for a window there.
     """
     if not sys.platform.startswith("linux") or os.environ.get("DISPLAY"):
-        return None
+        return
     if not os.environ.get("WAYLAND_DISPLAY"):
-        return "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set)"
+        raise NoDisplay("there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set)")
     if "Wayland" not in str(glfw.get_version_string()):
         raise UserError(
             "no window can be opened: it needs X11, and this desktop offers Wayland only (DISPLAY is not set)",
             remedy="install XWayland (Debian, Ubuntu: apt-get install xwayland), or use snerg-render",
         )
-    return None
 
 
 class Window:
     """A window on `app`; size: screen units. NoDisplay where there is no display, UserError where it lacks OpenGL."""
 
     def __init__(self, app: App, size: tuple[int, int] = (1280, 800)) -> None:
-        problem = display_problem()
-        if problem:
-            raise NoDisplay(problem)
+        require_display()
         self.app, self._placed = app, (0, 0, *size)
         self._touched = True
         self.handle = _open(size)

@@ -39,15 +39,15 @@ def test_the_shortest_turn_leads_there_and_is_no_longer_than_half_a_turn(start, 
 def test_a_pose_survives_as_text():
     table = Turntable()
     matrix = Pose((0.1, 0.2, 0.3), 33.0, 12.0, 4.0).matrix(table)
-    again, fov = pose_from_text(pose_to_text(matrix, 41.5))
+    again, fov, height = pose_from_text(pose_to_text(matrix, 41.5, 2.5))
     np.testing.assert_allclose(again, matrix, atol=1e-5)
-    assert fov == pytest.approx(41.5)
+    assert fov == pytest.approx(41.5) and height == 2.5
 
 
 def test_six_numbers_are_eye_and_target():
-    matrix, fov = pose_from_text("0, 0, 4,  0 0 0")
+    matrix, fov, height = pose_from_text("0, 0, 4,  0 0 0")
     np.testing.assert_allclose(matrix, ViewCamera.look_at((0, 0, 4), (0, 0, 0)).grid_T_camera)
-    assert fov is None
+    assert fov is None and height is None
 
 
 @pytest.mark.parametrize(
