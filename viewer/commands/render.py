@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 from math import ceil, sqrt
 from pathlib import Path
@@ -47,7 +47,10 @@ EXCLUDING = (
 NEEDING = {
     "--target": "--eye", "--up": "--eye", "--index": "--scene", "--eye-distance": "--projection", "--focus": "--aperture",
 }  # fmt: skip
-
+LENGTHS = {
+    "--ortho-height": ("is not a height", "grid units above 0"), "--aperture": ("is not a length", "above 0"),
+    "--focus": ("is not a length", "above 0"), "--eye-distance": ("is not a distance", "grid units above 0"),
+}  # fmt: skip
 
 View = tuple[str, tuple[ViewCamera, ...]]  # a picture's file name without suffix, and its camera, or those of two eyes
 
@@ -125,11 +128,12 @@ def render(
     asked = {
         "--eye": eye, "--target": target, "--up": up, "--orbit": orbit, "--scene": scene, "--index": index, "--fov": fov,
         "--ortho-height": ortho_height, "--eye-distance": eye_distance, "--aperture": aperture, "--focus": focus,
-        "--projection": None if projection == "perspective" else projection, "--lens-rays": lens_rays,
+        "--projection": None if projection == "perspective" else projection,
     }  # fmt: skip
     _check_choice({option: value for option, value in asked.items() if value is not None})
     require_in_range("--fps", fps, 1, MOST_FPS)
     require_in_range("--samples", samples, 1, MOST_SAMPLES)
+    require_in_range("--lens-rays", lens_rays, *LENS_RAYS)
     kind = _kind_of(out)
     transparent, exr = background == TRANSPARENT, EXR in (kind, f".{format}")
     settings = RenderSettings(
@@ -182,12 +186,9 @@ def render(
     with _written_by_us_alone(out), OffscreenRenderer(loaded, marcher) as renderer:
         lens = None if aperture is None else Aperture(unit * aperture, unit * (focus or 0.0), lens_rays)
         drawn = _drawn(renderer, views, passes, lens, annotated=places, beside=projection == "vr180")
-        if kind in FILMS:
-            write_film(out, (pictures[0] for _, pictures in drawn), fps)
-            print(out)
-            return
-        if sheet:
-            _write_sheet(out, [pictures[0] for _, pictures in drawn])
+        if kind in FILMS or sheet:
+            first = (pictures[0] for _, pictures in drawn)
+            write_film(out, first, fps) if kind in FILMS else _write_sheet(out, list(first))
             print(out)
             return
         if kind == "":
@@ -209,17 +210,16 @@ def _panoramas(
     return [(name, tuple(camera.as_panorama(size, up, across, place) for place in places)) for name, (camera,) in views]
 
 
-@contextmanager
-def _written_by_us_alone(out: Path) -> Iterator[None]:
+def _written_by_us_alone(out: Path) -> ExitStack:
     """UserError where another process is rendering to the same place; files of two films or views would be mixed."""
-    with ExitStack() as stack:
-        try:
-            out.parent.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(writing_alone(out))
-        except OSError as error:
-            words, remedy = not_written(error)
-            raise UserError(f"cannot be written: {words}", where=out, remedy=remedy) from error
-        yield
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        claim = ExitStack()
+        claim.enter_context(writing_alone(out))
+        return claim
+    except OSError as error:
+        words, remedy = not_written(error)
+        raise UserError(f"cannot be written: {words}", where=out, remedy=remedy) from error
 
 
 def _check_choice(given: Mapping[str, Any]) -> None:
@@ -235,19 +235,11 @@ def _check_choice(given: Mapping[str, Any]) -> None:
             raise UserError(f"needs {needed}", where=option)
     if given.get("--orbit", 1) < 1:
         raise UserError("needs at least one view", where="--orbit", found=given["--orbit"])
-    fov, height, between = (given.get(option, 1.0) for option in ("--fov", "--ortho-height", "--eye-distance"))
-    if not 0.1 <= fov < 179:
-        raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
-    if not 0 < height < FARTHEST:
-        raise UserError("is not a height", where="--ortho-height", expected="grid units above 0", found=height)
-    if not LENS_RAYS[0] <= given.get("--lens-rays", LENS_RAYS[0]) <= LENS_RAYS[1]:
-        expected = "{} to {}".format(*LENS_RAYS)
-        raise UserError("is out of range", where="--lens-rays", expected=expected, found=given["--lens-rays"])
-    for option in ("--aperture", "--focus"):
+    if not 0.1 <= given.get("--fov", 1.0) < 179:
+        raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=given["--fov"])
+    for option, (what, expected) in LENGTHS.items():
         if not 0 < given.get(option, 1.0) < FARTHEST:
-            raise UserError("is not a length", where=option, expected="above 0", found=given[option])
-    if not 0 < between < FARTHEST:
-        raise UserError("is not a distance", where="--eye-distance", expected="grid units above 0", found=between)
+            raise UserError(what, where=option, expected=expected, found=given[option])
     if given.get("--projection") == "vr180" and "--eye-distance" not in given:
         raise UserError("needs --eye-distance", where="--projection vr180")
 

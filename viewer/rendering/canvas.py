@@ -18,12 +18,22 @@ import numpy as np
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
-from viewer.rendering.export_preview_picture import ExportPreviewPicture
 from viewer.rendering.layers import depth_along_axis
 from viewer.rendering.opengl import GpuClock, free_framebuffer, new_framebuffer, read_pixels
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings, of_picture
-from viewer.rendering.targets import MARGIN, Box, Difference, Drawn, Layer, Sheet, SheetTexture, Target, with_margin
+from viewer.rendering.targets import (
+    MARGIN,
+    Box,
+    Difference,
+    Drawn,
+    ExportPreviewPicture,
+    Layer,
+    Sheet,
+    SheetTexture,
+    Target,
+    with_margin,
+)
 
 if TYPE_CHECKING:
     from scenepack.exports.scene import Geometry

@@ -1,4 +1,4 @@
-"""What the canvas draws into, and textures of small pictures.
+"""What the canvas draws into, textures of small pictures, and the preview of an export.
 
 A picture of width × height pixels lies in the lower left corner of its texture with one more row of pixels above it and
 one more column at its right: what is magnified is blended with the true neighbours at every edge, not with whatever an
@@ -8,7 +8,7 @@ earlier picture has left there. Sizes are (width, height) in pixels; boxes x, y,
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import moderngl
 import numpy as np
@@ -16,6 +16,9 @@ import numpy as np
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.opengl import Drawing, free_framebuffer, new_framebuffer
 from viewer.rendering.shader_source import assemble
+
+if TYPE_CHECKING:
+    from scenepack.exports.scene import Geometry
 
 
 @dataclass(frozen=True)
@@ -161,3 +164,64 @@ class SheetTexture:
         if self._texture is not None:
             self._retired.append(self._texture)
         self._texture, self._of, self._there = None, None, set()
+
+
+# --- The preview of an export: triangles or points with their colours, lit from the camera (shaders/sketch.vert) ---
+
+NEAREST = 1e-3  # of the farthest that is shown
+CORNER = np.dtype([("place", "f4", 3), ("normal", "f4", 3), ("colour", "u1", 3)])  # one behind the other, packed
+
+
+class ExportPreviewPicture:
+    """Draws preview geometry, which stays on the GPU until another is drawn."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self.ctx = ctx
+        self._on_gpu: tuple[Geometry, moderngl.Buffer, Drawing] | None = None
+
+    def draw(
+        self,
+        framebuffer: moderngl.Framebuffer,
+        geometry: Geometry,
+        camera: ViewCamera,
+        ground: tuple[float, float, float],
+    ) -> None:
+        """Into the lower left corner of `framebuffer`, width × height of the camera. ground: the colour behind it, sRGB."""
+        if self._on_gpu is None or self._on_gpu[0] is not geometry:
+            self._upload(geometry)
+        assert self._on_gpu is not None
+        drawing, position = self._on_gpu[2], camera.position
+        farthest = 1.1 * float(np.linalg.norm(geometry.vertices - position, axis=1).max())
+        drawing.write({
+            "camera_R_grid": np.linalg.inv(camera.grid_T_camera[:3, :3]),
+            "camera_position": position,
+            "intrinsics": (camera.fx, camera.fy, camera.cx, camera.cy),
+            "picture_size": (camera.width, camera.height),
+            "depths": (NEAREST * farthest, farthest),
+            "orthographic": float(camera.orthographic),
+            "point_size": geometry.point_size,
+        })  # fmt: skip
+        framebuffer.use()
+        framebuffer.viewport = (0, 0, camera.width, camera.height)
+        framebuffer.depth_mask = True
+        framebuffer.clear(*ground, 1.0, 1.0)
+        self.ctx.enable_only(moderngl.DEPTH_TEST | moderngl.PROGRAM_POINT_SIZE)
+        drawing.draw(kind=moderngl.TRIANGLES if len(geometry.faces) else moderngl.POINTS)
+        self.ctx.enable_only(moderngl.NOTHING)
+
+    def _upload(self, geometry: Geometry) -> None:
+        self.release()
+        order = geometry.faces.ravel() if len(geometry.faces) else slice(None)
+        corners = np.empty(len(geometry.vertices[order]), CORNER)
+        corners["place"], corners["normal"] = geometry.vertices[order], geometry.normals[order]
+        corners["colour"] = geometry.colours[order]
+        buffer = self.ctx.buffer(corners.tobytes())
+        content = [(buffer, "3f 3f 3f1", "place", "normal", "colour")]
+        self._on_gpu = geometry, buffer, Drawing(self.ctx, assemble("sketch.vert"), assemble("sketch.frag"), content)
+
+    def release(self) -> None:
+        if self._on_gpu is not None:
+            _, buffer, drawing = self._on_gpu
+            drawing.release()
+            buffer.release()
+        self._on_gpu = None

@@ -1,4 +1,4 @@
-"""Lossless compression of an atlas for the web page; viewer/web/static/decode.js is the decoder.
+"""An atlas as the web page holds it, compressed without loss; viewer/web/static/decode.js is the decoder.
 
 Notation: bs data voxels a side of a macroblock, B = bs + 2; s is bs where the padding copies the neighbours' voxels, else B;
 v[c] channel c of a voxel (0 … 2 colour, 3 alpha, 4 … 7 features), a = v[3].
@@ -15,12 +15,19 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from scenepack.blocks import block_copy
+from scenepack.codecs import CodecError
+from scenepack.codecs.avif import AvifCodec, numbers_in
+from scenepack.codecs.quantisation import EXACT
+from scenepack.codecs.streams import cubes_in
 from scenepack.pack import Pack
-from scenepack.piece_files import follows_grid
+from scenepack.piece_files import GridPiece, follows_grid
+from scenepack.reader import open_pack
 
 BLOCKS_A_CHUNK = 48  # macroblocks compressed together; the page shows its progress by chunks
 LEVEL = 9
@@ -64,3 +71,58 @@ def differences_from_prediction(blocks: np.ndarray) -> tuple[np.ndarray, np.ndar
     predicted[total[:, 0] == 0] = 0
     predicted[:, ALPHA] = (2 * sums[:, ALPHA] + count) // np.maximum(2 * count, 1)
     return filled, np.ascontiguousarray(((values - predicted) & 255).astype(np.uint8).T)
+
+
+# --- The films of an AVIF pack, which a page holds instead ---
+#
+# A film is the AV1 of one image sequence (scenepack.codecs.avif): samples, one for each plane of a piece. Browsers decode
+# them to the same bytes as the desktop does. The rest of the file is left out.
+
+DEPTH = "08"  # bits of a channel, in the name of a codec
+
+
+@dataclass(frozen=True)
+class Film:
+    """The samples of one image sequence."""
+
+    codec: str  # as browsers name it
+    sizes: tuple[int, ...]  # bytes of each sample
+    data: bytes  # all samples
+
+
+# A piece of the grid; which of its voxels have any alpha, as scenepack.codecs.streams packs it, but as zlib; and its films:
+# alpha, rgb; in packs with features also their first three channels, and the fourth.
+FilmedPiece = tuple[GridPiece, bytes, list[Film]]
+
+
+def films_of(path: Path) -> list[FilmedPiece] | None:
+    """Those of the pack at `path`; None where it is not AVIF in the usual layout. UserError where it cannot be read."""
+    with open_pack(path) as reader:
+        pieces = reader.pieces
+        if pieces is None or not isinstance(pieces.codec, AvifCodec) or pieces.steps != EXACT:
+            return None
+        made = []
+        for piece, names in zip(pieces.pieces, pieces.names, strict=True):
+            if not isinstance(piece, GridPiece):
+                return None
+            occupancy, *files = (reader.files.read(name, reader.files.sizes[name]) for name in names)
+            films = [film for data in files if (film := film_in(data, piece.shape[0])) is not None]
+            if len(films) < len(files):
+                return None
+            made.append((piece, zlib.compress(cubes_in(occupancy, piece.shape), 9), films))
+    return made
+
+
+def film_in(data: bytes, frames: int) -> Film | None:
+    """The film in an AVIF file of so many frames; None where its samples do not lie one behind the other."""
+    try:
+        uniform, count, *sizes = numbers_in(data, b"stsz", 2 + frames)
+        chunks, start = numbers_in(data, b"stco", 2)
+    except CodecError:
+        return None
+    settings = data.find(b"av1C")
+    if uniform or count != frames or chunks != 1 or start + sum(sizes) > len(data) or settings < 0:
+        return None
+    kind, tier = data[settings + 5], "H" if data[settings + 6] >> 7 else "M"
+    profile, level = kind >> 5, kind & 31
+    return Film(f"av01.{profile}.{level:02d}{tier}.{DEPTH}", tuple(sizes), data[start : start + sum(sizes)])

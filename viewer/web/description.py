@@ -44,8 +44,7 @@ from viewer.rendering.renderer import (
 from viewer.rendering.settings import Look, RenderSettings
 from viewer.rendering.shader_source import assemble_es, define_lines, glsl_reciprocals
 from viewer.rendering.skip_grid import skip_grid_of
-from viewer.web.atlas_stream import BLOCKS_A_CHUNK, compressed_chunks, has_copied_padding
-from viewer.web.films import FilmedPiece, films_of
+from viewer.web.atlas_stream import BLOCKS_A_CHUNK, FilmedPiece, compressed_chunks, films_of, has_copied_padding
 
 MODES = ("normal", "diffuse", "features", "view-dependent", "depth", "normals")
 SIDES = (512, 1024, 2048)  # voxels of a 3D texture; the smallest that holds the pack, for small devices take less

@@ -11,7 +11,7 @@ import pytest
 from scenepack import save_pack
 from scenepack.codecs.avif import AvifCodec
 from tests.viewer.rendering.shapes import shapes_pack
-from viewer.web.films import film_in, films_of
+from viewer.web.atlas_stream import film_in, films_of
 
 FRAMES = 5
 

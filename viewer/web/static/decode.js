@@ -1,4 +1,4 @@
-// The worker that unpacks a scene: the other end of viewer/web/atlas_stream.py and films.py, which have the notation.
+// The worker that unpacks a scene: the other end of viewer/web/atlas_stream.py, which has the notation.
 //
 // Receives { data: a Blob of bytes or of their base64, inside: whether of their base64, level: of the page's description }. Answers
 // { progress } while it works; { grids: { indirection, skipGrid, hull } }, bytes of the textures and of the hull's corners; { slot,
