@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -137,28 +138,22 @@ class PowerMeter:
         self._thread: threading.Thread | None = None
         if "nvidia" not in renderer.lower():
             return
-        try:
+        with suppress(Exception):  # no package, no driver, or a GPU that does not tell: each has errors of its own
             import pynvml  # pyright: ignore[reportMissingImports]
 
             pynvml.nvmlInit()
-            self._handle = pynvml.nvmlDeviceGetHandleByIndex(0)
-            self._nvml = pynvml
-            self._read()
-        except Exception:  # no package, no driver, or a GPU that does not tell: each has errors of its own
-            return
-        self._thread = threading.Thread(target=self._watch, daemon=True)
+            handle = pynvml.nvmlDeviceGetHandleByIndex(0)
+            read = partial(pynvml.nvmlDeviceGetPowerUsage, handle)  # milliwatts
+            read()
+            self._thread = threading.Thread(target=self._watch, args=(read,), daemon=True)
 
-    def _read(self) -> None:
-        self._readings.append(self._nvml.nvmlDeviceGetPowerUsage(self._handle) / 1000.0)
-
-    def _watch(self) -> None:
+    def _watch(self, read: Callable[[], float]) -> None:
         while not self._stop.wait(EVERY_S):
             with suppress(Exception):  # one reading less
-                self._read()
+                self._readings.append(read() / 1000.0)
 
     def __enter__(self) -> PowerMeter:
         if self._thread is not None:
-            self._readings.clear()
             self._thread.start()
         return self
 

@@ -12,6 +12,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -55,7 +56,7 @@ class CommandProcess:
                     command, stdout=output, stderr=subprocess.STDOUT, polite=True, environment=environment
                 )
         except OSError as error:
-            self._clean_up()
+            shutil.rmtree(self._scratch, ignore_errors=True)
             raise UserError(f"it cannot be started: {error.strerror or error}", where=error.filename or log) from error
 
     def poll(self) -> int | None:
@@ -66,7 +67,7 @@ class CommandProcess:
             if self.stopping:
                 self._child.kill()  # whatever it may have started itself
             self._last = self.report()
-            self._clean_up()
+            shutil.rmtree(self._scratch, ignore_errors=True)
         return status
 
     def report(self) -> Report | None:
@@ -107,15 +108,10 @@ class CommandProcess:
         return lines[-1] if lines else f"it ended with status {status} and said nothing"
 
     def _tail(self) -> str:
-        try:
-            with open(self.log, "rb") as file:
-                file.seek(max(0, self.log.stat().st_size - TAIL_BYTES))
-                return file.read().decode(errors="replace")
-        except OSError:
-            return ""
-
-    def _clean_up(self) -> None:
-        shutil.rmtree(self._scratch, ignore_errors=True)
+        with suppress(OSError), open(self.log, "rb") as file:
+            file.seek(max(0, self.log.stat().st_size - TAIL_BYTES))
+            return file.read().decode(errors="replace")
+        return ""
 
 
 @dataclass

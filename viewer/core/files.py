@@ -21,14 +21,9 @@ SESSION_SUFFIX = ".snerg"
 POSED = "scene"  # in the folder for the results: the scene with the poses that were found
 REPORT = "poses.json"  # what that says of itself
 SCENE_FILES = (
-    "transforms_train.json",
-    "transforms.json",
-    "poses_bounds.npy",
-    "sparse/0/cameras.bin",
-    "sparse/cameras.bin",
-    "sparse/0/cameras.txt",
-    "sparse/cameras.txt",
-)
+    "transforms_train.json", "transforms.json", "poses_bounds.npy", "sparse/0/cameras.bin", "sparse/cameras.bin",
+    "sparse/0/cameras.txt", "sparse/cameras.txt",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

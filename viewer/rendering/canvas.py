@@ -16,24 +16,14 @@ import moderngl
 import numpy as np
 
 from scenepack.pack import Pack
+from viewer.rendering import targets
 from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
 from viewer.rendering.layers import depth_along_axis
 from viewer.rendering.opengl import GpuClock, free_framebuffer, new_framebuffer, read_pixels
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings, of_picture
-from viewer.rendering.targets import (
-    MARGIN,
-    Box,
-    Difference,
-    Drawn,
-    ExportPreviewPicture,
-    Layer,
-    Sheet,
-    SheetTexture,
-    Target,
-    with_margin,
-)
+from viewer.rendering.targets import MARGIN, Box, Drawn, Layer, Sheet, with_margin
 
 if TYPE_CHECKING:
     from scenepack.exports.scene import Geometry
@@ -51,7 +41,7 @@ class Canvas:
         self.renderer: Renderer | None = None
         self._coming: Renderer | None = None  # a finer one, shown once all of it has arrived
         self._retired = [] if retired is None else retired
-        self._quick, self._full, self._still = (Target(ctx, self._retired) for _ in range(3))
+        self._quick, self._full, self._still = (targets.Target(ctx, self._retired) for _ in range(3))
         self._wanted: tuple[object, ...] = ()  # what makes two pictures the same one
         self._changed_at = 0.0
         self._tiles: list[Box] | None = None  # still to draw, margin included; None: not begun
@@ -63,10 +53,10 @@ class Canvas:
         self.quick: Layer | None = None  # all of the picture, at the scale of movements
         self.other: Canvas | None = None  # another pack under the same camera
         self.difference: Layer | None = None
-        self._difference: Difference | None = None
+        self._difference: targets.Difference | None = None
         self._images: dict[str, tuple[int, moderngl.Texture]] = {}
-        self._sheet = SheetTexture(ctx, self._retired)
-        self._preview_picture = ExportPreviewPicture(ctx)
+        self._sheet = targets.SheetTexture(ctx, self._retired)
+        self._preview_picture = targets.ExportPreviewPicture(ctx)
         self.clock = GpuClock(ctx)
         self.rest_s, self.blend_s = REST_S, BLEND_S
         self.scene_ms = 0.0  # of what was drawn last, by the wall clock around finish()
@@ -160,7 +150,7 @@ class Canvas:
     def subtract(self, picture: Layer, other: Layer, size: tuple[int, int], gain: float) -> None:
         """Sets `difference` to |picture - other| · gain, at `size` (width, height in pixels)."""
         if self._difference is None:
-            self._difference = Difference(self.ctx, self._retired)
+            self._difference = targets.Difference(self.ctx, self._retired)
         self.difference = self._difference.draw(picture, other, size, gain)
 
     def distance_at(self, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> float | None:

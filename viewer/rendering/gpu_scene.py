@@ -22,15 +22,9 @@ import numpy as np
 
 from scenepack.blocks import Triple
 from scenepack.pack import Pack
+from viewer.rendering import software_rasteriser as software
 from viewer.rendering.gpu_memory import Limits, NoRoomError
 from viewer.rendering.skip_grid import skip_grid_of
-from viewer.rendering.software_rasteriser import (
-    Range,
-    memory_taken_since,
-    move_to_huge_pages,
-    private_memory,
-    software_draws,
-)
 
 MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
 SHOWN_EVERY_S = 0.02  # while a pack arrives
@@ -71,7 +65,7 @@ class GpuScene:
         self._arrived = np.zeros(self.slots[2], bool)  # layers of slots
         while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
             pass
-        taken_before = private_memory() if software_draws(ctx) else None
+        taken_before = software.private_memory() if software.software_draws(ctx) else None
         self.arriving: Iterator[None] | None = self._fill(taken_before)  # its steps; None once all is there
         try:
             self._allocate(layout)
@@ -165,7 +159,7 @@ class GpuScene:
                 break
         return self.arriving is None
 
-    def _fill(self, taken_before: list[Range] | None) -> Iterator[None]:
+    def _fill(self, taken_before: list[software.Range] | None) -> Iterator[None]:
         """One layer of slots at a time, whose macroblocks are shown from then on."""
         shown = time.perf_counter()
         while not self._arrived.all():
@@ -179,7 +173,7 @@ class GpuScene:
                 shown = time.perf_counter()
             yield
         if taken_before is not None:
-            yield from move_to_huge_pages(memory_taken_since(taken_before))
+            yield from software.move_to_huge_pages(software.memory_taken_since(taken_before))
 
     def _next_layer(self) -> int:
         """The layer whose nearest macroblock is closest to `near`, of those that have not arrived."""
@@ -228,11 +222,6 @@ class GpuScene:
     # Drawing with them
 
     @property
-    def cube_side(self) -> int:
-        """Macroblocks along a side of the smallest cube that holds all of them."""
-        return next(n for n in range(1, 1000) if n**3 >= len(self.places))
-
-    @property
     def sizes(self) -> dict[str, Triple]:
         """Texels (x, y, z) of the atlas, the indirection and, where the layout has one, the skip grid."""
         grids = {name: self.textures[name].size for name in ("indirection", "skip_grid") if name in self.textures}
@@ -247,10 +236,6 @@ class GpuScene:
                 texture.use(unit)
                 self.samplers[name].use(unit)
                 unit += 1
-
-    def unbind(self) -> None:
-        """Takes our samplers off the texture units, which imgui uses too."""
-        self.ctx.clear_samplers(0, len(self.textures))
 
     def release(self) -> None:
         for thing in {*self.textures.values(), *self.samplers.values()}:

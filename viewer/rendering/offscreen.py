@@ -12,16 +12,9 @@ import numpy as np
 
 from console import UserError
 from scenepack.pack import Pack
+from viewer.rendering import opengl
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_memory import Limits
-from viewer.rendering.opengl import (
-    current_context,
-    free_framebuffer,
-    new_framebuffer,
-    opengl_refusal,
-    read_pixels,
-    version_at,
-)
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings
 
@@ -36,7 +29,7 @@ def create_context() -> moderngl.Context:
     try:
         ctx = moderngl.create_context(standalone=True, require=GL_VERSION, **options)
     except Exception as error:  # glcontext raises bare Exception for a missing library, moderngl its own for versions
-        raise opengl_refusal(_version_at_hand(), str(error)) from error
+        raise opengl.opengl_refusal(_version_at_hand(), str(error)) from error
     while ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
         pass
     return ctx
@@ -48,7 +41,7 @@ def _version_at_hand() -> str:
     for version in OLDER:
         with contextlib.suppress(Exception):  # as create_context: whatever a driver that is not there leads to
             context = backend(mode="standalone", glversion=version)
-            found = version_at(context.load("glGetString"))
+            found = opengl.version_at(context.load("glGetString"))
             context.release()
             if found:
                 return found
@@ -78,7 +71,7 @@ class OffscreenRenderer:
         *,
         allow_half: bool = True,
     ) -> None:
-        self._owns_context, self._give_back = ctx is None, current_context()
+        self._owns_context, self._give_back = ctx is None, opengl.current_context()
         self.ctx = ctx or create_context()
         self.make_current()  # a context handed in need not be: uploads would land in another's textures
         try:
@@ -102,7 +95,7 @@ class OffscreenRenderer:
         """The RGBA framebuffer that pictures of this size are drawn into; "f1" is 8 bit, "f4" float32."""
         key = (width, height, dtype)
         if key not in self._framebuffers:
-            self._framebuffers[key] = new_framebuffer(self.ctx, width, height, dtype)
+            self._framebuffers[key] = opengl.new_framebuffer(self.ctx, width, height, dtype)
         return self._framebuffers[key]
 
     def render(self, camera: ViewCamera, settings: RenderSettings | None = None) -> np.ndarray:
@@ -123,7 +116,7 @@ class OffscreenRenderer:
         self.make_current()
         framebuffer = self.framebuffer(camera.width, camera.height, dtype)
         self.renderer.render(framebuffer, camera, settings)
-        pixels = read_pixels(framebuffer, camera.width, camera.height, components, dtype)
+        pixels = opengl.read_pixels(framebuffer, camera.width, camera.height, components, dtype)
         if lost(self.ctx):
             raise UserError("the OpenGL context was lost", remedy="the graphics driver restarted; run it again")
         return pixels
@@ -132,7 +125,7 @@ class OffscreenRenderer:
         """Frees everything on the GPU, and the context if it is ours."""
         self.make_current()
         for framebuffer in self._framebuffers.values():
-            free_framebuffer(framebuffer)
+            opengl.free_framebuffer(framebuffer)
         self._framebuffers = {}
         self.renderer.release()
         if self._owns_context:

@@ -33,14 +33,9 @@ GL_RENDERER, GL_VERSION = 0x1F01, 0x1F02
 OVERRIDE = "MESA_GL_VERSION_OVERRIDE"
 # Other variables of the environment that decide which driver draws.
 DRIVER_CHOICES = (
-    "LIBGL_ALWAYS_INDIRECT",
-    "LIBGL_DRIVERS_PATH",
-    "GALLIUM_DRIVER",
-    "MESA_LOADER_DRIVER_OVERRIDE",
-    "EGL_PLATFORM",
-    "__EGL_VENDOR_LIBRARY_FILENAMES",
-    "__GLX_VENDOR_LIBRARY_NAME",
-)
+    "LIBGL_ALWAYS_INDIRECT", "LIBGL_DRIVERS_PATH", "GALLIUM_DRIVER", "MESA_LOADER_DRIVER_OVERRIDE", "EGL_PLATFORM",
+    "__EGL_VENDOR_LIBRARY_FILENAMES", "__GLX_VENDOR_LIBRARY_NAME",
+)  # fmt: skip
 PACKAGES = "apt-get install libgl1 libegl1 libgl1-mesa-dri, or dnf install mesa-libGL mesa-libEGL mesa-dri-drivers"
 
 
@@ -60,7 +55,9 @@ def opengl_refusal(version: str, complaint: str = "", *, window: bool = False) -
     version: as version_at gives it, "" where there is no OpenGL at all. complaint: the driver's own words. window: it was
     for a window, which some displays refuse where drawing into files works.
     """
-    version = version if _is_old(version) else ""  # it was something else then
+    number = re.match(r"OpenGL (?:ES )?(\d+)\.(\d+)", version)
+    if number is None or (int(number[1]), int(number[2])) >= (3, 3):
+        version = ""  # it was something else then
     remedy = _remedy(version, complaint, os.environ, sys.platform)
     if window and not version:
         remedy += "; snerg-render may draw without a window"
@@ -71,11 +68,6 @@ def opengl_refusal(version: str, complaint: str = "", *, window: bool = False) -
         found = f"{found or 'none'}, while {', '.join(choices)} is set"
         remedy = f"unset {choices[0].partition('=')[0]} and start again; or {remedy}"
     return UserError(what, expected=NEEDED, found=found or "none", remedy=remedy)
-
-
-def _is_old(version: str) -> bool:
-    number = re.match(r"OpenGL (?:ES )?(\d+)\.(\d+)", version)
-    return number is not None and (int(number[1]), int(number[2])) < (3, 3)
 
 
 def _remedy(version: str, complaint: str, environment: Mapping[str, str], platform: str) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import inf
+from math import ceil, inf
 from typing import Any
 
 import moderngl
@@ -181,7 +181,7 @@ class Renderer:
         rays.draw(3)
         ctx.enable_only(moderngl.NOTHING)
         ctx.depth_func = "<"
-        scene.unbind()
+        ctx.clear_samplers(0, len(scene.textures))  # imgui uses the units, too
 
     def _draw_backdrop(
         self, framebuffer: moderngl.Framebuffer, settings: RenderSettings, uniforms: dict[str, Any]
@@ -252,7 +252,7 @@ class Renderer:
             "viewport_origin": viewport[:2],
             "atlas_slots": scene.slots,
             "atlas_count": len(scene.places),
-            "atlas_side": lambda: scene.cube_side,
+            "atlas_side": ceil(round(max(len(scene.places), 1) ** (1 / 3), 9)),  # of the smallest cube that holds all
             "grid_size": self.pack.grid_size,
             "content_min": scene.content_min,
             "content_max": scene.content_max,

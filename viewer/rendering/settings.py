@@ -8,18 +8,8 @@ from typing import Literal, get_args
 from scenepack.exports.field import Corners
 
 Mode = Literal[
-    "normal",
-    "diffuse",
-    "features",
-    "view-dependent",
-    "alpha",
-    "depth",
-    "normals",
-    "samples",
-    "jumps",
-    "macroblocks",
-    "atlas",
-]
+    "normal", "diffuse", "features", "view-dependent", "alpha", "depth", "normals", "samples", "jumps", "macroblocks", "atlas",
+]  # fmt: skip
 Marcher = Literal["exact", "paper", "brute"]
 MODES: tuple[str, ...] = get_args(Mode)
 MOST_SAMPLES = 16  # along each side of a pixel
@@ -55,12 +45,8 @@ class Look:
         return scale * red, scale * green, scale * blue
 
 
-LOOKS = {
-    "exposure": (-4.0, 4.0),
-    "temperature": (-1.0, 1.0),
-    "tint": (-1.0, 1.0),
-    "saturation": (0.0, 2.0),
-}  # least, most
+# least, most
+LOOKS = {"exposure": (-4.0, 4.0), "temperature": (-1.0, 1.0), "tint": (-1.0, 1.0), "saturation": (0.0, 2.0)}
 
 
 @dataclass(frozen=True)

@@ -29,18 +29,11 @@ from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.display.display import backdrop
 from viewer.features.film.camera_path import CameraPath, load_path
 from viewer.features.measuring.measure_tool import LengthFormat
+from viewer.rendering import renderer
 from viewer.rendering.framing import outline
 from viewer.rendering.gpu_memory import NoRoomError, half_resolution
 from viewer.rendering.gpu_scene import atlas_size, features_stored, indirection_grid, tightest_atlas
 from viewer.rendering.ray_frame import RayFrame
-from viewer.rendering.renderer import (
-    LEAST_HALVED,
-    MODES_OVER_BACKGROUND,
-    look_uniforms,
-    shader_defines,
-    shades_hull_alone,
-    view_mlp_text,
-)
 from viewer.rendering.settings import Look, RenderSettings
 from viewer.rendering.shader_source import assemble_es, define_lines, glsl_reciprocals
 from viewer.rendering.skip_grid import skip_grid_of
@@ -88,7 +81,7 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
     path = None if content.path is None else _path(load_path(content.path, pack.worldspace_T_opengl))
     annotations = annotations_of(pack)  # bookmarks become buttons, measurements are drawn
     levels = [pack]
-    while _atlas_voxels(levels[0]) > COARSE and max(levels[0].grid_size) >= LEAST_HALVED:
+    while _atlas_voxels(levels[0]) > COARSE and max(levels[0].grid_size) >= renderer.LEAST_HALVED:
         levels.insert(0, half_resolution(levels[0]))
     films = films_of(content.source) if content.source is not None and len(levels) > 1 else None
     if films is not None:  # levels between would take more than the films
@@ -167,7 +160,7 @@ def _level(
         "indirection": {"size": sizes["indirection"], "at": sections.add(zlib.compress(indirection.tobytes(), 9))},
         "skip_grid": {"size": sizes["skip_grid"], "at": sections.add(zlib.compress(halves.tobytes(), 9))},
     }  # fmt: skip
-    if shades_hull_alone(pack, RenderSettings()):
+    if renderer.shades_hull_alone(pack, RenderSettings()):
         description["hull"] = sections.add(zlib.compress(skip_grid.hull.astype("<f4").tobytes(), 9))
     padding = films is None and not has_copied_padding(pack)
     layout: dict[str, Any] = {
@@ -208,7 +201,7 @@ def _slots(count: int, block: int, parts: int) -> Triple:
 
 def _shaders(pack: Pack, look: Look | None) -> dict[str, Any]:
     """Texts by file name; the #define lines of each mode, and those that show a gradient behind the scene; uniforms of a look."""
-    features, generated = features_stored(pack), view_mlp_text(pack)
+    features, generated = features_stored(pack), renderer.view_mlp_text(pack)
     unused = ["march_paper.glsl", "march_brute.glsl", "march_atlas.glsl", "view_mlp_textures.glsl"]
     unused += [] if pack.contraction is not None else ["path.glsl"]
     unused += [] if look is not None else ["look.glsl"]
@@ -221,7 +214,9 @@ def _shaders(pack: Pack, look: Look | None) -> dict[str, Any]:
     assert shown is not None
 
     def lines(settings: RenderSettings) -> list[str]:
-        return define_lines(shader_defines(pack, settings, sizes={}, features_beside=features)).splitlines(True)
+        return define_lines(renderer.shader_defines(pack, settings, sizes={}, features_beside=features)).splitlines(
+            True
+        )
 
     modes = {
         mode: lines(RenderSettings(mode=mode, look=look))  # type: ignore[arg-type]
@@ -235,9 +230,9 @@ def _shaders(pack: Pack, look: Look | None) -> dict[str, Any]:
         "common": "".join(common),
         "modes": {mode: "".join(line for line in each if line not in common) for mode, each in modes.items()},
         "backdrop": "".join(line for line in behind if line not in modes["normal"]),
-        "look": look_uniforms(look),
+        "look": renderer.look_uniforms(look),
         "backdropColours": [shown.first, shown.second],
-        "overBackground": [mode for mode in modes if mode in MODES_OVER_BACKGROUND],
+        "overBackground": [mode for mode in modes if mode in renderer.MODES_OVER_BACKGROUND],
     }
 
 

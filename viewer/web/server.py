@@ -24,11 +24,7 @@ from viewer.features.making.make_plan import PREVIEW_FILE
 from viewer.web.description import PageContent, with_annotations
 from viewer.web.page import INDEX, scene_files, scene_page
 
-HEADERS = {
-    "Cache-Control": "no-store",
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-}
+HEADERS = {"Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff"}
 PATIENCE_S = 60.0  # for a connection that says nothing
 
 

@@ -46,6 +46,8 @@ SETTLE_ROUNDS = 2  # what a first round finishes may ask for more
 MODIFIERS = frozenset(
     getattr(glfw, f"KEY_{side}_{name}") for side in ("LEFT", "RIGHT") for name in ("CONTROL", "SHIFT", "ALT", "SUPER")
 )
+# Events that only wake the loop.
+WAKING = "cursor_pos cursor_enter mouse_button scroll window_focus window_refresh framebuffer_size window_content_scale"
 # GLFW's keys are places already; see viewer.core.input.
 NAMED = "Escape Space Tab Home Delete Backspace Enter Left Right Up Down Page_Up Page_Down"
 PUNCTUATION = "SEMICOLON COMMA PERIOD SLASH APOSTROPHE MINUS EQUAL LEFT_BRACKET RIGHT_BRACKET BACKSLASH GRAVE_ACCENT"
@@ -110,17 +112,8 @@ class Window:
             self._touched = True
             self.app.drop([Path(path) for path in paths])
 
-        for listen in (
-            glfw.set_cursor_pos_callback,
-            glfw.set_cursor_enter_callback,
-            glfw.set_mouse_button_callback,
-            glfw.set_scroll_callback,
-            glfw.set_window_focus_callback,
-            glfw.set_window_refresh_callback,
-            glfw.set_framebuffer_size_callback,
-            glfw.set_window_content_scale_callback,
-        ):
-            listen(self.handle, touched)
+        for event in WAKING.split():
+            getattr(glfw, f"set_{event}_callback")(self.handle, touched)
         glfw.set_key_callback(self.handle, self._key)
         glfw.set_char_callback(self.handle, self._character)
         glfw.set_drop_callback(self.handle, dropped)  # type: ignore[arg-type]  (the stub has the C signature)
@@ -189,9 +182,12 @@ class Window:
         """The panels, and the picture as they come to it; then the screen."""
         app = self.app
         self._follow_full_screen()
-        self._follow_title()
-        if self.app.interface.v_sync != self._v_sync:
-            self._v_sync = self.app.interface.v_sync
+        title = PROGRAM if app.scene is None else f"{app.scene.name} – {PROGRAM}"
+        if title != self._title:
+            self._title = title
+            glfw.set_window_title(self.handle, printable(title))
+        if app.interface.v_sync != self._v_sync:
+            self._v_sync = app.interface.v_sync
             glfw.swap_interval(int(self._v_sync))
         scale_x, _ = glfw.get_window_content_scale(self.handle)
         pixels, units = glfw.get_framebuffer_size(self.handle), glfw.get_window_size(self.handle)
@@ -236,13 +232,6 @@ class Window:
         self._placed = (*glfw.get_window_pos(self.handle), *glfw.get_window_size(self.handle))
         mode = glfw.get_video_mode(monitor)
         glfw.set_window_monitor(self.handle, monitor, 0, 0, *mode.size, mode.refresh_rate)
-
-    def _follow_title(self) -> None:
-        scene = self.app.scene
-        title = PROGRAM if scene is None else f"{scene.name} – {PROGRAM}"
-        if title != self._title:
-            self._title = title
-            glfw.set_window_title(self.handle, printable(title))
 
     # Pictures of the window
 
@@ -349,12 +338,11 @@ def _version_at_hand() -> str:
 
 def _name(key: int, scancode: int) -> str:
     """The letter or digit that the user's layout gives a key; "" where it is neither, as on a Russian keyboard."""
-    if sign := SIGNS.get(glfw.get_key_name(key, scancode) or ""):
-        return sign
-    place = PLACES.get(key, "")
+    name, place = glfw.get_key_name(key, scancode) or "", PLACES.get(key, "")
+    if name in SIGNS:
+        return SIGNS[name]
     if key != glfw.KEY_UNKNOWN and (not place or place.startswith("Num")):  # the number block's digits are no others'
         return ""
-    name = glfw.get_key_name(key, scancode) or ""
     return name.upper() if len(name) == 1 and name.isascii() and name.isalnum() else ""
 
 
