@@ -2,8 +2,7 @@
 //
 // Content is premultiplied: with the sample's colour c, features f and opacity a, and transmittance T so far,
 //   C += T c,   F += T f,   T *= 1 - a     where a > ALPHA_CONTRIBUTES, until T <= TRANSMITTANCE_STOP.
-// Options: ACCUMULATE_FEATURES; ACCUMULATE_DEPTH, ACCUMULATE_NORMAL, COUNT_COST: what the modes depth and normals, and those
-//   of cost, need.
+// Options: ACCUMULATE_FEATURES; ACCUMULATE_NORMAL, which the mode normals needs. What else a mode does not show, compilers leave out.
 // NORMAL_REACH: half the side, in voxels, of the cube at the middles of whose edges opacity is compared for the normal; less is
 //   rougher, more blunts edges.
 
@@ -97,15 +96,11 @@ void composite(inout Marched marched, Content content, float t, vec3 position, v
     marched.features += marched.transmittance * features_of(content);
 #endif
     marched.rgb += marched.transmittance * rgba.rgb;
-#ifdef ACCUMULATE_DEPTH
     marched.depth += marched.transmittance * rgba.a * t;
-#endif
 #ifdef ACCUMULATE_NORMAL
     marched.normal += marched.transmittance * rgba.a * normal_at(position);
 #endif
-#ifdef FIRST_BLOCK
     marched.block = marched.block.x < 0.0 ? block : marched.block;
-#endif
     marched.transmittance *= 1.0 - rgba.a;
 }
 

@@ -8,9 +8,7 @@ void march(Ray ray, inout Marched marched) {
         vec3 block = block_of(position);
         Content content = content_at(position, block);
         if (!content.occupied) continue;
-#ifdef COUNT_COST
         marched.fetched += 1.0;
-#endif
         if (content.rgba.a > ALPHA_CONTRIBUTES) {
             composite(marched, content, ray.start + k, position, block, ray.viewdir);
             if (marched.transmittance <= TRANSMITTANCE_STOP) break;

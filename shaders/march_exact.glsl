@@ -50,18 +50,14 @@ void march(Ray ray, inout Marched marched) {
             vec3 leave = (ahead - within) * cell_inverse + distance * abs(cell_inverse);
             float steps = (some ? 0.5 : 1.0) * min(min(leave.x, leave.y), leave.z);
             k += max(ceil(steps - SKIP_SLACK), 1.0);
-#ifdef COUNT_COST
             marched.jumps += 1.0;
-#endif
         }
         if (k >= end) break;
         for (int i = 0; i < SAMPLES_A_TEST; ++i) {
             vec3 position = ray.origin + k * ray.direction;
             vec3 block = block_of(position);
             Content content = content_at(position, block);
-#ifdef COUNT_COST
             marched.fetched += 1.0;
-#endif
             bool marching = i == 0 || (k < end && marched.transmittance > TRANSMITTANCE_STOP);
             if (content.rgba.a > ALPHA_CONTRIBUTES && content.occupied && marching)
                 composite(marched, content, ray.start + k, position, block, ray.viewdir);

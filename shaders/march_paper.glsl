@@ -17,18 +17,14 @@ void march(Ray ray, inout Marched marched) {
         uvec4 entry = indirection_of(block);
         if (entry.a != 0u) {
             t = max(t, box_interval(ray.origin, ray.inverse, corner, corner + float(BLOCK_SIZE)).y) + 0.5;
-#ifdef COUNT_COST
             marched.jumps += 1.0;
-#endif
             continue;
         }
         vec3 coordinates = atlas_coordinates(entry, position - corner);
         if (textureLod(atlas_alpha_nearest, coordinates, 0.0).r > 0.0) {
             Content content = Content(fetch_rgba(coordinates), true, coordinates);
             composite(marched, content, ray.start + t, position, block, ray.viewdir);
-#ifdef COUNT_COST
             marched.fetched += 1.0;
-#endif
         }
         t += 1.0;
     }
