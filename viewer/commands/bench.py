@@ -136,10 +136,9 @@ def plot_times(path: Path, name: str, result: Mapping[str, Any], measurement: Me
     lines = []
     for contender in measurement.contenders:
         s = contender.statistics()
-        levels = [(f"{key} {s[f'ms_{key}']:.1f} ms", s[f"ms_{key}"]) for key in ("p50", "p95")]
+        keys = ("p50", "p95") if len(measurement.contenders) < 3 else ()  # levels of many would hide the curves
+        levels = [(f"{key} {s[f'ms_{key}']:.1f} ms", s[f"ms_{key}"]) for key in keys]
         lines.append(Line(contender.name, range(len(contender.ms)), contender.ms, levels=levels))
-    if len(lines) > 2:  # levels of many would hide the curves
-        lines = [Line(line.label, line.xs, line.ys) for line in lines]
     draw_plots(path, [Plot(lines, f"{name}, {title(result)}", "frame", "milliseconds")])
 
 

@@ -144,22 +144,22 @@ class CrashLog:
     """The file of this process. path: None if it cannot be written; then nothing is logged."""
 
     def __init__(self, folder: Path) -> None:
-        self.path: Path | None = folder / f"{RUNNING}{os.getpid()}.log"
+        path = folder / f"{RUNNING}{os.getpid()}.log"
+        self.path: Path | None = None
         self._file: TextIO | None = None  # while it is written
-        try:
+        with contextlib.suppress(OSError, ValueError):
             folder.mkdir(parents=True, exist_ok=True)
-            self._file = open(self.path, "w", encoding="utf-8", errors="replace")  # noqa: SIM115  (for as long as it runs)
+            self._file = open(path, "w", encoding="utf-8", errors="replace")  # noqa: SIM115  (for as long as it runs)
             try_lock(self._file.fileno())
             faulthandler.enable(self._file)
-        except (OSError, ValueError):
-            self.path = None
+            self.path = path
         self.add(versions())
 
     def add(self, text: str) -> None:
         """Writes a line and flushes it, so that it outlasts the process."""
         if self._file is None:
             return
-        try:
+        with contextlib.suppress(OSError, ValueError):  # a full disk
             if self._file.tell() > MOST_BYTES:  # after a long session only the end matters
                 self._file.seek(0)
                 self._file.truncate()
@@ -167,8 +167,6 @@ class CrashLog:
             line = text if "\n" in text else f"{time.strftime('%H:%M:%S')} {' '.join(text.split())}"
             self._file.write(f"{line}\n")
             self._file.flush()
-        except (OSError, ValueError):  # a full disk
-            return
 
     def end(self) -> None:
         """Removes the file, because the program ends normally."""
@@ -210,11 +208,9 @@ def left_behind(folder: Path) -> list[Path]:
             continue
         when = time.strftime("%Y%m%d-%H%M%S", time.localtime(_changed(file)))
         crashed = file.with_name(f"{CRASHED}{when}-{file.stem.removeprefix(RUNNING)}.log")
-        try:
+        with contextlib.suppress(OSError):  # another viewer was faster; or, on Windows, it is in use
             file.rename(crashed)
-        except OSError:  # another viewer was faster; or, on Windows, it is in use
-            continue
-        found.append(crashed)
+            found.append(crashed)
     for old in sorted(folder.glob(f"{CRASHED}*.log"), key=_changed)[:-KEPT]:
         with contextlib.suppress(OSError):
             old.unlink()
@@ -222,17 +218,14 @@ def left_behind(folder: Path) -> list[Path]:
 
 
 def _changed(file: Path) -> float:
-    try:
+    with contextlib.suppress(OSError):
         return file.stat().st_mtime
-    except OSError:
-        return 0.0
+    return 0.0
 
 
 def _in_use(file: Path) -> bool:
     """Whether the viewer that writes the file still runs."""
-    try:
-        with open(file, "rb") as opened:
-            locked = try_lock(opened.fileno())
-    except OSError:
-        return True
-    return locked is False or (locked is None and os.name == "posix")  # elsewhere it cannot be renamed meanwhile
+    with contextlib.suppress(OSError), open(file, "rb") as opened:
+        locked = try_lock(opened.fileno())
+        return locked is False or (locked is None and os.name == "posix")  # elsewhere it cannot be renamed meanwhile
+    return True

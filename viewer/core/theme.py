@@ -203,13 +203,12 @@ class FontFile:
 
 def load_fonts(missing: str) -> list[FontFile]:
     """Fonts that have `missing` letters, the best first, read from the disk once: the window then finds them in memory."""
-    try:
+    with contextlib.suppress(OSError):
         found = [font for font in find_fonts(missing) if font.path.stat().st_size <= LARGEST_BYTES]
         for font in found:
             font.path.read_bytes()
         return found
-    except OSError:  # boxes, then
-        return []
+    return []  # boxes, then
 
 
 def find_fonts(missing: str) -> list[FontFile]:

@@ -86,13 +86,12 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
     films = films_of(content.source) if content.source is not None and len(levels) > 1 else None
     if films is not None:  # levels between would take more than the films
         levels = [levels[0], pack]
-    total, done = sum(_atlas_voxels(level) for level in levels), 0
+    total, done = max(sum(map(_atlas_voxels, levels)), 1), 0
     described, data = [], {}
     for level in levels:
-        share, before = _atlas_voxels(level) / max(total, 1), done / max(total, 1)
 
-        def progress(part: float, before: float = before, share: float = share) -> None:
-            on_progress(before + part * share)
+        def progress(part: float, before: int = done, voxels: int = _atlas_voxels(level)) -> None:
+            on_progress((before + part * voxels) / total)
 
         about, sections = _level(level, content.crop, films if level is pack else None, progress)
         name = f"scene-{max(level.grid_size)}.bin"
@@ -121,14 +120,10 @@ def _atlas_voxels(pack: Pack) -> int:
     return int(pack.occupied.sum()) * pack.padded_block_size**3
 
 
-class _Sections(list[bytes]):
-    """Byte strings one behind the other."""
-
-    def add(self, data: bytes) -> list[int]:
-        """Appends `data`; its offset and length."""
-        place = [sum(map(len, self)), len(data)]
-        self.append(data)
-        return place
+def _add(sections: list[bytes], data: bytes) -> list[int]:
+    """Appends a section; its offset and length."""
+    sections.append(data)
+    return [sum(map(len, sections[:-1])), len(data)]
 
 
 def _level(
@@ -138,7 +133,7 @@ def _level(
     features, count = features_stored(pack), int(pack.occupied.sum())
     slots = _slots(count, pack.padded_block_size, 2 if features else 1)
     size = atlas_size(slots, pack.padded_block_size, 2 if features else 1)
-    skip_grid, sections = skip_grid_of(pack), _Sections()
+    skip_grid, sections = skip_grid_of(pack), list[bytes]()
     words = skip_grid.words
     halves = np.stack([words & 255, words >> 8]).astype(np.uint8)  # each compresses better alone
     indirection = indirection_grid(pack.occupied, slots)
@@ -157,11 +152,11 @@ def _level(
             "grid_size": pack.grid_size, "content_min": skip_grid.content_min, "content_max": skip_grid.content_max,
         },
         "defines": define_lines({f"{name.upper()}_TEXEL": glsl_reciprocals(each) for name, each in sizes.items()}),
-        "indirection": {"size": sizes["indirection"], "at": sections.add(zlib.compress(indirection.tobytes(), 9))},
-        "skip_grid": {"size": sizes["skip_grid"], "at": sections.add(zlib.compress(halves.tobytes(), 9))},
+        "indirection": {"size": sizes["indirection"], "at": _add(sections, zlib.compress(indirection.tobytes(), 9))},
+        "skip_grid": {"size": sizes["skip_grid"], "at": _add(sections, zlib.compress(halves.tobytes(), 9))},
     }  # fmt: skip
     if renderer.shades_hull_alone(pack, RenderSettings()):
-        description["hull"] = sections.add(zlib.compress(skip_grid.hull.astype("<f4").tobytes(), 9))
+        description["hull"] = _add(sections, zlib.compress(skip_grid.hull.astype("<f4").tobytes(), 9))
     padding = films is None and not has_copied_padding(pack)
     layout: dict[str, Any] = {
         "size": size, "slots": slots, "block": pack.padded_block_size, "features": features, "padding": padding, "count": count,
@@ -172,19 +167,19 @@ def _level(
         return description, sections
     layout["chunks"] = chunks = []
     for bits, differences in compressed_chunks(pack, features=features, padding=padding):
-        chunks.append([sections.add(bits), sections.add(differences)])
+        chunks.append([_add(sections, bits), _add(sections, differences)])
         on_progress(len(chunks) / max(-(-count // BLOCKS_A_CHUNK), 1))
     return description, sections
 
 
-def _piece(filmed: FilmedPiece, sections: _Sections, *, features: bool) -> dict[str, Any]:
+def _piece(filmed: FilmedPiece, sections: list[bytes], *, features: bool) -> dict[str, Any]:
     piece, occupied, films = filmed  # films as zlib for its checksum: a damaged one plays on
     return {
         "corner": piece.corner[::-1],
         "shape": piece.shape[::-1],
-        "occupied": sections.add(occupied),
+        "occupied": _add(sections, occupied),
         "films": [
-            {"codec": film.codec, "at": sections.add(zlib.compress(film.data, 0)), "sizes": film.sizes}
+            {"codec": film.codec, "at": _add(sections, zlib.compress(film.data, 0)), "sizes": film.sizes}
             for film in (films if features else films[:2])
         ],
     }

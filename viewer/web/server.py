@@ -59,12 +59,6 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = PATIENCE_S
 
     def do_GET(self) -> None:
-        self._answer(body=True)
-
-    def do_HEAD(self) -> None:
-        self._answer(body=False)
-
-    def _answer(self, *, body: bool) -> None:
         token = len(self.server.path)
         known = hmac.compare_digest(self.path[:token].encode("latin-1", "replace"), self.server.path.encode())
         name = self.path[token:].partition("?")[0] or INDEX
@@ -80,8 +74,10 @@ class _Handler(BaseHTTPRequestHandler):
         for header, value in {**HEADERS, "Content-Type": kind, "ETag": tag, **size}.items():
             self.send_header(header, value)
         self.end_headers()
-        if body and not unchanged:
+        if self.command == "GET" and not unchanged:
             self.wfile.write(data)
+
+    do_HEAD = do_GET
 
     def log_message(self, format: str, *args: object) -> None:
         """Nothing: the address holds the token."""
