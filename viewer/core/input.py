@@ -83,19 +83,11 @@ LEFT_X, LEFT_Y, RIGHT_X, RIGHT_Y, LEFT_TRIGGER, RIGHT_TRIGGER = range(6)
 A, B, X, Y, LEFT_BUMPER, RIGHT_BUMPER, BACK, START = range(8)
 UP, RIGHT, DOWN, LEFT = range(11, 15)
 GAMEPAD_BUTTONS: dict[int, tuple[str, str]] = {  # button: its name, and the command
-    A: ("A", "fly"),
-    B: ("B", "walk"),
-    X: ("X", "next-mode"),
-    Y: ("Y", "home"),
-    LEFT_BUMPER: ("left bumper", "last-photo"),
-    RIGHT_BUMPER: ("right bumper", "next-photo"),
-    BACK: ("Back", "orthographic"),
-    START: ("Start", "help"),
-    UP: ("up", "top"),
-    RIGHT: ("right", "right"),
-    DOWN: ("down", "front"),
-    LEFT: ("left", "left"),
-}
+    A: ("A", "fly"), B: ("B", "walk"), X: ("X", "next-mode"), Y: ("Y", "home"),
+    LEFT_BUMPER: ("left bumper", "last-photo"), RIGHT_BUMPER: ("right bumper", "next-photo"),
+    BACK: ("Back", "orthographic"), START: ("Start", "help"),
+    UP: ("up", "top"), RIGHT: ("right", "right"), DOWN: ("down", "front"), LEFT: ("left", "left"),
+}  # fmt: skip
 MOUSE_BUTTONS: dict[int, tuple[str, str]] = {0: ("left", "home"), 1: ("right", "frame")}
 # Axes of a 3D mouse: the cap pushed right, towards the user, and down; tilted forward, to the right, and turned clockwise.
 PUSH_X, PUSH_Y, PUSH_Z, TILT_X, TILT_Y, TURN_Z = range(6)

@@ -25,13 +25,9 @@ from viewer.rendering.camera import ViewCamera, rays_through
 
 # right, up and front of each choice of the up axis; front = right × up
 UP_AXES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
-    "y": ((1, 0, 0), (0, 1, 0)),
-    "z": ((1, 0, 0), (0, 0, 1)),
-    "x": ((0, 1, 0), (1, 0, 0)),
-    "-y": ((1, 0, 0), (0, -1, 0)),
-    "-z": ((1, 0, 0), (0, 0, -1)),
-    "-x": ((0, 1, 0), (-1, 0, 0)),
-}
+    "y": ((1, 0, 0), (0, 1, 0)), "z": ((1, 0, 0), (0, 0, 1)), "x": ((0, 1, 0), (1, 0, 0)),
+    "-y": ((1, 0, 0), (0, -1, 0)), "-z": ((1, 0, 0), (0, 0, -1)), "-x": ((0, 1, 0), (-1, 0, 0)),
+}  # fmt: skip
 MAX_ELEVATION = 90.0
 STEEP = 89.95  # elevation beyond which a camera's back says nothing of its azimuth
 FARTHEST = 1e12  # from the origin, in grid units

@@ -360,15 +360,11 @@ def _open(size: tuple[int, int]):
     glfw.ERROR_REPORTING = False
     if not glfw.init():
         raise NoDisplay(f"no window can be opened: {complaints[-1] if complaints else 'GLFW does not start'}")
-    for hint, value in (
-        (glfw.CONTEXT_VERSION_MAJOR, 3),
-        (glfw.CONTEXT_VERSION_MINOR, 3),
-        (glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE),
-        (glfw.OPENGL_FORWARD_COMPAT, True),
-        (glfw.VISIBLE, True),
-        (glfw.SCALE_TO_MONITOR, True),
-        (glfw.DEPTH_BITS, 0),
-    ):
+    hints = {
+        glfw.CONTEXT_VERSION_MAJOR: 3, glfw.CONTEXT_VERSION_MINOR: 3, glfw.OPENGL_PROFILE: glfw.OPENGL_CORE_PROFILE,
+        glfw.OPENGL_FORWARD_COMPAT: True, glfw.VISIBLE: True, glfw.SCALE_TO_MONITOR: True, glfw.DEPTH_BITS: 0,
+    }  # fmt: skip
+    for hint, value in hints.items():
         glfw.window_hint(hint, value)
     for hint in (glfw.X11_CLASS_NAME, glfw.X11_INSTANCE_NAME, glfw.WAYLAND_APP_ID):  # what desktops group windows by
         glfw.window_hint_string(hint, PROGRAM)
