@@ -171,10 +171,7 @@ _ALL = (
         ("remove-point", "Remove the point or selection", _remove, "Backspace or Delete"),
         ("copy-measurements", "Copy the measurements", lambda app: app.measure_tool.copy(app), "Ctrl+Shift+C"),
     ),
-    *_group(
-        "Erasing",
-        ("erase", "Erase parts of the scene", lambda app: app.erasing.toggle(app), "X"),
-    ),
+    *_group("Erasing", ("erase", "Erase parts of the scene", lambda app: app.erasing.toggle(app), "X")),
     *_group(
         "Bookmarks",
         ("bookmark", "Bookmark this view", lambda app: app.bookmarks.add(app), "Ctrl+D"),

@@ -9,7 +9,7 @@ from imgui_bundle import ImVec2, imgui
 
 from viewer.core import theme
 from viewer.core.pose import project
-from viewer.core.widgets import Box, px
+from viewer.core.widgets import Box, draw_picture, px
 from viewer.rendering.targets import Layer
 
 if TYPE_CHECKING:
@@ -21,12 +21,10 @@ LENS_PIECES = 12  # that a straight line is drawn as through a lens
 
 def draw_layers(layers: list[Layer], box: Box) -> None:
     x, y, width, height = box
-    draw = imgui.get_window_draw_list()
     for layer in layers:
         x0, y0, x1, y1 = layer.box
         low, high = ImVec2(x + x0 * width, y + y0 * height), ImVec2(x + x1 * width, y + y1 * height)
-        tint = imgui.color_convert_float4_to_u32((1.0, 1.0, 1.0, layer.opacity))
-        draw.add_image(imgui.ImTextureRef(layer.texture), low, high, layer.uv0, layer.uv1, tint)
+        draw_picture(layer.texture, low, high, (layer.uv0, layer.uv1), opacity=layer.opacity, rounding=0.0)
 
 
 class Screen:

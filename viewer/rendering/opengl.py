@@ -170,11 +170,7 @@ class Drawing:
     """A vertex and a fragment shader, and content: (buffer, format, attributes) each; none for fullscreen.vert."""
 
     def __init__(
-        self,
-        ctx: moderngl.Context,
-        vertex: ShaderText,
-        fragment: ShaderText,
-        content: Sequence[tuple[Any, ...]] = (),
+        self, ctx: moderngl.Context, vertex: ShaderText, fragment: ShaderText, content: Sequence[tuple[Any, ...]] = ()
     ) -> None:
         self.linked = compile_program(ctx, vertex, fragment)
         self.vertices = ctx.vertex_array(self.linked, list(content))

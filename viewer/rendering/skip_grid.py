@@ -26,15 +26,15 @@ COARSE = 32  # coarse cells along the longest side; the hull goes around these
 MARGIN = 1.0  # voxels that it is grown by at least: more than rasterising could round
 
 
-def hull_triangles(content: np.ndarray, cell: int) -> np.ndarray:
+def hull_triangles(content: np.ndarray) -> np.ndarray:
     """float32 [T, 3, 3] corners (x, y, z), voxels, counter-clockwise seen from outside; none where there is no content.
 
-    content: bool [z, y, x] of cells, of which cell i spans cell * i - 0.5 to cell * (i + 1) - 0.5 (skip_grid.py).
+    content: bool [cells z, y, x].
     """
     if not content.any():
         return np.zeros((0, 3, 3), np.float32)
     group = -(-max(content.shape) // COARSE)
-    boxes = _rows(content, group) * cell - 0.5  # [N, 2 ends, (x, y, z)]
+    boxes = _rows(content, group) * CELL - 0.5  # [N, 2 ends, (x, y, z)]
     side = np.indices((2, 2, 2)).reshape(3, -1).T  # of the eight corners
     corners = boxes[:, side, np.arange(3)]
     # Grown outwards, each corner by another amount: then no two triangles lie in one plane, and none is degenerate.
@@ -85,7 +85,7 @@ class SkipGrid:
 def skip_grid_of(pack: Pack) -> SkipGrid:
     words = skip_words(content_cells(pack, CELL // 2))
     content = words & FARTHEST == 0
-    return SkipGrid(words, *content_bounds(content), hull_triangles(content, CELL))
+    return SkipGrid(words, *content_bounds(content), hull_triangles(content))
 
 
 def skip_words(eighths: np.ndarray) -> np.ndarray:

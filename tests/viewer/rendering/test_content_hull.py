@@ -12,9 +12,7 @@ from scenepack import Pack
 from tests.viewer.rendering.pictures import assert_same_picture
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.skip_grid import MARGIN, hull_triangles
-
-CELL = 4
+from viewer.rendering.skip_grid import CELL, MARGIN, hull_triangles
 
 
 def blobs(seed: int) -> np.ndarray:
@@ -33,7 +31,7 @@ def blobs(seed: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(5))
 def test_all_content_is_inside_by_the_margin(seed: int) -> None:
     content = blobs(seed)
-    triangles = hull_triangles(content, CELL).astype(float)
+    triangles = hull_triangles(content).astype(float)
     cells = np.argwhere(content)[:, ::-1]
     ends = np.concatenate([cells, cells + 1]) * CELL - 0.5
     corners = (
@@ -50,7 +48,7 @@ def test_all_content_is_inside_by_the_margin(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_every_edge_belongs_to_two_triangles_that_run_along_it_in_opposite_directions(seed: int) -> None:
-    triangles = [tuple(map(tuple, triangle)) for triangle in hull_triangles(blobs(seed), CELL).tolist()]
+    triangles = [tuple(map(tuple, triangle)) for triangle in hull_triangles(blobs(seed)).tolist()]
     edges = Counter((t[i], t[(i + 1) % 3]) for t in triangles for i in range(3))
     assert set(edges.values()) == {1}
     assert all((b, a) in edges for a, b in edges)
