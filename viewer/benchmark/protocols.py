@@ -8,9 +8,10 @@ content. Nor does the paper name the height: orbits are ORBIT_ELEVATION above th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
+from typing import Any
 
 import numpy as np
 
@@ -39,22 +40,14 @@ PROTOCOLS: dict[str, Protocol] = {
 
 @dataclass(frozen=True)
 class Flight:
-    """The cameras of a measurement."""
+    """The cameras of a measurement.
 
-    protocol: str
-    fov: float
-    size: tuple[int, int]
+    facts: what its JSON says of them: protocol, fov, width, height; distance from what is looked at (grid units), and
+    distance_from, "paper", "content" or "given"; both are None where they do not orbit.
+    """
+
     cameras: Sequence[ViewCamera]
-    distance: float | None  # from what is looked at, grid units; None where they do not orbit
-    distance_from: str | None  # "paper", "content" or "given"
-
-    @property
-    def facts(self) -> dict[str, object]:
-        """For JSON: what the measurement says of its path."""
-        return {
-            "protocol": self.protocol, "fov": self.fov, "width": self.size[0], "height": self.size[1],
-            "distance": self.distance, "distance_from": self.distance_from,
-        }  # fmt: skip
+    facts: Mapping[str, Any]
 
 
 def protocol_for(pack: Pack, asked: str = "auto") -> str:
@@ -80,8 +73,10 @@ def flight(
     """
     chosen = PROTOCOLS[protocol]
     fov, size = fov or chosen.fov, size or chosen.size
+    facts = {"protocol": protocol, "fov": fov, "width": size[0], "height": size[1]}
     if pack.ndc:
-        return Flight(protocol, fov, size, forward_facing_path(pack, frames, fov, size), None, None)
+        cameras = forward_facing_path(pack, frames, fov, size)
+        return Flight(cameras, {**facts, "distance": None, "distance_from": None})
     assert chosen.distance is not None, "only forward-facing cameras do not orbit"
     number, named = given_distance(distance), "given"
     if number is None and (distance == "paper" or (distance == "auto" and _within(pack, chosen.distance))):
@@ -89,11 +84,11 @@ def flight(
     if number is not None:  # about the grid's y axis, so far from the training frame's origin, which is looked at
         turns, origin = (360.0 * i / frames for i in range(frames)), _origin(pack)
         cameras = [ViewCamera.orbit(pack, turn, ORBIT_ELEVATION, number, fov, size, origin) for turn in turns]
-        return Flight(protocol, fov, size, cameras, number, named)
+        return Flight(cameras, {**facts, "distance": number, "distance_from": named})
     low, high = content_box(pack)
     cameras = orbit_path(pack, frames, fov, size)
     far = float(np.linalg.norm(cameras[0].position - 0.5 * (low + high)))
-    return Flight(protocol, fov, size, cameras, far, FITTED)
+    return Flight(cameras, {**facts, "distance": far, "distance_from": FITTED})
 
 
 def given_distance(text: str) -> float | None:

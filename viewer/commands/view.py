@@ -36,7 +36,7 @@ from viewer.interface.layout import PAGES
 from viewer.rendering.settings import Marcher, Mode, RenderSettings
 from viewer.web.description import PageContent, with_annotations
 from viewer.web.server import serve
-from viewer.window.shutdown import on_lost_display, signals_ask
+from viewer.window.shutdown import SIGNALED, on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, require_display
 
 OUT = Path("out")
@@ -154,7 +154,9 @@ class View:
         app.set(mode=self.mode, marcher=self.marcher)
         if not self.surroundings:
             app.set(surroundings=False)
-        page = self.page or self._page()
+        photographs = self.photographs or self.photograph
+        meant = {"film": self.path or self.export, "compare": self.compare, "photographs": photographs}
+        page = self.page or next((name for name, given in meant.items() if given), None)
         if page is not None:
             app.interface.opens(page)
         if self.kiosk:
@@ -166,13 +168,6 @@ class View:
             app.drop([self.pack])
         elif self.pack is not None:
             app.open(self.pack, then=lambda: self._opened(app))
-
-    def _page(self) -> str | None:
-        if self.path or self.export:
-            return "film"
-        if self.compare:
-            return "compare"
-        return "photographs" if self.photographs or self.photograph else None
 
     def _opened(self, app: App) -> None:
         if self.pose is not None:
@@ -289,9 +284,9 @@ def _live(app: App, view: View, size: tuple[int, int] | None) -> int:
                 app.messages.say(f"The viewer ended unexpectedly the last time. Its log: {crashed[-1]}", "warning")
             view.begin(app)
             _keep(app, window, PreferencesAutosave(app, file, lambda: window.size, lambda: window.layout), crash_log)
-    if ended.signal == signal.SIGINT:
+    if signal.SIGINT in ended:
         raise KeyboardInterrupt
-    return ended.status
+    return SIGNALED + ended[0] if ended else 0
 
 
 @contextlib.contextmanager

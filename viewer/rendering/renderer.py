@@ -48,7 +48,7 @@ def _layout(marcher: str) -> str:
 def _halved_message(whole: Pack, half: Pack, error: NoRoomError) -> str:
     def size(pack: Pack) -> str:
         voxels = int(pack.occupied.sum()) * pack.padded_block_size**3
-        channels = 8 if pack.atlas_features is not None and pack.view_mlp is not None else 4
+        channels = 8 if features_stored(pack) else 4
         return f"{'x'.join(map(str, pack.grid_size))} voxels, {voxels * channels / 2**20:.0f} MiB"
 
     share = {2: "half", 4: "a quarter of its"}.get(round(half.voxel_size / whole.voxel_size), "a fraction of its")

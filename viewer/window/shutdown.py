@@ -6,7 +6,6 @@ may be there to answer.
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import os
 import signal
@@ -14,7 +13,6 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from types import FrameType
 from typing import Any
 
@@ -26,22 +24,12 @@ ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGINT", "SIG
 _kept: list[object] = []  # keeps handlers for C code from garbage collection
 
 
-@dataclass
-class EndingSignal:
-    """signal: the number of the signal that ended the program; None before."""
-
-    signal: int | None = None
-
-    @property
-    def status(self) -> int:
-        """The exit status for this signal; 0 without one."""
-        return SIGNALED + self.signal if self.signal is not None else 0
-
-
-@contextlib.contextmanager
-def signals_ask(ask: Callable[[], None]) -> Iterator[EndingSignal]:
-    """Within the block, a signal that would end the program calls `ask`; a second one ends it at once."""
-    ended = EndingSignal()
+@contextmanager
+def signals_ask(ask: Callable[[], None]) -> Iterator[list[int]]:
+    """Within the block, a signal that would end the program calls `ask`; a second one ends it at once. Yields its number, once
+    one has come.
+    """
+    ended: list[int] = []
     before: dict[int, object] = {}
 
     def restore() -> None:
@@ -49,7 +37,7 @@ def signals_ask(ask: Callable[[], None]) -> Iterator[EndingSignal]:
             signal.signal(number, handler)  # type: ignore[arg-type]  (as signal.signal gave it)
 
     def came(number: int, _: FrameType | None) -> None:
-        ended.signal = number
+        ended.append(number)
         restore()
         ask()
 

@@ -29,7 +29,9 @@ def aside(shapes: Pack) -> Pack:
 
 def test_cameras_stand_where_those_of_nerf_synthetic_stand_wherever_the_content_lies(aside: Pack) -> None:
     flown = flight(aside, "synthetic", 8)
-    assert (flown.distance, flown.distance_from, flown.size, flown.fov) == (4.0311, "paper", (800, 800), 39.0)
+    assert flown.facts == {
+        "protocol": "synthetic", "fov": 39.0, "width": 800, "height": 800, "distance": 4.0311, "distance_from": "paper",
+    }  # fmt: skip
     for camera in flown.cameras:
         world_T_camera = aside.worldspace_T_opengl @ camera.grid_T_camera
         eye, forward = world_T_camera[:3, 3], -world_T_camera[:3, 2]
@@ -42,22 +44,22 @@ def test_cameras_stand_where_those_of_nerf_synthetic_stand_wherever_the_content_
 def test_what_does_not_lie_within_the_papers_orbit_is_flown_around_as_before(aside: Pack) -> None:
     large = dataclasses.replace(aside, voxel_size=8 * aside.voxel_size)
     flown = flight(large, "synthetic", 4)
-    assert flown.distance_from == "content" and flown.distance is not None
+    assert flown.facts["distance_from"] == "content"
     middle = 0.5 * np.sum(content_box(large), axis=0)
-    assert np.linalg.norm(flown.cameras[0].position - middle) == pytest.approx(flown.distance)
+    assert np.linalg.norm(flown.cameras[0].position - middle) == pytest.approx(flown.facts["distance"])
     for mine, fitted in zip(flown.cameras, orbit_path(large, 4), strict=True):
         np.testing.assert_array_equal(mine.grid_T_camera, fitted.grid_T_camera)
-    assert flight(large, "synthetic", 4, distance="paper").distance == 4.0311
+    assert flight(large, "synthetic", 4, distance="paper").facts["distance"] == 4.0311
     given = flight(aside, "synthetic", 4, distance="2.5")
-    assert (given.distance, given.distance_from) == (2.5, "given")
+    assert (given.facts["distance"], given.facts["distance_from"]) == (2.5, "given")
 
 
 def test_a_scene_that_was_spherified_is_flown_around_as_the_papers_real_ones(aside: Pack, ndc_shapes: Pack) -> None:
     real = aside.with_metadata(provenance={"spherify": True})
     assert protocol_for(real) == "real360" and protocol_for(aside) == "synthetic"
-    assert flight(real, "real360", 1, distance="paper").distance == PROTOCOLS["real360"].distance == 1.0
+    assert flight(real, "real360", 1, distance="paper").facts["distance"] == PROTOCOLS["real360"].distance == 1.0
     assert protocol_for(ndc_shapes) == "forward-facing"
-    assert flight(ndc_shapes, "forward-facing", 2).distance is None
+    assert flight(ndc_shapes, "forward-facing", 2).facts["distance"] is None
 
 
 def test_the_json_says_which_distance(aside: Pack, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
