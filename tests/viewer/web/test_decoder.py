@@ -81,7 +81,7 @@ def test_every_byte_of_the_textures_is_that_of_the_desktop(
 def filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Pack], PageContent]:
     """Writes an AVIF pack that has a coarse level."""
     monkeypatch.setattr(description, "COARSE", 20_000)
-    monkeypatch.setattr(description, "LEAST_HALVED", 28)
+    monkeypatch.setattr(description.renderer, "LEAST_HALVED", 28)
     monkeypatch.setattr(AvifCodec, "planes", lambda self, layout, block_size: block_size)  # several pieces
 
     def write(pack: Pack) -> PageContent:

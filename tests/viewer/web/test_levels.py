@@ -33,7 +33,7 @@ FACTS = "document.getElementById('facts').textContent"
 def levels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Even small packs have a coarse level."""
     monkeypatch.setattr(description, "COARSE", 20_000)
-    monkeypatch.setattr(description, "LEAST_HALVED", 42)
+    monkeypatch.setattr(description.renderer, "LEAST_HALVED", 42)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def folder(shapes: Pack, tmp_path_factory: pytest.TempPathFactory) -> Path:
     save_pack(shapes, parent / "shapes")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(description, "COARSE", 20_000)
-        patch.setattr(description, "LEAST_HALVED", 42)
+        patch.setattr(description.renderer, "LEAST_HALVED", 42)
         assert command.main(["export", str(parent / "shapes"), "--to", f"{parent / 'site'}/"]) == 0
     assert sorted(path.name for path in (parent / "site").iterdir()) == ["index.html", "scene-21.bin", "scene-42.bin"]
     return parent / "site"
