@@ -5,8 +5,8 @@ from __future__ import annotations
 import errno
 import sys
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -123,17 +123,22 @@ class Notice(UserWarning):
         super().__init__(one_line(str(text), LONGEST_NOTICE))
 
 
-@contextmanager
-def plain_notices(prog: str) -> Iterator[None]:
+def plain_notices(prog: str) -> AbstractContextManager[None]:
     """Prints each Notice as "PROG: warning: ..." on stderr; other warnings stay as Python shows them."""
+    return notices_heard(lambda text: print(f"{prog}: warning: {text}", file=sys.stderr))
+
+
+@contextmanager
+def notices_heard(hear: Callable[[str], object], *, still_shown: bool = False) -> Iterator[None]:
+    """Calls `hear` with each Notice, which is shown as before only if `still_shown`; other warnings stay as they are."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", Notice)
         usual = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
             if issubclass(category, Notice):
-                print(f"{prog}: warning: {message}", file=sys.stderr)
-            else:
+                hear(str(message))
+            if still_shown or not issubclass(category, Notice):
                 usual(message, category, *rest, **named)
 
         warnings.showwarning = show

@@ -59,7 +59,10 @@ def kind_of(path: Path) -> Kind:
         return "run"  # of snerg-train; or what snerg-make left when it was stopped
     if found_poses(path):
         return "scene"  # what snerg-make left when it was stopped before training
-    return "pictures" if _bare(path) else "unknown"
+    try:
+        return "pictures" if find_source(path) is not None else "unknown"
+    except UserError:  # several films: whoever finds poses says so
+        return "pictures"
 
 
 def found_poses(path: Path) -> bool:
@@ -82,13 +85,6 @@ def scene_around(path: Path) -> Path:
     if not any(_holds_pictures(folder) for folder in (path, *path.glob("*/"))):
         return path
     return next((parent for parent in path.resolve().parents[:2] if _is_scene(parent)), path)
-
-
-def _bare(path: Path) -> bool:
-    try:
-        return find_source(path) is not None
-    except UserError:  # several films: whoever finds poses says so
-        return True
 
 
 def _holds_pictures(folder: Path) -> bool:

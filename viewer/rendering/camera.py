@@ -144,9 +144,8 @@ class ViewCamera:
     def resized(self, width: int, height: int) -> ViewCamera:
         """The same view as a picture of another size."""
         sx, sy = width / self.width, height / self.height
-        return replace(
-            self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy
-        )
+        lens = {"fx": self.fx * sx, "fy": self.fy * sy, "cx": self.cx * sx, "cy": self.cy * sy}
+        return replace(self, width=width, height=height, **lens)
 
     @property
     def key(self) -> tuple[object, ...]:

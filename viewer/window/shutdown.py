@@ -1,4 +1,4 @@
-"""Signals, lost displays, and warnings of libraries while the window is open.
+"""Signals and lost displays while the window is open.
 
 They end the program like Quit: preferences are saved, and a running job is asked to save. No question is shown, because nobody
 may be there to answer.
@@ -10,13 +10,9 @@ import ctypes
 import os
 import signal
 import sys
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
-
-from console import Notice
 
 SIGNALED = 128  # exit status of a program that a signal ended: 128 + its number, as shells say it
 HUNG_UP = SIGNALED + 1  # SIGHUP's
@@ -68,21 +64,3 @@ def on_lost_display(end: Callable[[], None]) -> None:
     _kept[:] = [handler]
     x11.XSetIOErrorHandler.restype = ctypes.c_void_p
     x11.XSetIOErrorHandler(handler)
-
-
-# --- What warnings do while the window is open ---
-
-
-@contextmanager
-def notices_logged(log: Callable[[str, str], None]) -> Iterator[None]:
-    """Notices go to the log panel as well while the window is open; other warnings stay as Python shows them."""
-    with warnings.catch_warnings():
-        usual = warnings.showwarning
-
-        def show(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
-            if issubclass(category, Notice):
-                log(str(message), "warning")
-            usual(message, category, *rest, **named)
-
-        warnings.showwarning = show
-        yield

@@ -20,6 +20,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError
+from console.errors import notices_heard
 from console.streams import printable
 from viewer.app.application import App
 from viewer.app.commands import run
@@ -31,7 +32,6 @@ from viewer.interface.ui import SystemClipboard, Ui
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.opengl import free_framebuffer, opengl_refusal, read_pixels, version_at
 from viewer.rendering.software_rasteriser import finish
-from viewer.window.shutdown import notices_logged
 
 import glfw  # isort: skip  (after imgui_bundle)
 
@@ -139,7 +139,7 @@ class Window:
 
     def run(self, each: Callable[[], None] = lambda: None) -> None:
         """Until the window is closed or the app quits. each: called in every turn of the loop, at least once a second."""
-        with notices_logged(self.app.messages.log):
+        with notices_heard(lambda text: self.app.messages.log(text, "warning"), still_shown=True):
             while not self.app.quitting:
                 self.step()
                 each()
