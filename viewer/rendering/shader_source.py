@@ -165,8 +165,9 @@ def colour_stops() -> tuple[tuple[float, float, float], ...]:
 
 # --- GLSL text made from a pack's view MLP ---
 
+# The vectors that a layer is given, in its order, and their lengths.
 INPUTS = dict.fromkeys(("v", "s1", "s2", "s4", "s8", "c1", "c2", "c4", "c8", "rgb"), 3) | {"features": 4}
-HIDDEN = dict.fromkeys(("h0", "h1", "h2", "h3"), 4)  # vectors by name, and their lengths, in a layer's order; as INPUTS
+HIDDEN: dict[str, int] = {"h0": 4, "h1": 4, "h2": 4, "h3": 4}
 
 
 def _numbers(values: np.ndarray) -> str:
