@@ -80,8 +80,8 @@ def main(
         verdict = check(require_source(folder / "images"), out / f"{version}.html", 120)
         run = train(folder, out / "runs" / version, replace(PRESETS["quick"], steps=steps), half)
         psnr = evaluate(run, load_scene(folder, half), "test")["psnr"]
-        figures[version] = {"psnr": psnr} | verdict.as_json()
-        print(f"{scene.name:12s} {version:10s} quality {verdict.score:3.0f}, {psnr:.2f} dB", flush=True)
+        figures[version] = {"psnr": psnr} | verdict.figures
+        print(f"{scene.name:12s} {version:10s} quality {verdict.figures['score']:3.0f}, {psnr:.2f} dB", flush=True)
         (out / "figures.json").write_text(json.dumps(figures, indent=1), encoding="utf-8")
 
 

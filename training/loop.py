@@ -83,7 +83,7 @@ def _train(run: Run, watcher: Watcher | None) -> Run:
                 print(line, file=sys.stderr, flush=True)
     with together():
         recorder = Recorder(run)
-        validated = any(r["step"] == run.step and "validation_psnr" in r for r in recorder.log.records)
+        validated = any(r["step"] == run.step and "validation_psnr" in r for r in recorder.records)
         if run.step and _is_pictured(run) and not validated:  # killed between checkpoint and validation
             recorder.validate()
 

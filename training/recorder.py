@@ -45,16 +45,21 @@ DRAW_EVERY_SECONDS = 15.0  # curves are drawn anew at most so often, and at the 
 
 
 class Recorder:
-    """Records one run. `seconds` counts all times that it was trained, `training_seconds` without those within paused()."""
+    """Records one run; records: what metrics.jsonl says up to its step. `seconds` counts all times that it was trained,
+    `training_seconds` without those within paused()."""
 
     def __init__(self, run: Run) -> None:
-        self.run = run
-        self.log = MetricsLog(run.path / "metrics.jsonl", run.step)
-        self._start = time.monotonic() - self.log.seconds
-        self._paused = self.log.seconds - self.log.training_seconds
+        self.run, self._log = run, run.path / "metrics.jsonl"
+        self.records = [record for record in read_metrics(self._log) if record["step"] <= run.step]
+        last = self.records[-1] if self.records else {"seconds": 0.0}
+        self._start = time.monotonic() - last["seconds"]
+        self._paused = last["seconds"] - last.get("training_seconds", last["seconds"])
         self._last_record: tuple[int, float] | None = None  # its step and training_seconds
         self._photographs = validation_photographs(run.scene, run.config.validate_views)
         self._drawn_at = 0.0
+        if is_writer():
+            with writing(self._log):
+                write_file(self._log, "".join(json.dumps(record) + "\n" for record in self.records))
 
     @property
     def seconds(self) -> float:
@@ -113,22 +118,26 @@ class Recorder:
         if is_writer():
             with self.paused():
                 self._draw()
-                write_report(self.run, self.log.records)
+                write_report(self.run, self.records)
 
     def _when(self) -> dict[str, Any]:
         times = {"seconds": round(self.seconds, 3), "training_seconds": round(self.training_seconds, 3)}
         return {"step": self.run.step, **times}
 
     def _write(self, record: dict[str, Any]) -> None:
-        self.log.write(record)
-        if is_writer() and self.seconds - self._drawn_at > DRAW_EVERY_SECONDS:
+        self.records.append(record)
+        if not is_writer():
+            return
+        with writing(self._log), self._log.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(record) + "\n")
+        if self.seconds - self._drawn_at > DRAW_EVERY_SECONDS:
             with self.paused():
                 self._draw()
 
     def _draw(self) -> None:
         picture = self.run.path / "curves.png"
         with writing(picture):
-            draw_curves(self.log.records, picture, f"{self.run.scene.path.name}: PSNR")
+            draw_curves(self.records, picture, f"{self.run.scene.path.name}: PSNR")
         self._drawn_at = self.seconds
 
 
@@ -159,31 +168,6 @@ def render_photograph(
     rgb = np.asarray(jax.device_get(method.render(state, rays).rgb))
     truth = over_background(photograph.load(), dataset.background)
     return np.clip(rgb.reshape(*pixels.shape, 3), 0.0, 1.0), truth.reshape(-1, 3)[pixels]
-
-
-# --- metrics.jsonl ----------------------------------------------------------------------------------------------------
-
-
-class MetricsLog:
-    """A run's metrics.jsonl, on disk and as `records`; process 0 writes it."""
-
-    def __init__(self, path: Path, step: int) -> None:
-        """Opens the log of a run that stands at `step`, without later records."""
-        self.path = path
-        self.records = [record for record in read_metrics(path) if record["step"] <= step]
-        last = self.records[-1] if self.records else {}
-        self.seconds = float(last.get("seconds", 0.0))
-        self.training_seconds = float(last.get("training_seconds", self.seconds))
-        if is_writer():
-            with writing(path):
-                write_file(path, "".join(json.dumps(record) + "\n" for record in self.records))
-
-    def write(self, record: dict[str, Any]) -> None:
-        """Appends one record. UserError where the disk is full."""
-        self.records.append(record)
-        if is_writer():
-            with writing(self.path), open(self.path, "a", encoding="utf-8") as file:
-                file.write(json.dumps(record) + "\n")
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:

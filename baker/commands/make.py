@@ -165,7 +165,7 @@ def _check(scene: Path, out: Path, frames: int, json: Path | None) -> None:
     began, page = time.monotonic(), out / "check.html"
     check_results(page, json)
     verdict = check_photographs(require_source(scene), page, frames)
-    if not write_json(json, {**verdict.as_json(), "page": str(page)}):
+    if not write_json(json, {**verdict.figures, "page": str(page)}):
         print("\n".join([*verdict.lines(), f"the page is {page}; {minutes(time.monotonic() - began)}"]))
 
 

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from training.commands.train import FREE, changed_settings
-from training.recorder import MetricsLog, draw_curves, read_metrics, write_report
+from training.recorder import Recorder, draw_curves, read_metrics, write_report
 from training.run import Run, read_description, resume_run
 
 STORED = Path(__file__).parents[1] / "data" / "runs"
@@ -39,12 +39,12 @@ def open_it(path: Path, base: str, scene: Path) -> None:
     description = read_description(path)
     moved = description.scene == read_description(STORED / base).scene
     run = resume_run(path, description, scene if moved else description.scene, description.config)
-    log = MetricsLog(path / "metrics.jsonl", run.step)
-    if not np.isfinite([log.seconds, log.training_seconds]).all():
+    recorder = Recorder(run)
+    if not np.isfinite([recorder.seconds, recorder.training_seconds]).all():
         raise AssertionError("the run took no time that could be told")
-    if log.records != read_metrics(STORED / base / "metrics.jsonl"):
-        draw_curves(log.records, path / "curves.png", "fuzz")
-        write_report(run, log.records)
+    if recorder.records != read_metrics(STORED / base / "metrics.jsonl"):
+        draw_curves(recorder.records, path / "curves.png", "fuzz")
+        write_report(run, recorder.records)
     if base == "multires" and not changed_settings(
         read_description(STORED / base).config, description.config, leave_out=FREE
     ):

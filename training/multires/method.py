@@ -9,7 +9,7 @@ jax_engine, fused   the two engines, which compute the steps of the field and ev
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import jax
@@ -28,7 +28,7 @@ from training.multires.fused.compiled import Workers
 from training.multires.hull import box_around, hull_codes
 from training.multires.jax_engine import JaxEngine
 from training.multires.occupancy import boxes_meeting, is_on, visited
-from training.multires.settings import Plan, Settings, plan_of, settings_of
+from training.multires.settings import plan_of, settings_of
 from training.multires.state import State, Trainable, restored, saved
 from training.view_mlp import init_view_mlp
 
@@ -45,28 +45,40 @@ class MultiresMethod:
     def __init__(self, config: TrainConfig, dataset: RayDataset) -> None:
         self.config, self.dataset = config, dataset
         self.plan, self.settings = plan_of(config, dataset), settings_of(config, dataset)
-        self.engine = make_engine(config.engine, dataset, self.plan, self.settings, config.seed)
+        # Without the fused engine, a run of it is rendered, scored and baked, but not trained.
+        self._problem = None if config.engine == "jax" else _problem_of_fused()
+        engine: Callable[..., Engine] = JaxEngine
+        if config.engine != "jax" and self._problem is None:
+            engine = importlib.import_module(
+                "training.multires.fused.engine"
+            ).FusedEngine  # its import compiles the loops
+        self.engine = engine(dataset, self.plan, self.settings, config.seed)
 
     def start(self, key: jax.Array) -> State:
         own, plan = self.config.multires, self.plan
-        workers = Workers()
-        side = self.settings.resolution
+        workers, side = Workers(), self.settings.resolution
         box = box_around(self.dataset, side, own.ndc_depth, workers)
         codes = hull_codes(self.dataset, box, side, plan.least_views, workers)
         view_mlp = init_view_mlp(key)
         view_mlp = view_mlp._replace(biases=(*view_mlp.biases[:2], view_mlp.biases[2] + VIEW_BIAS))
         random = np.random.default_rng((self.config.seed, 0))
         parameters = initial_parameters(len(plan.resolutions), view_mlp, random, own.view_octaves)
-        blank = (Trainable(np.zeros((0, 4), np.float32), np.zeros_like(parameters)) for _ in range(2))
+        values, first, second = (
+            Trainable(np.zeros((0, 4), np.float32), array)
+            for array in (parameters, np.zeros_like(parameters), np.zeros_like(parameters))
+        )
         state = State(
-            box=box, bricks=tuple(None for _ in plan.resolutions), codes=codes,
-            values=Trainable(np.zeros((0, 4), np.float32), parameters), first=next(blank), second=next(blank),
-            updates=0, samples_per_ray=SAMPLES_AT_FIRST, step_cells=plan.step_cells(0.0, side),
+            box=box, bricks=(None,) * len(plan.resolutions), codes=codes, values=values, first=first, second=second, updates=0,
+            samples_per_ray=SAMPLES_AT_FIRST, step_cells=plan.step_cells(0.0, side),
             gains=np.ones((self.dataset.views, 3), np.float32) if plan.gains else None,
         )  # fmt: skip
         return self._with_levels(state, 0, 0.0)
 
     def step(self, state: State, step: int, progress: float | None = None) -> tuple[State, dict[str, Any]]:
+        if self._problem is not None:
+            found, remedy = self._problem
+            what = "this run trains by the fused engine, which cannot be had here"
+            raise UserError(what, where="--engine fused", found=found, remedy=remedy)
         if progress is None:
             progress = step / max(self.config.steps, 1)
         if step > 0:
@@ -202,30 +214,15 @@ class Engine(Protocol):
 
     def adopt(self, state: State) -> State:
         """The state with arrays as the engine needs them."""
-        ...
 
     def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
         """One update of the state, in place, and its metrics (see training.method.Method.step)."""
-        ...
 
     def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
         """float32 [N, 8] at points float32 [N, 3] of the unit cube: density per side of the cube, colours, features."""
-        ...
 
     def render(self, state: State, rays: Rays) -> RenderOutput:
         """See training.method.Method.render."""
-        ...
-
-
-def make_engine(name: EngineName, dataset: RayDataset, plan: Plan, settings: Settings, seed: int) -> Engine:
-    """The engine of a name; where the fused one cannot be had, one that renders its runs but does not train them."""
-    if name == "jax":
-        return JaxEngine(dataset, plan, settings, seed)
-    problem = _problem_of_fused()
-    if problem is not None:
-        return _RenderingEngine(dataset, plan, settings, seed, problem)
-    fused = importlib.import_module("training.multires.fused.engine")  # its import compiles the loops
-    return fused.FusedEngine(dataset, plan, settings, seed)
 
 
 def chosen_engine(name: EngineName) -> EngineName:
@@ -233,21 +230,6 @@ def chosen_engine(name: EngineName) -> EngineName:
     if name != "auto":
         return name
     return "fused" if _problem_of_fused() is None else "jax"
-
-
-class _RenderingEngine(JaxEngine):
-    """Stands in for the fused engine where there is none: a run of it is rendered, scored and baked, but not trained."""
-
-    def __init__(
-        self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, problem: tuple[str, str]
-    ) -> None:
-        super().__init__(dataset, plan, settings, seed)
-        self.problem = problem
-
-    def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
-        found, remedy = self.problem
-        what = "this run trains by the fused engine, which cannot be had here"
-        raise UserError(what, where="--engine fused", found=found, remedy=remedy)
 
 
 def _problem_of_fused() -> tuple[str, str] | None:

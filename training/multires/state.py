@@ -86,34 +86,36 @@ def restored(
 
     UserError, naming the array, where one does not fit; KeyError where one is missing.
     """
-    for name, shape, dtype in (
-        ("origin", (3,), np.float64), ("cell", (3,), np.float64), ("dims", (3,), np.int32), ("updates", (), np.int64),
-        ("codes", (side, side, side), np.uint8), ("samples_per_ray", (), np.float64), ("step_cells", (), np.float64),
-    ):  # fmt: skip
-        _require(arrays, name, shape, dtype)
-    _require_range(arrays, "cell", 1e-9, 1e9)
-    _require_range(arrays, "dims", 1, side)
-    _require_range(arrays, "updates", 0, 2**40)
-    _require_range(arrays, "samples_per_ray", 0.0, MOST_SAMPLES)
-    _require_range(arrays, "step_cells", 0.01, 2.0)
+
+    def array(
+        name: str, shape: tuple[int, ...], dtype: type = np.float32, least: float | None = None, most: float = np.inf
+    ) -> np.ndarray:
+        found = arrays[name]
+        if found.shape != shape or found.dtype != dtype:
+            raise _unfit(name, _kind(np.empty(shape, dtype)), _kind(found))
+        if found.dtype.kind == "f" and not np.isfinite(found).all():
+            raise _unfit(name, "finite numbers", "NaN or infinity")
+        if least is not None and (found.min() < least or found.max() > most):
+            raise _unfit(name, f"{least:g} to {most:g}", f"{found.min():g} to {found.max():g}")
+        return found
+
+    box = Box(
+        array("origin", (3,), np.float64), array("cell", (3,), np.float64, 1e-9, 1e9), array("dims", (3,), np.int32, 1, side)
+    )  # fmt: skip
     bricks = tuple(_bricks(arrays, resolution) for resolution in resolutions)
     rows = make_levels(resolutions, bricks).total
     parameters = decoder_size(inputs_of(len(resolutions))) + VIEW_PARAMETERS
-    for part in PARTS:
-        _require(arrays, f"{part}.table", (rows, FEATURES), np.float32)
-        _require(arrays, f"{part}.parameters", (parameters,), np.float32)
-    gains = None
-    if photographs is not None:
-        _require(arrays, "gains", (photographs, 3), np.float32)
-        _require_range(arrays, "gains", *(float(np.float32(limit)) for limit in GAINS))
-        gains = arrays["gains"]
+    values, first, second = (
+        Trainable(array(f"{part}.table", (rows, FEATURES)), array(f"{part}.parameters", (parameters,)))
+        for part in PARTS
+    )
+    fewest, most = (float(np.float32(limit)) for limit in GAINS)
     return State(
-        box=Box(arrays["origin"], arrays["cell"], arrays["dims"]), bricks=bricks, codes=arrays["codes"],
-        values=Trainable(arrays["values.table"], arrays["values.parameters"]),
-        first=Trainable(arrays["first.table"], arrays["first.parameters"]),
-        second=Trainable(arrays["second.table"], arrays["second.parameters"]),
-        updates=int(arrays["updates"]), samples_per_ray=float(arrays["samples_per_ray"]),
-        step_cells=float(arrays["step_cells"]), gains=gains,
+        box, bricks, values, first, second, array("codes", (side, side, side), np.uint8),
+        updates=int(array("updates", (), np.int64, 0, 2**40)),
+        samples_per_ray=float(array("samples_per_ray", (), np.float64, 0.0, MOST_SAMPLES)),
+        step_cells=float(array("step_cells", (), np.float64, 0.01, 2.0)),
+        gains=None if photographs is None else array("gains", (photographs, 3), np.float32, fewest, most),
     )  # fmt: skip
 
 
@@ -124,26 +126,16 @@ def _bricks(arrays: Mapping[str, np.ndarray], resolution: int) -> np.ndarray | N
     present = arrays[name]
     if resolution > HASHED_FROM and np.array_equal(present, ALL_HASHED):
         return ALL_HASHED
-    _require(arrays, name, (0,) if is_dense(resolution) else (len(present),), np.int32)
-    if len(present) and (
-        present[0] < 0 or present[-1] >= bricks_along(resolution) ** 3 or (np.diff(present) <= 0).any()
-    ):
+    expected = np.empty(0 if is_dense(resolution) else present.size, np.int32)
+    if present.shape != expected.shape or present.dtype != expected.dtype:
+        raise _unfit(name, _kind(expected), _kind(present))
+    if (present < 0).any() or (present >= bricks_along(resolution) ** 3).any() or (np.diff(present) <= 0).any():
         raise _unfit(name, "bricks of the cube, in order", "others")
     return present
 
 
-def _require(arrays: Mapping[str, np.ndarray], name: str, shape: tuple[int, ...], dtype: type) -> None:
-    array = arrays[name]
-    if array.shape != shape or array.dtype != dtype:
-        raise _unfit(name, f"{np.dtype(dtype)} {list(shape)}", f"{array.dtype} {list(array.shape)}")
-    if np.issubdtype(dtype, np.floating) and not np.isfinite(array).all():
-        raise _unfit(name, "finite numbers", "NaN or infinity")
-
-
-def _require_range(arrays: Mapping[str, np.ndarray], name: str, low: float, high: float) -> None:
-    array = arrays[name]
-    if array.min() < low or array.max() > high:
-        raise _unfit(name, f"{low:g} to {high:g}", f"{array.min():g} to {array.max():g}")
+def _kind(array: np.ndarray) -> str:
+    return f"{array.dtype} {list(array.shape)}"
 
 
 def _unfit(name: str, expected: object, found: object) -> UserError:

@@ -49,55 +49,29 @@ TURNED = 0.9  # of the pairs: where more do, the camera turned on the spot
 class Verdict:
     """What was found of N photographs, in their order."""
 
-    names: tuple[str, ...]  # as the user knows them
-    sharpness: np.ndarray  # [N]
-    good_sharpness: float  # their median as a share of what is good, 0 to 1
-    overlap: np.ndarray  # [N]: share of the features that PARTNERS others have, on average
-    good_overlap: float  # their median, likewise
-    partners: np.ndarray  # int [N]: how many others match
-    exposure: np.ndarray  # x [N]
-    moving: float  # share of the matches that do not fit a scene that stands still, median of the pairs
-    connected: float  # share of the photographs that are connected by matches
+    figures: dict[str, Any]  # what `snerg-make --check --json` writes (docs/scenes.md)
     matches: np.ndarray  # [N, N]: share of features in common
-    kind: str  # what was photographed
-    set_aside: dict[str, str]  # why, by name: those that are not used
-    weakly_connected: dict[str, str]  # likewise: those that match few others or none
-    differently_exposed: dict[str, str]  # likewise
-    score: float  # 0 to 100
 
     @property
     def retake(self) -> dict[str, str]:
-        """Why, by name, a photograph should be taken again."""
-        return {**self.set_aside, **self.weakly_connected, **self.differently_exposed}
-
-    def as_json(self) -> dict[str, Any]:
-        """What `snerg-make --check --json` writes (docs/scenes.md)."""
-        figures = zip(self.names, self.sharpness, self.overlap, self.partners, self.exposure, strict=True)
-        return {
-            "score": self.score, "kind": self.kind, "sharpness": self.good_sharpness, "overlap": self.good_overlap,
-            "connected": self.connected, "exposure_spread": _spread(self.exposure), "moving": self.moving,
-            "set_aside": self.set_aside, "weakly_connected": self.weakly_connected,
-            "differently_exposed": self.differently_exposed,
-            "photographs": [
-                {"name": name, "sharpness": float(sharp), "overlap": float(overlap), "matches": int(partners),
-                 "exposure": float(x)}
-                for name, sharp, overlap, partners, x in figures
-            ],
-        }  # fmt: skip
+        """Why, by the name that the user knows, a photograph should be taken again."""
+        found = self.figures
+        return {**found["set_aside"], **found["weakly_connected"], **found["differently_exposed"]}
 
     def lines(self) -> list[str]:
         """What a user should know, a line each."""
+        found = self.figures
         lines = [
-            f"{len(self.names)} photographs, {self.kind}; quality {self.score:.0f} of 100",
-            f"sharpness {self.good_sharpness:.0%} and overlap {self.good_overlap:.0%} of what is good; "
-            f"{self.connected:.0%} are connected by matches; "
-            f"exposures differ by {_spread(self.exposure):.0%}; {self.moving:.0%} of the matches move",
+            f"{len(self.matches)} photographs, {found['kind']}; quality {found['score']:.0f} of 100",
+            f"sharpness {found['sharpness']:.0%} and overlap {found['overlap']:.0%} of what is good; "
+            f"{found['connected']:.0%} are connected by matches; "
+            f"exposures differ by {found['exposure_spread']:.0%}; {found['moving']:.0%} of the matches move",
         ]
-        if self.kind == WALK:
+        if found["kind"] == WALK:
             closed = (self.matches[:ENDS, -ENDS:] > 0).any()
             ends = "the last match none of the first: the walk is open"
             lines.append("the last match the first: the walk closes" if closed else ends)
-        if self.moving > MUCH_MOVES:
+        if found["moving"] > MUCH_MOVES:
             lines.append("much moves: leaves, people, reflections; or the photographs are blurred")
         return lines + [f"take again {name}: {why}" for name, why in self.retake.items()]
 
@@ -134,7 +108,7 @@ def check(source: Source, page: Path, most_frames: int) -> Verdict:
 
 def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, Any]], is_static: bool) -> Verdict:
     """The verdict on pictures, by the pairs that match: see mapping.matching_pairs."""
-    names = tuple(picture.told_as for picture in prepared.pictures)
+    names = [picture.told_as for picture in prepared.pictures]
     row = {file.name: index for index, file in enumerate(files)}
     previews = [np.asarray(small_picture(file, PREVIEW_SIDE, "L", at_least=1), np.float32) / 255 for file in files]
     matches, turned, moving = np.zeros((len(files),) * 2), [], []
@@ -145,7 +119,7 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
         moving.append(pair["moving"])
     partners = (matches > 0).sum(1)
     overlap = np.sort(matches, axis=1)[:, -PARTNERS:].mean(1)
-    sharp = np.array([sharpness(preview) for preview in previews])
+    sharp = [sharpness(preview) for preview in previews]
     exposure = _exposures(previews, pairs, row)
     part = connected_components(matches > 0)[1]
     together = part == np.bincount(part).argmax()
@@ -166,13 +140,21 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
             how = "brighter" if exposure[index] > 0 else "darker"
             exposed[name] = f"{abs(np.expm1(exposure[index])):.0%} {how} than the others"
     good_sharpness, good_overlap = min(_median(sharp) / GOOD_SHARPNESS, 1.0), min(_median(overlap) / GOOD_OVERLAP, 1.0)
+    spread = float(np.sqrt(np.mean(exposure**2)))
     quality = (good_sharpness * good_overlap) ** 0.5 * len(files) / (len(files) + FEWEST)
-    quality *= together.mean() / (1.0 + (_spread(exposure) / EXPOSURE_SPREAD) ** 2)
+    quality *= together.mean() / (1.0 + (spread / EXPOSURE_SPREAD) ** 2)
     quality *= 0.3 if is_static or kind.startswith("turned") else 1.0
-    return Verdict(
-        names, sharp, good_sharpness, overlap, good_overlap, partners, exposure, _median(moving), float(together.mean()),
-        matches, kind, dict(prepared.aside), weak, exposed, 100.0 * float(quality),
-    )  # fmt: skip
+    figures = {
+        "score": 100.0 * float(quality), "kind": kind, "sharpness": good_sharpness, "overlap": good_overlap,
+        "connected": float(together.mean()), "exposure_spread": spread, "moving": _median(moving),
+        "set_aside": dict(prepared.aside), "weakly_connected": weak, "differently_exposed": exposed,
+        "photographs": [
+            {"name": name, "sharpness": sharp[i], "overlap": float(overlap[i]), "matches": int(partners[i]),
+             "exposure": float(exposure[i])}
+            for i, name in enumerate(names)
+        ],
+    }  # fmt: skip
+    return Verdict(figures, matches)
 
 
 def _exposures(previews: Sequence[np.ndarray], pairs: Sequence[dict[str, Any]], row: dict[str, int]) -> np.ndarray:
@@ -207,10 +189,6 @@ def _median(values: Sequence[float] | np.ndarray) -> float:
     return float(np.median(values)) if len(values) else 0.0
 
 
-def _spread(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))
-
-
 # --- the page ---------------------------------------------------------------------------------------------------------
 
 STYLE = """body{font:15px system-ui;margin:2em auto;padding:0 1em;max-width:72em;background:#16181c;color:#ddd}
@@ -231,14 +209,14 @@ def _page(source: Source, verdict: Verdict, files: Sequence[Path]) -> str:
     about = "".join(f"<li>{html.escape(line)}</li>" for line in verdict.lines())
     page = [
         f'<!doctype html><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>',
-        f"<h1>{title}: {verdict.score:.0f} of 100</h1><ul>{about}</ul>",
+        f"<h1>{title}: {verdict.figures['score']:.0f} of 100</h1><ul>{about}</ul>",
         f'<p><img class="map" src="{_data_uri(Image.fromarray(shades), "PNG")}" alt=""><br>{MAP}</p>',
     ]
-    for index, (name, file) in enumerate(zip(verdict.names, files, strict=True)):
-        why = html.escape(verdict.retake.get(name, ""))
-        text = f"sharpness {min(verdict.sharpness[index] / GOOD_SHARPNESS, 1):.0%}, matches {verdict.partners[index]} others"
+    for found, file in zip(verdict.figures["photographs"], files, strict=True):
+        name, why = html.escape(found["name"]), html.escape(verdict.retake.get(found["name"], ""))
+        text = f"sharpness {min(found['sharpness'] / GOOD_SHARPNESS, 1):.0%}, matches {found['matches']} others"
         picture = f'<img src="{_data_uri(small_picture(file, THUMBNAIL, "RGB"), "JPEG")}" alt="">'
-        page.append(f'<figure class="{"again" if why else ""}">{picture}<figcaption>{html.escape(name)}<br>{text}<br>'
+        page.append(f'<figure class="{"again" if why else ""}">{picture}<figcaption>{name}<br>{text}<br>'
                     f"<b>{why}</b></figcaption></figure>")  # fmt: skip
     return "\n".join(page) + "\n"
 

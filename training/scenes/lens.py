@@ -162,17 +162,6 @@ def projection_of(lens: Lens) -> int:
     return int(lens[PROJECTION]) if len(lens) == LENS_SIZE else PERSPECTIVE
 
 
-def distort(a: np.ndarray, b: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """(u, v) of (a, b), any shape."""
-    return NUMPY.distort(a, b, whole_lens(lens))
-
-
-def undistort(u: np.ndarray, v: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """The inverse of distort; float64."""
-    u, v = np.asarray(u, np.float64), np.asarray(v, np.float64)
-    return NUMPY.undistort(u, v, whole_lens(lens), NEWTON_STEPS)[:2] if any(lens[:PROJECTION]) else (u, v)
-
-
 def shows(u: np.ndarray, v: np.ndarray, lens: Lens) -> np.ndarray:
     """Whether a lens shows anything at (u, v): bool, any shape."""
     return NUMPY.undistort(np.asarray(u, np.float64), np.asarray(v, np.float64), whole_lens(lens), NEWTON_STEPS)[2]
@@ -180,16 +169,19 @@ def shows(u: np.ndarray, v: np.ndarray, lens: Lens) -> np.ndarray:
 
 def directions_at(u: np.ndarray, v: np.ndarray, lens: Lens) -> np.ndarray:
     """Directions float64 [..., 3] in camera axes of what a lens shows at (u, v); of a perspective lens one unit deep."""
-    return np.stack(NUMPY.direction(*undistort(u, v, lens), projection_of(lens)), axis=-1)
+    a, b = np.asarray(u, np.float64), np.asarray(v, np.float64)
+    if any(lens[:PROJECTION]):
+        a, b, _ = NUMPY.undistort(a, b, whole_lens(lens), NEWTON_STEPS)
+    return np.stack(NUMPY.direction(a, b, projection_of(lens)), axis=-1)
 
 
 def image_of(directions: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(u, v) at which a lens shows directions [..., 3] in camera axes, and whether it shows them at all."""
     x, y, z = np.moveaxis(directions, -1, 0)
-    projection = projection_of(lens)
+    projection, whole = projection_of(lens), whole_lens(lens)
     a, b = NUMPY.ideal(x, y, z, projection)
-    shown = np.hypot(a, b) < lens_reach(lens)
-    return *distort(a, b, lens), shown & (z < -1e-6) if projection == PERSPECTIVE else shown
+    shown = np.hypot(a, b) < whole[REACH]
+    return *NUMPY.distort(a, b, whole), shown & (z < -1e-6) if projection == PERSPECTIVE else shown
 
 
 def lens_reach(lens: Lens) -> float:
