@@ -15,15 +15,7 @@ import jax.numpy as jnp
 from training.config import NerfConfig
 from training.dataset import SceneFacts
 from training.method import Rays, RenderOutput, ViewMlpParams
-from training.nerf.field import (
-    FieldParams,
-    NerfHead,
-    apply_nerf_head,
-    apply_trunk,
-    field_of,
-    init_field,
-    init_nerf_head,
-)
+from training.nerf import field as mlp
 from training.view_mlp import apply_view_mlp, init_view_mlp
 from training.volume import LAST_INTERVAL, composite, intervals, over_background, shade, weights_of
 
@@ -33,8 +25,8 @@ EMPTY_BIN = 1e-5  # least weight of a bin
 class ModelParams(NamedTuple):
     """One field and what depends on direction: a view MLP (deferred, tiny), JAXNeRF's head (nerf), None (none)."""
 
-    field: FieldParams
-    view: ViewMlpParams | NerfHead | None
+    field: mlp.FieldParams
+    view: ViewMlpParams | mlp.NerfHead | None
 
 
 class NerfParams(NamedTuple):
@@ -81,8 +73,8 @@ def init_nerf(key: jax.Array, config: NerfConfig) -> NerfParams:
     def model(k_field: jax.Array, k_view: jax.Array) -> ModelParams:
         view = None
         if config.view != "none":
-            view = init_nerf_head(k_view, config.width) if config.view == "nerf" else init_view_mlp(k_view)
-        return ModelParams(init_field(k_field, config), view)
+            view = mlp.init_nerf_head(k_view, config.width) if config.view == "nerf" else init_view_mlp(k_view)
+        return ModelParams(mlp.init_field(k_field, config), view)
 
     keys = jax.random.split(key, 4)
     return NerfParams(model(*keys[:2]), model(*keys[2:]))
@@ -108,21 +100,21 @@ def _render_model(
 ) -> tuple[RenderOutput, jax.Array, jax.Array]:
     """One model at positions t [N, S]: its picture, densities without noise [N, S] and weights [N, S]."""
     points = rays.origins[:, None] + t[..., None] * rays.directions[:, None]
-    trunk = apply_trunk(model.field, points, config)
-    field = field_of(model.field, trunk)
-    density = field.density if noise is None else field_of(model.field, trunk, noise).density
+    trunk = mlp.apply_trunk(model.field, points, config)
+    field = mlp.field_of(model.field, trunk)
+    density = field.density if noise is None else mlp.field_of(model.field, trunk, noise).density
     weights = weights_of(density, intervals(t, rays.directions, last_interval(t, rays, config, facts)))
     opacity = jnp.sum(weights, -1)
     depth = jnp.sum(weights * t, -1) / jnp.maximum(opacity, 1e-6)
     features = composite(weights, field.features)
     if config.view in ("deferred", "none"):
-        assert not isinstance(model.view, NerfHead)
+        assert not isinstance(model.view, mlp.NerfHead)
         diffuse = composite(weights, field.diffuse)
         picture = shade(model.view, diffuse, features, opacity, depth, rays.viewdirs, facts.background)
         return picture, field.density, weights
     # the baselines: a colour that depends on direction at every sample
-    if isinstance(model.view, NerfHead):
-        diffuse = colours = apply_nerf_head(model.view, trunk, rays.viewdirs, config)
+    if isinstance(model.view, mlp.NerfHead):
+        diffuse = colours = mlp.apply_nerf_head(model.view, trunk, rays.viewdirs, config)
     else:
         assert model.view is not None
         viewdirs = jnp.broadcast_to(rays.viewdirs[:, None], points.shape)

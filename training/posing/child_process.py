@@ -12,6 +12,7 @@ import signal
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -82,26 +83,14 @@ def serve() -> None:
         answer(error={"what": what})
 
 
-def _task(request: Mapping[str, Any]) -> Any:
-    """A mapping.Task of the request's values."""
-    from training.posing.mapping import Task
+def _map(service: str, request: Mapping[str, Any], on_progress: OnProgress) -> dict[str, Any]:
+    """What a function of training.posing.mapping finds, with the request's values as its Task."""
+    from training.posing import mapping
 
-    return Task(**{**request, **{name: Path(request[name]) for name in ("images", "work", "masks") if name in request}})
-
-
-def _reconstruct(request: Mapping[str, Any], on_progress: OnProgress) -> dict[str, Any]:
-    from training.posing.mapping import reconstruct
-
-    task = _task(request)
+    paths = {name: Path(request[name]) for name in ("images", "work", "masks") if name in request}
+    task = mapping.Task(**{**request, **paths})
     with one_at_a_time(task.work / LOCK):  # a child whose parent was killed may need a moment to notice
-        return asdict(reconstruct(task, on_progress))
-
-
-def _matching_pairs(request: Mapping[str, Any], on_progress: OnProgress) -> dict[str, Any]:
-    from training.posing.mapping import matching_pairs
-
-    pairs, is_static = matching_pairs(_task(request), on_progress)
-    return {"pairs": pairs, "is_static": is_static}
+        return getattr(mapping, service)(task, on_progress)
 
 
 def _take_frames(request: Mapping[str, Any], on_progress: OnProgress) -> list[dict[str, Any]]:
@@ -115,7 +104,7 @@ def _take_frames(request: Mapping[str, Any], on_progress: OnProgress) -> list[di
     return [asdict(frame) for frame in frames]
 
 
-SERVICES = {"reconstruct": _reconstruct, "matching_pairs": _matching_pairs, "take_frames": _take_frames}
+SERVICES = {name: partial(_map, name) for name in ("reconstruct", "matching_pairs")} | {"take_frames": _take_frames}
 
 if __name__ == "__main__":
     serve()

@@ -19,18 +19,9 @@ from console import Progress, UserError, progress
 from console.atomic import is_leftover, replacing, write_file
 from console.json_text import read_json_file
 from training.lock import only_one_trains
+from training.posing import prepare
 from training.posing.child_process import ask
-from training.posing.prepare import (
-    IMAGES,
-    LOG,
-    Prepared,
-    camera_groups,
-    fingerprint,
-    masked_names,
-    prepare,
-    store,
-    stored,
-)
+from training.posing.prepare import IMAGES, LOG, Prepared, masked_names
 from training.posing.rejection_report import report_rejections, require_enough, warn_left_out, warn_of_prepared
 from training.scenes.files import notice
 from training.scenes.read import has_poses
@@ -54,7 +45,7 @@ def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = F
     """
     for note in source.notes:
         notice(source.path, note)
-    key = {"files": fingerprint(source), "frames": most_frames if source.kind == "film" else 0}
+    key = {"files": prepare.fingerprint(source), "frames": most_frames if source.kind == "film" else 0}
     scene = out / SCENE
     if (scene / REPORT).is_file():
         if _key_of(scene) == key:
@@ -97,15 +88,15 @@ def _require_ours(out: Path) -> None:
 
 def _find(source: Source, out: Path, key: Mapping[str, Any]) -> Path:
     work = out / WORK
-    prepared = stored(work, key)
+    prepared = prepare.stored(work, key)
     if prepared is None:
         for entry in work.iterdir():  # of other photographs, or of no use
             if entry.name != MARK:
                 shutil.rmtree(entry) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
         write_file(work / MARK, MARK_TEXT)
         with _timed(work, "pictures"), progress("choosing pictures", len(source.files), stage=STAGE) as bar:
-            prepared = prepare(source, work, key["frames"], bar)
-        store(work, key, prepared)
+            prepared = prepare.prepare(source, work, key["frames"], bar)
+        prepare.store(work, key, prepared)
     warn_of_prepared(source, prepared, masked_names(work))
     require_enough(source, len(prepared.pictures))
     found = _reconstructed(prepared, work, key["seed"])
@@ -129,7 +120,7 @@ def _reconstructed(prepared: Prepared, work: Path, seed: int) -> dict[str, Any]:
     request = {
         "images": str((work / IMAGES).resolve()), "work": str(work.resolve()), "seed": seed,
         "names": [picture.name for picture in prepared.pictures],
-        "masks": str((work / MASKS).resolve()), "masked": masked_names(work), "groups": camera_groups(prepared.pictures),
+        "masks": str((work / MASKS).resolve()), "masked": masked_names(work), "groups": prepare.camera_groups(prepared.pictures),
     }  # fmt: skip
     with contextlib.ExitStack() as held:
         bar: Progress | None = None

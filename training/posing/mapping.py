@@ -17,7 +17,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -69,18 +69,6 @@ class Task:
         return self.work / DATABASE
 
 
-@dataclass(frozen=True)
-class Found:
-    features: dict[str, int]  # by name, how many a picture has
-    matched: dict[str, int]  # by name, with how many others a picture matches
-    still: tuple[int, int]  # of how many pairs the camera stands still, and of how many that match
-    is_static: bool  # the camera stands still; poses are not looked for
-    registered: list[str] = field(default_factory=list)  # pictures that have a pose in the largest model
-    models: list[list[str]] = field(default_factory=list)  # the pictures of each model, the largest first
-    points: int = 0  # of the largest model
-    error: float = 0.0  # their mean distance in pixels from where they should be seen
-
-
 def _features_and_matches(task: Task, on_progress: OnProgress) -> None:
     pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)  # what goes wrong shows in what is found
     _begin_database(task)
@@ -88,11 +76,18 @@ def _features_and_matches(task: Task, on_progress: OnProgress) -> None:
     _match(task, on_progress)
 
 
-def reconstruct(task: Task, on_progress: OnProgress) -> Found:
-    """Features, matches, poses; the largest model, its lens fitted, is left in `task.work` / MODEL."""
+def reconstruct(task: Task, on_progress: OnProgress) -> dict[str, Any]:
+    """Features, matches, poses; the largest model, its lens fitted, is left in `task.work` / MODEL. What is found:
+
+    features, matched: by name, how many features a picture has, and how many others it matches
+    still: of how many pairs the camera stands still, and of how many that match
+    is_static: the camera stands still; poses are not looked for
+    registered, models: pictures that have a pose in the largest model, and in each, the largest first
+    points, error: of the largest model, and their mean distance in pixels from where they should be seen
+    """
     _features_and_matches(task, on_progress)
-    found = _matches_found(task)
-    models = [] if found.is_static else _map(task, on_progress)
+    found = {**_matches_found(task), "registered": [], "models": [], "points": 0, "error": 0.0}
+    models = [] if found["is_static"] else _map(task, on_progress)
     if not models:
         return found
     squeezed = _with_two_focals(models[0])
@@ -105,11 +100,11 @@ def reconstruct(task: Task, on_progress: OnProgress) -> Found:
     best.write_binary(folder)
     named = [sorted(model.image(number).name for number in model.reg_image_ids()) for model in (best, *models[1:])]
     error = best.compute_mean_reprojection_error()
-    return replace(found, registered=named[0], models=named, points=best.num_points3D(), error=error)
+    return {**found, "registered": named[0], "models": named, "points": best.num_points3D(), "error": error}
 
 
-def matching_pairs(task: Task, on_progress: OnProgress) -> tuple[list[dict[str, Any]], bool]:
-    """Which pictures match, and whether the camera stands still before what turns. Of each pair:
+def matching_pairs(task: Task, on_progress: OnProgress) -> dict[str, Any]:
+    """is_static: whether the camera stands still before what turns. pairs: which pictures match; of each pair:
 
     first, second: the names
     share: of the features of the one that has fewer, that match as one scene does that stands still
@@ -133,7 +128,7 @@ def matching_pairs(task: Task, on_progress: OnProgress) -> tuple[list[dict[str, 
                 "turned": config in (GEOMETRY.PANORAMIC, GEOMETRY.PLANAR_OR_PANORAMIC),
                 "places": np.concatenate(shares, 1).round(4).tolist(),
             })  # fmt: skip
-    return found, _matches_found(task).is_static
+    return {"pairs": found, "is_static": _matches_found(task)["is_static"]}
 
 
 def measured(images: Path, names: Sequence[str]) -> tuple[float, float]:
@@ -299,8 +294,8 @@ def _verified_pairs(database: Any) -> Iterator[tuple[list[Any], Any, list[np.nda
             yield [images[number] for number in both], geometry.config, matching
 
 
-def _matches_found(task: Task) -> Found:
-    """What is known before poses are looked for.
+def _matches_found(task: Task) -> dict[str, Any]:
+    """What is known before poses are looked for: see reconstruct.
 
     Before a turntable, camera and background stand still: features of the background match at the same place of the picture, and
     outvote what turns.
@@ -317,7 +312,8 @@ def _matches_found(task: Task) -> Found:
             longest = max(sides[image.camera_id] for image in both)
             still += bool(np.median(np.linalg.norm(first - second, axis=-1)) < STILL * longest)
             pairs += 1
-    return Found(features, matched, (still, pairs), is_static=still > MOST_STILL * pairs)
+    is_static = still > MOST_STILL * pairs
+    return {"features": features, "matched": matched, "still": (still, pairs), "is_static": is_static}
 
 
 # --- poses ------------------------------------------------------------------------------------------------------------

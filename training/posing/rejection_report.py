@@ -50,7 +50,7 @@ def require_enough(source: Source, count: int) -> None:
 
 
 def report_rejections(source: Source, work: Path, prepared: Prepared, found: Mapping[str, Any]) -> dict[str, str]:
-    """Why pictures have no pose or were set aside, by the names that the user knows. found: see mapping.Found.
+    """Why pictures have no pose or were set aside, by the names that the user knows. found: see mapping.reconstruct.
 
     Writes the table of all pictures for people, and LEFT_OUT for programs. UserError where too few pictures have a pose; prints
     the table before.

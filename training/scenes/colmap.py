@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from console import UserError
+from training.scenes import space
 from training.scenes.colmap_files import Reconstruction, model_suffix, read_reconstruction
 from training.scenes.files import PICTURE_SUFFIXES, FileFinder, clean_name, is_hidden, notice
 from training.scenes.llff import choose_factor, masks_folder, masks_of, picture_folders
@@ -21,16 +22,6 @@ from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward
 from training.scenes.scene import HELD_OUT_BY_NAME, Photograph, Scene, hold_out
 from training.scenes.scene_options import UP, SceneOptions, axes_of
-from training.scenes.space import (
-    PointCloud,
-    Space,
-    depth_ranges,
-    frame_about_focus,
-    frame_forward,
-    poses_of,
-    space_forward,
-    space_of_capture,
-)
 
 LOOKED_FOR = "sparse/0/cameras.bin with images (COLMAP)"
 LEAST_SPREAD = 1e-9  # of cameras, in their own units
@@ -60,10 +51,10 @@ def scene_of(
     masks = masks_of(path, factor, names) if options.masks else [None] * len(names)
     described = zip(names, pictures, found.cameras, masks, strict=True)
     photographs = photographs_of(path, described, factor, options.downscale)
-    photographs, space = _placed(path, found, photographs, options)
+    photographs, scene_space = _placed(path, found, photographs, options)
     kind = "colmap" if recognises(path) else "program"
     return Scene(path=path, kind=kind, splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
-                 **space._asdict())  # fmt: skip
+                 **scene_space._asdict())  # fmt: skip
 
 
 def reconstruction_of(path: Path) -> Reconstruction:
@@ -127,22 +118,22 @@ def _tell_left_out(path: Path, folder: Path, found: Reconstruction, listed: list
 
 def _placed(
     path: Path, found: Reconstruction, photographs: list[Photograph], options: SceneOptions
-) -> tuple[tuple[Photograph, ...], Space]:
+) -> tuple[tuple[Photograph, ...], space.Space]:
     """The photographs in the training frame, and what a Scene says of the space."""
-    P, points = poses_of(found.cameras), PointCloud(found.points, found.tracks, found.seen)
+    P, points = space.poses_of(found.cameras), space.PointCloud(found.points, found.tracks, found.seen)
     if points.suffices and not options.spherify and faces_forward(P):
         if options.up is not None:
             raise UserError("which way is up is not asked of a forward-facing scene", where=UP, found=str(path),
                             remedy="leave it out, or use --spherify")  # fmt: skip
-        placed = moved(photographs, frame_forward(P, depth_ranges(P, points).min()))
+        placed = moved(photographs, space.frame_forward(P, space.depth_ranges(P, points).min()))
         try:
-            space = space_forward(placed)
+            scene_space = space.space_forward(placed)
             notice(path, "the cameras look forward; --spherify reads it as seen from all around")
-            return placed, space
+            return placed, scene_space
         except UserError as error:  # wide lenses, cameras that walk ahead
             wide = f"the cameras look forward, but {error.found} sees too far aside for NDC"
             notice(path, f"{wide}; reading it as seen from all around")
-    frame = frame_about_focus(P)
+    frame = space.frame_about_focus(P)
     if options.up is not None:
         frame = frame._replace(axes=frame.axes @ axes_of(options.up))
     placed = moved(photographs, frame)
@@ -150,7 +141,7 @@ def _placed(
     if in_frame is None:
         notice(path, f"{len(found.points)} points are too few for a box; it is a guess: set --aabb")
     opaque = not options.masks and not may_be_transparent(placed)
-    return placed, space_of_capture([photograph.camera for photograph in placed], in_frame, opaque=opaque)
+    return placed, space.space_of_capture([photograph.camera for photograph in placed], in_frame, opaque=opaque)
 
 
 @dataclass(frozen=True)
@@ -167,8 +158,8 @@ def sparse_points(scene: Scene) -> SparsePoints | None:
     found = reconstruction_of(scene.path)
     camera_of = {photograph.name: photograph.camera for split in scene.splits.values() for photograph in split}
     names = [clean_name(name) for name in found.names]
-    theirs = poses_of([camera for name, camera in zip(names, found.cameras, strict=True) if name in camera_of])
-    ours = poses_of([camera_of[name] for name in names if name in camera_of])
+    theirs = space.poses_of([camera for name, camera in zip(names, found.cameras, strict=True) if name in camera_of])
+    ours = space.poses_of([camera_of[name] for name in names if name in camera_of])
     # The reader turned, moved and scaled all cameras alike; so it is undone by what it did to them.
     spread, wanted = (np.linalg.norm(P[:, :3, 3] - P[:, :3, 3].mean(0), axis=-1).mean() for P in (theirs, ours))
     scale = wanted / spread if spread > LEAST_SPREAD else 1.0

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from console import UserError
 from training.scenes.files import notice, times
-from training.scenes.pictures import PictureLoader, is_turned, picture_size
+from training.scenes.picture_headers import read_header
+from training.scenes.pictures import PictureLoader
 from training.scenes.scene import Camera, Photograph
 from training.scenes.space import Frame, poses_of
 
@@ -33,18 +34,18 @@ def photograph_of(
 
     described: the camera, or the camera for a size of picture. factor: how many times smaller than full size the picture is.
     shape: a size whose shape the picture must have, too."""
-    upright = picture_size(picture)
-    for as_stored in [False, True] if is_turned(picture) else [False]:
-        stored = picture_size(picture, as_stored)
+    header = read_header(picture)
+    for as_stored in [False, True] if header.orientation != 1 else [False]:
+        stored = header.stored if as_stored else header.size
         camera = described if isinstance(described, Camera) else described(stored)
         if _same_shape(stored, (camera.width, camera.height)) and (shape is None or _same_shape(stored, shape)):
             size = _target_size(stored, min(1.0, factor / downscale), downscale)
             return Photograph(name, camera.resized(*size), PictureLoader(picture, stored, size, mask, as_stored))
-    camera = described if isinstance(described, Camera) else described(upright)
+    camera = described if isinstance(described, Camera) else described(header.size)
     expected = (camera.width, camera.height)
-    expected = shape if shape is not None and _same_shape(upright, expected) else expected
+    expected = shape if shape is not None and _same_shape(header.size, expected) else expected
     raise UserError("the picture is of another size", where=picture, expected=f"the shape of {times(expected)}",
-                    found=times(upright))  # fmt: skip
+                    found=times(header.size))  # fmt: skip
 
 
 def _target_size(stored: Size, scale: float, downscale: int) -> Size:
@@ -59,7 +60,7 @@ def _target_size(stored: Size, scale: float, downscale: int) -> Size:
 def tell_turned(where: Path, photographs: Sequence[Photograph]) -> None:
     """A notice of pictures that EXIF turns: which are turned, and which are taken as they are stored."""
     loaders = [(one.name, one.load) for one in photographs if isinstance(one.load, PictureLoader)]
-    turned = [name for name, load in loaders if not load.as_stored and is_turned(load.path)]
+    turned = [name for name, load in loaders if not load.as_stored and read_header(load.path).orientation != 1]
     stored = [name for name, load in loaders if load.as_stored]
     because = "are not turned as EXIF says: their cameras fit otherwise"
     for what, names in (("are turned as EXIF says", turned), (because, stored)):

@@ -10,17 +10,19 @@ import os
 import struct
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 from PIL import Image, UnidentifiedImageError, features
 from PIL.JpegImagePlugin import JpegImageFile
 
 from console import UserError
 from console.file_signature import HEAD_BYTES, sniff_type
-from training.scenes.deep_pictures import ORIENTATION, ExrHeader, TiffTags, exr_header, tiff_tags
+from training.scenes import deep_pictures
 from training.scenes.files import READ_PICTURES, UNREAD_FORMATS, times
 
 warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")  # of tags that no picture needs
@@ -50,7 +52,7 @@ class Header:
     transparent: bool  # whether it has alpha at all
     mode: str  # Pillow's
     exif: Image.Exif
-    deep: TiffTags | ExrHeader | bool = False  # what decodes it in place of Pillow, which cannot or would cut it down
+    deep: Callable[[], np.ndarray] | None = None  # decodes it in place of Pillow, which cannot or would cut it down
 
     @property
     def size(self) -> tuple[int, int]:
@@ -70,12 +72,13 @@ def read_header(path: Path) -> Header:
         with _Bounded(io.FileIO(path)) as file:
             kind = sniff_type(file.read(HEAD_BYTES))
             file.seek(0)
-            tags = tiff_tags(path, file) if kind == "a TIFF" else None
+            tags = deep_pictures.tiff_tags(path, file) if kind == "a TIFF" else None
         if kind == "an OpenEXR":
-            exr = exr_header(path)
+            exr = deep_pictures.exr_header(path)
             weigh(path, exr.data_size, exr.channels)
             weigh(path, exr.size)
-            return Header("EXR", exr.size, 1, exr.has_alpha, "F", Image.Exif(), exr)
+            deep = partial(deep_pictures.decoded_exr, path, exr)
+            return Header("EXR", exr.size, 1, exr.has_alpha, "F", Image.Exif(), deep)
         if tags is not None:
             weigh(path, tags.size, tags.samples * tags.bits / 32)
             weigh(path, tags.tile, tags.samples * tags.bits / 32)
@@ -84,20 +87,22 @@ def read_header(path: Path) -> Header:
         except UnidentifiedImageError:
             if tags is None or not tags.deep:
                 raise
-            return Header("TIFF", tags.size, tags.orientation, tags.has_alpha, "F", Image.Exif(), tags)
+            deep = partial(deep_pictures.decoded_tiff, path, tags)
+            return Header("TIFF", tags.size, tags.orientation, tags.has_alpha, "F", Image.Exif(), deep)
     except UNREADABLE as error:
         found = kind if isinstance(error, UnidentifiedImageError) else short_reason(error)
         raise UserError("not a readable picture", where=path, expected=READ_PICTURES, found=found) from error
 
 
-def _pillow_header(path: Path, tags: TiffTags | None) -> Header:
+def _pillow_header(path: Path, tags: deep_pictures.TiffTags | None) -> Header:
     with opened(path) as image:
         exif = Image.Image.getexif(image)  # a PNG's own would decode all pixels, to look what stands behind them
-        orientation = exif.get(ORIENTATION, 1)
-        deep: TiffTags | bool = image.format == "PNG" and _head(path)[24] == 16 and "transparency" not in image.info
-        transparent = image.has_transparency_data
+        orientation = exif.get(deep_pictures.ORIENTATION, 1)
+        deep, transparent = None, image.has_transparency_data
         if tags is not None and tags.deep:
-            deep, transparent = tags, tags.has_alpha
+            deep, transparent = partial(deep_pictures.decoded_tiff, path, tags), tags.has_alpha
+        elif image.format == "PNG" and _head(path)[24] == 16 and "transparency" not in image.info:
+            deep = partial(deep_pictures.decoded_png, path)
         return Header(
             format=image.format or "", stored=image.size if tags is None else tags.size,
             orientation=orientation if orientation in range(1, 9) else 1, transparent=transparent, mode=image.mode,

@@ -16,7 +16,6 @@ import numpy as np
 from PIL import Image
 
 from console import UserError
-from training.scenes.deep_pictures import ExrHeader, decoded_exr, decoded_png, decoded_tiff
 from training.scenes.files import times
 from training.scenes.picture_headers import LOSSY, SIDEWAYS, UNREADABLE, Header, decodable, read_header, short_reason
 
@@ -27,15 +26,9 @@ LABELS = 1 / 8  # masks that stay below are 0 and 1, or numbers of objects
 GREY = 16 / 255  # channels of a mask that differ by no more are grey
 
 
-def picture_size(path: Path, as_stored: bool = False) -> tuple[int, int]:
+def picture_size(path: Path) -> tuple[int, int]:
     """(width, height) of a picture from its header. UserError where it is missing or no picture."""
-    header = read_header(path)
-    return header.stored if as_stored else header.size
-
-
-def is_turned(path: Path) -> bool:
-    """Whether a picture's EXIF says that it is to be turned or mirrored. UserError as above."""
-    return read_header(path).orientation != 1
+    return read_header(path).size
 
 
 def read_picture(path: Path) -> np.ndarray:
@@ -47,14 +40,12 @@ def decoded(path: Path, as_stored: bool = False) -> np.ndarray:
     """What read_picture decodes: uint8 [H, W, 3 or 4], or float32 where the file has more than 8 bits."""
     header = read_header(path)
     with _one_line(path):
-        if isinstance(header.deep, ExrHeader):
-            return decoded_exr(path, header.deep)
-        if not header.deep:
+        if header.deep is not None:
+            picture = header.deep()
+        else:
             with decodable(path) as image:
                 mode = "RGBA" if header.transparent else "RGB"
                 picture = np.asarray(image if image.mode == mode else image.convert(mode))
-        else:
-            picture = decoded_png(path) if header.deep is True else decoded_tiff(path, header.deep)
         return _turned_as_asked(picture, header, as_stored)
 
 

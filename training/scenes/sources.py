@@ -16,16 +16,7 @@ from typing import Literal
 
 from console import UserError
 from console.file_signature import HEAD_BYTES, sniff_type
-from training.scenes import llff
-from training.scenes.files import (
-    PICTURE_SUFFIXES,
-    READ_PICTURES,
-    UNREAD_FORMATS,
-    few,
-    find_masks,
-    is_hidden,
-    visible_files,
-)
+from training.scenes import files, llff
 
 FILM_HEAD_BYTES = 1024  # of a film that tell its container
 STILLS = (b"avif", b"avis", b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1", b"jxl ", b"crx ")
@@ -72,7 +63,8 @@ FILM_NAMES = ", ".join(container.name for container in CONTAINERS)  # for messag
 DEMUXERS = ",".join(["mov", "webm", *(container.demuxer for container in CONTAINERS)])  # as FFmpeg's format_whitelist
 
 FEWEST = 8  # pictures that must have a pose in the end; of fewer no scene can come
-READ = f"a folder of photographs ({READ_PICTURES}), at least {FEWEST} or with camera poses, or a film ({FILM_NAMES})"
+PHOTOGRAPHS = f"a folder of photographs ({files.READ_PICTURES}), at least {FEWEST} or with camera poses"
+READ = f"{PHOTOGRAPHS}, or a film ({FILM_NAMES})"
 SUBFOLDER = "images"  # where other programs keep a scene's pictures
 MASKS = "masks"  # beside the photographs, or beside the folder SUBFOLDER that they are in
 
@@ -102,7 +94,7 @@ class Source:
         if folder is None:
             return None
         within = file.relative_to(self.folder).as_posix().removeprefix(f"{SUBFOLDER}/")
-        return next((mask for mask in find_masks(folder, [within, file.name]) if mask is not None), None)
+        return next((mask for mask in files.find_masks(folder, [within, file.name]) if mask is not None), None)
 
     def name_of(self, file: Path) -> str:
         """A file's name for messages; bytes that are not UTF-8 as \\xe4."""
@@ -150,17 +142,17 @@ def require_source(path: Path) -> Source:
     if os.path.isfile(file):
         with file.open("rb") as opened:
             found = sniff_type(opened.read(HEAD_BYTES))
-        of_scene = file.suffix.lower() in (*PICTURE_SUFFIXES, *UNREAD_FORMATS, ".json", ".npy", ".bin")
+        of_scene = file.suffix.lower() in (*files.PICTURE_SUFFIXES, *files.UNREAD_FORMATS, ".json", ".npy", ".bin")
         raise UserError("not a film that can be read", where=file, expected=READ, found=found,
                         remedy="name the folder that it is in" if of_scene else None)  # fmt: skip
     if not os.path.isdir(path):
         raise UserError("neither a file nor a folder", where=path, expected=READ)
     if unread := _pictures(path)[1]:
         raise _none_is_read(path, unread)
-    files = sorted(file for file in path.iterdir() if not is_hidden(file))
-    if not files:
+    entries = sorted(entry for entry in path.iterdir() if not files.is_hidden(entry))
+    if not entries:
         raise UserError("the folder is empty", where=path, expected=READ)
-    raise UserError("no photographs and no film in this folder", where=path, expected=READ, found=_named(files))
+    raise UserError("no photographs and no film in this folder", where=path, expected=READ, found=_named(entries))
 
 
 def _pictures(path: Path) -> tuple[list[Path], list[Path]]:
@@ -171,10 +163,10 @@ def _pictures(path: Path) -> tuple[list[Path], list[Path]]:
     below = [folder for folder in path.glob("*/") if folder.name != SUBFOLDER and not folder.name.startswith(MASKS)]
     if llff.recognises(path):  # images_4 and images_8 hold the same photographs
         below = sorted(path.glob(f"{SUBFOLDER}_*/"), key=lambda folder: in_order(folder.name))[:1]
-    for folders in ([path], [path / SUBFOLDER], [folder for folder in below if not is_hidden(folder)]):
+    for folders in ([path], [path / SUBFOLDER], [folder for folder in below if not files.is_hidden(folder)]):
         there = [folder for folder in folders if folder.is_dir()]
-        found = [file for folder in there for file in visible_files(folder)]
-        unread += [file for folder in there for file in visible_files(folder, UNREAD_FORMATS)]
+        found = [file for folder in there for file in files.visible_files(folder)]
+        unread += [file for folder in there for file in files.visible_files(folder, files.UNREAD_FORMATS)]
         if found:
             break
     stems = {file.with_suffix("") for file in found}
@@ -195,7 +187,7 @@ def container_of(film: Path) -> Container | None:
 
 def is_film(path: Path) -> bool:
     """Whether a file is named as a film that can be read."""
-    return path.suffix.lower() in FILMS and not is_hidden(path) and os.path.isfile(path)
+    return path.suffix.lower() in FILMS and not files.is_hidden(path) and os.path.isfile(path)
 
 
 def in_order(name: str) -> list[tuple[int, int, str]]:
@@ -208,15 +200,15 @@ def _readable(name: str) -> str:
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
-def _named(files: Sequence[Path]) -> str:
-    return few([_readable(file.name) for file in files])
+def _named(paths: Sequence[Path]) -> str:
+    return files.few([_readable(path.name) for path in paths])
 
 
-def _formats(files: Sequence[Path]) -> str:
+def _formats(paths: Sequence[Path]) -> str:
     """How many there are of each format: "12 AVIF, 1 GIF pictures"."""
-    counts = Counter(sorted(file.suffix[1:].upper() for file in files))
-    return ", ".join(f"{count} {name}" for name, count in counts.items()) + f" picture{'s' * (len(files) > 1)}"
+    counts = Counter(sorted(file.suffix[1:].upper() for file in paths))
+    return ", ".join(f"{count} {name}" for name, count in counts.items()) + f" picture{'s' * (len(paths) > 1)}"
 
 
-def _remedies(files: Sequence[Path]) -> str:
-    return "; ".join(sorted({UNREAD_FORMATS[file.suffix.lower()] for file in files}))
+def _remedies(unread: Sequence[Path]) -> str:
+    return "; ".join(sorted({files.UNREAD_FORMATS[path.suffix.lower()] for path in unread}))

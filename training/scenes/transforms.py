@@ -17,6 +17,7 @@ import numpy as np
 
 from console import UserError
 from console.json_text import read_json_file
+from training.scenes import space
 from training.scenes.files import FileFinder, clean_name, few, find_masks, notice, without_suffix
 from training.scenes.lens import EQUIRECTANGULAR, FISHEYE, MODELS, PERSPECTIVE
 from training.scenes.photographs import moved, photograph_of, tell_turned
@@ -24,16 +25,7 @@ from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import finite_numbers, pose
 from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Photograph, Scene, hold_out
 from training.scenes.scene_options import SceneOptions
-from training.scenes.space import (
-    Frame,
-    PointCloud,
-    frame_about_focus,
-    frame_of_object,
-    in_picture,
-    poses_of,
-    space_of_capture,
-    space_of_object,
-)
+from training.scenes.space import Frame, PointCloud
 
 LEAST_ANGLE = 1e-6  # radians
 LENSES = MODELS | {"PERSPECTIVE": MODELS["OPENCV"]}
@@ -76,29 +68,21 @@ def read_camera(world_T_camera: np.ndarray, values: dict[str, Any], size: tuple[
 
 
 def _focal_lengths(values: dict[str, Any], width: float, height: float, where: str) -> tuple[float, float]:
-    """fx and fy in pixels; one that is not named is as the other. Lengths win over angles."""
+    """fx and fy in pixels; one that is not named is as the other. Lengths win over angles of view, degrees over radians."""
     found = [number(values, key, where) for key in ("fl_x", "fl_y") if key in values]
-    found = found or [
-        focal for axis, side in (("x", width), ("y", height)) for focal in _focal(values, axis, side, where)
-    ]
-    if not found:
-        expected = "fl_x, or of a perspective lens camera_angle_x"
-        raise UserError("no focal length", where=where, expected=expected, found="neither")
-    fx, fy = found[0], found[-1]
-    if fx <= 0 or fy <= 0:
-        raise UserError("the focal length must be positive", where=where, found=f"{fx:g}, {fy:g}")
-    return fx, fy
-
-
-def _focal(values: dict[str, Any], axis: str, side: float, where: str) -> list[float]:
-    """The focal length in pixels by the first angle of view across `side` pixels that is named, if any."""
-    for key, unit, most in ((f"{axis}_fov", np.pi / 180, 180.0), (f"camera_angle_{axis}", 1.0, np.pi)):
-        if key in values:
+    for axis, side in (("x", width), ("y", height)) if not found else ():
+        angles = ((f"{axis}_fov", np.pi / 180, 180.0), (f"camera_angle_{axis}", 1.0, np.pi))
+        for key, unit, most in [named for named in angles if named[0] in values][:1]:
             angle = number(values, key, where)
             if not LEAST_ANGLE < angle < most - LEAST_ANGLE:
                 raise UserError(f"{key} is not a field of view", where=where, expected=f"0 to {most:.4g}", found=angle)
-            return [0.5 * side / float(np.tan(0.5 * unit * angle))]
-    return []
+            found.append(0.5 * side / float(np.tan(0.5 * unit * angle)))
+    if not found:
+        expected = "fl_x, or of a perspective lens camera_angle_x"
+        raise UserError("no focal length", where=where, expected=expected, found="neither")
+    if min(found) <= 0:
+        raise UserError("the focal length must be positive", where=where, found=f"{found[0]:g}, {found[-1]:g}")
+    return found[0], found[-1]
 
 
 def number(values: dict[str, Any], key: str, where: str | Path, default: float | None = None) -> float:
@@ -175,12 +159,12 @@ def _read_synthetic(path: Path, options: SceneOptions) -> Scene:
         if frames:
             photographs = _photographs(path, description, frames, options)
             splits[split] = tuple(replace(one, name=without_suffix(one.name)) for one in photographs)
-    frame = frame_of_object([photograph.camera for photograph in splits["train"]])
+    frame = space.frame_of_object([photograph.camera for photograph in splits["train"]])
     splits = {split: moved(photographs, frame) for split, photographs in splits.items()}
     opaque = not may_be_transparent(splits["train"])
-    space = space_of_object([photograph.camera for photograph in splits["train"]], opaque=opaque)
+    found = space.space_of_object([photograph.camera for photograph in splits["train"]], opaque=opaque)
     held_out = "as transforms_test.json lists them" if "test" in splits else ""
-    return Scene(path=path, kind="blender", splits=splits, held_out=held_out, notes=vars(options), **space._asdict())
+    return Scene(path=path, kind="blender", splits=splits, held_out=held_out, notes=vars(options), **found._asdict())
 
 
 def _read_capture(path: Path, options: SceneOptions) -> Scene:
@@ -189,17 +173,17 @@ def _read_capture(path: Path, options: SceneOptions) -> Scene:
     document = _read_json(description)
     frames = _read_frames(description, document, FileFinder(path, path / "images"))
     photographs = _photographs(path, description, sorted(frames, key=lambda frame: frame.name), options)
-    frame = frame_about_focus(poses_of([photograph.camera for photograph in photographs]))
+    frame = space.frame_about_focus(space.poses_of([photograph.camera for photograph in photographs]))
     photographs = moved(photographs, frame)
     cameras = [photograph.camera for photograph in photographs]
     file_box = _box_of_file(document, description, frame)
     points = _points(path, document, cameras, frame)
     opaque = not options.masks and not may_be_transparent(photographs)
-    space = space_of_capture(cameras, points, opaque=opaque, file_box=file_box)
+    found = space.space_of_capture(cameras, points, opaque=opaque, file_box=file_box)
     if file_box is not None and points is None and not ((file_box[0] < 0).all() and (file_box[1] > 0).all()):
         notice(description, "its aabb, scale and offset name a box that the cameras do not look at, which is not used")
     splits, held_out = _split(description, document, photographs)
-    return Scene(path=path, kind="transforms", splits=splits, held_out=held_out, notes=vars(options), **space._asdict())
+    return Scene(path=path, kind="transforms", splits=splits, held_out=held_out, notes=vars(options), **found._asdict())
 
 
 class _NothingThere(UserError):
@@ -335,7 +319,8 @@ def _points(path: Path, document: dict[str, Any], cameras: Sequence[Camera], fra
         notice(None, f"{error}; its points are not used")
         return None
     places = frame.points(places[:: -(-len(places) // MOST_POINTS) or 1])
-    points = PointCloud(places, np.ones(len(places)), [np.flatnonzero(in_picture(c, places)) for c in cameras])
+    seen = [np.flatnonzero(space.in_picture(camera, places)) for camera in cameras]
+    points = PointCloud(places, np.ones(len(places)), seen)
     return points if points.suffices else None
 
 
