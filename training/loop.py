@@ -45,14 +45,9 @@ class Watcher(Protocol):
 
 
 def train(
-    scene_path: str | Path,
-    out: str | Path,
-    config: TrainConfig,
-    options: SceneOptions = AS_IT_IS,
-    *,
-    resume: RunDescription | None = None,
-    watcher: Watcher | None = None,
-) -> Run:
+    scene_path: str | Path, out: str | Path, config: TrainConfig, options: SceneOptions = AS_IT_IS, *,
+    resume: RunDescription | None = None, watcher: Watcher | None = None,
+) -> Run:  # fmt: skip
     """Trains into the folder `out` until config.steps, and returns the finished run.
 
     options: how the photographs are read. resume: the description of the run in `out`, to continue from its newest checkpoint,

@@ -247,19 +247,14 @@ def _figures(run: Run, records: Records) -> dict[str, Any]:
     speeds = [r["rays_per_second"] for r in records if "rays_per_second" in r]
     last: Mapping[str, Any] = next((r for r in reversed(records) if "loss" in r), {})
     return {
-        "scene": str(run.scene.path),
-        "step": run.step,
-        "steps": run.config.steps,
+        "scene": str(run.scene.path), "step": run.step, "steps": run.config.steps,
         "seconds": records[-1]["seconds"] if records else 0.0,
         "training_seconds": records[-1].get("training_seconds") if records else 0.0,
-        "psnr": last.get("psnr"),
-        "loss": last.get("loss"),
-        "validation": validation,
+        "psnr": last.get("psnr"), "loss": last.get("loss"), "validation": validation,
         "best_validation_psnr": max((v["psnr"] for v in validation), default=None),
         "rays_per_second": float(np.median(speeds)) if speeds else None,
-        "config": dataclasses.asdict(run.config),
-        "provenance": run.description.provenance,
-    }
+        "config": dataclasses.asdict(run.config), "provenance": run.description.provenance,
+    }  # fmt: skip
 
 
 def _text(run: Run, figures: Mapping[str, Any], folder: Path) -> str:

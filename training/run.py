@@ -206,12 +206,9 @@ def write_description(path: Path, description: RunDescription) -> None:
     if not is_writer():
         return
     document = {
-        "format": FORMAT,
-        "scene": str(description.scene),
-        "scene_options": vars(description.options),
-        "config": asdict(description.config),
-        "provenance": description.provenance,
-    }
+        "format": FORMAT, "scene": str(description.scene), "scene_options": vars(description.options),
+        "config": asdict(description.config), "provenance": description.provenance,
+    }  # fmt: skip
     with writing(path):
         path.mkdir(parents=True, exist_ok=True)
         write_file(path / "config.json", json.dumps(document, indent=2) + "\n")
@@ -243,10 +240,7 @@ def _provenance() -> dict[str, Any]:
     except metadata.PackageNotFoundError:
         version = "unknown"
     return {
-        "snerg": version,
-        "jax": jax.__version__,
-        "device": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
-        "processes": jax.process_count(),
-        "host": platform.platform(),
+        "snerg": version, "jax": jax.__version__, "device": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
+        "processes": jax.process_count(), "host": platform.platform(),
         "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-    }
+    }  # fmt: skip

@@ -56,14 +56,9 @@ def over_background(rgb: jax.Array, alpha: jax.Array, background: Sequence[float
 
 
 def shade(
-    view: ViewMlpParams | None,
-    diffuse: jax.Array,
-    features: jax.Array,
-    alpha: jax.Array,
-    depth: jax.Array,
-    viewdirs: jax.Array,
-    background: Sequence[float] = (1.0, 1.0, 1.0),
-) -> RenderOutput:
+    view: ViewMlpParams | None, diffuse: jax.Array, features: jax.Array, alpha: jax.Array, depth: jax.Array,
+    viewdirs: jax.Array, background: Sequence[float] = (1.0, 1.0, 1.0),
+) -> RenderOutput:  # fmt: skip
     """The deferred end of a ray: background, view MLP, sum (equation 7).
 
     diffuse [..., 3] and features [..., 4] are accumulated and premultiplied, alpha and depth [...], viewdirs [..., 3]. The

@@ -109,11 +109,7 @@ def corners(level: Level, maps: jax.Array, points: jax.Array) -> tuple[jax.Array
     x, y, z = jnp.moveaxis(cell[:, None] + ahead, -1, 0)
     weights = trilinear_weights(place - cell)
     if level.place == HASHED:
-        x, y, z = (
-            x.astype(jnp.uint32),
-            y.astype(jnp.uint32) * np.uint32(HASH_Y),
-            z.astype(jnp.uint32) * np.uint32(HASH_Z),
-        )
+        x, y, z = (v.astype(jnp.uint32) * np.uint32(factor) for v, factor in ((x, 1), (y, HASH_Y), (z, HASH_Z)))
         return level.offset + ((x ^ y ^ z) % HASHED_ROWS).astype(jnp.int32), weights
     if level.place == DENSE:
         width = level.resolution + 1
@@ -229,16 +225,14 @@ def roughness(
 
 
 class Target(NamedTuple):
-    """What N rays should show. viewdirs, colours, background [N, 3]; step_lengths [N]: distance between a ray's samples, in sides
-    of the cube; side []: world units of one. shares [S]: of its gradient that each sample
-    keeps."""
+    """What N rays should show."""
 
-    viewdirs: jax.Array
+    viewdirs: jax.Array  # [N, 3], as the next two
     colours: jax.Array
     background: jax.Array
-    step_lengths: jax.Array
-    side: jax.Array
-    shares: jax.Array
+    step_lengths: jax.Array  # [N]: distance between a ray's samples, in sides of the cube
+    side: jax.Array  # []: world units of one
+    shares: jax.Array  # [S]: of its gradient that each sample keeps
 
 
 def loss(

@@ -27,15 +27,13 @@ INITIAL = 1e-4  # features begin between plus and minus this
 
 
 class Levels(NamedTuple):
-    """For each of L levels, int64: resolution; offset, the first of its rows, -1 while it has none; rows, how many; place, where
-    its map begins in maps, DENSE or HASHED for others. maps int32: brick of each 4³ vertices, x fastest.
-    """
+    """L levels."""
 
-    resolution: np.ndarray
-    offset: np.ndarray
-    rows: np.ndarray
-    place: np.ndarray
-    maps: np.ndarray
+    resolution: np.ndarray  # int64 [L], as the next three
+    offset: np.ndarray  # the first of its rows, -1 while it has none
+    rows: np.ndarray  # how many
+    place: np.ndarray  # where its map begins in maps, DENSE or HASHED for others
+    maps: np.ndarray  # int32: brick of each 4³ vertices, x fastest
 
     @property
     def total(self) -> int:

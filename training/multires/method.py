@@ -161,14 +161,12 @@ class MultiresMethod:
             return state
         occupied = is_on(state.codes)
         contracted = self.dataset.facts.contraction is not None
-        bricks = tuple(
-            None
-            if not now
-            else levels.ALL_HASHED
-            if contracted and resolution > levels.HASHED_FROM
-            else levels.bricks_near(occupied, resolution)
-            for resolution, now in zip(resolutions, due, strict=True)
-        )
+
+        def bricks_of(resolution: int) -> np.ndarray:
+            hashed = contracted and resolution > levels.HASHED_FROM
+            return levels.ALL_HASHED if hashed else levels.bricks_near(occupied, resolution)
+
+        bricks = tuple(bricks_of(resolution) if now else None for resolution, now in zip(resolutions, due, strict=True))
         before, after = levels.make_levels(resolutions, state.bricks), levels.make_levels(resolutions, bricks)
         source = levels.moved_rows(before, after, state.bricks, bricks)
         new = source < 0

@@ -16,43 +16,34 @@ from training.multires.levels import ALL_HASHED, FEATURES, HASHED_FROM, bricks_a
 
 
 class Box(NamedTuple):
-    """Where the unit cube is. origin float64 [3]: its low corner in the training frame. cell float64 [3]: sides of a cell of the
-    occupancy grid, in world units. dims int32 [3] = (x, y, z): cells that the scene's box fills; beyond them nothing is.
-    """
+    """Where the unit cube is."""
 
-    origin: np.ndarray
-    cell: np.ndarray
-    dims: np.ndarray
+    origin: np.ndarray  # float64 [3]: its low corner in the training frame
+    cell: np.ndarray  # float64 [3]: sides of a cell of the occupancy grid, in world units
+    dims: np.ndarray  # int32 [3] = (x, y, z): cells that the scene's box fills; beyond them nothing is
 
 
 class Trainable(NamedTuple):
-    """table [E, 4]: features by row (training.multires.levels). parameters [P]: of decoder and view MLP
-    (training.multires.field). Values, or Adam's moments of them."""
+    """Values, or Adam's moments of them."""
 
-    table: Any
-    parameters: Any
+    table: Any  # [E, 4]: features by row (training.multires.levels)
+    parameters: Any  # [P]: of decoder and view MLP (training.multires.field)
 
 
 @dataclass
 class State:
-    """All that changes between steps, and where the field lies.
-
-    box: see Box. bricks: of each level, int32, the bricks present; None where it has not joined. values, first, second: what is
-    trained, and its moments. codes uint8 [R, R, R]: see training.multires.occupancy. updates: steps made. samples_per_ray: of
-    late. step_cells: distance between samples, in cells of the occupancy grid. gains float32 [V, 3]: of the photographs
-    (training.exposure), or None.
-    """
+    """All that changes between steps, and where the field lies."""
 
     box: Box
-    bricks: tuple[np.ndarray | None, ...]
+    bricks: tuple[np.ndarray | None, ...]  # of each level, int32, the bricks present; None where it has not joined
     values: Trainable
-    first: Trainable
+    first: Trainable  # Adam's moments of the values
     second: Trainable
-    codes: np.ndarray
-    updates: int
-    samples_per_ray: float
-    step_cells: float
-    gains: np.ndarray | None = None
+    codes: np.ndarray  # uint8 [R, R, R]: see training.multires.occupancy
+    updates: int  # steps made
+    samples_per_ray: float  # of late
+    step_cells: float  # distance between samples, in cells of the occupancy grid
+    gains: np.ndarray | None = None  # float32 [V, 3]: of the photographs (training.exposure)
     kept: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)  # by an engine: derived, never saved
 
 

@@ -164,18 +164,19 @@ class _Bytes:
         name, self.at = self.data[self.at : end], end + 1
         return _name(name, self.file)
 
-    def each(self) -> Iterator[int]:
-        """Counts the entries that the file says it has; then it must end."""
-        (count,) = self.take("<Q")
-        yield from range(count)
-        if self.at != len(self.data):
-            raise _damaged(self.file, f"{len(self.data):,} bytes where its contents take {self.at:,}")
+
+def _entries(file: Path) -> Iterator[_Bytes]:
+    """The file at the beginning of each entry that it says it has; then it must end."""
+    data = _Bytes(file)
+    for _ in range(*data.take("<Q")):
+        yield data
+    if data.at != len(data.data):
+        raise _damaged(file, f"{len(data.data):,} bytes where its contents take {data.at:,}")
 
 
 def _lenses(file: Path) -> Iterator[tuple[int, Camera]]:
     """cameras.bin: count u64; each: id u32, model i32, width u64, height u64, parameters f64."""
-    data = _Bytes(file)
-    for _ in data.each():
+    for data in _entries(file):
         number, model, width, height = data.take("<IiQQ")
         name = NAMES[model] if 0 <= model < len(NAMES) else f"model number {model}"
         values = data.array(np.dtype("<f8"), len(MODELS[name].parameters) if name in MODELS else 0)
@@ -184,8 +185,7 @@ def _lenses(file: Path) -> Iterator[tuple[int, Camera]]:
 
 def _images(file: Path) -> Iterator[_Image]:
     """images.bin: count u64; each: id u32, pose 7 f64, camera u32, name ended by 0, count u64, each (x, y) f64 and id u64."""
-    data = _Bytes(file)
-    for _ in data.each():
+    for data in _entries(file):
         _, *placed, camera = data.take("<I7dI")
         name, (count,) = data.name(), data.take("<Q")
         shown = data.array(KEYPOINTS, count)["point"]
@@ -194,8 +194,7 @@ def _images(file: Path) -> Iterator[_Image]:
 
 def _points(file: Path) -> Iterator[tuple[float, ...]]:
     """points3D.bin: count u64; each: id u64, place 3 f64, colour 3 u8, error f64, count u64, each image u32 and index u32."""
-    data = _Bytes(file)
-    for _ in data.each():
+    for data in _entries(file):
         *point, _, count = data.take("<q3d3BdQ")
         data.bytes(8 * count)
         yield (*point, count)

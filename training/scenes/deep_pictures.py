@@ -62,19 +62,14 @@ def tiff_tags(path: Path, file: io.BufferedReader) -> TiffTags:
     if DNG_VERSION in tags or _first(tags, SUBFILE, 0) & 1:
         raise UserError("raw photographs are not read", where=path, found="a TIFF whose first picture is a preview",
                         remedy="export them as JPEG, PNG or 16 bit TIFF")  # fmt: skip
-    colours = 3 if _first(tags, PHOTOMETRIC, RGB) == RGB else 1
-    samples = _first(tags, SAMPLES, 1)
-    extra = tags.get(EXTRA_SAMPLES)
+    photometric, samples = _first(tags, PHOTOMETRIC, RGB), _first(tags, SAMPLES, 1)
+    colours = 3 if photometric == RGB else 1
     return TiffTags(
-        size=(_first(tags, WIDTH, 0), _first(tags, HEIGHT, 0)),
-        tile=(_first(tags, TILE_WIDTH, 1), _first(tags, TILE_HEIGHT, 1)),
-        bits=_first(tags, BITS, 1),
-        sample_format=_first(tags, SAMPLE_FORMAT, UNSIGNED),
-        photometric=_first(tags, PHOTOMETRIC, RGB),
-        samples=samples,
-        extra=None if samples == colours else _first(tags, EXTRA_SAMPLES, 0) if extra else 0,
+        size=(_first(tags, WIDTH, 0), _first(tags, HEIGHT, 0)), tile=(_first(tags, TILE_WIDTH, 1), _first(tags, TILE_HEIGHT, 1)),
+        bits=_first(tags, BITS, 1), sample_format=_first(tags, SAMPLE_FORMAT, UNSIGNED), photometric=photometric,
+        samples=samples, extra=None if samples == colours else _first(tags, EXTRA_SAMPLES, 0) if tags.get(EXTRA_SAMPLES) else 0,
         orientation=_first(tags, ORIENTATION, 1),
-    )
+    )  # fmt: skip
 
 
 def _first(tags: Mapping[int, Any], tag: int, default: int) -> int:

@@ -45,9 +45,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
         notice(path, "the cameras look all around; reading it with --spherify")
         spherified = True
     frame = frame_of_sphere(P) if spherified else frame_forward(P, bounds.min())
-    cameras = [
-        Camera(world_T_camera, width, height, focal, focal, width / 2, height / 2) for world_T_camera in frame.poses(P)
-    ]
+    cameras = [Camera(matrix, width, height, focal, focal, width / 2, height / 2) for matrix in frame.poses(P)]
     described = zip([source.stem for source in sources], sources, cameras, masks, strict=True)
     photographs = photographs_of(path, described, factor, options.downscale)
     if spherified:

@@ -49,8 +49,10 @@ def decoded(path: Path, as_stored: bool = False) -> np.ndarray:
         return _turned_as_asked(picture, header, as_stored)
 
 
-def turned(picture: np.ndarray, orientation: int) -> np.ndarray:
-    """A picture [H, W, ...] as stored, upright: turned as EXIF's orientation says."""
+def turned(picture: np.ndarray, orientation: int, *, back: bool = False) -> np.ndarray:
+    """A picture [H, W, ...] as stored, upright: turned as EXIF's orientation says; or an upright one as it is stored."""
+    if back:
+        orientation = {6: 8, 8: 6}.get(orientation, orientation)
     if orientation in SIDEWAYS:
         picture = picture.swapaxes(0, 1)
     if orientation in (3, 4, 7, 8):
@@ -58,15 +60,10 @@ def turned(picture: np.ndarray, orientation: int) -> np.ndarray:
     return picture[:, ::-1] if orientation in (2, 3, 6, 7) else picture
 
 
-def turned_back(picture: np.ndarray, orientation: int) -> np.ndarray:
-    """The inverse of `turned`."""
-    return turned(picture, {6: 8, 8: 6}.get(orientation, orientation))
-
-
 def _turned_as_asked(picture: np.ndarray, header: Header, as_stored: bool) -> np.ndarray:
     """A decoded picture, upright or as stored."""
     if header.format == "TIFF" and not header.deep:  # which Pillow turns by itself
-        return turned_back(picture, header.orientation) if as_stored else picture
+        return turned(picture, header.orientation, back=True) if as_stored else picture
     return picture if as_stored else turned(picture, header.orientation)
 
 
@@ -191,7 +188,7 @@ def read_mask(path: Path, photograph: Path, as_stored: bool = False) -> np.ndarr
         return abs(math.log(columns * height / (rows * width)))
 
     if header.orientation in SIDEWAYS and own.orientation == 1 and unlike(*values.shape[::-1]) < unlike(*values.shape):
-        values = (turned_back if as_stored else turned)(values, header.orientation)
+        values = turned(values, header.orientation, back=as_stored)
     if unlike(*values.shape) > MASK_SHAPE:
         raise UserError("the mask is of another size than its photograph", where=path, expected=times((width, height)),
                         found=times(values.shape[::-1]), remedy=f"make it as large as {photograph.name}")  # fmt: skip

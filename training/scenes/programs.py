@@ -34,11 +34,11 @@ PINHOLE = MODELS["PINHOLE"]
 Numbers = Sequence[float] | np.ndarray
 
 
-class ExportFile:
+class ExportFile(NamedTuple):
     """A file of a program, for errors that name both."""
 
-    def __init__(self, program: str, file: Path) -> None:
-        self.program, self.file = program, file
+    program: str
+    file: Path
 
     def damaged(self, found: str, where: str = "") -> UserError:
         return UserError(f"not an export of {self.program}, or a damaged one", where=f"{self.file} {where}".strip(),
@@ -249,17 +249,18 @@ def _read_realitycapture(file: Path, size_of: SizeOf) -> Reconstruction:
     """Heading, pitch and roll in degrees, where a camera of zeros looks down and its top is north; lengths in millimetres of a
     picture FILM_MM long."""
     export = ExportFile("RealityCapture", file)
-    lines = file.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    lines = [line for line in file.read_text(encoding="utf-8-sig", errors="replace").splitlines() if line.strip()]
     first = next(index for index, line in enumerate(lines) if line.lower().startswith("#name"))
     separator = ";" if ";" in lines[first] else ","
     head = [column.strip().lower() for column in lines[first].split(separator)]
     if missing := [column for column in COLUMNS[:9] if column not in head]:
         raise export.damaged(f"no column {', '.join(missing)}")
     stated = next((line.split()[-1] for line in lines[:first] if line.lower().startswith("#cameras ")), None)
-    if stated not in (None, str(rows := sum(bool(line.strip()) for line in lines[first + 1 :]))):
-        raise export.damaged(f"{rows} cameras where it counts {stated}")
+    listed = lines[first + 1 :]
+    if stated not in (None, str(len(listed))):
+        raise export.damaged(f"{len(listed)} cameras where it counts {stated}")
     cameras = {}
-    for row in csv.reader((line for line in lines[first + 1 :] if line.strip()), delimiter=separator):
+    for row in csv.reader(listed, delimiter=separator):
         if len(row) != len(head):
             raise export.damaged(f"{len(row)} columns where there should be {len(head)}", row[0] if row else "")
         name, values = row[0], dict(zip(head, row, strict=True))
