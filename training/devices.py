@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 
 import jax
 import numpy as np
+from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from console import UserError
@@ -126,8 +127,6 @@ def agree(tree: Tree) -> Tree:
     """Process 0's arrays, in every process. Their shapes must be the same in all."""
     if jax.process_count() == 1:
         return tree
-    from jax.experimental import multihost_utils
-
     return jax.tree.map(np.asarray, multihost_utils.broadcast_one_to_all(tree))  # type: ignore[return-value]
 
 
@@ -135,8 +134,6 @@ def anywhere(flag: bool) -> bool:
     """Whether any process says so."""
     if jax.process_count() == 1:
         return flag
-    from jax.experimental import multihost_utils
-
     return bool(np.asarray(multihost_utils.process_allgather(np.array([flag]))).any())
 
 

@@ -77,9 +77,7 @@ def march(cells: Cells, rays: GridRays, phase: jax.Array, sizes: MarchSizes, ste
     fine = inside & cells.has_support(g)
 
     ones, rows = fine.astype(jnp.int32), fine.astype(jnp.int32).sum(1)
-    place = (
-        (jnp.cumsum(rows) - rows)[:, None] + jnp.cumsum(ones, axis=1) - ones
-    )  # exclusive running sums, row after row
+    place = (jnp.cumsum(rows) - rows)[:, None] + jnp.cumsum(ones, axis=1) - ones  # exclusive running sums, row by row
     total = place[-1, -1] + fine[-1, -1]
     padded = jnp.concatenate([place[:, 0], total[None]])  # samples before each coarse entry, and before the end
     first = padded[jnp.minimum(starts, sizes.coarse)]

@@ -22,18 +22,7 @@ from training.marching.layout import blend, trilinear_weights
 from training.marching.march import MarchSizes, Samples, transmittance
 from training.marching.rays import GridRays
 from training.method import RenderOutput, ViewMlpParams
-from training.multires.levels import (
-    BRICK,
-    DENSE,
-    FEATURES,
-    HASH_Y,
-    HASH_Z,
-    HASHED,
-    HASHED_ROWS,
-    ROWS_OF_BRICK,
-    Levels,
-    bricks_along,
-)
+from training.multires.levels import FEATURES, Level, Levels, rows_at
 from training.multires.settings import LARGEST_RAW, LEAST_LIGHT, Settings
 from training.view_mlp import VIEW_FREQUENCIES, apply_view_mlp
 from training.volume import alpha_of
@@ -42,19 +31,10 @@ HIDDEN, OUTPUTS = 64, 8
 VIEW_PARAMETERS = sum(inputs * outputs + outputs for inputs, outputs in pairwise(VIEW_MLP_WIDTHS))
 
 
-class Level(NamedTuple):
-    """A level as constants of a program: see training.multires.levels.Levels."""
-
-    resolution: int
-    offset: int
-    place: int
-
-
 def static_levels(levels: Levels) -> tuple[Level, ...]:
     """The levels, hashable."""
-    return tuple(
-        Level(int(r), int(o), int(p)) for r, o, p in zip(levels.resolution, levels.offset, levels.place, strict=True)
-    )
+    columns = (levels.resolution.tolist(), levels.offset.tolist(), levels.place.tolist())
+    return tuple(Level(*row) for row in zip(*columns, strict=True))
 
 
 def inputs_of(levels: int) -> int:
@@ -107,17 +87,7 @@ def corners(level: Level, maps: jax.Array, points: jax.Array) -> tuple[jax.Array
     cell = jnp.clip(place.astype(jnp.int32), 0, level.resolution - 1)
     ahead = np.array([[k & 1, k >> 1 & 1, k >> 2] for k in range(8)], np.int32)
     x, y, z = jnp.moveaxis(cell[:, None] + ahead, -1, 0)
-    weights = trilinear_weights(place - cell)
-    if level.place == HASHED:
-        x, y, z = (v.astype(jnp.uint32) * np.uint32(factor) for v, factor in ((x, 1), (y, HASH_Y), (z, HASH_Z)))
-        return level.offset + ((x ^ y ^ z) % HASHED_ROWS).astype(jnp.int32), weights
-    if level.place == DENSE:
-        width = level.resolution + 1
-        return level.offset + (z * width + y) * width + x, weights
-    bricks = bricks_along(level.resolution)
-    brick = maps[level.place + (z // BRICK * bricks + y // BRICK) * bricks + x // BRICK]
-    within = (z % BRICK * BRICK + y % BRICK) * BRICK + x % BRICK
-    return level.offset + brick * ROWS_OF_BRICK + within, weights
+    return rows_at(level, maps, x, y, z), trilinear_weights(place - cell)
 
 
 def encode(table: jax.Array, levels: tuple[Level, ...], maps: jax.Array, points: jax.Array) -> jax.Array:

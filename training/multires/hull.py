@@ -102,9 +102,8 @@ def _pixels(dataset: RayDataset, first: int, last: int) -> np.ndarray:
 def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell, possible, counts, most, z):
     """One layer of cells, as one view sees them. table int32 [rows + 1, width + 1]: pixels that show something, summed; counts:
     see _look. most: a cell that more views than this show nothing of is empty, and not counted further."""
-    pose, lens, distortion = (
-        photographs.world_T_camera[view], photographs.intrinsics[view], photographs.distortion[view]
-    )  # fmt: skip
+    pose, lens = photographs.world_T_camera[view], photographs.intrinsics[view]
+    distortion, projection = photographs.distortion[view], photographs.distortion[view, PROJECTION]
     rows, width = table.shape[0] - 1, table.shape[1] - 1
     radius = 0.5 * np.sqrt(cell[0] ** 2 + cell[1] ** 2 + cell[2] ** 2)
     place, relative = np.empty(3), np.empty(3)
@@ -122,17 +121,16 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
                 continue
             for axis in range(3):
                 relative[axis] = place[axis] - pose[axis, 3]
-            if photographs.contraction > 0 and (
-                relative[0] ** 2 + relative[1] ** 2 + relative[2] ** 2 < photographs.near**2
-            ):
+            distance2 = relative[0] ** 2 + relative[1] ** 2 + relative[2] ** 2
+            if photographs.contraction > 0 and distance2 < photographs.near**2:
                 possible[z, y, x] = 0
             right = pose[0, 0] * relative[0] + pose[1, 0] * relative[1] + pose[2, 0] * relative[2]
             up = pose[0, 1] * relative[0] + pose[1, 1] * relative[1] + pose[2, 1] * relative[2]
             depth = -(pose[0, 2] * relative[0] + pose[1, 2] * relative[1] + pose[2, 2] * relative[2])
-            flat = distortion[PROJECTION] == PERSPECTIVE
+            flat = projection == PERSPECTIVE
             if flat and depth < BEHIND:
                 continue
-            a, b = _ideal(right, up, -depth, distortion[PROJECTION])
+            a, b = _ideal(right, up, -depth, projection)
             r2 = a * a + b * b
             if r2 > distortion[REACH] ** 2:
                 continue
@@ -142,18 +140,16 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
                 counts[0, z, y, x] += 1
             if not cut_out or photographs.ndc[2] > 0:
                 continue
-            if distortion[PROJECTION] == EQUIRECTANGULAR:
-                distance = np.sqrt(relative[0] ** 2 + relative[1] ** 2 + relative[2] ** 2)
-                if distance >= 2.0 * radius and not _in_panorama(
-                    table, px, py, b, np.arcsin(radius / distance), lens[0], lens[1] / photographs.row_step
-                ):
-                    counts[1, z, y, x] += 1
+            if projection == EQUIRECTANGULAR:
+                distance, down = np.sqrt(distance2), lens[1] / photographs.row_step
+                if distance >= 2.0 * radius:
+                    angle = np.arcsin(radius / distance)
+                    counts[1, z, y, x] += not _in_panorama(table, px, py, b, angle, lens[0], down)
                 continue
             if depth < 2.0 * radius:
                 continue
-            stretch = max(
-                np.sqrt((u * u + v * v) / max(r2, 1e-12)), 1.0
-            )  # by the lens; what is nearer than `depth` is larger
+            stretch = max(np.sqrt((u * u + v * v) / max(r2, 1e-12)), 1.0)  # by the lens
+            # what is nearer than `depth` is larger
             reach = ((1.0 + r2) if flat else AROUND) * radius / (depth - radius) * stretch
             left, top = np.int64(np.floor(px - lens[0] * reach)), np.int64(np.floor(py - lens[1] * reach))
             past, below = np.int64(px + lens[0] * reach) + 1, np.int64(py + lens[1] * reach) + 1

@@ -10,7 +10,7 @@ vertices share them by a hash (instant-ngp, Müller et al. 2022, equation 4).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,28 @@ class Levels(NamedTuple):
     def total(self) -> int:
         """Rows of the whole table."""
         return int(self.rows.sum())
+
+
+class Level(NamedTuple):
+    """A level as constants of a program: see Levels."""
+
+    resolution: int
+    offset: int
+    place: int
+
+
+def rows_at(level: Level, maps: Any, x: Any, y: Any, z: Any) -> Any:
+    """Rows int32 of a level's vertices; x, y, z: int32 of any shape, of NumPy or JAX, as maps."""
+    if level.place == HASHED:
+        x, y, z = (v.astype(np.uint32) * np.uint32(factor) for v, factor in ((x, 1), (y, HASH_Y), (z, HASH_Z)))
+        return level.offset + ((x ^ y ^ z) % HASHED_ROWS).astype(np.int32)
+    if level.place == DENSE:
+        width = level.resolution + 1
+        return level.offset + (z * width + y) * width + x
+    bricks = bricks_along(level.resolution)
+    brick = maps[level.place + (z // BRICK * bricks + y // BRICK) * bricks + x // BRICK]
+    within = (z % BRICK * BRICK + y % BRICK) * BRICK + x % BRICK
+    return level.offset + brick * ROWS_OF_BRICK + within
 
 
 def bricks_along(resolution: int) -> int:

@@ -8,8 +8,7 @@ jax_engine, fused   the two engines, which compute the steps of the field and ev
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 import jax
@@ -47,12 +46,10 @@ class MultiresMethod:
         self.plan, self.settings = plan_of(config, dataset), settings_of(config, dataset)
         # Without the fused engine, a run of it is rendered, scored and baked, but not trained.
         self._problem = None if config.engine == "jax" else _problem_of_fused()
-        engine: Callable[..., Engine] = JaxEngine
+        engine = JaxEngine
         if config.engine != "jax" and self._problem is None:
-            engine = importlib.import_module(
-                "training.multires.fused.engine"
-            ).FusedEngine  # its import compiles the loops
-        self.engine = engine(dataset, self.plan, self.settings, config.seed)
+            from training.multires.fused.engine import FusedEngine as engine  # its import compiles the loops
+        self.engine: Engine = engine(dataset, self.plan, self.settings, config.seed)
 
     def start(self, key: jax.Array) -> State:
         own, plan = self.config.multires, self.plan
@@ -141,16 +138,14 @@ class MultiresMethod:
         """Renews the occupancy grid where it is due before a step."""
         if step < VISITS_FROM or step % VISIT_EVERY[step >= SETTLED]:
             return
-        threshold = self.plan.occupancy_threshold
         whole = step < SETTLED and step % WHOLE_EVERY == 0
         random = np.random.default_rng((self.config.seed, step, 1))
 
         def density_at(points: np.ndarray) -> np.ndarray:
             return self.engine.values_at(state, points)[:, 0]
 
-        state.codes = agree(
-            visited(state.codes, density_at, random, threshold, whole=whole, faded=FADED_WHOLE if whole else 1)
-        )
+        threshold, faded = self.plan.occupancy_threshold, FADED_WHOLE if whole else 1
+        state.codes = agree(visited(state.codes, density_at, random, threshold, whole=whole, faded=faded))
 
     def _with_levels(self, state: State, step: int, progress: float) -> State:
         """The state with rows for the levels that have joined by then. Whenever one joins, sparse levels keep the bricks that

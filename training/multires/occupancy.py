@@ -49,11 +49,9 @@ def visited(
     for cells in _picked(flat, random, whole):
         z, rest = np.divmod(cells, side * side)
         y, x = np.divmod(rest, side)
-        points = (np.stack([x, y, z], -1).astype(np.float32) + random.random((len(cells), 3), np.float32)) / np.float32(
-            side
-        )
-        old = flat[cells]
-        flat[cells] = np.maximum(np.maximum(old, faded) - np.uint8(faded), code_of(density_at(points), threshold))
+        places = np.stack([x, y, z], -1).astype(np.float32) + random.random((len(cells), 3), np.float32)
+        densities, old = density_at(places / np.float32(side)), flat[cells]
+        flat[cells] = np.maximum(np.maximum(old, faded) - np.uint8(faded), code_of(densities, threshold))
     return flat.reshape(codes.shape)
 
 

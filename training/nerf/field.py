@@ -81,11 +81,6 @@ def apply_trunk(params: FieldParams, points: jax.Array, config: NerfConfig) -> j
     return jnp.concatenate([x, encoded], axis=-1) if joined else x
 
 
-def apply_field(params: FieldParams, points: jax.Array, config: NerfConfig) -> FieldOutput:
-    """The field at points [..., 3]."""
-    return field_of(params, apply_trunk(params, points, config))
-
-
 def field_of(params: FieldParams, trunk: jax.Array, density_noise: jax.Array | float = 0.0) -> FieldOutput:
     """The field from its last hidden layer, 0 where the head lacks an output; density_noise [...] is added before the ReLU."""
     raw = trunk @ params.head.weight + params.head.bias

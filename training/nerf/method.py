@@ -23,7 +23,7 @@ from training.config import REAL_BATCH, SYNTHETIC_BATCH, NerfConfig, TrainConfig
 from training.dataset import RayDataset
 from training.devices import SPLIT, WHOLE, here, put_whole, split
 from training.method import FieldOutput, Method, Rays, RenderOutput, ViewMlpParams
-from training.nerf.field import apply_field
+from training.nerf.field import apply_trunk, field_of
 from training.nerf.render import NerfParams, Perturbation, draw_perturbation, init_nerf, render_rays
 from training.volume import CHANNELS, cauchy_sparsity, mean_squared_error, psnr_of, squared_error
 
@@ -52,7 +52,7 @@ class NerfMethod(Method):
         shardings = {"in_shardings": (inputs, whole, whole, whole), "out_shardings": whole}
         self._update = jax.jit(self._update_traced, **shardings, donate_argnums=1)
         self._render = jax.jit(lambda params, rays: render_rays(params, rays, nerf, dataset.facts).fine)
-        self._query = jax.jit(lambda params, points: apply_field(params.fine.field, points, nerf))
+        self._query = jax.jit(lambda field, points: field_of(field, apply_trunk(field, points, nerf)))
 
     def start(self, key: jax.Array) -> NerfState:
         return put_whole(self._fresh(key), self.mesh)
@@ -72,8 +72,8 @@ class NerfMethod(Method):
         return out._replace(rgb=jnp.clip(out.rgb, 0.0, 1.0))
 
     def query(self, state: NerfState, points: jax.Array) -> FieldOutput:
-        params = here(state.params)
-        return in_slices(lambda part: self._query(params, part), points, self.config.nerf.query_points)
+        field = here(state.params.fine.field)
+        return in_slices(lambda part: self._query(field, part), points, self.config.nerf.query_points)
 
     def view_mlp(self, state: NerfState) -> ViewMlpParams | None:
         """The fine model's deferred head; None for a diffuse model, and for the baselines, which have none a ray."""
@@ -121,9 +121,8 @@ class NerfMethod(Method):
             return jax.tree.map(jnp.add, total, gradient_of(params, *split(part, self.mesh))), None
 
         # slice s takes rays s, s + slices, ...: of each device's share equally many
-        parts = jax.tree.map(
-            lambda v: v.reshape(-1, self._slices, *v.shape[1:]).swapaxes(0, 1), (rays, target, perturbation)
-        )
+        batch = rays, target, perturbation
+        parts = jax.tree.map(lambda v: v.reshape(-1, self._slices, *v.shape[1:]).swapaxes(0, 1), batch)
         shapes = jax.eval_shape(gradient_of, params, *jax.tree.map(lambda v: v[0], parts))
         zeros = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
         total, _ = jax.lax.scan(add_slice, zeros, parts)

@@ -62,9 +62,8 @@ def draw_perturbation(key: jax.Array, count: int, config: NerfConfig) -> Perturb
         scale * jax.random.normal(k, (count, samples)) if scale > 0 else None
         for k, samples in ((keys[2], coarse), (keys[3], coarse + fine))
     ]
-    return Perturbation(
-        jax.random.uniform(keys[0], (count, coarse)), jax.random.uniform(keys[1], (count, fine)), *noise
-    )
+    jitter = [jax.random.uniform(k, (count, samples)) for k, samples in ((keys[0], coarse), (keys[1], fine))]
+    return Perturbation(*jitter, *noise)
 
 
 def init_nerf(key: jax.Array, config: NerfConfig) -> NerfParams:

@@ -360,10 +360,11 @@ def _moving(container: Any, film: Path) -> int:
     if not streams:
         raise UserError("there is no moving picture in this film", where=film)
     readable = [stream for stream in streams if stream.codec_context is not None]
-    best = max(
-        readable, key=lambda s: (bool(s.disposition & Disposition.default), s.width * s.height), default=streams[0]
-    )
-    return best.index
+
+    def rank(stream: Any) -> tuple[bool, int]:
+        return bool(stream.disposition & Disposition.default), stream.width * stream.height
+
+    return max(readable, key=rank, default=streams[0]).index
 
 
 @contextmanager

@@ -153,9 +153,8 @@ def _begin_database(task: Task) -> None:
     if task.database.exists():
         with pycolmap.Database.open(task.database) as database:
             numbers = [image.image_id for image in database.read_all_images()]
-            whole = len(numbers) == len(task.names) and all(
-                database.exists_keypoints(number) == database.exists_descriptors(number) for number in numbers
-            )
+            paired = [database.exists_keypoints(number) == database.exists_descriptors(number) for number in numbers]
+            whole = len(numbers) == len(task.names) and all(paired)
     if not whole:
         for leftover in task.work.glob(f"{DATABASE}*"):
             leftover.unlink()
@@ -336,10 +335,8 @@ def _map(task: Task, on_progress: OnProgress, title: str = "poses") -> list[Any]
 
     on_progress(title, 0, total)
     pycolmap.set_random_seed(task.seed)  # here, whatever this process did before
-    models = pycolmap.incremental_mapping(
-        task.database, task.images, folder, options, next_image_callback=next_image
-    ).values()
-    return sorted(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
+    found = pycolmap.incremental_mapping(task.database, task.images, folder, options, next_image_callback=next_image)
+    return sorted(found.values(), key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
 
 
 def _with_two_focals(model: Any) -> Any:
@@ -355,9 +352,8 @@ def _with_two_focals(model: Any) -> Any:
             camera.model = pycolmap.CameraModelId.OPENCV
             camera.params = [focal, focal, cx, cy, k, 0.0, 0.0, 0.0]
     _adjust(fitted)
-    squeezed = any(
-        abs(np.log(camera.focal_length_x / camera.focal_length_y)) > SQUEEZED for camera in fitted.cameras.values()
-    )
+    ratios = [camera.focal_length_x / camera.focal_length_y for camera in fitted.cameras.values()]
+    squeezed = any(abs(np.log(ratio)) > SQUEEZED for ratio in ratios)
     before, after = (_median_error(each) for each in (model, fitted))
     return fitted if squeezed and after < MUCH_BETTER * before else None
 

@@ -139,9 +139,8 @@ def lens_functions(xp: ModuleType = np, compiled: Callable[[Any], Any] | None = 
     @compiled
     def ideal(x, y, z, projection):
         aside = xp.sqrt(x * x + y * y)
-        scale = where(
-            projection == FISHEYE, xp.arctan2(aside, -z) / xp.maximum(aside, 1e-12), 1.0 / where(z < 0.0, -z, 1.0)
-        )
+        of_fisheye, of_flat = xp.arctan2(aside, -z) / xp.maximum(aside, 1e-12), 1.0 / where(z < 0.0, -z, 1.0)
+        scale = where(projection == FISHEYE, of_fisheye, of_flat)
         is_round = projection == EQUIRECTANGULAR
         a = where(is_round, xp.arctan2(x, -z), scale * x)
         return a, where(is_round, -xp.arctan2(y, xp.sqrt(x * x + z * z)), -scale * y)

@@ -264,9 +264,9 @@ def _read_realitycapture(file: Path, size_of: SizeOf) -> Reconstruction:
         if len(row) != len(head):
             raise export.damaged(f"{len(row)} columns where there should be {len(head)}", row[0] if row else "")
         name, values = row[0], dict(zip(head, row, strict=True))
-        x, y, z, heading, pitch, roll, f, px, py, *rest = (
-            export.numbers([values.get(column, "0") or "0"], 1, f"{column} of {name}")[0] for column in COLUMNS
-        )
+        texts = ((column, values.get(column, "0") or "0") for column in COLUMNS)
+        numbers = [export.numbers([text], 1, f"{column} of {name}")[0] for column, text in texts]
+        x, y, z, heading, pitch, roll, f, px, py, *rest = numbers
         R = Rotation.from_euler("ZXY", [-heading, pitch, roll], degrees=True).as_matrix()
         width, height = size_of(name)
         scale = max(width, height) / FILM_MM
@@ -289,10 +289,8 @@ def _read_polycam(first: Path, _: SizeOf) -> Reconstruction:
         export = ExportFile("Polycam", file)
         values = export.json(dict)
         matrix = [[export.number(values, f"t_{row}{column}") for column in range(4)] for row in range(3)]
-        size, focal, centre = (
-            [export.number(values, key) for key in keys] for keys in (("width", "height"), ("fx", "fy"), ("cx", "cy"))
-        )
-        cameras[file.stem] = export.camera(file.stem, matrix, size, focal, centre)
+        lens = [export.number(values, key) for key in ("width", "height", "fx", "fy", "cx", "cy")]
+        cameras[file.stem] = export.camera(file.stem, matrix, lens[:2], lens[2:4], lens[4:])
     return ExportFile("Polycam", first.parent).reconstruction(cameras)
 
 
@@ -385,9 +383,8 @@ LISTS = ("list.txt", "bundle.list.txt", "bundle.out.list.txt")  # the pictures' 
 def _read_bundler(file: Path, size_of: SizeOf) -> Reconstruction:
     """bundle.out 0.3: counts; per camera f, k1, k2, R, t of camera_T_world in OpenGL axes; per point place, colour and views."""
     export = ExportFile("Bundler", file)
-    lists = (
-        folder / name for folder in (file.parent, file.parent.parent) for name in (*LISTS, file.name + ".list.txt")
-    )
+    names = (*LISTS, file.name + ".list.txt")
+    lists = (folder / name for folder in (file.parent, file.parent.parent) for name in names)
     listing = next((found for found in lists if found.is_file()), None)
     if listing is None:
         raise export.damaged("no list.txt beside it, which names the pictures")
