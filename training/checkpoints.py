@@ -4,8 +4,6 @@ A file holds the arrays of Method.save, and in its metadata the step and a check
 damaged, the one before it is read, with a notice. The leaves of a tree are named by their paths, "params/fine/field/0/weight".
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import re

@@ -4,8 +4,6 @@ TrainConfig holds what every method shares; each method's own numbers are nested
 names whole configurations; the command line overrides single fields of one (`--nerf.width 128`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import types

@@ -8,8 +8,6 @@ Every process runs the same lines in the same order; process 0 alone writes file
 decides (by a signal, a clock, a file that it cannot read), or the others would wait for it for ever.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

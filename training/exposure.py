@@ -12,8 +12,6 @@ fitted every few steps by least squares. A ridge towards 1 keeps gains from drif
 Notation: V photographs, K sampled rays of each.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

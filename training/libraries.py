@@ -3,8 +3,6 @@
 Both read dozens of variables, and answer an unknown value with an exception from deep within, or end the process.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import importlib

@@ -1,7 +1,5 @@
 """Locks (flock) on files and folders. They count on all hosts that share these, and end with their process."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ Randomness comes from (seed, step) alone, so a resumed run repeats the losses of
 (training.devices) all run this loop alike, and process 0 writes.
 """
 
-from __future__ import annotations
-
 import math
 import shlex
 import signal

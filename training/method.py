@@ -4,8 +4,6 @@ alone.
 Shapes: N rays or points. Directions are unit length unless NDC; viewdirs are unit, in the training frame, before any NDC warp.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple, Protocol
 
 import jax

@@ -7,8 +7,6 @@ report.json: {"scene", "step", "steps", "seconds", "training_seconds", "psnr" an
 "validation" [{"step", "seconds", "psnr"}], "best_validation_psnr", "rays_per_second" (median), "config", "provenance"}.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

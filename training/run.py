@@ -4,8 +4,6 @@ config.json holds the TrainConfig, the scene's folder, how that is read, and pro
 (make_dataset) RayDataset -> (make_method) Method -> state, from the newest checkpoint.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import platform

@@ -11,8 +11,6 @@ A run takes `steps` steps of about as many samples each (training.multires.setti
 them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 import time

@@ -6,8 +6,6 @@ accumulated features (4). Two hidden layers of 16 with ReLU; the output goes thr
 added to the diffuse colour (equation 7). Weights are input-major: x @ W + b.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import jax

@@ -10,8 +10,6 @@ Notation, per ray, samples k along the last axis but channels:
     weight [..., K]      T alpha, the share of sample k in the pixel
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import jax

@@ -5,8 +5,6 @@ i + 0.5. Its coarse occupancy has one byte for each COARSE³ voxels, 1 where a s
 have support.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

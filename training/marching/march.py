@@ -5,8 +5,6 @@ against exact support. Both compact into lists of fixed size, so nothing recompi
 are taken in order until the list is full, and `complete` says which rays have all their samples.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeVar
 

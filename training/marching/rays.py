@@ -11,8 +11,6 @@ Products of geometry, here and wherever rays are made, ask for the highest preci
 float32 in TF32, whose 10 bits of fraction move a ray by 0.2 pixels of a photograph of 800 × 800.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

@@ -8,8 +8,6 @@ What a field needs depends on what was photographed. A setting whose default is 
     forward       opaque photographs from one side, in NDC: depth is disparity, which small baselines tell coarsely
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass

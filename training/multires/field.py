@@ -8,8 +8,6 @@ Parameters are one flat array: w0 [I, 64], b0, w1 [64, 8], b1, then weights and 
 Notation: N rays, S samples in ray order (training.marching.march).
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import NamedTuple
 

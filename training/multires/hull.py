@@ -6,8 +6,6 @@ of which a view's picture shows at most a square.
 
 # pyright: reportCallIssue=false
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -8,8 +8,6 @@ multiples of 64. Where space is contracted, content lies everywhere: a level fin
 vertices share them by a hash (instant-ngp, Müller et al. 2022, equation 4).
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

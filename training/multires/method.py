@@ -6,8 +6,6 @@ settings   what a config means for a dataset   hull       where anything can be,
 jax_engine, fused   the two engines, which compute the steps of the field and evaluate it; their interface is here
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Protocol
 

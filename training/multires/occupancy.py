@@ -10,8 +10,6 @@ where the code of a density is how many visits its optical depth over STEP of th
 rate of DECAY a visit (instant-ngp, Müller et al. 2022, appendix E, in logarithms).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

@@ -1,8 +1,6 @@
 """The state of the field: plain arrays, whichever engine makes its steps; in checkpoints, checked: compiled loops believe every
 index that they are given."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple

@@ -9,8 +9,6 @@ The hidden layers' products may be of bfloat16 numbers; sums are float32, and so
 more than 8 bits) and the head.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

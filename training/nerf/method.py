@@ -6,8 +6,6 @@ Gradients are clipped by value, then by norm, and go to Adam. Compiled once: sha
 over the devices of the dataset's mesh (training.devices), parameters are whole on each.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any, NamedTuple
 

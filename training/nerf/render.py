@@ -5,8 +5,6 @@ the release), and the fine field is asked at all K + F positions. Per ray: t [N,
 K] of the coarse samples; u in [0, 1) quantiles; jitter in [0, 1). Without jitter, as rendering samples, nothing is random.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

@@ -4,8 +4,6 @@ Nothing is reconstructed: features of small copies are matched, and the pairs th
 x [N] logarithms of exposure, fitted to the brightness ratios of matching features, their median 0.
 """
 
-from __future__ import annotations
-
 import base64
 import html
 import io

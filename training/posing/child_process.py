@@ -4,8 +4,6 @@ ask() starts the child, serve() runs in it. The request is one line of JSON. The
 "total"} as the work goes on, and at the end {"result"}, or {"error": the parts of a UserError}.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -10,8 +10,6 @@ A film is read by the one demuxer of its container and by one of CODECS, so that
 other files or to the network, nor follows references out of the film.
 """
 
-from __future__ import annotations
-
 import errno
 import itertools
 import time

@@ -4,8 +4,6 @@ OUT/posing holds unfinished work, from which a stopped process goes on. OUT/scen
 which says what it was made of and what was left out.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -9,8 +9,6 @@ Of few pictures all pairs are matched; of many, neighbours in their order and pi
 something comes back to its beginning. Notation: N pictures, F features of each, descriptors uint8 [F, 128].
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

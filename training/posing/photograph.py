@@ -3,8 +3,6 @@
 Notation: a preview is a grey picture float32 [h, w] in [0, 1], its longer side PREVIEW_SIDE pixels or fewer.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

@@ -3,8 +3,6 @@
 Pictures that are blurred or show the same as another are not used. `pictures.json` beside the folder keeps what was prepared.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import re

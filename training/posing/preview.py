@@ -9,8 +9,6 @@ Small pictures go into FOLDER, lines of JSON to standard output as soon as they 
 It ends with its standard input.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

@@ -1,7 +1,5 @@
 """Messages and table of photographs rejected during pose estimation."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence

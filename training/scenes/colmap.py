@@ -4,8 +4,6 @@ COLMAP chooses frame and unit by itself. A forward-facing capture is put where L
 image shows), any other where those of transforms.json are. Near, far and box come from the points; see training.scenes.space.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

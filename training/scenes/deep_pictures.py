@@ -4,8 +4,6 @@ Results are float32 [H, W, 3 or 4] in [0, 1], display-referred sRGB, RGB not pre
 their type. A TIFF of floats must be display-referred; OpenEXR is linear light.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ is found by the strictest rule that leads to one file alone:
     4. 2 and 3 without leading folders of the name, one after the other
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import unicodedata

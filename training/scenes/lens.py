@@ -18,8 +18,6 @@ perspective and needs no more, or (*COEFFICIENTS, number of the projection). MOD
 k4, k5, k6 of FULL_OPENCV are q1, q2, q3 here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from types import ModuleType
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ A row of poses_bounds.npy holds 17 numbers: a 3 x 5 matrix, row-major, of the ca
 and (height, width, focal length) of the full-size pictures; then nearest and farthest depth. Rows are sorted by pictures' names.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Photographs from described cameras: fitted to the picture on disk (smaller ones, ones that EXIF turns), and moved."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path

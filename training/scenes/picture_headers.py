@@ -3,8 +3,6 @@
 A picture is *stored* as its bytes have it, and *upright* after it was turned as its EXIF says. Sizes are (width, height).
 """
 
-from __future__ import annotations
-
 import io
 import os
 import struct

@@ -4,8 +4,6 @@ Notation: a picture is float32 [H, W, 4] in [0, 1], RGB not premultiplied, alpha
 it, and *upright* after it was turned as its EXIF says, which it is unless `as_stored`. Sizes are (width, height).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -3,8 +3,6 @@
 Notation: photographs lie end to end, row by row; of each, one row in `row_step` is taken. C channels: 3, or 4 with alpha.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Mapping, Sequence

@@ -3,8 +3,6 @@
 Notation: world_T_camera [4, 4] float64; P [N, 4, 4] a stack of them.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,8 +3,6 @@
 Their training settings are training.config.PRESETS. There is no JAX here, so that the viewer can offer them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args

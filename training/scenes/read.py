@@ -3,8 +3,6 @@
 A layout is a module with LOOKED_FOR (for messages), recognises(path) and read(path, options).
 """
 
-from __future__ import annotations
-
 import math
 import os
 import warnings

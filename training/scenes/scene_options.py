@@ -3,8 +3,6 @@
 Both are in the training frame without --up (docs/scenes.md), which the window shows.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ A film is opened with the one FFmpeg demuxer that its first bytes name. FFmpeg's
 which lead to other files and to the network; none of the demuxers here does.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections import Counter

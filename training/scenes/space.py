@@ -13,8 +13,6 @@ The focus is the point nearest to all optical axes. Opaque photographs that look
 INNER on every side of the focus, methods that can do so contract space (scenepack.contraction), and the box does not count.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -5,8 +5,6 @@ Its keys are focal lengths, principal point, size, distortion and lens model. Le
 refused by name. docs/scenes.md has the table of keys.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
