@@ -21,15 +21,14 @@ from training.config import REAL_BATCH, SYNTHETIC_BATCH, NerfConfig, TrainConfig
 from training.dataset import RayDataset
 from training.devices import SPLIT, WHOLE, here, put_whole, split
 from training.method import FieldOutput, Method, Rays, RenderOutput, ViewMlpParams
-from training.nerf.field import apply_trunk, field_of
-from training.nerf.render import NerfParams, Perturbation, draw_perturbation, init_nerf, render_rays
+from training.nerf import model
 from training.volume import CHANNELS, cauchy_sparsity, mean_squared_error, psnr_of, squared_error
 
 
 class NerfState(NamedTuple):
     """Everything that a step changes."""
 
-    params: NerfParams
+    params: model.NerfParams
     optimizer: Any
 
 
@@ -49,8 +48,8 @@ class NerfMethod(Method):
         inputs = dataclasses.replace(jax.tree.map(lambda _: whole, dataset), pixels=NamedSharding(mesh, SPLIT))
         shardings = {"in_shardings": (inputs, whole, whole, whole), "out_shardings": whole}
         self._update = jax.jit(self._update_traced, **shardings, donate_argnums=1)
-        self._render = jax.jit(lambda params, rays: render_rays(params, rays, nerf, dataset.facts).fine)
-        self._query = jax.jit(lambda field, points: field_of(field, apply_trunk(field, points, nerf)))
+        self._render = jax.jit(lambda params, rays: model.render_rays(params, rays, nerf, dataset.facts).fine)
+        self._query = jax.jit(lambda field, points: model.field_of(field, model.apply_trunk(field, points, nerf)))
 
     def start(self, key: jax.Array) -> NerfState:
         return put_whole(self._fresh(key), self.mesh)
@@ -87,7 +86,7 @@ class NerfMethod(Method):
         return put_whole(from_arrays(template, arrays), self.mesh)
 
     def _fresh(self, key: jax.Array) -> NerfState:
-        params = init_nerf(key, self.config.nerf)
+        params = model.init_nerf(key, self.config.nerf)
         return NerfState(params, self._optimizer.init(params))
 
     def _update_traced(
@@ -97,7 +96,7 @@ class NerfMethod(Method):
         key = jax.random.fold_in(jax.random.PRNGKey(self.config.seed), step)
         key_batch, key_render = jax.random.split(key)
         rays, target = dataset.batch(key_batch, self.batch_size)
-        perturbation = draw_perturbation(key_render, self.batch_size, self.config.nerf)
+        perturbation = model.draw_perturbation(key_render, self.batch_size, self.config.nerf)
         gradient, metrics = self._gradient(state.params, *split((rays, target, perturbation), self.mesh))
         updates, optimizer = self._optimizer.update(gradient, state.optimizer, state.params)
         further = (self.config.nerf.last_rate / self.config.nerf.first_rate) ** ahead  # the decay is log-linear
@@ -109,7 +108,7 @@ class NerfMethod(Method):
         params: Any = optax.apply_updates(state.params, updates)  # type: ignore[arg-type]
         return NerfState(params, optimizer), metrics
 
-    def _gradient(self, params: NerfParams, rays: Rays, target: jax.Array, perturbation: Perturbation):
+    def _gradient(self, params: model.NerfParams, rays: Rays, target: jax.Array, perturbation: model.Perturbation):
         """The batch's gradient and metrics, slice by slice where memory asks for it."""
         gradient_of = jax.grad(self._loss, has_aux=True)
         if self._slices == 1:
@@ -127,10 +126,10 @@ class NerfMethod(Method):
         return jax.tree.map(lambda v: v / self._slices, total)
 
     def _loss(
-        self, params: NerfParams, rays: Rays, target: jax.Array, perturbation: Perturbation
+        self, params: model.NerfParams, rays: Rays, target: jax.Array, perturbation: model.Perturbation
     ) -> tuple[jax.Array, dict[str, jax.Array]]:
         config = self.config
-        out = render_rays(params, rays, config.nerf, self.dataset.facts, perturbation)
+        out = model.render_rays(params, rays, config.nerf, self.dataset.facts, perturbation)
         photometric = squared_error(out.coarse.rgb, target) + squared_error(out.fine.rgb, target)
         sparsity = sparsity_of(out.coarse_sigma, out.fine_sigma, config)
         # as large as JAXNeRF's, which counts where gradients are clipped

@@ -15,7 +15,7 @@ from training.config import PRESETS, TINY, NerfConfig
 from training.dataset import SceneFacts, make_dataset
 from training.method import Rays
 from training.nerf.method import NerfMethod
-from training.nerf.render import (
+from training.nerf.model import (
     NerfParams,
     coarse_samples,
     draw_perturbation,
