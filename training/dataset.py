@@ -268,18 +268,12 @@ def make_dataset(scene: Scene, *, folder: Path | None = None, contracted: bool =
     }
     same_size = len({(camera.width, camera.height) for camera in cameras}) == 1
     facts = SceneFacts(
-        near=float(scene.near),
-        far=float(scene.far),
-        aabb=tuple(tuple(float(c) for c in corner) for corner in scene.aabb),
-        ndc_camera=scene.ndc_camera,
-        disparity=scene.disparity,
-        background=tuple(float(c) for c in scene.background),  # type: ignore[arg-type]
+        near=float(scene.near), far=float(scene.far), aabb=tuple(map(tuple, scene.aabb.tolist())),
+        ndc_camera=scene.ndc_camera, disparity=scene.disparity, background=scene.background,
         distorted=any(any(camera.distortion) for camera in cameras),
         size=(cameras[0].width, -(-cameras[0].height // row_step)) if same_size else None,
-        cut_out=bool(scene.notes.get("masks")),
-        row_step=row_step,
-        rendered=scene.kind == "blender",
+        cut_out=bool(scene.notes.get("masks")), row_step=row_step, rendered=scene.kind == "blender",
         contraction=scene.contraction if contracted and channels == 3 else None,
-    )
+    )  # fmt: skip
     pixels = put_split(own, count, mesh)
     return RayDataset(pixels=pixels, **put_whole(arrays, mesh), facts=facts, count=count, mesh=mesh)

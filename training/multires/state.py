@@ -68,10 +68,8 @@ def saved(state: State, resolutions: tuple[int, ...]) -> dict[str, np.ndarray]:
     return {name: np.asarray(array, order="C") for name, array in arrays.items()}
 
 
-def restored(
-    arrays: Mapping[str, np.ndarray], resolutions: tuple[int, ...], side: int, photographs: int | None
-) -> State:
-    """The inverse of saved. side: of the occupancy grid. photographs: as many have gains; None where none are fitted.
+def restored(arrays: Mapping[str, np.ndarray], resolutions: tuple[int, ...], side: int, views: int | None) -> State:
+    """The inverse of saved. side: of the occupancy grid. views: as many have gains; None where none are fitted.
 
     UserError, naming the array, where one does not fit; KeyError where one is missing.
     """
@@ -104,7 +102,7 @@ def restored(
         updates=int(array("updates", (), np.int64, 0, 2**40)),
         samples_per_ray=float(array("samples_per_ray", (), np.float64, 0.0, MOST_SAMPLES)),
         step_cells=float(array("step_cells", (), np.float64, 0.01, 2.0)),
-        gains=None if photographs is None else array("gains", (photographs, 3), np.float32, fewest, most),
+        gains=None if views is None else array("gains", (views, 3), np.float32, fewest, most),
     )  # fmt: skip
 
 

@@ -32,6 +32,9 @@ class NerfState(NamedTuple):
     optimizer: Any
 
 
+Update = tuple[NerfState, dict[str, jax.Array]]  # and the step's metrics
+
+
 class NerfMethod(Method):
     """The paper's deferred NeRF, or one of its baselines, on the rays of a dataset."""
 
@@ -54,9 +57,7 @@ class NerfMethod(Method):
     def start(self, key: jax.Array) -> NerfState:
         return put_whole(self._fresh(key), self.mesh)
 
-    def step(
-        self, state: NerfState, step: int, progress: float | None = None
-    ) -> tuple[NerfState, dict[str, jax.Array]]:
+    def step(self, state: NerfState, step: int, progress: float | None = None) -> Update:
         """One update on a batch that depends on seed and step alone; the old state's buffers are given away."""
         by_steps = min(step / max(self.config.steps, 1), 1.0)
         ahead = 0.0 if progress is None else progress - by_steps
@@ -89,9 +90,7 @@ class NerfMethod(Method):
         params = model.init_nerf(key, self.config.nerf)
         return NerfState(params, self._optimizer.init(params))
 
-    def _update_traced(
-        self, dataset: RayDataset, state: NerfState, step: jax.Array, ahead: jax.Array
-    ) -> tuple[NerfState, dict[str, jax.Array]]:
+    def _update_traced(self, dataset: RayDataset, state: NerfState, step: jax.Array, ahead: jax.Array) -> Update:
         """One update. ahead: how much further down the rate is than it would be by steps alone."""
         key = jax.random.fold_in(jax.random.PRNGKey(self.config.seed), step)
         key_batch, key_render = jax.random.split(key)

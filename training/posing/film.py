@@ -200,9 +200,7 @@ def take_frames(film: Path, folder: Path, most: int, on_progress: Callable[[str,
     return kept if len(kept) <= most else _spaced(kept, small, end - start, most, folder)
 
 
-def _spaced(
-    frames: Sequence[Frame], small: Sequence[np.ndarray], length: float, most: int, folder: Path
-) -> list[Frame]:
+def _spaced(frames: list[Frame], small: Sequence[np.ndarray], length: float, most: int, folder: Path) -> list[Frame]:
     """The sharpest frame of each of `most` intervals, equal in time or in how much the picture changes; the files of the others
     are removed. small: thumbnails of the frames. length: of the film, in seconds."""
     shares = np.array([frame.seconds for frame in frames]) / length

@@ -253,9 +253,7 @@ def _tell_unread(description: Path, document: dict, frames: Sequence[dict], pict
         notice(description, f"not read, and ignored: {', '.join(unread)}")
 
 
-def _photographs(
-    path: Path, description: Path, frames: Sequence[_Frame], options: SceneOptions
-) -> tuple[Photograph, ...]:
+def _photographs(path: Path, description: Path, frames: list[_Frame], options: SceneOptions) -> tuple[Photograph, ...]:
     masks = _masks(path, frames) if options.masks else [None] * len(frames)
     photographs, shape = [], None
     for frame, mask in zip(frames, masks, strict=True):

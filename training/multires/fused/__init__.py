@@ -7,8 +7,6 @@ march     samples of rays, wave by wave        chunk     a chunk of rays, forwar
 engine    training.multires.method.Engine, and Adam
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from training import scenes

@@ -73,39 +73,33 @@ class Numbers(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory of one worker for `room` samples.
+    """Memory of one worker for `room` samples."""
 
-    Of each sample: its ray int32 (-1: padding), place x, y, z in the unit cube, t, density, weight, light, T behind it (0: it
-    does not count), and pull, dL/dweight of the distortion loss; x [., I], hidden [., 64], raw [., 8], slopes [., 8]. Then what
-    encoding and decoding need. Of each ray: behind, k of its next sample, alive, depth, sums [., 8] (unused, colours, features)
-    and their slopes; ray_sums float64 [4, .].
-    """
-
-    ray: np.ndarray
-    xs: np.ndarray
+    ray: np.ndarray  # of each sample: its ray, int32 (-1: padding)
+    xs: np.ndarray  # place in the unit cube
     ys: np.ndarray
     zs: np.ndarray
     t: np.ndarray
     density: np.ndarray
     weight: np.ndarray
-    light: np.ndarray
-    pull: np.ndarray
-    x: np.ndarray
-    hidden: np.ndarray
-    raw: np.ndarray
-    slopes: np.ndarray
-    ids: np.ndarray
+    light: np.ndarray  # T behind it (0: it does not count)
+    pull: np.ndarray  # dL/dweight of the distortion loss
+    x: np.ndarray  # [., I]
+    hidden: np.ndarray  # [., 64]
+    raw: np.ndarray  # [., 8]
+    slopes: np.ndarray  # [., 8]
+    ids: np.ndarray  # what encoding and decoding need
     corner_weights: np.ndarray
     cells: np.ndarray
     hidden_slopes: np.ndarray
     x_slopes: np.ndarray
-    behind: np.ndarray
-    next_k: np.ndarray
+    behind: np.ndarray  # of each ray
+    next_k: np.ndarray  # k of its next sample
     alive: np.ndarray
     depth: np.ndarray
-    sums: np.ndarray
-    ray_slopes: np.ndarray
-    ray_sums: np.ndarray
+    sums: np.ndarray  # [., 8]: unused, colours, features
+    ray_slopes: np.ndarray  # of these
+    ray_sums: np.ndarray  # float64 [4, .]
 
 
 def make_scratch(room: int, levels: int, inputs: int) -> Scratch:
@@ -266,18 +260,15 @@ def _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics):
 
 
 class Output(NamedTuple):
-    """What chunks leave for the scatter. Chunk c has counts[c] samples (-1: the room did not suffice) from c * room on: xs, ys,
-    zs, and slopes [L, chunks * room, 4] of their features. metrics float64 [chunks, METRICS]. gradient float32 [parts, P]:
-    of the parameters, by groups of chunks.
-    """
+    """What chunks leave for the scatter."""
 
-    counts: np.ndarray
+    counts: np.ndarray  # chunk c has counts[c] samples (-1: the room did not suffice) from c * room on
     xs: np.ndarray
     ys: np.ndarray
     zs: np.ndarray
-    slopes: np.ndarray
-    metrics: np.ndarray
-    gradient: np.ndarray
+    slopes: np.ndarray  # [L, chunks * room, 4]: of their features
+    metrics: np.ndarray  # float64 [chunks, METRICS]
+    gradient: np.ndarray  # float32 [parts, P]: of the parameters, by groups of chunks
 
 
 @kernel

@@ -1,7 +1,5 @@
 """Where compiled loops are kept from one process to the next."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import itertools

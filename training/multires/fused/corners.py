@@ -7,8 +7,6 @@ are unsigned (U): Numba does not turn those around, and LLVM makes vectors of th
 
 # pyright: reportCallIssue=false
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -6,8 +6,6 @@ at start + (phase + k) step. A skipped stretch never moves a sample: all lie at 
 
 # pyright: reportCallIssue=false
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -22,14 +20,13 @@ CLOSE = 1e-3  # steps: a stretch that is skipped ends so much early, for roundin
 
 
 class Grid(NamedTuple):
-    """The occupancy grid for compiled loops, by coarse cells, x fastest. distances uint8: how many coarse cells, also diagonally,
-    to the next one that holds anything; 0 where it does. cells uint64: a bit for each cell within, x fastest. side: cells along
-    each axis.
-    """
+    """The occupancy grid for compiled loops, by coarse cells, x fastest."""
 
-    distances: np.ndarray
-    cells: np.ndarray
-    side: int
+    distances: (
+        np.ndarray
+    )  # uint8: how many coarse cells, also diagonally, to the next that holds anything; 0 where it does
+    cells: np.ndarray  # uint64: a bit for each cell within, x fastest
+    side: int  # cells along each axis
 
 
 def grid_of(occupied: np.ndarray) -> Grid:

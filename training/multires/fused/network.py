@@ -6,8 +6,6 @@ Parameters are one flat array: w0 [I, 64], b0 [64], w1 [64, 8], b1 [8], then tho
 
 # pyright: reportCallIssue=false
 
-from __future__ import annotations
-
 import numpy as np
 
 from training.multires.field import HIDDEN, OUTPUTS

@@ -5,8 +5,6 @@ The twin of RayDataset.geometry_at, colours_over and training.marching.to_grid (
 Notation: a ray's id counts views, then rows, then columns; N rays of a batch. Geometry is computed in float64.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -23,47 +21,39 @@ _undistort, _direction = LENS.undistort, LENS.direction
 
 
 class Photographs(NamedTuple):
-    """The training photographs as arrays of the host; see RayDataset.
+    """The training photographs as arrays of the host; see RayDataset."""
 
-    pixels uint8 [P, C]; world_T_camera [V, 3, 4], intrinsics [V, 4], distortion [V, LENS_SIZE + 1] float64; first, width
-    int64 [V]; row_step: one row in so many is taken; ndc float64 [3] = width, height, focal, zeros where rays are not warped.
-    near, far: bounds of t. contraction: half the side of the inner cube of contracted space; 0 where it is not. gains
-    float32 [V, 3]: see RayDataset; of no photographs where colours stay as they are.
-    """
-
-    pixels: np.ndarray
-    world_T_camera: np.ndarray
-    intrinsics: np.ndarray
-    distortion: np.ndarray
-    first: np.ndarray
+    pixels: np.ndarray  # uint8 [P, C]
+    world_T_camera: np.ndarray  # float64 [V, 3, 4]
+    intrinsics: np.ndarray  # float64 [V, 4]
+    distortion: np.ndarray  # float64 [V, LENS_SIZE + 1]
+    first: np.ndarray  # int64 [V], as width
     width: np.ndarray
-    row_step: int
-    ndc: np.ndarray
-    near: float
+    row_step: int  # one row in so many is taken
+    ndc: np.ndarray  # float64 [3] = width, height, focal; zeros where rays are not warped
+    near: float  # bounds of t
     far: float
-    contraction: float
-    gains: np.ndarray = np.zeros((0, 3), np.float32)
+    contraction: float  # half the side of the inner cube of contracted space; 0 where it is not
+    gains: np.ndarray = np.zeros((0, 3), np.float32)  # [V, 3]: see RayDataset; of none where colours stay as they are
 
 
 class Batch(NamedTuple):
-    """N rays in grid coordinates, each of up to P straight pieces, and what they should show; float32.
+    """N rays in grid coordinates, each of up to P straight pieces, and what they should show; float32. At distance s, a ray is at
+    origins + s directions of the last piece whose begins is not beyond s."""
 
-    origins, directions (unit) [N, P, 3] in voxels: at distance s, a ray is at origins + s directions of the last piece whose
-    begins [N, P] is not beyond s. start, end [N] in voxels; length [N] world units per voxel; viewdirs, target and background
-    [N, 3]; phase [N]: of the samples, in steps. pairs [M, 2, 3]: neighbouring points of the unit cube, for the smoothness loss.
-    """
-
-    origins: np.ndarray
-    directions: np.ndarray
-    begins: np.ndarray
-    start: np.ndarray
-    end: np.ndarray
-    length: np.ndarray
-    viewdirs: np.ndarray
+    origins: np.ndarray  # [N, P, 3] voxels
+    directions: np.ndarray  # [N, P, 3], unit length
+    begins: np.ndarray  # [N, P] voxels
+    start: np.ndarray  # [N] voxels
+    end: np.ndarray  # [N] voxels
+    length: np.ndarray  # [N] world units per voxel
+    viewdirs: np.ndarray  # [N, 3], as the next two
     target: np.ndarray
     background: np.ndarray
-    phase: np.ndarray
-    pairs: np.ndarray = np.zeros((0, 2, 3), np.float32)
+    phase: np.ndarray  # [N]: of the samples, in steps
+    pairs: np.ndarray = np.zeros(
+        (0, 2, 3), np.float32
+    )  # [M, 2, 3]: neighbours in the unit cube, for the smoothness loss
 
 
 def photographs_of(dataset: RayDataset) -> Photographs:

@@ -6,8 +6,6 @@ indices are not checked. LLVM picks the instructions of the machine at hand.
 Notation: a row of a feature table is 4 floats; n is its number.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from llvmlite import ir

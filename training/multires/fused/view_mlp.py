@@ -8,8 +8,6 @@ training.multires.field is.
 
 # pyright: reportCallIssue=false
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
