@@ -27,7 +27,7 @@ JAX, NUMBA = ("JAX_", "XLA_"), ("NUMBA_",)  # how the variables of each begin
 PLATFORMS = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")
 OFF = ("", "0")
 LONGEST_REASON = 200  # characters
-_M_TRIM_THRESHOLD, _M_TOP_PAD, _M_MMAP_MAX, _M_ARENA_MAX = -1, -2, -4, -8
+MALLOPT = {-4: 0, -1: 2**31 - 1, -2: 1 << 26, -8: 1}  # glibc's M_MMAP_MAX, M_TRIM_THRESHOLD, M_TOP_PAD, M_ARENA_MAX
 
 
 def begin_libraries() -> None:
@@ -44,9 +44,7 @@ def keep_freed_memory() -> None:
     """
     with contextlib.suppress(OSError, AttributeError):
         mallopt = ctypes.CDLL("libc.so.6").mallopt
-        for parameter, value in (
-            (_M_MMAP_MAX, 0), (_M_TRIM_THRESHOLD, 2**31 - 1), (_M_TOP_PAD, 1 << 26), (_M_ARENA_MAX, 1)
-        ):  # fmt: skip
+        for parameter, value in MALLOPT.items():
             mallopt(parameter, value)
 
 

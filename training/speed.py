@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from console.child_process import json_answers
+from training.config import PRESETS as CONFIGS
 from training.scenes import Camera, Photograph, Scene
 from training.scenes.poses import look_at
 from training.scenes.scene import Kind
@@ -34,7 +35,6 @@ DISK_BY_FINENESS = 4500.0  # bytes by cells of the finest level squared: two che
 
 def whole_runs(sides: Sequence[int], kind: Kind = "object") -> dict[str, dict[int, dict[str, int]]]:
     """Samples and bytes on the disk of a whole run, by preset and by the photographs' longer side in pixels."""
-    from training.config import PRESETS as CONFIGS
     from training.multires.settings import resolutions_for, samples_for
 
     found: dict[str, dict[int, dict[str, int]]] = {}
@@ -66,7 +66,6 @@ def seconds_per_sample() -> float:
     """Trains on the ball for some seconds, and takes the time of the last steps."""
     import jax
 
-    from training.config import PRESETS as CONFIGS
     from training.dataset import make_dataset
     from training.run import make_method, settled
 

@@ -30,8 +30,13 @@ class GridFrameRays(NamedTuple):
 
     def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
         """Rays of int32 ids [N] in the grid frame, begun where they are in training and of any length; see RayDataset."""
-        rays = in_grid_frame(self.source.geometry_at(ids, away), self.grid_T_training)
-        return rays._replace(far=jnp.full_like(rays.far, jnp.inf))
+        rays, T = self.source.geometry_at(ids, away), self.grid_T_training
+
+        def turned(vectors: jax.Array) -> jax.Array:
+            return jnp.matmul(vectors, T[:3, :3].T, precision=jax.lax.Precision.HIGHEST)
+
+        far = jnp.full_like(rays.far, jnp.inf)  # viewdirs stay: the view MLP wants them as they are
+        return rays._replace(origins=turned(rays.origins) + T[:3, 3], directions=turned(rays.directions), far=far)
 
 
 class GridRays(NamedTuple):
@@ -56,15 +61,6 @@ class GridRays(NamedTuple):
     def times(self, s: jax.Array) -> jax.Array:
         """t [N] of the rays at distances s [N] voxels."""
         return s / self.scale if self.path is None else time_at(self.path, s / self.scale, jnp)
-
-
-def in_grid_frame(rays: Rays, grid_T_training: jax.Array) -> Rays:
-    """Rays moved from the training frame to a grid's frame; viewdirs stay, the view MLP wants them as they are."""
-
-    def turned(vectors: jax.Array) -> jax.Array:
-        return jnp.matmul(vectors, grid_T_training[:3, :3].T, precision=jax.lax.Precision.HIGHEST)
-
-    return rays._replace(origins=turned(rays.origins) + grid_T_training[:3, 3], directions=turned(rays.directions))
 
 
 def to_grid(layout: Boxed, rays: Rays) -> GridRays:

@@ -18,11 +18,10 @@ from training.scenes.photographs import moved, photographs_of
 from training.scenes.pictures import picture_size
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward
-from training.scenes.scene import HELD_OUT_BY_NAME, Photograph, Scene, hold_out
+from training.scenes.scene import HELD_OUT_BY_NAME, Direction, Photograph, Scene, hold_out
 from training.scenes.scene_options import UP, SceneOptions, axes_of
 
 LOOKED_FOR = "sparse/0/cameras.bin with images (COLMAP)"
-LEAST_SPREAD = 1e-9  # of cameras, in their own units
 
 
 def recognises(path: Path) -> bool:
@@ -131,15 +130,19 @@ def _placed(
         except UserError as error:  # wide lenses, cameras that walk ahead
             wide = f"the cameras look forward, but {error.found} sees too far aside for NDC"
             notice(path, f"{wide}; reading it as seen from all around")
-    frame = space.frame_about_focus(P)
-    if options.up is not None:
-        frame = frame._replace(axes=frame.axes @ axes_of(options.up))
+    frame = _frame_of(P, options.up)
     placed = moved(photographs, frame)
     in_frame = replace(points, places=frame.points(points.places)) if points.suffices else None
     if in_frame is None:
         notice(path, f"{len(found.points)} points are too few for a box; it is a guess: set --aabb")
     opaque = not options.masks and not may_be_transparent(placed)
     return placed, space.space_of_capture([photograph.camera for photograph in placed], in_frame, opaque=opaque)
+
+
+def _frame_of(P: np.ndarray, up: Direction | None) -> space.Frame:
+    """The training frame of a capture that is not forward-facing. up: the option."""
+    frame = space.frame_about_focus(P)
+    return frame if up is None else frame._replace(axes=frame.axes @ axes_of(up))
 
 
 @dataclass(frozen=True)
@@ -153,14 +156,8 @@ def sparse_points(scene: Scene) -> SparsePoints | None:
     """The points behind a COLMAP scene that is not in NDC; None for others. UserError where the reconstruction is damaged."""
     if scene.kind != "colmap" or scene.ndc:
         return None
-    found = reconstruction_of(scene.path)
-    camera_of = {photograph.name: photograph.camera for split in scene.splits.values() for photograph in split}
-    names = [clean_name(name) for name in found.names]
-    theirs = space.poses_of([camera for name, camera in zip(names, found.cameras, strict=True) if name in camera_of])
-    ours = space.poses_of([camera_of[name] for name in names if name in camera_of])
-    # The reader turned, moved and scaled all cameras alike; so it is undone by what it did to them.
-    spread, wanted = (np.linalg.norm(P[:, :3, 3] - P[:, :3, 3].mean(0), axis=-1).mean() for P in (theirs, ours))
-    scale = wanted / spread if spread > LEAST_SPREAD else 1.0
-    R = ours[0, :3, :3] @ theirs[0, :3, :3].T
-    places = scale * (found.points - theirs[:, :3, 3].mean(0)) @ R.T + ours[:, :3, 3].mean(0)
-    return SparsePoints(places, found.colours, found.tracks)
+    found, options = reconstruction_of(scene.path), SceneOptions(**scene.notes)  # type: ignore[arg-type]
+    names = {photograph.name for split in scene.splits.values() for photograph in split}
+    pictured = [camera for name, camera in zip(found.names, found.cameras, strict=True) if clean_name(name) in names]
+    frame = _frame_of(space.poses_of(pictured), options.up)
+    return SparsePoints(frame.points(found.points), found.colours, found.tracks)

@@ -22,6 +22,7 @@ MASK_SHAPE = 0.02  # how much a mask's width over its height may differ from its
 NEARLY = np.uint8(8)  # of black and white in a mask: JPEG leaves neither as it was
 LABELS = 1 / 8  # masks that stay below are 0 and 1, or numbers of objects
 GREY = 16 / 255  # channels of a mask that differ by no more are grey
+LUMA = np.array([0.299, 0.587, 0.114])  # of R'G'B' (BT.601)
 
 
 def picture_size(path: Path) -> tuple[int, int]:
@@ -232,15 +233,12 @@ def _mask_levels(colour: np.ndarray, full: float) -> np.ndarray:
         return np.full(level.shape, float(first.max() > 0), np.float32)
     second = colour[np.unravel_index(other.argmax(), other.shape)]
     if ((colour == second).all(axis=-1) | ~other).all():
-        return (other if _luma(second) > _luma(first) else ~other).astype(np.float32)
+        luma = LUMA if len(first) == 3 else np.ones(1)
+        return (other if second @ luma > first @ luma else ~other).astype(np.float32)
     spread = level - colour.min(axis=-1)
     if level.max() < LABELS * full or spread.max() > GREY * full:
         return (level > 0).astype(np.float32)
     return level.astype(np.float32) / np.float32(full)
-
-
-def _luma(colour: np.ndarray) -> float:
-    return float(colour @ np.array([0.299, 0.587, 0.114])) if len(colour) == 3 else float(colour[0])
 
 
 def small_picture(path: Path, side: int, mode: str, *, as_stored: bool = False, at_least: int = 2) -> Image.Image:

@@ -266,14 +266,8 @@ class FusedEngine:
         return state.kept["gradient"], state.kept["marks"]
 
     def _adam(
-        self,
-        state: State,
-        gradient: np.ndarray,
-        marks: np.ndarray,
-        of_parameters: np.ndarray,
-        rays: float,
-        progress: float,
-    ) -> None:
+        self, state: State, gradient: np.ndarray, marks: np.ndarray, of_parameters: np.ndarray, rays: float, progress: float
+    ) -> None:  # fmt: skip
         table_rate, decoder_rate, view_rate = self.settings.rates_at(state.updates, progress)
         scale, blocks, shares = np.float32(1.0 / rays), len(marks), 4 * self.workers.count
         flat = [a.reshape(-1) for a in (state.values.table, state.first.table, state.second.table, gradient)]
