@@ -144,9 +144,7 @@ def validation_photographs(scene: Scene, count: int) -> tuple[Photograph, ...]:
     photographs = next(scene.splits[split] for split in ("val", "test", "train") if scene.splits.get(split))
     middle = len(photographs) // 2
     spread = np.unique(np.linspace(0, len(photographs) - 1, max(count, 1)).round().astype(int))
-    others = [i for i in spread if i != middle]
-    if len(others) == max(count, 1):
-        others.remove(min(others, key=lambda i: abs(i - middle)))
+    others = np.delete(spread, np.abs(spread - middle).argmin())
     return (photographs[middle], *(photographs[i] for i in others))
 
 

@@ -55,7 +55,7 @@ def over_background(rgb: jax.Array, alpha: jax.Array, background: Sequence[float
 
 def shade(
     view: ViewMlpParams | None, diffuse: jax.Array, features: jax.Array, alpha: jax.Array, depth: jax.Array,
-    viewdirs: jax.Array, background: Sequence[float] = (1.0, 1.0, 1.0),
+    viewdirs: jax.Array, background: Sequence[float],
 ) -> RenderOutput:  # fmt: skip
     """The deferred end of a ray: background, view MLP, sum (equation 7).
 

@@ -4,6 +4,7 @@ ask() starts the child, serve() runs in it. The request is one line of JSON. The
 "total"} as the work goes on, and at the end {"result"}, or {"error": the parts of a UserError}.
 """
 
+import contextlib
 import json
 import os
 import signal
@@ -34,16 +35,15 @@ def ask(service: str, request: Mapping[str, Any], log: Path, on_progress: OnProg
         # COLMAP has threads of its own
         child = ChildProcess(COMMAND, stderr=printed, environment={"OMP_NUM_THREADS": "1"})
     try:
-        child.send({**request, "service": service})
-        for answer in child.messages():
-            if "title" in answer:
-                on_progress(answer["title"], answer["done"], answer["total"])
-            elif "error" in answer:
-                raise UserError(**answer["error"])
-            else:
-                return answer["result"]
-        child.wait(EXIT_S)
-    except BrokenPipeError:
+        with contextlib.suppress(BrokenPipeError):
+            child.send({**request, "service": service})
+            for answer in child.messages():
+                if "title" in answer:
+                    on_progress(answer["title"], answer["done"], answer["total"])
+                elif "error" in answer:
+                    raise UserError(**answer["error"])
+                else:
+                    return answer["result"]
         child.wait(EXIT_S)
     finally:
         child.close()

@@ -47,7 +47,7 @@ MOST_STILL = 0.5  # of the pairs that match; a walk has neighbours that hardly d
 PLACES = 60  # of matching features of a pair that are compared in brightness
 GEOMETRY = pycolmap.TwoViewGeometryConfiguration
 
-OnProgress = Callable[[str, float, float], None]  # what goes on, units done, units in all
+OnProgress = Callable[[str, float, float], object]  # what goes on, units done, units in all
 
 
 @dataclass(frozen=True)
@@ -131,15 +131,11 @@ def matching_pairs(task: Task, on_progress: OnProgress) -> dict[str, Any]:
 
 def measured(images: Path, names: Sequence[str]) -> tuple[float, float]:
     """Seconds that the features and the matches of some pictures of one camera take. Nothing of them is kept."""
-    pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
+    began: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix="snerg-measured-") as folder:
         task = Task(images, Path(folder), names, [(names, None)])
-        _begin_database(task)
-        started = time.monotonic()
-        _extract(task, lambda *_: None)
-        between = time.monotonic()
-        _match(task, lambda *_: None)
-        return between - started, time.monotonic() - between
+        _features_and_matches(task, lambda title, *_: began.setdefault(title, time.monotonic()))
+        return began["matches"] - began["features"], time.monotonic() - began["matches"]
 
 
 # --- features ---------------------------------------------------------------------------------------------------------

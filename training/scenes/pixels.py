@@ -13,7 +13,7 @@ import numpy as np
 
 from console import UserError
 from console.memory import free_memory
-from training.scenes.files import notice, times
+from training.scenes.files import notice
 from training.scenes.pictures import PictureLoader, as_bytes
 from training.scenes.scene import Camera, Photograph
 
@@ -43,7 +43,7 @@ def load_pixels(
 
     Decodes only photographs with a pixel in [first, last), in threads; beyond the last pixel all is 0. With 3 channels, alpha
     is left out. folder: where a file without a name is made, if needed. A notice names masks that hide or show everything.
-    UserError where a picture fails to decode or is not of its camera's size, or the disk is full.
+    UserError where a picture fails to decode, or the disk is full.
     """
     if not photographs:
         raise UserError("no pictures to load", expected="at least one")
@@ -57,10 +57,6 @@ def load_pixels(
         photograph, start = photographs[index], int(starts[index])
         load = photograph.load
         picture = load.pixels() if isinstance(load, PictureLoader) else as_bytes(load())
-        expected = (photograph.camera.width, photograph.camera.height)
-        if picture.shape[1::-1] != expected:
-            raise UserError("the picture is of another size", where=photograph.name, expected=times(expected),
-                            found=times(picture.shape[1::-1]))  # fmt: skip
         if isinstance(load, PictureLoader) and load.mask is not None:
             masks[photograph.name] = (picture[..., 3].min(), picture[..., 3].max())
         rows = picture[::row_step].reshape(-1, picture.shape[-1])
