@@ -69,8 +69,10 @@ def _focal_lengths(values: dict[str, Any], width: float, height: float, where: s
     """fx and fy in pixels; one that is not named is as the other. Lengths win over angles of view, degrees over radians."""
     found = [number(values, key, where) for key in ("fl_x", "fl_y") if key in values]
     for axis, side in (("x", width), ("y", height)) if not found else ():
-        angles = ((f"{axis}_fov", np.pi / 180, 180.0), (f"camera_angle_{axis}", 1.0, np.pi))
-        for key, unit, most in [named for named in angles if named[0] in values][:1]:
+        key, unit, most = f"{axis}_fov", np.pi / 180, 180.0
+        if key not in values:
+            key, unit, most = f"camera_angle_{axis}", 1.0, np.pi
+        if key in values:
             angle = number(values, key, where)
             if not LEAST_ANGLE < angle < most - LEAST_ANGLE:
                 raise UserError(f"{key} is not a field of view", where=where, expected=f"0 to {most:.4g}", found=angle)
