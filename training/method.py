@@ -44,6 +44,7 @@ class Method(Protocol):
 
     def start(self, key: jax.Array) -> Any:
         """The state before step 0."""
+        ...
 
     def step(self, state: Any, step: int, progress: float | None = None) -> tuple[Any, dict[str, jax.Array]]:
         """The new state, and scalar metrics with at least "loss" and "psnr" of the batch. Randomness comes from seed and `step`
@@ -51,12 +52,15 @@ class Method(Protocol):
 
         progress in [0, 1]: how far down the learning rates are; None: the share of the config's steps that are done.
         """
+        ...
 
     def render(self, state: Any, rays: Rays) -> RenderOutput:
         """Renders rays (any N; batches inside), without randomness."""
+        ...
 
     def query(self, state: Any, points: jax.Array) -> FieldOutput:
         """The field at points [N, 3] of the training frame (NDC space for forward-facing scenes)."""
+        ...
 
     def may_hold(self, state: Any, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
         """bool [N]: which boxes of the training frame, from low to high [N, 3], may hold density; None: ask `query`."""
@@ -68,6 +72,7 @@ class Method(Protocol):
 
     def view_mlp(self, state: Any) -> ViewMlpParams | None:
         """The deferred head; None for a diffuse model."""
+        ...
 
     def gains(self, state: Any) -> np.ndarray | None:
         """float32 [V, 3]: of each training photograph (training.exposure); None where photographs are taken as they are."""
@@ -75,6 +80,8 @@ class Method(Protocol):
 
     def save(self, state: Any) -> dict[str, np.ndarray]:
         """Everything `restore` needs to go on, as named arrays."""
+        ...
 
     def restore(self, arrays: dict[str, np.ndarray]) -> Any:
         """The inverse of save."""
+        ...

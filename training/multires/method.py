@@ -205,15 +205,19 @@ class Engine(Protocol):
 
     def adopt(self, state: State) -> State:
         """The state with arrays as the engine needs them."""
+        ...
 
     def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
         """One update of the state, in place, and its metrics (see training.method.Method.step)."""
+        ...
 
     def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
         """float32 [N, 8] at points float32 [N, 3] of the unit cube: density per side of the cube, colours, features."""
+        ...
 
     def render(self, state: State, rays: Rays) -> RenderOutput:
         """See training.method.Method.render."""
+        ...
 
 
 def chosen_engine(name: EngineName) -> EngineName:
