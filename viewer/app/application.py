@@ -90,6 +90,12 @@ class App:
     quitting: bool = False
     frames_owed: int = FRAMES_AFTER_EVENT
 
+    @property
+    def open_scene(self) -> OpenScene:
+        """The open scene, for what is only done while there is one, as most commands and all pages are."""
+        assert self.scene is not None
+        return self.scene
+
     # Opening
 
     def show(self, pack: Pack, path: Path, name: str | None = None, *, whole: bool = True) -> None:

@@ -70,10 +70,6 @@ class ForwardFacingCamera(OrbitCamera):
         """There is only one side to look from."""
         self.frame()
 
-    def look_from(self, axis: np.ndarray) -> None:
-        """There is only one side to look from."""
-        self.frame()
-
     def set_orthographic(self, orthographic: bool) -> None:
         """The warp of such packs begins at one point, so that there are no parallel rays through them. UserError."""
         if orthographic:

@@ -7,7 +7,7 @@ not depend on resolution. Cursor positions are (x, y) in -1 … 1, y up, x scale
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import exp, log, radians, tan
 from typing import Literal
 
@@ -32,16 +32,7 @@ HOME_ANGLES = (205.0, 22.0)  # azimuth, elevation in degrees; from -z as in the 
 Navigation = Literal["orbit", "fly", "walk"]  # what keys and mouse do
 
 
-@dataclass(frozen=True)
-class _State:
-    """What undo restores."""
-
-    goal: Pose
-    held: ViewCamera | None
-    fov: float
-    table: Turntable
-    orthographic: bool
-    walking: bool
+State = tuple[Pose, ViewCamera | None, float, Turntable, bool, bool]  # what undo restores; see OrbitCamera._state
 
 
 class OrbitCamera:
@@ -182,15 +173,12 @@ class OrbitCamera:
     def orbit(self, dx: float, dy: float) -> None:
         """Turns about the pivot, or where the camera stands when it looks around."""
         self.take_over()
-        sign = -1.0 if self.table.mirrored else 1.0
+        dx = dx if self.table.mirrored else -dx
         if self.looks_around:
-            eye = self.goal.eye(self.table)
-            turned = self._turned(-0.6 * sign * dx, 0.6 * dy)
-            self._anchor_eye = True
-            self.goal = turned.seen_from(eye, self.table)
+            self.stand_at(self.goal.eye(self.table), self._turned(0.6 * dx, 0.6 * dy))
         else:
             self._anchor_eye = False
-            self.goal = self._turned(-sign * dx, dy)
+            self.goal = self._turned(dx, dy)
 
     def _turned(self, dx: float, dy: float) -> Pose:
         elevation = self.goal.elevation + TURN_PER_HEIGHT * dy
@@ -346,7 +334,6 @@ class OrbitCamera:
         azimuth, elevation = self.table.angles(back)
         azimuth = self.goal.azimuth if abs(elevation) > STEEP else azimuth
         self._anchor_eye = True
-        elevation = float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))
         self.goal = self._bounded(Pose(triple(point), azimuth, elevation, distance))
 
     def set_up(self, up: str) -> None:
@@ -417,17 +404,18 @@ class OrbitCamera:
         """Marks the present camera as a place to come back to; call before each gesture."""
         self.history.remember()
 
-    def _state(self) -> _State:
-        return _State(self.goal, self.held, self.fov, self.table, self.orthographic, self.walking)
+    def _state(self) -> State:
+        return self.goal, self.held, self.fov, self.table, self.orthographic, self.walking
 
-    def _return(self, place: _State) -> None:
-        if place.table != self.table:  # there is no way to glide from one up to another
-            self.shown = place.goal
-        turned = place.table.placed != self.table.placed
-        self.goal, self.held, self.fov, self.table = place.goal, place.held, place.fov, place.table
-        self.home_pose = self._home() if turned else self.home_pose
-        self.orthographic = place.orthographic
-        self.navigation = "orbit" if self.walking and not place.walking else self.navigation
+    def _return(self, state: State) -> None:
+        before = self.table
+        self.goal, self.held, self.fov, self.table, self.orthographic, walked = state
+        if self.table != before:  # there is no way to glide from one up to another
+            self.shown = self.goal
+        if self.table.placed != before.placed:
+            self.home_pose = self._home()
+        if not walked:
+            self.navigation = "orbit" if self.walking else self.navigation
 
 
 def view_from_within(pack: Pack) -> ViewCamera | None:

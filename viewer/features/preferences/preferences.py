@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +33,13 @@ MOST_RECENT = 8
 LOCK_PATIENCE_S = 2.0
 LARGEST = 1 << 16  # units of the screen
 CHECK_EVERY_S = 0.4
+LIMITS = {  # of numbers, which are brought to the nearest that makes sense
+    "target_fps": (5.0, 240.0),
+    "rest_scale": (0.1, 1.0),
+    "interface_scale": (0.75, 2.0),
+    "dead_zone": (0.0, 0.5),
+    "eye_height": EYE_HEIGHTS,
+}
 LONGEST_UNSAVED_S = 3.0  # for what keeps changing, such as an edge that is dragged
 
 
@@ -73,19 +80,11 @@ class Preferences:
 
 def load(file: Path) -> Preferences:
     """The preferences in `file`, with defaults for what is missing or makes no sense."""
-    values = _read(file)
-    found = Preferences()
-    for entry in fields(Preferences):
-        if entry.name in values:
-            value = _like(values[entry.name], getattr(found, entry.name))
-            if value is not None:
-                setattr(found, entry.name, value)
-    found.target_fps = min(max(found.target_fps, 5.0), 240.0)
-    found.rest_scale = min(max(found.rest_scale, 0.1), 1.0)
-    found.interface_scale = min(max(found.interface_scale, 0.75), 2.0)
-    found.dead_zone = min(max(found.dead_zone, 0.0), 0.5)
-    found.eye_height = min(max(found.eye_height, EYE_HEIGHTS[0]), EYE_HEIGHTS[1])
-    return found
+    defaults = vars(Preferences())
+    found = {name: _like(value, defaults[name]) for name, value in _read(file).items() if name in defaults}
+    found = {name: value for name, value in found.items() if value is not None}
+    found |= {name: min(max(found[name], low), high) for name, (low, high) in LIMITS.items() if name in found}
+    return Preferences(**found)
 
 
 def save(preferences: Preferences, file: Path, before: Preferences | None = None) -> str | None:
