@@ -106,19 +106,8 @@ class Annotations:
 
     def with_measurement(self, index: int, measurement: Measurement | None) -> Annotations:
         """With another one in the place of `index` (one behind the last adds it); without it where there is none."""
-        return replace(self, measurements=_with(self.measurements, index, measurement))
-
-    def with_bookmark(self, index: int, bookmark: Bookmark | None) -> Annotations:
-        return replace(self, bookmarks=_with(self.bookmarks, index, bookmark))
-
-    def with_bookmark_moved(self, index: int, to: int) -> Annotations:
-        left = [bookmark for i, bookmark in enumerate(self.bookmarks) if i != index]
-        left.insert(to, self.bookmarks[index])
-        return replace(self, bookmarks=tuple(left))
-
-
-def _with(items: tuple, index: int, new: object) -> tuple:
-    return (*items[:index], *(() if new is None else (new,)), *items[index + 1 :])
+        new = () if measurement is None else (measurement,)
+        return replace(self, measurements=(*self.measurements[:index], *new, *self.measurements[index + 1 :]))
 
 
 def annotations_to_json(annotations: Annotations) -> dict[str, Any]:

@@ -14,6 +14,10 @@ from console.child_process import ChildProcess, module_command
 T = TypeVar("T")
 
 
+class Cancelled(Exception):
+    """What a task worked on is not wanted any more."""
+
+
 class Task(Generic[T]):
     """A function in a thread: poll `finished`, then take `result()`; or poll `news()`. kept: the program waits for its end."""
 

@@ -130,6 +130,9 @@ class Fonts:
         return font
 
 
+fonts: Fonts  # those of the imgui context that is drawn now; Ui sets them
+
+
 def apply(scale: float) -> None:
     """Sets imgui's style for a display whose units are `scale` times denser than usual."""
     style, plain = imgui.get_style(), imgui.Style()

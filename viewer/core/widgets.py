@@ -12,7 +12,6 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.core import theme
 from viewer.core.language import translated
-from viewer.core.theme import Fonts
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -74,12 +73,12 @@ def clipped(box: Box) -> Iterator[imgui.ImDrawList]:
 
 
 @contextmanager
-def card(name: str, fonts: Fonts, title: str) -> Iterator[None]:
+def card(name: str, title: str) -> Iterator[None]:
     """A rounded box as wide as the panel and as high as what is in it."""
     flags = imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.always_use_window_padding
     with style(window_padding=(14, 12)):
         imgui.begin_child(f"##card {name}", ImVec2(0, 0), flags)
-    write(translated(title).upper(), theme.MUTED, fonts.bold, theme.SMALL)
+    write(translated(title).upper(), theme.MUTED, theme.fonts.bold, theme.SMALL)
     imgui.dummy(ImVec2(0, px(1)))
     try:
         yield
@@ -113,6 +112,14 @@ def label(text: str, width: float = LABEL_WIDTH) -> None:
     imgui.set_next_item_width(-1)
 
 
+def labelled(name: str, width: float = LABEL_WIDTH) -> str:
+    """Draws the label of a control called "Label##id" or "Label", at its left; "##id" has none. imgui's name of the control."""
+    text, _, id = name.partition("##")
+    if text:
+        label(text, width)
+    return f"##{id or text}"
+
+
 def figure(name: str, value: str, dot: str = "") -> None:
     """A row that only tells: name on the left, value on the right. dot: colour of a mark before it, as in a legend."""
     if dot:
@@ -126,9 +133,9 @@ def figure(name: str, value: str, dot: str = "") -> None:
     imgui.text_unformatted(value)
 
 
-def headline(number: str, unit: str, fonts: Fonts) -> None:
+def headline(number: str, unit: str) -> None:
     """A large number and its unit."""
-    write(number, face=fonts.bold, size=26.0)
+    write(number, face=theme.fonts.bold, size=26.0)
     imgui.same_line(0, px(5))
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
     write(unit, theme.MUTED)
@@ -156,7 +163,7 @@ def tip(text: str) -> None:
 def choice(name: str, titles: Mapping[T, str], shown: str) -> T | None:
     """A drop-down list of named values; the value that was picked just now, else None. shown: the title of the present one."""
     picked = None
-    if imgui.begin_combo(f"##{name}", shown):
+    if imgui.begin_combo(labelled(name), shown):
         for option, title in titles.items():
             if imgui.selectable(title, title == shown)[0]:
                 picked = option
@@ -164,18 +171,18 @@ def choice(name: str, titles: Mapping[T, str], shown: str) -> T | None:
     return picked
 
 
-def segments(name: str, titles: Mapping[T, str], current: object) -> T | None:
-    """A few named values side by side, as one control; the value that was picked just now, else None."""
-    picked = None
+def segments(name: str, titles: Mapping[T, str], current: object, width: float = LABEL_WIDTH) -> T | None:
+    """A few named values side by side, as one control; the value that was picked just now, else None. width: of the label."""
+    name, picked = labelled(name, width), None
     gap = px(2)
-    width = (imgui.get_content_region_avail().x - gap * (len(titles) - 1)) / len(titles)
+    each = (imgui.get_content_region_avail().x - gap * (len(titles) - 1)) / len(titles)
     for i, (option, title) in enumerate(titles.items()):
         if i:
             imgui.same_line(0, gap)
         chosen = option == current
         face = {"button": theme.ACCENT, "button_hovered": theme.ACCENT, "text": theme.ON_ACCENT} if chosen else {}
         with style(frame_padding=(0, 6)), coloured(**face):
-            if imgui.button(f"{title}##{name}", ImVec2(width, 0)):
+            if imgui.button(f"{title}{name}", ImVec2(each, 0)):
                 picked = option
     return picked
 
@@ -184,13 +191,13 @@ def slider(
     name: str, value: float, low: float, high: float, words: str, *, times: float = 1.0, flags: int = 0
 ) -> float:
     """A slider that shows `value` `times` larger, between low and high, as printf's `words` say; the new value."""
-    changed, moved = imgui.slider_float(f"##{name}", times * value, low, high, words, flags)
+    changed, moved = imgui.slider_float(labelled(name), times * value, low, high, words, flags)
     return moved / times if changed else value
 
 
 def undoable_slider(app: App, name: str, value: float, low: float, high: float, words: str) -> float | None:
     """A slider whose drag is one step that can be undone; the value that it was moved to just now, else None."""
-    changed, moved = imgui.slider_float(f"##{name}", value, low, high, words)
+    changed, moved = imgui.slider_float(labelled(name), value, low, high, words)
     if imgui.is_item_activated() and app.scene is not None:
         app.scene.rig.remember()
     return moved if changed else None
@@ -339,14 +346,13 @@ def cancel_or(text: str, width: float, padding: float, *, enabled: bool = True) 
     return cancelled, main_button(text, px(width), enabled=enabled)
 
 
-def begin_modal(
-    name: str, size: ImVec2, width: float, at: float, *, pivot: float = 0.5, padding: tuple[float, float]
-) -> bool:
+def begin_modal(name: str, width: float, at: float, *, pivot: float = 0.5, padding: tuple[float, float]) -> bool:
     """Opens a modal dialog and begins it: where this is True, imgui.end_popup() must follow.
 
-    size: the window's. width, padding: in units; as wide as the window at most. at: where the dialog's `pivot` is, from the
-    window's top (0) to its foot (1).
+    width, padding: in units; as wide as the window at most. at: where the dialog's `pivot` is, from the window's top (0) to its
+    foot (1).
     """
+    size = imgui.get_io().display_size
     if not imgui.is_popup_open(name):
         imgui.open_popup(name)
     imgui.set_next_window_pos(ImVec2(0.5 * size.x, at * size.y), imgui.Cond_.always, ImVec2(0.5, pivot))
@@ -403,11 +409,11 @@ def corner_card(name: str, box: Box) -> Iterator[None]:
         imgui.end()
 
 
-def titled_button(title: str, action: str, fonts: Fonts, note: str = "") -> bool:
+def titled_button(title: str, action: str, note: str = "") -> bool:
     """The first row of such a card: a title, a note behind it, and a button at the right; whether that was pressed."""
     width = px(BUTTON_WIDTH)
     imgui.align_text_to_frame_padding()
-    write(title, face=fonts.bold, size=16.0)
+    write(title, face=theme.fonts.bold, size=16.0)
     if note:
         imgui.same_line(0, px(10))
         write(note, theme.ACCENT)

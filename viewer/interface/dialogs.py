@@ -8,7 +8,6 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
-from viewer.core.theme import Fonts
 from viewer.core.widgets import begin_modal, confirmed, font, main_button, paragraph, pressed_here, px, write
 from viewer.features.making.panel import show_rejected
 from viewer.rendering.canvas import Canvas
@@ -16,14 +15,14 @@ from viewer.rendering.canvas import Canvas
 NAME = "##dialog"
 
 
-def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas) -> None:
     """Draws the oldest dialog that is not answered; Enter and Escape answer it with its first button."""
     if not app.messages.dialogs:
         return
     dialog = app.messages.dialogs[0]
-    if not begin_modal(NAME, size, 480, 0.45, padding=(24, 22)):
+    if not begin_modal(NAME, 480, 0.45, padding=(24, 22)):
         return
-    with font(fonts.bold, 18.0):
+    with font(theme.fonts.bold, 18.0):
         icon = fa.ICON_FA_TRIANGLE_EXCLAMATION if dialog.failed else fa.ICON_FA_CIRCLE_INFO
         write(icon, theme.WARN if dialog.failed else theme.ACCENT)
         imgui.same_line(0, px(10))

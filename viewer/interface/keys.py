@@ -18,7 +18,6 @@ from viewer.app.commands import COMMANDS, run
 from viewer.core import theme
 from viewer.core.input import KeyPress, shown_keys
 from viewer.core.language import translated
-from viewer.core.theme import Fonts
 from viewer.core.widgets import coloured, figure, in_front, px, style, write
 
 REPEATING = ("Z", "Y", "Num2", "Num4", "Num6", "Num8")  # undo, redo and turning go on while they are held
@@ -119,7 +118,7 @@ def _columns(groups: list[_Group], count: int) -> list[list[_Group]]:
     return min(divided, key=lambda columns: max(sum(len(group.rows) + 2 for group in column) for column in columns))
 
 
-def show(app: App, fonts: Fonts) -> None:
+def show(app: App) -> None:
     """Draws the overlay while no dialog is there; a click beside it closes it, wheel and arrow keys scroll it."""
     if not app.interface.help_shown or in_front(app):
         return
@@ -135,13 +134,13 @@ def show(app: App, fonts: Fonts) -> None:
     flags |= kinds.no_saved_settings | kinds.no_nav | kinds.always_auto_resize
     with style(window_padding=PADDING), coloured(window_bg=theme.PANEL):
         imgui.begin(NAME, None, flags)
-    write("Keys and mouse", face=fonts.bold, size=theme.LARGE)
+    write("Keys and mouse", face=theme.fonts.bold, size=theme.LARGE)
     with style(item_spacing=(8, 4), cell_padding=(10, 0)):
         if imgui.begin_table("##columns", count, imgui.TableFlags_.sizing_stretch_same):
             for column in _columns(_groups(app), count):
                 imgui.table_next_column()
                 for group in column:
-                    _group(group, fonts)
+                    _group(group)
             imgui.end_table()
     scroll = app.keyboard.axis("Down", "Up") * imgui.get_io().delta_time
     if scroll:
@@ -152,9 +151,9 @@ def show(app: App, fonts: Fonts) -> None:
     imgui.end()
 
 
-def _group(group: _Group, fonts: Fonts) -> None:
+def _group(group: _Group) -> None:
     imgui.dummy(ImVec2(0, px(1)))
-    write(translated(group.title).upper(), theme.ACCENT, fonts.bold, theme.SMALL)
+    write(translated(group.title).upper(), theme.ACCENT, theme.fonts.bold, theme.SMALL)
     for keys, title in group.rows:
         title = translated(title)
         figure(title[:1].upper() + title[1:], keys)

@@ -18,7 +18,6 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core.input import shown_keys
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, Entry, coloured, more_button, px, style
 from viewer.features.bookmarks import panel as bookmarks_panel
 from viewer.features.camera import panel as camera_panel
@@ -152,7 +151,7 @@ class Page:
     id: str
     title: str
     icon: str
-    show: Callable[[App, Canvas, Fonts], None]
+    show: Callable[[App, Canvas], None]
 
     @property
     def window(self) -> str:
@@ -246,20 +245,20 @@ def _turn(app: App, page: str, docked: bool) -> None:
         interface.opens(page)
 
 
-def show_pages(app: App, canvas: Canvas, where: Regions, fonts: Fonts) -> None:
+def show_pages(app: App, canvas: Canvas, where: Regions) -> None:
     """The pages that are open, wherever they are docked; in a narrow window one at most, over the picture."""
     if where.pages:
         app.interface.over = ""
-        for page in PAGES:
-            if app.interface.shows(page.id):
-                _page(app, canvas, page, fonts)
-        return
-    page = next((page for page in PAGES if page.id == app.interface.over), None)
-    if page is not None and where.rail[2] > 0:
-        _page_over(app, canvas, page, where, fonts)
+    for page in PAGES:
+        if where.rail[2] <= 0 or app.scene is None:  # closed in this frame, maybe
+            return
+        if not where.pages and page.id == app.interface.over:
+            _page_over(app, canvas, page, where)
+        elif where.pages and app.interface.shows(page.id):
+            _page(app, canvas, page)
 
 
-def _page_over(app: App, canvas: Canvas, page: Page, where: Regions, fonts: Fonts) -> None:
+def _page_over(app: App, canvas: Canvas, page: Page, where: Regions) -> None:
     _, y, width, height = where.dock
     wide = min(px(SIDE), width)
     imgui.set_next_window_pos(ImVec2(width - wide, y))
@@ -269,13 +268,13 @@ def _page_over(app: App, canvas: Canvas, page: Page, where: Regions, fonts: Font
     with style(window_padding=(12, 12), window_rounding=0.0):
         _, still_open = imgui.begin(f"{page.icon}   {page.title}###over", True, flags)
     with coloured(child_bg=theme.CARD):
-        page.show(app, canvas, fonts)
+        page.show(app, canvas)
     imgui.end()
     if not still_open:
         app.interface.over = ""
 
 
-def _page(app: App, canvas: Canvas, page: Page, fonts: Fonts) -> None:
+def _page(app: App, canvas: Canvas, page: Page) -> None:
     imgui.set_next_window_size(ImVec2(px(SIDE), px(520)), imgui.Cond_.first_use_ever)
     highest = max(px(160), 0.85 * imgui.get_io().display_size.y)  # of one that floats
     imgui.set_next_window_size_constraints(ImVec2(px(SMALLEST_PAGE), px(140)), ImVec2(1e6, highest))
@@ -286,7 +285,7 @@ def _page(app: App, canvas: Canvas, page: Page, fonts: Fonts) -> None:
         seen, still_open = imgui.begin(page.window, True, imgui.WindowFlags_.no_collapse)
     if seen:
         with coloured(child_bg=theme.CARD):
-            page.show(app, canvas, fonts)
+            page.show(app, canvas)
     imgui.end()
     if not still_open:
         app.interface.closes(page.id)

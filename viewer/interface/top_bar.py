@@ -12,7 +12,6 @@ from viewer.app.application import App
 from viewer.app.commands import COMMANDS, run
 from viewer.core import theme
 from viewer.core.input import shown_keys
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, Entry, coloured, elided, font, more_button, px, write
 from viewer.interface import layout
 from viewer.rendering.canvas import Canvas
@@ -68,23 +67,23 @@ def plan(width: float, unit: float, widths: tuple[float, float, float], buttons:
     return Plan(False, max(0.0, min(name, free_width(False, False, False, shown))), False, False, shown)
 
 
-def show(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas, box: Box) -> None:
     with coloured(window_bg=theme.BASE):
         layout.begin("##top", box, (LEFT, EDGE))
     entries = _entries(app)
     texts = (app.scene.name, state_of(app)) if app.scene is not None else ("", "")
     with font(None, theme.SMALL):
         details = imgui.calc_text_size(texts[1]).x
-    with font(fonts.bold, theme.SMALL):
+    with font(theme.fonts.bold, theme.SMALL):
         speed = imgui.calc_text_size(FRAMES).x if app.scene is not None and app.times.frame_ms else 0.0
     where = plan(box[2], px(1), (imgui.calc_text_size(texts[0]).x, details, speed), len(entries))
-    _logo(fonts, where.word)
+    _logo(where.word)
     if where.name > 0:
         _name(app, where)
     menu = where.buttons < len(entries)
     x = imgui.get_window_width() - px(EDGE - STEP + BUTTON) - px(STEP) * (where.buttons + menu)
     if where.speed and speed:
-        _speed(app, x - px(GAP), fonts)
+        _speed(app, x - px(GAP))
     for i, entry in enumerate(entries[: where.buttons]):
         imgui.set_cursor_pos(ImVec2(x + i * px(STEP), px(EDGE)))
         entry.button()
@@ -126,7 +125,7 @@ def _packs(app: App) -> None:
     imgui.end_popup()
 
 
-def _logo(fonts: Fonts, word: bool) -> None:
+def _logo(word: bool) -> None:
     """The program's mark: a cube of voxels, one of them lit, and its name."""
     at = imgui.get_cursor_screen_pos()
     draw = imgui.get_window_draw_list()
@@ -137,24 +136,24 @@ def _logo(fonts: Fonts, word: bool) -> None:
         draw.add_rect_filled(ImVec2(left, top), ImVec2(left + s, top + s), theme.packed(code, alpha), px(2))
     if word:
         imgui.set_cursor_pos(ImVec2(px(MARK), px(14)))
-        write("snerg", face=fonts.bold, size=17.0)
+        write("snerg", face=theme.fonts.bold, size=17.0)
 
 
 def _name(app: App, where: Plan) -> None:
-    assert app.scene is not None
+    scene = app.open_scene
     x = px(MARK + (WORD if where.word else 0.0))
     corner, draw = imgui.get_window_pos(), imgui.get_window_draw_list()
     line = corner.x + x + px(0.5 * NAME_GAP)
     draw.add_line(ImVec2(line, corner.y + px(15)), ImVec2(line, corner.y + px(33)), theme.packed(theme.LINE), px(1))
     imgui.set_cursor_pos(ImVec2(x + px(NAME_GAP), px(15)))
-    imgui.text_unformatted(elided(app.scene.name, where.name))
+    imgui.text_unformatted(elided(scene.name, where.name))
     if imgui.is_item_hovered():
-        imgui.set_tooltip(f"{app.scene.name}\n{app.scene.path}\n{state_of(app)}")
+        imgui.set_tooltip(f"{scene.name}\n{scene.path}\n{state_of(app)}")
     if not where.details:
         return
     imgui.same_line(0, px(GAP))
     imgui.set_cursor_pos_y(px(16))
-    write(state_of(app), theme.FAINT if app.scene.whole else theme.WARN, size=theme.SMALL)
+    write(state_of(app), theme.FAINT if scene.whole else theme.WARN, size=theme.SMALL)
 
 
 def state_of(app: App) -> str:
@@ -167,9 +166,9 @@ def state_of(app: App) -> str:
     return " × ".join(str(side) for side in app.scene.pack.grid_size) + " voxels"
 
 
-def _speed(app: App, right: float, fonts: Fonts) -> None:
+def _speed(app: App, right: float) -> None:
     text = f"{app.times.summary().fps:.0f} fps"
-    with font(fonts.bold, theme.SMALL):
+    with font(theme.fonts.bold, theme.SMALL):
         width = imgui.calc_text_size(text).x
         imgui.same_line()
         imgui.set_cursor_pos(ImVec2(right - width, px(16)))

@@ -9,7 +9,7 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-from imgui_bundle import ImVec2, imgui, implot
+from imgui_bundle import imgui, implot
 
 from console.streams import printable
 from viewer.app.application import App
@@ -17,7 +17,6 @@ from viewer.core import language, theme
 from viewer.core.input import Keyboard, KeyPress
 from viewer.core.state import Clipboard
 from viewer.core.tasks import Task
-from viewer.core.theme import Fonts
 from viewer.core.widgets import in_front
 from viewer.features.camera.panel import AxisGizmo
 from viewer.features.crop.panel import CropGizmo
@@ -61,7 +60,7 @@ class Ui:
         self.context.config_nav_windowing_key_prev = imgui.Key.none
         self._docking = layout.Docking()
         self._gizmo, self._axes, self._preview_pane = CropGizmo(), AxisGizmo(), PreviewPane()
-        self.fonts = Fonts()
+        self.fonts = theme.Fonts()
         self.keyboard = Keyboard()
         self._presses = keys.Presses()
         self.scale, self._theme = 0.0, ""
@@ -101,7 +100,7 @@ class Ui:
         """
         imgui.set_current_context(self.context)
         implot.set_current_context(self.plots)
-        app.keyboard = self.keyboard
+        theme.fonts, app.keyboard = self.fonts, self.keyboard
         for _ in range(MOST_ROUNDS):
             self._round(app, canvas, scale)
             if keys.queue_is_empty():
@@ -131,21 +130,21 @@ class Ui:
         size = imgui.get_io().display_size
         regions = layout.regions(size.x, size.y, app)
         picture = self._docking.space(app, regions.dock, regions.pages)
-        viewport.show(app, canvas, picture, self.fonts, self._gizmo, self._axes)
+        viewport.show(app, canvas, picture, self._gizmo, self._axes)
         if app.interface.panels_shown:
-            top_bar.show(app, canvas, regions.top, self.fonts)
+            top_bar.show(app, canvas, regions.top)
             layout.show_rail(app, regions)
-        layout.show_pages(app, canvas, regions, self.fonts)
-        making_panel.show_job(app, canvas, picture, self.fonts)
-        export_panel.show_card(app, picture, self.fonts)
-        export_panel.show_sharing(app, picture, self.fonts)
-        making_panel.show_review(app, canvas, picture, self.fonts)
-        keys.show(app, self.fonts)
-        self.open_dialog.show(app, size, self.fonts)
-        self.file_dialogs.show(app, size, self.fonts)
-        making_panel.show(app, canvas, ImVec2(size.x, size.y), self.fonts)
-        export_panel.show(app, canvas, ImVec2(size.x, size.y), self.fonts, self._preview_pane)
-        dialogs.show(app, canvas, ImVec2(size.x, size.y), self.fonts)
+        layout.show_pages(app, canvas, regions)
+        making_panel.show_job(app, canvas, picture)
+        export_panel.show_card(app, picture)
+        export_panel.show_sharing(app, picture)
+        making_panel.show_review(app, canvas, picture)
+        keys.show(app)
+        self.open_dialog.show(app)
+        self.file_dialogs.show(app)
+        making_panel.show(app, canvas)
+        export_panel.show(app, canvas, self._preview_pane)
+        dialogs.show(app, canvas)
         imgui.render()
         self.keyboard.seen()
 

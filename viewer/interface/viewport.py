@@ -12,7 +12,6 @@ from viewer.app.application import App
 from viewer.app.frame import draw_frame
 from viewer.core import screen, theme
 from viewer.core.state import Viewport
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, button, chip, in_front, px, style
 from viewer.features.bookmarks import panel as bookmarks_panel
 from viewer.features.camera.panel import AxisGizmo
@@ -36,7 +35,7 @@ TOAST_WIDTH = 560.0
 KEY_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
 
 
-def show(app: App, canvas: Canvas, box: Box, fonts: Fonts, gizmo: CropGizmo, axes: AxisGizmo) -> None:
+def show(app: App, canvas: Canvas, box: Box, gizmo: CropGizmo, axes: AxisGizmo) -> None:
     """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
@@ -49,7 +48,7 @@ def show(app: App, canvas: Canvas, box: Box, fonts: Fonts, gizmo: CropGizmo, axe
         flags |= imgui.WindowFlags_.no_scroll_with_mouse  # the wheel is the camera's
     layout.begin("##viewport", box, (0, 0), flags)
     if app.scene is None:
-        opening_panel.show_start_page(app, fonts)
+        opening_panel.show_start_page(app)
     else:
         screen.draw_layers(canvas.layers, box)
         comparison_panel.draw_comparison(app, canvas, box)
@@ -70,7 +69,7 @@ def show(app: App, canvas: Canvas, box: Box, fonts: Fonts, gizmo: CropGizmo, axe
         _corner(app, box)
         display_panel.show_legend(app, box)
     _toast(app, box)
-    _progress(app, box, fonts)
+    _progress(app, box)
     imgui.end()
 
 
@@ -90,9 +89,7 @@ NOTHING = _Under()
 class _MouseState:
     """What the mouse holds since its `button` went down."""
 
-    holds: str = (
-        ""  # "" the camera, "wipe" the edge, "face" of the crop box, "mark" a point, "erase" a tool of that page
-    )
+    holds: str = ""  # the camera, or "wipe": its edge, "face": of the crop box, "mark": a point, "erase": its tool
     button: int = LEFT
     under: _Under = NOTHING
     travelled: float = 0.0  # window units since then, to tell a click from a drag
@@ -103,8 +100,7 @@ _mouse_state = _MouseState()  # one mouse
 
 
 def _mouse(app: App, box: Box, under: _Under) -> None:
-    assert app.scene is not None
-    io, rig = imgui.get_io(), app.scene.rig
+    io, rig = imgui.get_io(), app.open_scene.rig
     at = io.mouse_pos.x - box[0], io.mouse_pos.y - box[1]
     hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
     if imgui.is_item_activated():
@@ -174,15 +170,14 @@ def _click(app: App, x: float, y: float) -> None:
 
 def _drag(app: App, box: Box, dx: float, dy: float) -> None:
     """The mouse moved by dx, dy (picture heights) while it holds something."""
-    assert app.scene is not None
-    rig, io, camera, under = app.scene.rig, imgui.get_io(), app.camera(), _mouse_state.under
+    rig, io, camera, under = app.open_scene.rig, imgui.get_io(), app.camera(), _mouse_state.under
     x, y = io.mouse_pos.x - box[0], io.mouse_pos.y - box[1]
     if _mouse_state.holds == "wipe":
         app.comparison.split = min(max(x / box[2], 0.02), 0.98)
     elif _mouse_state.holds == "face":
         if app.settings.crop is not None and camera is not None and under.face is not None:
             moved = (dx * camera.height, dy * camera.height)
-            app.set(crop=crop.dragged(app.scene.pack, app.settings.crop, under.face, camera, moved))
+            app.set(crop=crop.dragged(app.open_scene.pack, app.settings.crop, under.face, camera, moved))
     elif _mouse_state.holds == "mark":
         if under.mark is not None and _mouse_state.travelled >= px(4):
             app.measure_tool.move_point(app, *under.mark, x, y)
@@ -199,8 +194,7 @@ def _drag(app: App, box: Box, dx: float, dy: float) -> None:
 
 def _move_by_keys(app: App) -> None:
     """What held keys do: W A S D Q E (their places) and the arrows while flying and walking, else the arrows alone."""
-    assert app.scene is not None
-    rig, keyboard, io = app.scene.rig, app.keyboard, imgui.get_io()
+    rig, keyboard, io = app.open_scene.rig, app.keyboard, imgui.get_io()
     seconds = min(io.delta_time, 0.1)
     across, along = keyboard.axis("Right", "Left"), keyboard.axis("Up", "Down")
     up = 0.0
@@ -227,9 +221,10 @@ def _corner(app: App, box: Box) -> None:
     notes = []
     if app.settings.mode != "normal":
         notes.append(app.settings.mode.replace("-", " "))
-    if app.scene is not None and app.scene.rig.looks_around:
-        notes.append("walking" if app.scene.rig.walking else "flying")
-    if app.scene is not None and app.scene.rig.orthographic and app.scene.rig.held is None:
+    rig = app.open_scene.rig
+    if rig.looks_around:
+        notes.append("walking" if rig.walking else "flying")
+    if rig.orthographic and rig.held is None:
         notes.append("orthographic")
     comparison, gallery = app.comparison, app.gallery
     if comparison.against == "photograph" and gallery.photographs is not None and gallery.chosen is not None:
@@ -263,7 +258,7 @@ def _toast(app: App, box: Box) -> None:
     draw.add_text(font, imgui.get_font_size(), ImVec2(x, y), colour, text, wrap_width=room)
 
 
-def _progress(app: App, box: Box, fonts: Fonts) -> None:
+def _progress(app: App, box: Box) -> None:
     """A card at the foot of the picture while a pack is being read or something is being exported."""
     export = app.filming.export
     if app.loading is not None:

@@ -19,7 +19,7 @@ from console import UserError
 from scenepack.reader import load_pack
 from viewer.core.files import kind_of, pack_in
 from viewer.core.state import name_of
-from viewer.features.making.make_job import TrainingPreviewFile
+from viewer.features.making.make_job import FileWatch, read_preview
 from viewer.features.making.make_plan import PREVIEW_FILE
 from viewer.web.description import PageContent, with_annotations
 from viewer.web.page import INDEX, scene_files, scene_page
@@ -120,7 +120,7 @@ def _files(path: Path, content: PageContent, name: str) -> dict[str, bytes]:
 def _follow(server: PageServer, run: Path, content: PageContent, ended: threading.Event) -> None:
     """Serves each newer preview, as one file, so that no page is of two; the pack once it is there."""
     folder = run.parent if (run / "config.json").is_file() else run
-    preview, pack = TrainingPreviewFile(folder / PREVIEW_FILE), folder / "pack"
+    preview, pack = FileWatch(folder / PREVIEW_FILE, read_preview), folder / "pack"
     while not ended.wait(LOOK_EVERY_S):
         try:
             if pack.is_dir() and kind_of(pack) == "pack":

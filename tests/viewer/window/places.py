@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -77,8 +77,7 @@ def _film(app: App, scenes: Scenes) -> None:
     app.filming.size, app.filming.fps = (64, 48), 60.0
     app.filming.turntable(app)
     app.filming.select(app, 1)
-    for index in range(len(app.filming.path.keyframes)):
-        app.filming.path.replace(index, seconds=10.0)
+    app.filming.path.keyframes = [replace(key, seconds=10.0) for key in app.filming.path.keyframes]
 
 
 def _export(app: App, scenes: Scenes) -> None:
@@ -170,7 +169,7 @@ def _bookmarked(app: App, scenes: Scenes) -> None:
         run(app, command)
         app.scene.rig.shown = app.scene.rig.goal
         run(app, "bookmark")
-        app.bookmarks.give_name(app, app.bookmarks.selected, name)
+        app.bookmarks.edit(app, app.bookmarks.selected, name=name)
 
 
 def _erased(app: App, scenes: Scenes) -> None:

@@ -12,11 +12,11 @@ import numpy as np
 
 from console import UserError
 from scenepack.pack import Pack
-from viewer.core.annotations import MOST_ANNOTATIONS, Bookmark, Point, named, worded
-from viewer.core.pose import MAX_ELEVATION, Pose, Turntable, project, triple, view_camera
+from viewer.core.annotations import MOST_ANNOTATIONS, Bookmark, Point
+from viewer.core.pose import Pose, Turntable, project, triple, view_camera
 from viewer.features.camera.orbit_camera import FOVS, OrbitCamera
 from viewer.features.film.camera_path import CameraPath, Keyframe
-from viewer.features.measuring.surface import surface_at
+from viewer.features.measuring.surface import surface_at, view_key
 from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
@@ -34,9 +34,8 @@ def bookmark_of(rig: OrbitCamera, fov: float, name: str) -> Bookmark:
 
 
 def pose_of(bookmark: Bookmark, table: Turntable) -> Pose:
-    azimuth, elevation = table.angles(np.subtract(bookmark.eye, bookmark.target))
-    elevation = min(max(elevation, -MAX_ELEVATION), MAX_ELEVATION)
-    return Pose(bookmark.target, azimuth, elevation, math.dist(bookmark.eye, bookmark.target))
+    angles = table.angles(np.subtract(bookmark.eye, bookmark.target))
+    return Pose(bookmark.target, *angles, math.dist(bookmark.eye, bookmark.target))
 
 
 COVERED_S, PAUSE_S = 0.004, 0.05  # for finding out which places are covered, and before that is done again
@@ -54,17 +53,16 @@ def is_covered(pack: Pack, camera: ViewCamera, settings: RenderSettings, point: 
 
 @dataclass
 class Bookmarks:
-    """selected: index of the one chosen last, also once the camera has moved. naming: the name being typed for it."""
+    """selected: index of the one chosen last, also once the camera has moved."""
 
     selected: int | None = None
-    naming: str = ""
-    wording: str | None = None  # the text being typed
+    typed: dict[str, str] = field(default_factory=dict)  # its name and text, by field, while they are typed
     placing: bool = False  # a click annotates the place under it
     shown: bool = True  # places are marked in the picture
     _looked: dict[Point, tuple[float, object, bool]] = field(default_factory=dict)  # when, in which view, if covered
 
     def drop(self) -> None:
-        self.selected, self.naming, self.wording, self.placing, self._looked = None, "", None, False, {}
+        self.selected, self.typed, self.placing, self._looked = None, {}, False, {}
 
     def annotate(self, app: App) -> None:
         """Waits for a click on the place to annotate, or does not any more."""
@@ -76,12 +74,10 @@ class Bookmarks:
 
     def place(self, app: App, x: float, y: float) -> None:
         """Bookmarks the view with the surface under a point of the viewport (window units from its corner)."""
-        hit = app.measure_tool.look_at(app, x, y)
-        if hit is None:
-            app.messages.say("There is no surface under the cursor")
-            return
-        self.placing = False
-        self.add(app, triple(hit.point))
+        hit = app.measure_tool.click_at(app, x, y)
+        if hit is not None:
+            self.placing = False
+            self.add(app, triple(hit.point))
 
     def covered(self, app: App) -> set[Point]:
         """The places that something else hides in the picture; what takes too long for one frame is found in the next."""
@@ -89,7 +85,7 @@ class Bookmarks:
         if app.scene is None or camera is None:
             return set()
         pack = app.scene.pack
-        view = camera.key, settings.crop, settings.near, settings.surroundings, id(pack)
+        view = view_key(pack, camera, settings)
         points = {view.point for view in app.annotations.current.bookmarks if view.point is not None}
         self._looked = {point: found for point, found in self._looked.items() if point in points}
         stale = [point for point in points if self._looked.get(point, (0.0, None))[1] != view]
@@ -106,21 +102,20 @@ class Bookmarks:
 
     def add(self, app: App, point: Point | None = None) -> None:
         """Saves the present view, of a place to annotate where there is one, behind the selected one."""
-        annotations = app.annotations.current
-        if app.scene is None or len(annotations.bookmarks) >= MOST_ANNOTATIONS:
+        views = list(app.annotations.current.bookmarks)
+        if len(views) >= MOST_ANNOTATIONS:
             return
-        at = len(annotations.bookmarks) if self.selected is None else min(self.selected + 1, len(annotations.bookmarks))
-        name = _free_name(annotations.bookmarks, "View" if point is None else "Place")
-        view = replace(bookmark_of(app.scene.rig, app.fov, name), point=point)
-        added = (*annotations.bookmarks[:at], view, *annotations.bookmarks[at:])
-        app.annotations.change(app, replace(annotations, bookmarks=added))
-        self.selected = at
+        at = len(views) if self.selected is None else min(self.selected + 1, len(views))
+        name = _free_name(views, "View" if point is None else "Place")
+        view = replace(bookmark_of(app.open_scene.rig, app.fov, name), point=point)
+        views.insert(at, view)
+        self._change(app, views, at)
         app.messages.say(f"Bookmarked as “{view.name}”")
 
     def go(self, app: App, index: int) -> None:
-        if app.scene is None or not 0 <= index < len(app.annotations.current.bookmarks):
+        if not 0 <= index < len(app.annotations.current.bookmarks):
             return
-        view, rig = app.annotations.current.bookmarks[index], app.scene.rig
+        view, rig = app.annotations.current.bookmarks[index], app.open_scene.rig
         rig.remember()
         self.selected = index
         if view.up != rig.table.up:
@@ -140,46 +135,42 @@ class Bookmarks:
         assert self.selected is not None
         app.messages.say(app.annotations.current.bookmarks[self.selected].name)
 
-    def give_name(self, app: App, index: int, name: str) -> None:
-        self._edit(app, index, name=named(name))
-
-    def give_text(self, app: App, index: int, text: str) -> None:
-        self._edit(app, index, text=worded(text))
+    def edit(self, app: App, index: int, **fields: Any) -> None:
+        """Changes fields of a view."""
+        views = list(app.annotations.current.bookmarks)
+        views[index] = replace(views[index], **fields)
+        self._change(app, views, self.selected)
 
     def update(self, app: App, index: int) -> None:
         """Puts a saved view where the camera is now."""
-        if app.scene is not None:
-            now = bookmark_of(app.scene.rig, app.fov, "")
-            self._edit(app, index, eye=now.eye, target=now.target, up=now.up, fov=now.fov)
-
-    @staticmethod
-    def _edit(app: App, index: int, **fields: Any) -> None:
-        annotations = app.annotations.current
-        view = replace(annotations.bookmarks[index], **fields)
-        app.annotations.change(app, annotations.with_bookmark(index, view))
+        now = bookmark_of(app.open_scene.rig, app.fov, "")
+        self.edit(app, index, eye=now.eye, target=now.target, up=now.up, fov=now.fov)
 
     def move(self, app: App, index: int, by: int) -> None:
         """Moves a view earlier (-1) or later (1)."""
-        to = min(max(index + by, 0), len(app.annotations.current.bookmarks) - 1)
-        app.annotations.change(app, app.annotations.current.with_bookmark_moved(index, to))
-        self.selected = to
+        views = list(app.annotations.current.bookmarks)
+        to = min(max(index + by, 0), len(views) - 1)
+        views.insert(to, views.pop(index))
+        self._change(app, views, to)
 
     def remove(self, app: App, index: int) -> None:
-        app.annotations.change(app, app.annotations.current.with_bookmark(index, None))
-        left = len(app.annotations.current.bookmarks)
-        self.selected = min(index, left - 1) if left else None
+        views = list(app.annotations.current.bookmarks)
+        del views[index]
+        self._change(app, views, min(index, len(views) - 1) if views else None)
+
+    def _change(self, app: App, views: list[Bookmark], selected: int | None) -> None:
+        """Takes other bookmarks, in one step that can be undone."""
+        app.annotations.change(app, replace(app.annotations.current, bookmarks=tuple(views)))
+        self.selected = selected
 
     def keyframes(self, app: App) -> list[Keyframe]:
-        assert app.scene is not None
         keys = []
         for view in app.annotations.current.bookmarks:
-            table = replace(app.scene.rig.table, up=view.up)
+            table = replace(app.open_scene.rig.table, up=view.up)
             keys.append(Keyframe(pose_of(view, table).matrix(table), view.fov))
         return keys
 
     def film(self, app: App) -> None:
-        if app.scene is None:
-            return
         if len(app.annotations.current.bookmarks) < 2:
             raise UserError("a film needs two views", remedy="bookmark some: Ctrl+D")
         app.filming.use(CameraPath(self.keyframes(app)))
@@ -189,7 +180,7 @@ class Bookmarks:
         app.touch()
 
 
-def _free_name(bookmarks: tuple[Bookmark, ...], kind: str) -> str:
+def _free_name(bookmarks: list[Bookmark], kind: str) -> str:
     taken = {bookmark.name for bookmark in bookmarks}
     return next(name for name in (f"{kind} {i}" for i in range(1, len(bookmarks) + 2)) if name not in taken)
 
@@ -227,11 +218,9 @@ class ViewPictures:
 
         One is drawn in a frame at most, and none while the picture is not whole: that goes before.
         """
-        if app.scene is None:
-            return None
         key = (np.round(grid_T_camera, 6).tobytes(), round(fov, 4))
         if key not in self._pictures:
-            if self._drew or canvas.pending or not app.scene.whole:
+            if self._drew or canvas.pending or not app.open_scene.whole:
                 app.touch(1)
                 return None
             self._drew = True

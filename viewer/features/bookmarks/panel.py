@@ -14,9 +14,8 @@ from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
-from viewer.core.annotations import Bookmark
+from viewer.core.annotations import Bookmark, named, worded
 from viewer.core.screen import Screen
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, px
 from viewer.features.bookmarks.bookmarks import SIZE, pose_of
 from viewer.rendering.canvas import Canvas
@@ -26,11 +25,9 @@ TEXT_HEIGHT = 72.0
 NO_VIEWS = "Views that you save here are kept with the pack. Ctrl+D saves one, PageUp and PageDown step through them."
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    if app.scene is None:
-        return
+def show(app: App, canvas: Canvas) -> None:
     views = app.annotations.current.bookmarks
-    with ui.card("bookmarks", fonts, "Bookmarks"):
+    with ui.card("bookmarks", "Bookmarks"):
         if ui.main_button(f"{fa.ICON_FA_BOOKMARK}  Bookmark this view"):
             run(app, "bookmark")
         waits = "Click on a surface" if app.bookmarks.placing else "Annotate a place"
@@ -42,11 +39,11 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             _chosen(app)
         else:
             ui.hint(NO_VIEWS)
-    with ui.card("fly", fonts, "Film"):
+    with ui.card("fly", "Film"):
         if ui.button(f"{fa.ICON_FA_FILM}  Film through the bookmarks", enabled=len(views) > 1):
             run(app, "film-bookmarks")
         ui.hint("Makes them the keyframes of the camera path.")
-    with ui.card("session", fonts, "Session"):
+    with ui.card("session", "Session"):
         if ui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save the session…"):
             run(app, "save-session")
         ui.tip("Ctrl+Shift+S")
@@ -54,8 +51,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
 
 
 def _list(app: App, canvas: Canvas) -> None:
-    assert app.scene is not None
-    bookmarks, table = app.bookmarks, app.scene.rig.table
+    bookmarks, table = app.bookmarks, app.open_scene.rig.table
     views = app.annotations.current.bookmarks
     rows = min(len(views), SHOWN)
     height = rows * px(HEIGHT) + (rows - 1) * imgui.get_style().item_spacing.y + px(30)
@@ -80,30 +76,25 @@ def _chosen(app: App) -> None:
     imgui.new_line()
     ui.label("Name")
     imgui.push_id(index)
-    changed, text = imgui.input_text("##name", bookmarks.naming or views[index].name)
-    if changed:
-        bookmarks.naming = text
-    if imgui.is_item_deactivated():
-        if bookmarks.naming.strip():
-            bookmarks.give_name(app, index, bookmarks.naming)
-        bookmarks.naming = ""
+    typed = bookmarks.typed
+    name = _entered(typed, "name", imgui.input_text("##name", typed.get("name") or views[index].name))
+    if name and name.strip():
+        bookmarks.edit(app, index, name=named(name))
     if views[index].point is not None:
-        _text(app, index)
+        text = typed.get("text", views[index].text)
+        text = _entered(typed, "text", imgui.input_text_multiline("##text", text, ImVec2(-1, px(TEXT_HEIGHT))))
+        if text is not None:
+            bookmarks.edit(app, index, text=worded(text))
+        bookmarks.shown = ui.switch("places", bookmarks.shown, "Show places")
     imgui.pop_id()
 
 
-def _text(app: App, index: int) -> None:
-    """What is said of an annotated place."""
-    bookmarks, views = app.bookmarks, app.annotations.current.bookmarks
-    written = views[index].text if bookmarks.wording is None else bookmarks.wording
-    changed, text = imgui.input_text_multiline("##text", written, ImVec2(-1, px(TEXT_HEIGHT)))
+def _entered(typed: dict[str, str], name: str, field: tuple[bool, str]) -> str | None:
+    """Keeps what is typed into a text field, the item before; what was typed, once the keyboard leaves it, else None."""
+    changed, text = field
     if changed:
-        bookmarks.wording = text
-    if imgui.is_item_deactivated():
-        if bookmarks.wording is not None:
-            bookmarks.give_text(app, index, bookmarks.wording)
-        bookmarks.wording = None
-    bookmarks.shown = ui.switch("places", bookmarks.shown, "Show places")
+        typed[name] = text
+    return typed.pop(name, None) if imgui.is_item_deactivated() else None
 
 
 # --- Annotated places over the picture ---
@@ -115,12 +106,12 @@ def draw(app: App, box: Box, over: bool) -> int | None:
     """Draws the places that are not covered; the index of the one under the mouse. over: it is over nothing but the picture."""
     views, bookmarks = app.annotations.current.bookmarks, app.bookmarks
     marked = [i for i, view in enumerate(views) if view.point is not None]
-    if not marked or not bookmarks.shown or app.scene is None:
+    if not marked or not bookmarks.shown:
         return None
     places, before = Screen(app, box).points(np.array([views[i].point for i in marked]))
     covered, mouse, under = bookmarks.covered(app), imgui.get_io().mouse_pos, None
-    seen = {i: at for i, at, ahead in zip(marked, places, before, strict=True) if ahead}
-    seen = {i: at for i, at in seen.items() if views[i].point not in covered}
+    ahead = (place for place in zip(marked, places, before, strict=True) if place[2])
+    seen = {i: at for i, at, _ in ahead if views[i].point not in covered}
     for i, at in seen.items():
         under = i if over and np.hypot(mouse.x - at.x, mouse.y - at.y) < px(RADIUS) else under
     with ui.clipped(box) as draw_list:

@@ -13,7 +13,6 @@ from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.pose import UP_AXES
 from viewer.core.screen import AXIS_COLOURS
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, px
 from viewer.features.camera.orbit_camera import Navigation
 from viewer.features.camera.walking import EYE_HEIGHTS
@@ -24,29 +23,24 @@ PROJECTIONS = {False: "Perspective", True: "Ortho"}  # by whether it is orthogra
 NAVIGATIONS: dict[Navigation, str] = {"orbit": "Orbit", "fly": "Fly", "walk": "Walk"}
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    if app.scene is None:
-        return
-    rig = app.scene.rig
-    with ui.card("go", fonts, "Go to"):
+def show(app: App, canvas: Canvas) -> None:
+    rig = app.open_scene.rig
+    with ui.card("go", "Go to"):
         pressed = ui.two_buttons(f"{fa.ICON_FA_HOUSE}  First view", f"{fa.ICON_FA_EXPAND}  Whole scene")
         if pressed is not None:
             run(app, ("home", "frame")[pressed])
         if not rig.bounded:
             for views in (("front", "right", "top"), ("back", "left", "bottom")):
-                if picked := ui.segments(f"axis {views[0]}", {view: view.capitalize() for view in views}, ""):
+                if picked := ui.segments(f"##axis {views[0]}", {view: view.capitalize() for view in views}, ""):
                     run(app, picked)
-            ui.label("Projection")
-            if ui.segments("projection", PROJECTIONS, rig.orthographic) not in (None, rig.orthographic):
+            if ui.segments("Projection", PROJECTIONS, rig.orthographic) not in (None, rig.orthographic):
                 run(app, "orthographic")
             app.interface.axes_shown = ui.switch("axes", app.interface.axes_shown, "Axes")
-            ui.label("Navigation")
-            if (picked := ui.segments("navigation", NAVIGATIONS, rig.navigation)) not in (None, rig.navigation):
+            if (picked := ui.segments("Navigation", NAVIGATIONS, rig.navigation)) not in (None, rig.navigation):
                 run(app, rig.navigation if picked == "orbit" else picked)
             *move, down, up = app.keyboard.flying_names
             if rig.walking:
-                ui.label("Eye height")
-                app.walking.eye_height_m = ui.slider("eye height", app.walking.eye_height_m, *EYE_HEIGHTS, "%.2f m")
+                app.walking.eye_height_m = ui.slider("Eye height", app.walking.eye_height_m, *EYE_HEIGHTS, "%.2f m")
                 if not app.annotations.current.scale.unit:
                     ui.hint("The scene has no scale, so that its metres are a guess.")
                 ui.hint(
@@ -57,18 +51,16 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
                     f"{' '.join(move)} or the arrows to move, {down} and {up} down and up, Shift faster, drag to look, "
                     "wheel for the speed."
                 )
-    with ui.card("lens", fonts, "Lens"):
-        ui.label("Field of view")
-        value = ui.undoable_slider(app, "fov", rig.fov, 10.0, 110.0, "%.0f°")
+    with ui.card("lens", "Lens"):
+        value = ui.undoable_slider(app, "Field of view##fov", rig.fov, 10.0, 110.0, "%.0f°")
         ui.tip("Vertical angle; Ctrl+click to type")
         if value is not None:
             app.set_fov(value)
         if not rig.bounded:
             near_plane(app)
-            ui.label("Up")
-            if picked := ui.segments("up", {axis: axis for axis in UP_AXES}, rig.table.up):
+            if picked := ui.segments("Up", {axis: axis for axis in UP_AXES}, rig.table.up):
                 rig.set_up(picked)
-    with ui.card("where", fonts, "Position"):
+    with ui.card("where", "Position"):
         placed_T_grid = app.annotations.current.placed_T_grid
         pose = moved_pose(placed_T_grid, rig.matrix)
         ui.figure("Eye", _numbers(pose[:3, 3]))
@@ -99,14 +91,8 @@ class AxisGizmo:
 
     def show(self, app: App, box: Box) -> None:
         """Draws it in the picture's upper right corner and takes the mouse there, before whatever else listens to it."""
-        camera, scene = app.viewport.camera, app.scene
-        if (
-            scene is None
-            or camera is None
-            or scene.rig.bounded
-            or not app.interface.axes_shown
-            or app.kiosk is not None
-        ):
+        camera, rig = app.viewport.camera, app.open_scene.rig
+        if camera is None or rig.bounded or not app.interface.axes_shown or app.kiosk is not None:
             return
         if min(box[2], box[3]) < px(LEAST_ROOM):
             return
@@ -115,7 +101,7 @@ class AxisGizmo:
         imgui.set_cursor_screen_pos(ImVec2(*(float(v) for v in middle - reach)))
         imgui.invisible_button("##axes", ImVec2(2 * reach, 2 * reach))
         hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
-        placed = np.array(scene.rig.table.placed)
+        placed = np.array(rig.table.placed)
         ends = axis_ends(placed @ camera.grid_T_camera[:3, :3])
         io = imgui.get_io()
         places = middle + radius * ends[:, :2]
@@ -128,8 +114,7 @@ class AxisGizmo:
         imgui.set_cursor_pos(ImVec2(0, 0))
 
     def _listen(self, app: App, box: Box, under: int | None) -> None:
-        assert app.scene is not None
-        rig, io = app.scene.rig, imgui.get_io()
+        rig, io = app.open_scene.rig, imgui.get_io()
         if imgui.is_item_activated():
             self._travelled = 0.0
             rig.remember()

@@ -88,8 +88,7 @@ class Comparison:
 
     def box(self, app: App) -> tuple[float, float, float, float]:
         """The photograph's box on the viewport: x0, y0, x1, y1 in 0 … 1 from the top left."""
-        if self.against != "photograph" or self.pixels is None:
-            return 0.0, 0.0, 1.0, 1.0
+        assert self.pixels is not None
         width, height = app.viewport.pixels
         h, w = self.pixels.shape[:2]
         scale = min(width / w, height / h)

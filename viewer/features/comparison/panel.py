@@ -10,7 +10,6 @@ from viewer.app.frame import other_layers
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.screen import draw_layers
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, px
 from viewer.features.comparison.comparison import How
 from viewer.features.opening.open_prompt import ask_to_open
@@ -19,18 +18,17 @@ from viewer.rendering.canvas import Canvas
 HOW: dict[How, str] = {"wipe": "Wipe", "flip": "Flip", "difference": "Difference"}
 
 
-def compare_controls(app: App, fonts: Fonts, title: str) -> None:
+def compare_controls(app: App, title: str) -> None:
     """How two pictures are compared; shared with the page of packs."""
     comparison = app.comparison
-    with ui.card("compare", fonts, title):
-        comparison.how = ui.segments("how", HOW, comparison.how) or comparison.how
+    with ui.card("compare", title):
+        comparison.how = ui.segments("##how", HOW, comparison.how) or comparison.how
         if comparison.how == "difference":
-            ui.label("Amplified")
-            comparison.gain = ui.slider("gain", comparison.gain, 1.0, 32.0, "%.0f ×")
+            comparison.gain = ui.slider("Amplified##gain", comparison.gain, 1.0, 32.0, "%.0f ×")
         elif comparison.how == "wipe":
             ui.hint("Drag the edge in the picture.")
         if comparison.against == "photograph":
-            ui.headline("…" if comparison.psnr_db is None else f"{comparison.psnr_db:.2f}", "dB PSNR", fonts)
+            ui.headline("…" if comparison.psnr_db is None else f"{comparison.psnr_db:.2f}", "dB PSNR")
             width, height = comparison.psnr_size
             if comparison.psnr_db is not None:
                 ui.figure("Measured at", f"{width} × {height}")
@@ -41,9 +39,9 @@ def compare_controls(app: App, fonts: Fonts, title: str) -> None:
             comparison.drop_other(app) if comparison.against == "pack" else comparison.stop()
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas) -> None:
     comparison = app.comparison
-    with ui.card("other", fonts, "The other pack"):
+    with ui.card("other", "The other pack"):
         if comparison.other is not None and comparison.other_path is not None:
             ui.figure("Left", app.scene.name if app.scene is not None else "")
             ui.figure("Right", comparison.other_path.name)
@@ -52,7 +50,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         if ui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose a pack…"):
             ask_to_open(app, other=True)
     if comparison.against == "pack":
-        compare_controls(app, fonts, "Compare")
+        compare_controls(app, "Compare")
 
 
 def draw_comparison(app: App, canvas: Canvas, box: Box) -> None:
@@ -85,16 +83,14 @@ def draw_comparison(app: App, canvas: Canvas, box: Box) -> None:
 def draw_sides(names: tuple[str, str], split: float, box: Box, y: float) -> None:
     """Says at each side of the wipe's edge what is seen there. split: 0 … 1; y: upper edge of the labels."""
     edge, gap = box[0] + split * box[2], px(10)
-    draw = imgui.get_window_draw_list()
     spans = ((box[0], edge), (edge, box[0] + box[2]))
     for name, (low, high), left in zip(names, spans, (True, False), strict=True):
         with ui.font(None, theme.SMALL):
             shown = ui.elided(name, high - low - 2 * gap - px(24))
         if not shown:
             continue
-        draw.push_clip_rect(ImVec2(low, box[1]), ImVec2(high, box[1] + box[3]), True)
-        ui.chip(shown, high - gap - ui.chip_size(shown)[0] if left else low + gap, y)
-        draw.pop_clip_rect()
+        with ui.clipped((low, box[1], high - low, box[3])):
+            ui.chip(shown, high - gap - ui.chip_size(shown)[0] if left else low + gap, y)
 
 
 def wipe_edge_hovered(app: App, box: Box) -> bool:

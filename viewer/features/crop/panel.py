@@ -15,7 +15,6 @@ from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.pose import BOX_EDGES, box_points
 from viewer.core.screen import AXIS_COLOURS, Screen
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, px
 from viewer.features.crop import crop
 from viewer.rendering.camera import ViewCamera
@@ -29,37 +28,34 @@ HINTS = {
 }
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    if app.scene is None:
-        return
-    pack, rig = app.scene.pack, app.scene.rig
-    if rig.bounded:
-        with ui.card("none", fonts, "Crop box"):
+def show(app: App, canvas: Canvas) -> None:
+    pack = app.open_scene.pack
+    if app.open_scene.rig.bounded:
+        with ui.card("none", "Crop box"):
             ui.hint("Forward-facing packs use a warped space (NDC), where a crop box does not work.")
         return
-    with ui.card("crop", fonts, "Crop box"):
+    with ui.card("crop", "Crop box"):
         if ui.switch("crop", app.settings.crop is not None, "Crop to a box") != (app.settings.crop is not None):
             app.cut(crop=crop.whole(pack) if app.settings.crop is None else None)
         if app.settings.crop is None:
             ui.hint("The whole scene is shown.")
         else:
-            app.crop_tool = ui.segments("tool", TITLES, app.crop_tool) or app.crop_tool
+            app.crop_tool = ui.segments("##tool", TITLES, app.crop_tool) or app.crop_tool
             ui.hint(HINTS[app.crop_tool])
             _faces(app, pack)
             if ui.button(f"{fa.ICON_FA_ROTATE_LEFT}  Reset the box", enabled=app.settings.crop != crop.whole(pack)):
                 app.cut(crop=crop.whole(pack))
             ui.tip("To the whole scene")
-    with ui.card("near", fonts, "Slice"):
+    with ui.card("near", "Slice"):
         near_plane(app)
         ui.hint("Hides everything closer to the camera than this, in grid units.")
 
 
 def near_plane(app: App) -> None:
     """The row with the near plane's slider and its reset; one drag is one step to be undone."""
-    assert app.scene is not None
     ui.label("Near plane")
     imgui.set_next_item_width(-px(34) - px(8))
-    value = ui.undoable_slider(app, "near", app.settings.near, 0.0, 3.0 * app.scene.rig.radius, "%.3f")
+    value = ui.undoable_slider(app, "##near", app.settings.near, 0.0, 3.0 * app.open_scene.rig.radius, "%.3f")
     ui.tip("Hide everything closer than this, in grid units")
     if value is not None:
         app.set(near=value)
@@ -72,9 +68,9 @@ def _faces(app: App, pack: Pack) -> None:
     outer = crop.whole(pack)
     for face, (axis, side) in enumerate(crop.FACES):
         assert app.settings.crop is not None
-        ui.label(f"{'xyz'[axis]} {'from' if side == 0 else 'to'}")
+        name = f"{'xyz'[axis]} {'from' if side == 0 else 'to'}"
         before, ends = app.settings.crop, (outer[0][axis], outer[1][axis])
-        value = ui.undoable_slider(app, f"face{face}", before[side][axis], *ends, "%.3f")
+        value = ui.undoable_slider(app, name, before[side][axis], *ends, "%.3f")
         if value is not None:
             app.set(crop=crop.with_face(pack, before, face, value))
 
@@ -97,7 +93,7 @@ class CropGizmo:
         camera, cut = app.viewport.camera, app.settings.crop
         operation = OPERATIONS.get(app.crop_tool)
         hidden = not app.interface.shows("crop")
-        if hidden or camera is None or app.scene is None or cut is None or operation is None:
+        if hidden or camera is None or cut is None or operation is None:
             self.over = self._held = False
             return
         gizmo.set_im_gui_context(imgui.get_current_context())
@@ -113,24 +109,23 @@ class CropGizmo:
         size = high - low
         matrix = np.diag([*(size if app.crop_tool == "scale" else np.ones(3)), 1.0])
         matrix[:3, 3] = 0.5 * (low + high)
-        held = gizmo.Matrix16(_columns(matrix))
-        view = gizmo.Matrix16(_columns(np.linalg.inv(camera.grid_T_camera)))
-        projection = _projection(camera, app.scene.rig.radius)
+        held, view = _matrix16(matrix), _matrix16(np.linalg.inv(camera.grid_T_camera))
+        projection = _projection(camera, app.open_scene.rig.radius)
         changed = gizmo.manipulate(view, projection, operation, gizmo.MODE.world, held)
         using = gizmo.is_using()
         if using and not self._held:
-            app.scene.rig.remember()
+            app.open_scene.rig.remember()
         self.over, self._held = using or gizmo.is_over(), using
         if changed:
             moved = np.asarray(held.values, np.float64).reshape(4, 4).T
             scaled = np.linalg.norm(moved[:3, :3], axis=0) if app.crop_tool == "scale" else size
-            app.set(crop=crop.placed(app.scene.pack, moved[:3, 3], scaled))
+            app.set(crop=crop.placed(app.open_scene.pack, moved[:3, 3], scaled))
             app.touch()
 
 
-def _columns(matrix: np.ndarray) -> list[float]:
+def _matrix16(matrix: np.ndarray) -> gizmo.Matrix16:
     """Column after column, as OpenGL has matrices."""
-    return [float(value) for value in matrix.T.reshape(-1)]
+    return gizmo.Matrix16(matrix.T.ravel().tolist())
 
 
 def _projection(camera: ViewCamera, radius: float) -> gizmo.Matrix16:
@@ -144,12 +139,12 @@ def _projection(camera: ViewCamera, radius: float) -> gizmo.Matrix16:
     else:
         z, c = -(far + near) / (far - near), -2 * far * near / (far - near)
         rows = [(x, 0, -a, 0), (0, y, -b, 0), (0, 0, z, c), (0, 0, -1, 0)]
-    return gizmo.Matrix16(_columns(np.array(rows, float)))
+    return _matrix16(np.array(rows, float))
 
 
 def draw_crop(app: App, box: Box) -> int | None:
     """The crop box with a handle on each face; the face whose handle is under the mouse, if any."""
-    if app.settings.crop is None or app.scene is None or not app.interface.shows("crop"):
+    if app.settings.crop is None or not app.interface.shows("crop"):
         return None
     screen, mouse = Screen(app, box), imgui.get_io().mouse_pos
     low, high = np.asarray(app.settings.crop[0]), np.asarray(app.settings.crop[1])

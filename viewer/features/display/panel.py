@@ -10,7 +10,6 @@ from imgui_bundle import ImVec2, imgui
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
-from viewer.core.theme import Fonts
 from viewer.core.widgets import px
 from viewer.features.display.display import BACKGROUNDS, PLAIN, modes_for, set_look
 from viewer.features.performance import panel as performance_panel
@@ -36,32 +35,29 @@ RESOLUTIONS = {1.0: "Full", 0.75: "75 %", 0.5: "Half", 0.25: "Quarter"}
 BACKDROPS = {PLAIN: "Plain", "gradient": "Gradient", "checker": "Checker"}
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    with ui.card("mode", fonts, "Display"):
-        ui.label("Mode")
+def show(app: App, canvas: Canvas) -> None:
+    with ui.card("mode", "Display"):
         titles = {mode: MODE_WORDS[mode][0] for mode in modes_for(app)}
-        app.set(mode=ui.choice("mode", titles, MODE_WORDS[app.settings.mode][0]) or app.settings.mode)
+        app.set(mode=ui.choice("Mode", titles, MODE_WORDS[app.settings.mode][0]) or app.settings.mode)
         ui.hint(MODE_WORDS[app.settings.mode][1])
         if app.settings.mode in ("samples", "jumps"):
-            ui.label("Maximum")
-            app.set(cost_scale=ui.slider("cost", app.settings.cost_scale, 4.0, 512.0, "%.0f"))
+            app.set(cost_scale=ui.slider("Maximum##cost", app.settings.cost_scale, 4.0, 512.0, "%.0f"))
         _background(app)
         if app.scene is not None and app.scene.pack.contraction is not None:
             app.set(surroundings=ui.switch("surroundings", app.settings.surroundings, "Surroundings"))
             ui.tip("What lies beyond the inner cube of an unbounded scene")
-    with ui.card("look", fonts, "Colour"):
+    with ui.card("look", "Colour"):
         _look(app)
-    with ui.card("resolution", fonts, "Resolution"):
-        if picked := ui.segments("rest", RESOLUTIONS, app.resolution.rest_scale):
+    with ui.card("resolution", "Resolution"):
+        if picked := ui.segments("##rest", RESOLUTIONS, app.resolution.rest_scale):
             app.resolution.rest_scale = picked
             app.touch()
         app.resolution.enabled = ui.switch("dynamic", app.resolution.enabled, "Dynamic resolution")
         if app.resolution.enabled:
-            ui.label("Target")
-            app.resolution.target_fps = ui.slider("target", app.resolution.target_fps, 10.0, 120.0, "%.0f fps")
+            app.resolution.target_fps = ui.slider("Target", app.resolution.target_fps, 10.0, 120.0, "%.0f fps")
         ui.hint("Draws fewer pixels while the camera moves, and all of them when it rests.")
-    with ui.card("time", fonts, "Frame time"):
-        performance_panel.frame_time(app, fonts)
+    with ui.card("time", "Frame time"):
+        performance_panel.frame_time(app)
         performance_panel.rolling(app.times, app.resolution.target_ms, px(84))
         width, height = canvas.drawn_size
         ui.figure("Pixels drawn", f"{width} × {height}")
@@ -70,9 +66,8 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
 def _look(app: App) -> None:
     look = app.annotations.current.look or Look()
     for name, (least, most) in LOOKS.items():
-        ui.label(name.capitalize())
-        value = ui.undoable_slider(app, name, getattr(look, name), least, most, "%.2f")
-        if value is not None:
+        title = f"{name.capitalize()}##{name}"
+        if (value := ui.undoable_slider(app, title, getattr(look, name), least, most, "%.2f")) is not None:
             set_look(app, **{name: value})
     if ui.button("Colours as they are", enabled=look != Look()):
         app.annotations.change(app, replace(app.annotations.current, look=None))
@@ -105,9 +100,8 @@ def _background(app: App) -> None:
         imgui.set_tooltip("Another colour")
     if changed:
         app.set(background=tuple(float(v) for v in value[:3]), backdrop=None)
-    ui.label("Behind it")
     now = app.settings.backdrop.style if app.settings.backdrop is not None else PLAIN
-    if picked := ui.segments("backdrop", BACKDROPS, now):
+    if picked := ui.segments("Behind it", BACKDROPS, now):
         app.set_backdrop(picked)
     ui.tip("By opacity, after shading: the colours of the scene stay those that it was trained with")
 

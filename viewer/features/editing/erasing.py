@@ -25,9 +25,8 @@ from viewer.core.pose import project
 from viewer.core.state import Edits, OpenScene
 from viewer.core.tasks import Task
 from viewer.features.export.exporting import check_is_on_disk
-from viewer.features.measuring.surface import Hit, surface_at
+from viewer.features.measuring.surface import Hit, surface_under
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.canvas import Canvas
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import RenderSettings
 
@@ -120,16 +119,9 @@ class Erasing:
         self.choose(app, self.tool if self.outline else "")
         return True
 
-    def look_at(self, app: App, x: float, y: float) -> Hit | None:
-        """The surface at a point of the viewport (window units from its corner)."""
-        camera, scale = app.viewport.camera, app.viewport.pixels_per_unit
-        if app.scene is None or camera is None:
-            return None
-        return surface_at(app.scene.pack, camera, app.settings, x * scale, y * scale)
-
     def press(self, app: App, x: float, y: float, *, subtracts: bool) -> None:
         """The left button goes down at a point of the viewport. subtracts: whatever `adds` says."""
-        if app.scene is None or self.choosing:
+        if self.choosing:
             app.messages.say("Still selecting…")
             return
         self._subtracts = subtracts or not self.adds
@@ -139,7 +131,7 @@ class Erasing:
         elif self.tool == "lasso":
             self.outline = [(x, y)]
         else:
-            self.cursor, self.reach, self._stroke = self.look_at(app, x, y), 0.0, (x, y)
+            self.cursor, self.reach, self._stroke = surface_under(app, x, y), 0.0, (x, y)
         app.touch()
 
     def drag(self, app: App, x: float, y: float) -> None:
@@ -171,13 +163,17 @@ class Erasing:
         app.touch()
 
     def _select_within(self, app: App, outline: np.ndarray) -> None:
-        camera, settings, canvas = app.viewport.camera, app.settings, app.canvas
+        camera, settings, scale = app.viewport.camera, app.settings, app.resolution.moving_scale
         assert camera is not None
         box, depth = box_around(camera, outline), None
         if box is None:
             return
-        if not self.through and canvas is not None:
-            depth = depth_within(canvas, camera, settings, box, app.resolution.moving_scale)
+        if not self.through and app.canvas is not None:
+            x, y, width, height = box
+            part = replace(camera, width=width, height=height, cx=camera.cx - x, cy=camera.cy - y)
+            depth = app.canvas.depth(
+                part.resized(max(1, round(scale * width)), max(1, round(scale * height))), settings
+            )
         self._combine(app, lambda voxels, _: seen_within(voxels, camera, settings, outline, box, depth))
 
     def radius_units(self, app: App, hit: Hit) -> float:
@@ -220,9 +216,8 @@ class Erasing:
 
     def hold(self, app: App) -> None:
         """A slider of a rule is taken: until it is let go of, each choice takes the place of the one before."""
-        if app.scene is not None:
-            app.scene.rig.remember()
-            self._base = app.scene.edits.selected
+        app.open_scene.rig.remember()
+        self._base = app.open_scene.edits.selected
 
     def let_go(self) -> None:
         self._base = None
@@ -256,11 +251,12 @@ class Erasing:
 
     def erase(self, app: App) -> bool:
         """Takes away what is selected; False where that is nothing."""
-        if app.scene is None or not app.scene.edits.selected.bits:
+        scene = app.open_scene
+        edits = scene.edits
+        if not edits.selected.bits:
             return False
-        edits = app.scene.edits
-        app.scene.rig.remember()
-        app.scene.edits = Edits(edits.removed | edits.selected, NOTHING)
+        scene.rig.remember()
+        scene.edits = Edits(edits.removed | edits.selected, NOTHING)
         app.touch()
         return True
 
@@ -279,7 +275,7 @@ class Erasing:
     def _paint(self, app: App, scene: OpenScene) -> None:
         end, selected = time.perf_counter() + WORK_S, scene.edits.selected
         while self._dabs and time.perf_counter() < end:
-            self.cursor = self.look_at(app, *self._dabs.popleft())
+            self.cursor = surface_under(app, *self._dabs.popleft())
             if self.cursor is not None:
                 dab = _preview(app).voxels.in_ball(self.cursor.position, self.radius)
                 selected = selected - dab if self._subtracts else selected | dab
@@ -334,8 +330,8 @@ class Erasing:
 
     def ask_where_to_save(self, app: App) -> None:
         """Asks for the new pack. UserError where nothing was erased."""
-        scene = app.scene
-        if scene is None or not scene.edits.removed.bits:
+        scene = app.open_scene
+        if not scene.edits.removed.bits:
             raise UserError("nothing was erased", remedy="select something and press Delete")
         name = f"{scene.name}-edited" + (".zip" if scene.path.suffix.lower() == ".zip" else "")
         here, then = scene.path.resolve().parent, partial(self.save, app)
@@ -354,8 +350,7 @@ class Erasing:
             return ["edit", source, "--out", str(path.absolute()), "--voxels", str(folder / "voxels.npz")]
 
         def seen_as_before() -> None:
-            if app.scene is not None:
-                app.scene.rig.stand_as(rig)
+            app.open_scene.rig.stand_as(rig)
 
         def saved() -> None:
             scene.saved = removed
@@ -367,9 +362,7 @@ class Erasing:
 
 def _preview(app: App) -> EditPreview:
     """Of the open scene, begun if there is none. UserError where it cannot be edited."""
-    scene = app.scene
-    if scene is None:
-        raise UserError("there is no scene")
+    scene = app.open_scene
     if scene.preview is None:
         check_is_on_disk(scene, "open a pack, then erase parts of it")
         pack, canvas = scene.pack, app.canvas
@@ -394,17 +387,10 @@ Box = tuple[int, int, int, int]  # x, y, width, height in pixels
 
 def box_around(camera: ViewCamera, outline: np.ndarray) -> Box | None:
     """The pixels of the camera's picture that an outline (pixels, float [m, 2]) may hold; None for none."""
-    low = np.clip(np.floor(outline.min(axis=0)), 0, (camera.width, camera.height)).astype(int)
-    high = np.clip(np.floor(outline.max(axis=0)) + 1, 0, (camera.width, camera.height)).astype(int)
-    x, y, width, height = (int(n) for n in (*low, *(high - low)))
+    corners = np.floor([outline.min(axis=0), outline.max(axis=0) + 1])
+    x, y, right, foot = np.clip(corners, 0, (camera.width, camera.height)).astype(int).ravel().tolist()
+    width, height = right - x, foot - y
     return (x, y, width, height) if width and height else None
-
-
-def depth_within(canvas: Canvas, camera: ViewCamera, settings: RenderSettings, box: Box, scale: float) -> np.ndarray:
-    """Depth, float32 [h, w], of a part of the picture, drawn at `scale` of its size."""
-    x, y, width, height = box
-    part = replace(camera, width=width, height=height, cx=camera.cx - x, cy=camera.cy - y)
-    return canvas.depth(part.resized(max(1, round(scale * width)), max(1, round(scale * height))), settings)
 
 
 def seen_within(

@@ -13,9 +13,9 @@ from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.screen import Screen
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, px
 from viewer.features.editing.erasing import CHANGES, FAINTEST, RADII, RULES, SIZES, TOOLS, Erasing
+from viewer.features.measuring.surface import surface_under
 from viewer.rendering.canvas import Canvas
 
 HINTS = {
@@ -25,6 +25,7 @@ HINTS = {
     "sphere": "Press on a surface and drag: from the middle outwards.",
 }
 HELD = " Ctrl takes away. The right button turns the camera, the middle one moves it. Esc stops."
+LOGARITHMIC = imgui.SliderFlags_.logarithmic
 MODES = {True: "Add", False: "Subtract"}
 ICONS = {
     "invert": fa.ICON_FA_CIRCLE_HALF_STROKE,
@@ -34,25 +35,21 @@ ICONS = {
 }
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    if app.scene is None:
-        return
-    erasing, edits = app.erasing, app.scene.edits
-    with ui.card("tool", fonts, "Select in the picture"):
-        if picked := ui.segments("tool", TOOLS, erasing.tool):
+def show(app: App, canvas: Canvas) -> None:
+    erasing, edits = app.erasing, app.open_scene.edits
+    with ui.card("tool", "Select in the picture"):
+        if picked := ui.segments("##tool", TOOLS, erasing.tool):
             run(app, f"erase-{picked}")
         ui.hint(HINTS[erasing.tool] + (HELD if erasing.tool else ""))
-        picked = ui.segments("mode", MODES, erasing.adds)
+        picked = ui.segments("##mode", MODES, erasing.adds)
         erasing.adds = erasing.adds if picked is None else picked
         if erasing.tool == "lasso":
             erasing.through = ui.switch("through", erasing.through, "What is hidden, too")
         elif erasing.tool == "brush":
-            ui.label("Radius")
-            flags = imgui.SliderFlags_.logarithmic
-            erasing.radius = imgui.slider_float("##radius", erasing.radius, *RADII, "%.0f voxels", flags)[1]
-    with ui.card("rules", fonts, "Select by rule"):
+            erasing.radius = ui.slider("Radius", erasing.radius, *RADII, "%.0f voxels", flags=LOGARITHMIC)
+    with ui.card("rules", "Select by rule"):
         _rules(app, erasing)
-    with ui.card("selected", fonts, "Selected"):
+    with ui.card("selected", "Selected"):
         ui.figure("Voxels", "selecting…" if erasing.choosing else f"{edits.selected.count:,}")
         for how, icon in ICONS.items():
             if ui.icon_button(icon, how, CHANGES[how], enabled=bool(edits.selected.bits) or how == "invert"):
@@ -61,7 +58,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         imgui.new_line()
         if ui.main_button(f"{fa.ICON_FA_ERASER}  Erase", enabled=bool(edits.selected.bits)):
             run(app, "erase-selected")
-    with ui.card("save", fonts, "Erased"):
+    with ui.card("save", "Erased"):
         ui.figure("Voxels", f"{edits.removed.count:,}")
         if ui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save as…", enabled=bool(edits.removed.bits)):
             run(app, "save-edited")
@@ -72,12 +69,11 @@ def _rules(app: App, erasing: Erasing) -> None:
     if ui.button(RULES["parts"]):
         run(app, "select-parts")
     ui.label("Parts below")
-    flags = imgui.SliderFlags_.logarithmic
-    changed, value = imgui.slider_int("##small", erasing.smaller_than, *SIZES, "%d voxels", flags)
+    changed, value = imgui.slider_int("##small", erasing.smaller_than, *SIZES, "%d voxels", LOGARITHMIC)
     erasing.smaller_than = max(value, SIZES[0])
     _preview(app, "small", changed)
     ui.label("Fainter than")
-    changed, value = imgui.slider_float("##faint", erasing.fainter_than, *FAINTEST, "%.3f", flags)
+    changed, value = imgui.slider_float("##faint", erasing.fainter_than, *FAINTEST, "%.3f", LOGARITHMIC)
     if changed:
         erasing.fainter_than = min(max(value, FAINTEST[0]), FAINTEST[1])
     _preview(app, "faint", changed)
@@ -104,7 +100,7 @@ def _preview(app: App, rule: str, changed: bool) -> None:
 def draw(app: App, box: Box, over: bool) -> None:
     """Draws what a tool is about to select. over: the mouse is over nothing but the picture."""
     erasing = app.erasing
-    if not erasing.tool or app.scene is None:
+    if not erasing.tool:
         return
     mouse, lines = imgui.get_io().mouse_pos, imgui.get_window_draw_list()
     colour, dark = theme.packed(theme.WARN), theme.packed(theme.BASE, 0.75)
@@ -115,7 +111,7 @@ def draw(app: App, box: Box, over: bool) -> None:
                 lines.add_line(a, b, line, px(width))
         return
     if erasing.tool == "brush" and over and not imgui.is_item_active():
-        erasing.cursor = erasing.look_at(app, mouse.x - box[0], mouse.y - box[1])
+        erasing.cursor = surface_under(app, mouse.x - box[0], mouse.y - box[1])
     if erasing.cursor is None:
         return
     middle = Screen(app, box).points(np.asarray([erasing.cursor.point]))[0][0]

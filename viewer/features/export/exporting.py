@@ -18,7 +18,7 @@ from scenepack.pack import Pack
 from viewer.core.command_process import FolderProcess
 from viewer.core.files import FileRequest, kind_of
 from viewer.core.state import OpenScene
-from viewer.core.tasks import Task
+from viewer.core.tasks import Cancelled, Task
 from viewer.features.film.camera_path import save_path
 
 if TYPE_CHECKING:
@@ -55,12 +55,11 @@ def crop_words(crop: Corners | None) -> list[str]:
 
 def page_words(app: App, folder: Path) -> list[str]:
     """Options for a page that begins with the view of this moment. folder: takes the camera path, where there is one."""
-    assert app.scene is not None
     filming, file = app.filming, folder / "path.json"
-    words = [f"--title={app.scene.name}", f"--pose={app.pose_text()}"]
+    words = [f"--title={app.open_scene.name}", f"--pose={app.pose_text()}"]
     if not filming.path.keyframes:
         return words
-    save_path(filming.path, file, app.scene.pack.worldspace_T_opengl, filming.size, filming.fps)
+    save_path(filming.path, file, app.open_scene.pack.worldspace_T_opengl, filming.size, filming.fps)
     return [*words, "--path", str(file)]
 
 
@@ -118,11 +117,8 @@ class Exporting:
 
     def ask(self, app: App) -> None:
         """Opens the dialog. UserError where the scene is no pack on disk, or something is being written."""
-        if self.writing is not None:
-            raise UserError("another export is still running", remedy="cancel it or wait for it")
-        if app.scene is None:
-            return
-        check_is_on_disk(app.scene, "open a pack, then export it")
+        self._check_is_idle()
+        check_is_on_disk(app.open_scene, "open a pack, then export it")
         self.plan = replace(self.plan, crop=True)
         self.asking, self.preview = True, ExportPreview()
 
@@ -133,10 +129,9 @@ class Exporting:
         self.preview = None
 
     def choose_file(self, app: App) -> None:
-        assert app.scene is not None
         self.dismiss()
         suffixes = SUFFIXES[self.plan.kind]
-        name = f"{app.scene.name}-{self.plan.kind}{suffixes[0]}"
+        name = f"{app.open_scene.name}-{self.plan.kind}{suffixes[0]}"
         app.file_request = FileRequest("Export the scene", "save", lambda path: self.begin(app, path), suffixes, name)
 
     def begin(self, app: App, file: Path) -> None:
@@ -151,12 +146,15 @@ class Exporting:
         self, app: App, file: Path, words: Callable[[Path], Sequence[str]], then: Callable[[], object] = lambda: None
     ) -> None:
         """Has snerg-pack write `file`. words: as of FolderProcess. then: called once it is there. UserError as begin()."""
-        if self.writing is not None:
-            raise UserError("another export is still running", remedy="cancel it or wait for it")
+        self._check_is_idle()
         app.annotations.save_now()
         self.writing = Writing.start("baker.commands.pack", words)
         self.writing.file, self.writing.then = file, then
         app.touch()
+
+    def _check_is_idle(self) -> None:
+        if self.writing is not None:
+            raise UserError("another export is still running", remedy="cancel it or wait for it")
 
     def cancel(self) -> None:
         """Asks the process to end; nothing of the file is left."""
@@ -201,10 +199,6 @@ class Exporting:
 SETTLED_S = 0.25  # without a change, before it is begun: sliders pass through many values
 
 
-class _Superseded(Exception):
-    """Something else is wanted by now."""
-
-
 class ExportPreview:
     def __init__(self) -> None:
         self.geometry: Geometry | None = None  # the newest one, also while another is made
@@ -212,25 +206,21 @@ class ExportPreview:
         self.share = 0.0  # of what is being made is done, 0 … 1
         self._wanted: tuple[int, Export] | None = None
         self._changed, self._begun = 0.0, True
-        self._task: Task[None] | None = None
+        self._task: Task[None] | None = None  # what is superseded ends at its next report
         self._seen: object = None
 
     @property
     def working(self) -> bool:
         """Whether another preview is wanted and not there yet."""
-        return not self._begun or self._busy
-
-    @property
-    def _busy(self) -> bool:
-        return self._task is not None and not self._task.finished  # what is superseded ends at its next report
+        return not self._begun or (self._task is not None and not self._task.finished)
 
     def follow(self, pack: Pack, export: Export) -> None:
         """What is wanted now. Call it often."""
         wanted = (id(pack), export)
         if wanted != self._wanted:
             self._wanted, self._changed, self._begun = wanted, time.monotonic(), False
-        first = self.geometry is None and not self.error
-        if not self._begun and not self._busy and (first or time.monotonic() - self._changed >= SETTLED_S):
+        first, busy = self.geometry is None and not self.error, self._task is not None and not self._task.finished
+        if not self._begun and not busy and (first or time.monotonic() - self._changed >= SETTLED_S):
             self._begun, self.share = True, 0.0
             self._task = Task(lambda: self._make(pack, wanted))
 
@@ -248,14 +238,14 @@ class ExportPreview:
 
         def on_progress(share: float, note: str) -> None:
             if self._wanted != wanted:
-                raise _Superseded
+                raise Cancelled
             self.share = share
 
         try:
             made = preview_geometry(pack, wanted[1], on_progress)
             on_progress(1.0, "")
             self.geometry, self.error = made, ""
-        except _Superseded:
+        except Cancelled:  # something else is wanted by now
             pass
         except (UserError, MemoryError) as error:
             self.error = error.what if isinstance(error, UserError) else "there is not enough memory for a preview"
@@ -276,14 +266,13 @@ class Sharing:
 
     def start(self, app: App) -> None:
         """Serves the open pack, instead of what is served now. UserError where it is not on disk or nothing can be started."""
-        if app.scene is None:
-            return
-        check_is_on_disk(app.scene, "open a pack, then share it")
+        scene = app.open_scene
+        check_is_on_disk(scene, "open a pack, then share it")
         self.end()
         app.annotations.save_now()
-        words = [str(app.scene.path.resolve()), "--serve", "0", *crop_words(app.settings.crop)]
+        words = [str(scene.path.resolve()), "--serve", "0", *crop_words(app.settings.crop)]
         self.server = Server.start("viewer.commands.view", lambda folder: [*words, *page_words(app, folder)])
-        self.server.name = app.scene.name
+        self.server.name = scene.name
         app.touch()
 
     def copy(self, app: App) -> None:

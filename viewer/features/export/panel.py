@@ -10,7 +10,6 @@ from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.annotations import Scale
-from viewer.core.theme import Fonts
 from viewer.core.widgets import BUTTON_WIDTH, Box, px
 from viewer.features.export.exporting import FACES, FRAMES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan
 from viewer.features.making.panel import with_time_left
@@ -27,19 +26,21 @@ HINTS = {
 }
 
 
-def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts, pane: PreviewPane) -> None:
+def show(app: App, canvas: Canvas, pane: PreviewPane) -> None:
     """Draws the question while there is one, and nothing is in front of it. pane: the same one each time."""
     exporting = app.exporting
     if exporting.preview is None:
         pane.drop(canvas)
     if app.scene is None or ui.in_front(app) != "export":
         return
-    room = size.x / px(1) - 32 - CHOICES - GAP - 2 * PADDING  # in a small window there is no preview
+    room = (
+        imgui.get_io().display_size.x / px(1) - 32 - CHOICES - GAP - 2 * PADDING
+    )  # in a small window there is no preview
     beside = min(room, WIDEST_PREVIEW) if room >= NARROWEST_PREVIEW else 0.0
     width = CHOICES + GAP + beside + 2 * PADDING if beside else WIDTH
-    if not ui.begin_modal(NAME, size, width, 0.47, padding=(PADDING, 22)):
+    if not ui.begin_modal(NAME, width, 0.47, padding=(PADDING, 22)):
         return
-    with ui.font(fonts.bold, theme.LARGE):
+    with ui.font(theme.fonts.bold, theme.LARGE):
         ui.write(fa.ICON_FA_CUBE, theme.ACCENT)
         imgui.same_line(0, px(12))
         imgui.text_unformatted(f"Export {app.scene.name}")
@@ -64,27 +65,21 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts, pane: PreviewPane
 
 
 def _choices(app: App, plan: ExportPlan) -> None:
-    ui.label("As", LABELS)
-    plan.kind = ui.segments("kind", KINDS, plan.kind) or plan.kind
+    plan.kind = ui.segments("As##kind", KINDS, plan.kind, LABELS) or plan.kind
     ui.hint(HINTS[plan.kind])
     if plan.kind in ("mesh", "points"):
         ui.label("Opacity level", LABELS)
-        imgui.set_next_item_width(-1)
-        plan.level = imgui.slider_float("##level", plan.level, *LEVELS, "%.2f")[1]
+        plan.level = ui.slider("##level", plan.level, *LEVELS, "%.2f")
         ui.tip("Where the surface lies. Lower includes thinner mist.")
-        ui.label("Parts", LABELS)
-        plan.keep = ui.segments("keep", KEPT, plan.keep) or plan.keep
+        plan.keep = ui.segments("Parts##keep", KEPT, plan.keep, LABELS) or plan.keep
         plan.smooth = ui.switch("smooth", plan.smooth, "Smooth")
     if plan.kind == "mesh":
-        ui.label("Triangles", LABELS)
-        faces = ui.segments("faces", FACES, plan.faces)
+        faces = ui.segments("Triangles##faces", FACES, plan.faces, LABELS)
         plan.faces = plan.faces if faces is None else faces
     elif plan.kind == "points":
-        ui.label("Density", LABELS)
-        plan.spacing = ui.segments("spacing", SPACINGS, plan.spacing) or plan.spacing
+        plan.spacing = ui.segments("Density##spacing", SPACINGS, plan.spacing, LABELS) or plan.spacing
     if plan.kind != "page":
-        ui.label("Frame", LABELS)
-        plan.frame = ui.segments("frame", FRAMES, plan.frame) or plan.frame
+        plan.frame = ui.segments("Frame", FRAMES, plan.frame, LABELS) or plan.frame
         ui.hint(_frame_hint(plan, app.annotations.current.scale))
     if app.settings.crop is not None:
         plan.crop = ui.switch("cropped", plan.crop, "Crop box only")
@@ -117,13 +112,13 @@ def _answer(app: App) -> None:
         app.exporting.choose_file(app)
 
 
-def show_card(app: App, box: Box, fonts: Fonts) -> None:
+def show_card(app: App, box: Box) -> None:
     """How far it is, at the lower left of the viewport's box; not while a scene is being made, whose card is there."""
     writing = app.exporting.writing
     if writing is None or app.making.job is not None:
         return
     with ui.corner_card("##exporting", box):
-        if ui.titled_button(writing.file.name, "Cancel##export", fonts):
+        if ui.titled_button(writing.file.name, "Cancel##export"):
             app.exporting.cancel()
         report, stopping = writing.report, writing.child.stopping
         imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
@@ -134,13 +129,13 @@ def show_card(app: App, box: Box, fonts: Fonts) -> None:
             ui.hint(with_time_left(f"{words[:1].upper()}{words[1:]}, {100 * report.share:.0f} %", report))
 
 
-def show_sharing(app: App, box: Box, fonts: Fonts) -> None:
+def show_sharing(app: App, box: Box) -> None:
     """The card with the address under which the open pack is shared, where no other card is."""
     server = app.sharing.server
     if server is None or app.making.job is not None or app.exporting.writing is not None:
         return
     with ui.corner_card("##sharing", box):
-        if ui.titled_button(f"Sharing {server.name}", "Stop##sharing", fonts):
+        if ui.titled_button(f"Sharing {server.name}", "Stop##sharing"):
             app.sharing.end()
         if not server.address:
             ui.hint("Making the page…")
@@ -171,8 +166,8 @@ class PreviewPane:
 
     def show(self, app: App, canvas: Canvas, width: float, height: float) -> None:
         """width, height: of the picture, in window units; a line of text comes below it."""
-        preview, scene = app.exporting.preview, app.scene
-        if preview is None or scene is None:
+        preview, scene = app.exporting.preview, app.open_scene
+        if preview is None:
             return
         at = imgui.get_cursor_screen_pos()
         imgui.dummy(ImVec2(width, height))
@@ -202,8 +197,7 @@ class PreviewPane:
 
     def _turn(self, app: App, height: float) -> None:
         """What the mouse does on the picture: it orbits, and the wheel moves closer."""
-        assert app.scene is not None
-        rig, io = app.scene.rig, imgui.get_io()
+        rig, io = app.open_scene.rig, imgui.get_io()
         if imgui.is_item_hovered() and imgui.is_mouse_clicked(0):
             self._held = True
             rig.remember()
@@ -217,8 +211,8 @@ class PreviewPane:
 
 
 def _preview_text(app: App) -> str:
-    preview, scene = app.exporting.preview, app.scene
-    assert preview is not None and scene is not None
+    preview = app.exporting.preview
+    assert preview is not None
     if preview.working:
         return "Making a preview…"
     if preview.error:

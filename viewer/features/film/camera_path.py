@@ -8,7 +8,7 @@ matrices in the training frame, row-major, as nerfstudio writes them.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -38,21 +38,6 @@ class CameraPath:
 
     keyframes: list[Keyframe] = field(default_factory=list)
     closed: bool = False
-
-    def insert(self, keyframe: Keyframe, index: int | None = None) -> int:
-        """Adds a keyframe after `index` (None: at the end); where it came to stand."""
-        at = len(self.keyframes) if index is None else index + 1
-        self.keyframes.insert(at, keyframe)
-        return at
-
-    def replace(self, index: int, **fields: Any) -> None:
-        self.keyframes[index] = replace(self.keyframes[index], **fields)
-
-    def move(self, index: int, by: int) -> int:
-        """Moves a keyframe earlier (-1) or later (1); its new index."""
-        to = min(max(index + by, 0), len(self.keyframes) - 1)
-        self.keyframes.insert(to, self.keyframes.pop(index))
-        return to
 
     @property
     def duration(self) -> float:

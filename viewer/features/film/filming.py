@@ -85,8 +85,7 @@ class Filming:
 
     def _view(self, app: App, camera: ViewCamera) -> ViewCamera:
         """What is written of what `camera` sees."""
-        assert app.scene is not None
-        return camera.as_panorama(self.size, app.scene.rig.table.axes[1]) if self.panorama else camera
+        return camera.as_panorama(self.size, app.open_scene.rig.table.axes[1]) if self.panorama else camera
 
     def use(self, path: CameraPath) -> None:
         """Takes another path, from its start."""
@@ -94,13 +93,14 @@ class Filming:
 
     def add(self, app: App) -> None:
         """Makes the present view a keyframe, after the selected one."""
-        if app.scene is not None:
-            self.selected = self.path.insert(Keyframe(app.scene.rig.matrix.copy(), app.fov), self.selected)
-            app.messages.say(f"Keyframe {self.selected + 1} of {len(self.path.keyframes)}")
+        keys = self.path.keyframes
+        self.selected = len(keys) if self.selected is None else self.selected + 1
+        keys.insert(self.selected, Keyframe(app.open_scene.rig.matrix.copy(), app.fov))
+        app.messages.say(f"Keyframe {self.selected + 1} of {len(keys)}")
 
     def update(self, app: App, index: int) -> None:
-        if app.scene is not None:
-            self.path.replace(index, grid_T_camera=app.scene.rig.matrix.copy(), fov=app.fov)
+        key, rig = self.path.keyframes[index], app.open_scene.rig
+        self.path.keyframes[index] = replace(key, grid_T_camera=rig.matrix.copy(), fov=app.fov)
 
     def remove(self, index: int) -> None:
         del self.path.keyframes[index]
@@ -108,7 +108,9 @@ class Filming:
         self.playing = self.playing and bool(self.path.keyframes)
 
     def move(self, index: int, by: int) -> None:
-        self.selected = self.path.move(index, by)
+        keys = self.path.keyframes
+        self.selected = min(max(index + by, 0), len(keys) - 1)
+        keys.insert(self.selected, keys.pop(index))
 
     def select(self, app: App, index: int) -> None:
         self.selected = index
@@ -116,25 +118,24 @@ class Filming:
 
     def show(self, app: App, seconds: float) -> None:
         """Shows the view at a time of the path."""
-        if app.scene is None or not self.path.keyframes:
+        if not self.path.keyframes:
             return
         self.time = min(max(seconds, 0.0), max(self.path.duration, 0.0))
         matrix, fov = self.path.at(self.time)
         self._held = view_camera(matrix, fov, app.viewport.pixels)
-        app.scene.rig.hold(self._held)
+        app.open_scene.rig.hold(self._held)
         app.touch()
 
     def play(self, app: App) -> None:
         """Starts or stops playing; from the start again where the end was reached."""
         self.playing, self._held = not self.playing and len(self.path.keyframes) > 1, None
         if self.playing:
-            if app.scene is not None:
-                app.scene.rig.remember()
+            app.open_scene.rig.remember()
             if self.time >= self.path.duration - 1e-6:
                 self.time = 0.0
 
     def tick(self, app: App, seconds: float) -> None:
-        if self.playing and app.scene is not None and self._held not in (None, app.scene.rig.held):
+        if self.playing and self._held not in (None, app.open_scene.rig.held):
             self.playing = False  # somebody moved the camera
         if self.playing:
             self.time += seconds
@@ -150,9 +151,7 @@ class Filming:
 
     def turntable(self, app: App) -> None:
         """A closed path around the scene, as high and far as the camera is; from the first view, where all sides are seen."""
-        if app.scene is None:
-            return
-        rig = app.scene.rig
+        rig = app.open_scene.rig
         rig.take_over()
         if rig.bounded:
             raise UserError("a turntable does not work with a forward-facing pack")
@@ -195,31 +194,29 @@ class Filming:
 
     def focus_at(self, app: App, x: float, y: float) -> None:
         """Focuses on the surface under a point of the viewport (window units from its corner)."""
-        hit, words = app.measure_tool.look_at(app, x, y), app.measure_tool.length_format(app)
-        if hit is None or words is None:
-            app.messages.say("There is no surface under the cursor")
-            return
-        self.focus, self.focusing = triple(hit.point), False
-        app.messages.say(f"In focus: {words.length(hit.distance)} away")
+        hit = app.measure_tool.click_at(app, x, y)
+        if hit is not None:
+            self.focus, self.focusing = triple(hit.point), False
+            app.messages.say(f"In focus: {app.measure_tool.length_format(app).length(hit.distance)} away")
 
     def _lens(self, app: App, camera: ViewCamera) -> Aperture | None:
         """Of a still. UserError where the camera can have none."""
-        if not self.aperture or app.scene is None:
+        if not self.aperture:
             return None
+        scene = app.open_scene
         if camera.orthographic or any(camera.distortion):
             raise UserError("depth of field needs perspective without a distorting lens", remedy="switch it off")
         if self.focus is None:
-            focus = depth_in_middle(app.scene.pack, camera, app.settings)
+            focus = depth_in_middle(scene.pack, camera, app.settings)
         else:
             focus = depth_of(camera, np.array(self.focus))
         if focus is None or focus <= 0:
             raise UserError("there is nothing to focus on", remedy="click on what shall be in focus")
-        return Aperture(self.aperture * app.scene.rig.radius, focus, self.lens_rays)
+        return Aperture(self.aperture * scene.rig.radius, focus, self.lens_rays)
 
     def ask_for_still(self, app: App) -> None:
-        if app.scene is not None:
-            then, name = partial(app.filming.still, app), f"{app.scene.name}.png"
-            app.file_request = FileRequest("Save the picture", "save", then, (".png", ".exr"), name)
+        then, name = partial(app.filming.still, app), f"{app.open_scene.name}.png"
+        app.file_request = FileRequest("Save the picture", "save", then, (".png", ".exr"), name)
 
     def copy(self, app: App) -> None:
         """Starts to put the picture of this moment, at the viewport's size, on the clipboard."""
@@ -292,16 +289,13 @@ def copy_picture(picture: np.ndarray) -> None:
     """Puts a picture, uint8 [h, w, 3], on the clipboard until the program ends. UserError where that is impossible."""
     import copykitten
 
-    if picture.nbytes > LARGEST_BYTES and _png_bytes(picture) > LARGEST_BYTES:
-        raise UserError("the picture is too large for the clipboard", remedy=REMEDY)
+    if picture.nbytes > LARGEST_BYTES:
+        png = io.BytesIO()
+        Image.fromarray(picture).save(png, format="PNG", compress_level=1)
+        if png.tell() > LARGEST_BYTES:
+            raise UserError("the picture is too large for the clipboard", remedy=REMEDY)
     height, width = picture.shape[:2]
     try:
         copykitten.copy_image(Image.fromarray(picture).convert("RGBA").tobytes(), width, height)
     except copykitten.CopykittenError as error:
         raise UserError("the clipboard cannot be reached", found=str(error), remedy=REMEDY) from error
-
-
-def _png_bytes(picture: np.ndarray) -> int:
-    file = io.BytesIO()
-    Image.fromarray(picture).save(file, format="PNG", compress_level=1)
-    return file.tell()

@@ -54,17 +54,17 @@ class Kiosk:
 
     def _path(self, app: App) -> CameraPath:
         """The camera path that was loaded, or one through the bookmarks, or a turn; without an end."""
-        filming = app.filming
-        assert app.scene is not None
+        filming, scene = app.filming, app.open_scene
         if len(filming.path.keyframes) > 1:
-            return CameraPath(filming.path.keyframes, closed=True)
-        if len(app.annotations.current.bookmarks) > 1:
+            keys = filming.path.keyframes
+        elif len(app.annotations.current.bookmarks) > 1:
             self.tour = True
-            return CameraPath([replace(key, seconds=LEG_S) for key in app.bookmarks.keyframes(app)], closed=True)
-        if app.scene.rig.bounded:
-            cameras = forward_facing_path(app.scene.pack, SWAY_KEYS)
+            keys = [replace(key, seconds=LEG_S) for key in app.bookmarks.keyframes(app)]
+        elif scene.rig.bounded:
+            cameras = forward_facing_path(scene.pack, SWAY_KEYS)
             keys = [Keyframe(camera.grid_T_camera, app.fov, TURN_S / SWAY_KEYS) for camera in cameras]
-            return CameraPath(keys, closed=True)
-        filming.turntable(app)
-        count = len(filming.path.keyframes)
-        return CameraPath([replace(key, seconds=TURN_S / count) for key in filming.path.keyframes], closed=True)
+        else:
+            filming.turntable(app)
+            turn = filming.path.keyframes
+            keys = [replace(key, seconds=TURN_S / len(turn)) for key in turn]
+        return CameraPath(keys, closed=True)

@@ -16,7 +16,6 @@ from viewer.core import widgets as ui
 from viewer.core.files import FileRequest
 from viewer.core.pose import FRUSTUM_EDGES, frustum_points, view_camera
 from viewer.core.screen import Screen
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, px
 from viewer.features.bookmarks.panel import changed_by_buttons, row
 from viewer.features.film.film_export import FILMS, films_possible
@@ -27,17 +26,17 @@ LIST_HEIGHT = 180.0
 APERTURES, USUAL_APERTURE = (0.1, 20.0), 0.03  # of the scene's radius: percent, least and most; share
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas) -> None:
     filming = app.filming
-    with ui.card("path", fonts, "Camera path"):
+    with ui.card("path", "Camera path"):
         _path(app, canvas, filming)
-    with ui.card("size", fonts, "Size"):
+    with ui.card("size", "Size"):
         _size(filming)
-    with ui.card("still", fonts, "This view"):
+    with ui.card("still", "This view"):
         _still(app, filming)
-    with ui.card("export", fonts, "Export"):
+    with ui.card("export", "Export"):
         _export(app, filming)
-    with ui.card("scene", fonts, "Scene"):
+    with ui.card("scene", "Scene"):
         ui.hint("A mesh, points or Gaussians for other programs.")
         if ui.button(f"{fa.ICON_FA_CUBE}  Export the scene…"):
             run(app, "export-scene")
@@ -84,7 +83,7 @@ def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
         return
     imgui.set_next_item_width(-1)
     key = filming.path.keyframes[index]
-    filming.path.keyframes[index] = replace(key, seconds=ui.slider("leg", key.seconds, 0.2, 10.0, "%.1f s to next"))
+    filming.path.keyframes[index] = replace(key, seconds=ui.slider("##leg", key.seconds, 0.2, 10.0, "%.1f s to next"))
 
 
 def _size(filming: Filming) -> None:
@@ -93,17 +92,15 @@ def _size(filming: Filming) -> None:
     if panorama != filming.panorama:
         filming.set_panorama(panorama)
     sizes = PANORAMA_SIZES if filming.panorama else SIZES
-    filming.size = ui.segments("sizes", sizes, filming.size) or filming.size
+    filming.size = ui.segments("##sizes", sizes, filming.size) or filming.size
     ui.label("Pixels")
     changed, value = imgui.input_int2("##pixels", list(filming.size))
     if changed:
         filming.set_size(*value[:2])
-    ui.label("Frames / s")
-    filming.fps = float(round(ui.slider("fps", filming.fps, 10.0, 60.0, "%.0f")))
+    filming.fps = float(round(ui.slider("Frames / s##fps", filming.fps, 10.0, 60.0, "%.0f")))
     filming.annotated = ui.switch("annotated", filming.annotated, "Annotated places")
     ui.tip("Draws their numbers and titles into saved views and films, unless they have no background")
-    ui.label("Anti-aliasing")
-    filming.samples = ui.segments("samples", SAMPLES, filming.samples) or filming.samples
+    filming.samples = ui.segments("Anti-aliasing##samples", SAMPLES, filming.samples) or filming.samples
 
 
 def _still(app: App, filming: Filming) -> None:
@@ -132,12 +129,10 @@ def _depth_of_field(app: App, filming: Filming) -> None:
     ui.tip("Blurs the saved view where it is out of focus, as a lens does")
     if not filming.aperture:
         return
-    ui.label("Aperture")
     flags = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
-    filming.aperture = ui.slider("aperture", filming.aperture, *APERTURES, "%.2f %%", times=100.0, flags=flags)
+    filming.aperture = ui.slider("Aperture", filming.aperture, *APERTURES, "%.2f %%", times=100.0, flags=flags)
     ui.tip("Diameter of the opening, of the scene's radius")
-    ui.label("Quality")
-    filming.lens_rays = ui.segments("rays", LENS_QUALITY, filming.lens_rays) or filming.lens_rays
+    filming.lens_rays = ui.segments("Quality##rays", LENS_QUALITY, filming.lens_rays) or filming.lens_rays
     titles = ("Click on a surface" if filming.focusing else "Choose the focus", "The middle")
     pressed = ui.two_buttons(f"{titles[0]}###focus", titles[1])
     if pressed == 0:
@@ -173,14 +168,15 @@ PATH_STEPS = 24  # line segments per leg
 def draw_path(app: App, box: Box) -> None:
     """The camera path and its keyframes, while its page is open and it is not being played."""
     filming = app.filming
-    if not app.interface.shows("film") or filming.playing or app.scene is None or not filming.path.keyframes:
+    if not app.interface.shows("film") or filming.playing or not filming.path.keyframes:
         return
     screen, path = Screen(app, box), filming.path
     if len(path.keyframes) > 1:
         count = PATH_STEPS * len(path.keyframes)
         track = path.places(path.duration * np.arange(count + 1) / count)
         screen.lines(track, [(i, i + 1) for i in range(count)], theme.packed(theme.ACCENT), px(2))
-    depth = 0.05 if app.scene.rig.bounded else 0.12 * app.scene.rig.radius
+    rig = app.open_scene.rig
+    depth = 0.05 if rig.bounded else 0.12 * rig.radius
     for i, key in enumerate(path.keyframes):
         colour = theme.packed(theme.WARN if i == filming.selected else theme.ACCENT)
         camera = view_camera(key.grid_T_camera, key.fov, filming.size)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from PIL import Image
@@ -23,56 +23,50 @@ from viewer.core.tasks import Task
 from viewer.features.making.make_plan import Plan
 from viewer.features.opening.opening import work_out_ahead
 
+T = TypeVar("T")
 KEPT_FIGURES = 400
 PICTURE_SIDE = 512  # pixels of the longer side, at most
 
 
-@dataclass
-class MakeJob:
-    """A running or stopped job."""
+class FileWatch(Generic[T]):
+    """Reads a file in a thread whenever it has changed. Its writer renames it into place, so that it is always whole."""
 
-    plan: Plan
-    child: CommandProcess
-    report: Report | None = None  # the last progress that the process reported
-    figures: list[float] = field(default_factory=list)  # PSNR (dB) during training
-    picture: np.ndarray | None = None  # a held-out photograph beside its rendering, uint8 [h, w, 3]
-    _picture_time: float = 0.0
+    def __init__(self, file: Path, read: Callable[[Path], T]) -> None:
+        self._file, self._read = file, read
+        self._seen: tuple[int, int] | None = None  # inode and time of the file that was read last
+        self._task: Task[T | None] | None = None
 
-    @property
-    def stage(self) -> int:
-        """Number of the plan's stage, from 1; 0 before the first report."""
-        if self.report is None:
-            return 0
-        name = {"poses": "Poses", "baking": "Baking"}.get(self.report.stage, "Training")
-        return self.plan.stages.index(name) + 1 if name in self.plan.stages else 1
-
-    def poll(self) -> bool:
-        """Reads new progress; True if there is something new to show."""
-        report = self.child.report()
-        if report is None or report == self.report:
-            return self._read_picture()
-        later, self.report = self.report is None or report.done != self.report.done, report
-        if later and "psnr" in report.metrics:
-            self.figures = [*self.figures[-KEPT_FIGURES + 1 :], report.metrics["psnr"]]
-        self._read_picture()
-        return True
-
-    def _read_picture(self) -> bool:
-        file = self.plan.run / "validation" / "latest.png"
+    def poll(self) -> T | None:
+        """What was read since the last call, if anything. Never waits; starts to read a file that has changed."""
+        if self._task is not None:
+            if not self._task.finished:
+                return None
+            task, self._task = self._task, None
+            if (read := task.result()) is not None:
+                return read
         try:
-            changed = file.stat().st_mtime
-            if changed == self._picture_time:
-                return False
-            with Image.open(file, formats=["PNG"]) as opened:
-                picture = opened.convert("RGB")
-            picture.thumbnail((PICTURE_SIDE, PICTURE_SIDE))
-            self.picture, self._picture_time = np.asarray(picture), changed
-        except (OSError, ValueError):  # not there yet
-            return False
-        return True
+            there = self._file.stat()
+        except OSError:  # none yet, or no more
+            return None
+        if self._seen != (there.st_ino, there.st_mtime_ns):
+            self._seen = there.st_ino, there.st_mtime_ns
+            self._task = Task(self._try_to_read)
+        return None
+
+    def _try_to_read(self) -> T | None:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                return self._read(self._file)
+        except Exception:  # gone meanwhile, or none of ours: the next will do, and the pack in the end
+            return None
 
 
-# --- Training preview ---
+def _read_picture(file: Path) -> np.ndarray:
+    with Image.open(file, formats=["PNG"]) as opened:
+        picture = opened.convert("RGB")
+    picture.thumbnail((PICTURE_SIDE, PICTURE_SIDE))
+    return np.asarray(picture)
 
 
 @dataclass(frozen=True)
@@ -87,41 +81,49 @@ class TrainingPreview:
         return f"preview after {self.steps:,} steps"
 
 
-class TrainingPreviewFile:
-    """Reads the file in a thread. Call `poll` now and then. The writer renames it into place, so it is always whole."""
+def read_preview(file: Path) -> TrainingPreview:
+    """The preview in a file; whatever load_pack raises where there is none."""
+    pack = load_pack(file)
+    work_out_ahead(pack)
+    provenance: Any = pack.metadata["provenance"]
+    return TrainingPreview(pack, int(provenance["steps"]))
 
-    def __init__(self, file: Path) -> None:
-        self.file = file
-        self._seen: tuple[int, int] | None = None  # inode and time of the file that was read last
-        self._task: Task[TrainingPreview | None] | None = None
 
-    def poll(self) -> TrainingPreview | None:
-        """A preview that was read since the last call, if any. Never waits; starts to read a file that has changed."""
-        if self._task is not None:
-            if not self._task.finished:
-                return None
-            task, self._task = self._task, None
-            if (read := task.result()) is not None:
-                return read
-        try:
-            there = self.file.stat()
-        except OSError:  # none yet, or no more
-            return None
-        if self._seen != (there.st_ino, there.st_mtime_ns):
-            self._seen = there.st_ino, there.st_mtime_ns
-            self._task = Task(self._read)
-        return None
+@dataclass
+class MakeJob:
+    """A running or stopped job."""
 
-    def _read(self) -> TrainingPreview | None:
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                pack = load_pack(self.file)
-            work_out_ahead(pack)
-            provenance: Any = pack.metadata["provenance"]
-            return TrainingPreview(pack, int(provenance["steps"]))
-        except Exception:  # gone meanwhile, or none of ours: the next will do, and the pack in the end
-            return None
+    plan: Plan
+    child: CommandProcess
+    report: Report | None = None  # the last progress that the process reported
+    figures: list[float] = field(default_factory=list)  # PSNR (dB) during training
+    picture: np.ndarray | None = None  # a held-out photograph beside its rendering, uint8 [h, w, 3]
+    preview: TrainingPreview | None = None  # the newest
+    preview_offered: bool = False  # whether one was shown without being asked for
+
+    def __post_init__(self) -> None:
+        self._pictures = FileWatch(self.plan.run / "validation" / "latest.png", _read_picture)
+        self._previews = None if self.plan.poses_only else FileWatch(self.plan.preview_file, read_preview)
+
+    @property
+    def stage(self) -> int:
+        """Number of the plan's stage, from 1; 0 before the first report."""
+        if self.report is None:
+            return 0
+        name = {"poses": "Poses", "baking": "Baking"}.get(self.report.stage, "Training")
+        return self.plan.stages.index(name) + 1 if name in self.plan.stages else 1
+
+    def poll(self) -> bool:
+        """Reads new progress, pictures and previews; True if there is something new to show on the card."""
+        before, picture = self.report, self._pictures.poll()
+        if self._previews is not None:
+            self.preview = self._previews.poll() or self.preview
+        self.report = report = self.child.report() or before
+        if picture is not None:
+            self.picture = picture
+        if report is not None and (before is None or report.done != before.done) and "psnr" in report.metrics:
+            self.figures = [*self.figures[-KEPT_FIGURES + 1 :], report.metrics["psnr"]]
+        return report != before or picture is not None
 
 
 # --- Rejected photographs ---

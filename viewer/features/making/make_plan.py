@@ -45,9 +45,7 @@ class Plan:
     up: Direction | None = None  # likewise
     poses_only: bool = False  # no more is begun than finding poses
     survey: Survey | None = field(default=None, repr=False)  # of the scene's photographs
-    attempt: dict | None = field(
-        default=None, repr=False
-    )  # what an older run in `out` says of itself; it is gone on with
+    attempt: dict | None = field(default=None, repr=False)  # an older run in `out`, gone on with: see _description
     place_problem: str | None = field(default=None, repr=False)  # why nothing can be written there
 
     def __post_init__(self) -> None:

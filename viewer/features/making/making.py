@@ -19,13 +19,7 @@ from viewer.core.command_process import CommandProcess
 from viewer.core.files import FileRequest, existing_folder
 from viewer.core.log import Dialog
 from viewer.core.tasks import Task
-from viewer.features.making.make_job import (
-    MakeJob,
-    RejectedPhotographs,
-    TrainingPreview,
-    TrainingPreviewFile,
-    rejected_photographs_of,
-)
+from viewer.features.making.make_job import MakeJob, RejectedPhotographs, rejected_photographs_of
 from viewer.features.making.make_plan import Plan, Subject
 from viewer.features.making.review import Kind, Review, SparsePreview, read_sparse_preview
 from viewer.features.making.survey import PhotographCheck, Survey
@@ -58,9 +52,6 @@ class Making:
     review: Review | None = None  # waits for the user before training
     reading: SparsePreviewJob | None = None  # reads the sparse points now
     sparse_preview: SparsePreview | None = None  # the points that were read
-    training_preview: TrainingPreview | None = None  # the newest preview of the training
-    _training_preview_file: TrainingPreviewFile | None = None
-    _training_preview_offered: bool = False  # whether it was shown once without being asked for
     _looked: float = 0.0
     _surveyed: bool = False
     _left_shown: int | None = None
@@ -148,8 +139,6 @@ class Making:
 
     def _begin(self, app: App, plan: Plan) -> None:
         self.job = MakeJob(plan, CommandProcess(plan.command(), plan.log))
-        self.training_preview, self._training_preview_offered = None, False
-        self._training_preview_file = None if plan.poses_only else TrainingPreviewFile(plan.preview_file)
         app.messages.log(f"making {plan.name}: {plan.typed()}")
         app.touch()
 
@@ -220,10 +209,10 @@ class Making:
 
     def show_training_preview(self, app: App) -> None:
         """Shows what is trained so far; of what comes later, the newest, as long as this is shown."""
-        if self.training_preview is None or self.job is None:
+        if self.job is None or self.job.preview is None:
             return
         stand_there = self._kept_camera(app)
-        plan, preview = self.job.plan, self.training_preview
+        plan, preview = self.job.plan, self.job.preview
         shown = self.training_preview_shown(app)
         app.show_training_preview(preview, plan.preview_file, f"{plan.name}: {preview.description}")
         if not shown:
@@ -233,14 +222,10 @@ class Making:
         """Whether a state of what is being made is what is shown now."""
         return self.job is not None and app.scene is not None and app.scene.path == self.job.plan.preview_file
 
-    def _tick_training_preview(self, app: App) -> None:
-        newer = None if self._training_preview_file is None else self._training_preview_file.poll()
-        if newer is None:
-            return
-        self.training_preview = newer
-        first = not self._training_preview_offered and (app.scene is None or self.sparse_preview_shown(app))
+    def _offer_training_preview(self, app: App, job: MakeJob) -> None:
+        first = not job.preview_offered and (app.scene is None or self.sparse_preview_shown(app))
         if first or self.training_preview_shown(app):
-            self._training_preview_offered = True
+            job.preview_offered = True
             try:
                 self.show_training_preview(app)
             except UserError as error:  # it does not fit on the GPU
@@ -333,7 +318,6 @@ class Making:
             self._rejected = None
             app.touch()
         self._tick_look(app)
-        self._tick_training_preview(app)
         job, now = self.job, time.monotonic()
         if now - self._looked < POLL_EVERY_S:
             return
@@ -345,11 +329,13 @@ class Making:
                 app.messages.say(f"No browser was found. The page is {check.page}", "warning")
         if job is None:
             return
-        status = job.child.poll()
+        status, shown = job.child.poll(), job.preview
         if job.poll():
             app.touch(2)
+        if job.preview is not shown:
+            self._offer_training_preview(app, job)
         if status is not None:
-            kept, self.job, self._training_preview_file = self._kept_camera(app), None, None
+            kept, self.job = self._kept_camera(app), None
             app.touch()
             self._ended(app, job, status, kept)
 

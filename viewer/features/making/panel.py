@@ -13,7 +13,6 @@ from console.progress_protocol import Report
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, px
 from viewer.features.making import survey
 from viewer.features.making.make_job import MakeJob, RejectedPhotographs
@@ -26,18 +25,18 @@ NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
 AUTOMATIC = "Automatic"
 
 
-def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas) -> None:
     """Draws the question while there is one, and nothing is in front of it."""
     plan = app.making.plan
     if plan is None or ui.in_front(app) != "make":
         return
-    if not ui.begin_modal(NAME, size, WIDTH, 0.47, padding=(PADDING, 22)):
+    if not ui.begin_modal(NAME, WIDTH, 0.47, padding=(PADDING, 22)):
         return
-    _heading(plan, fonts)
+    _heading(plan)
     if plan.survey is not None and plan.survey.preview is not None:
         show_preview(canvas, plan.survey.preview)
     if plan.can_be_checked:
-        _check(app, plan, fonts)
+        _check(app, plan)
     imgui.dummy(ImVec2(0, px(6)))
     problem = plan.problem()
     surveying = plan.survey is not None and not plan.survey.finished
@@ -52,8 +51,8 @@ def show(app: App, canvas: Canvas, size: ImVec2, fonts: Fonts) -> None:
     imgui.end_popup()
 
 
-def _heading(plan: Plan, fonts: Fonts) -> None:
-    with ui.font(fonts.bold, theme.LARGE):
+def _heading(plan: Plan) -> None:
+    with ui.font(theme.fonts.bold, theme.LARGE):
         ui.write(fa.ICON_FA_WAND_MAGIC_SPARKLES, theme.ACCENT)
         imgui.same_line(0, px(12))
         verb = "Make" if plan.subject == "scene" else "Bake"
@@ -65,7 +64,7 @@ def _heading(plan: Plan, fonts: Fonts) -> None:
         ui.paragraph(text, theme.MUTED)
 
 
-def _check(app: App, plan: Plan, fonts: Fonts) -> None:
+def _check(app: App, plan: Plan) -> None:
     """The row that checks the photographs: the button, how far the check is, or what it found."""
     check = app.making.check
     imgui.dummy(ImVec2(0, px(2)))
@@ -92,7 +91,7 @@ def _check(app: App, plan: Plan, fonts: Fonts) -> None:
         ui.tip(f"All photographs, and which of them match, in the browser: {check.page}")
         imgui.same_line()
         imgui.align_text_to_frame_padding()
-        ui.write(f"Quality {check.result['score']:.0f} of 100", face=fonts.bold)
+        ui.write(f"Quality {check.result['score']:.0f} of 100", face=theme.fonts.bold)
         with ui.style(item_spacing=(8, 3)):
             for text, warns in result_lines(check.result):
                 ui.hint(text, theme.WARN if warns else theme.MUTED)
@@ -101,22 +100,19 @@ def _check(app: App, plan: Plan, fonts: Fonts) -> None:
 def _choices(app: App, plan: Plan) -> None:
     """Preset, size and what else there is to choose; none of it where an earlier attempt is gone on with."""
     if plan.subject == "run":
-        ui.label("Voxels", LABELS)
         titles = {side: f"{side}³" for side in RESOLUTIONS}
-        plan.resolution = ui.segments("voxels", titles, plan.resolution or RESOLUTIONS[1]) or plan.resolution
+        plan.resolution = ui.segments("Voxels", titles, plan.resolution or RESOLUTIONS[1], LABELS) or plan.resolution
         _indented("More voxels show finer detail but take more memory and time. Baking 1000³ needs 5 GB.")
         return
     if plan.attempt is not None:
         return
-    ui.label("How", LABELS)
     presets = {name: preset.title for name, preset in OFFERED.items()}
-    plan.preset = ui.segments("preset", presets, plan.preset) or plan.preset
+    plan.preset = ui.segments("How", presets, plan.preset, LABELS) or plan.preset
     _indented(OFFERED[plan.preset].advice if plan.preset in OFFERED else plan.preset)
     survey = plan.survey
     assert survey is not None
-    ui.label("Photographs", LABELS)
     titles = {0: AUTOMATIC} | {k: f"{survey.sizes[k][0]} px" for k in survey.choices}
-    picked = ui.segments("downscale", titles, plan.downscale or 0)
+    picked = ui.segments("Photographs", titles, plan.downscale or 0, LABELS)
     if picked is not None:
         plan.downscale = picked or None
     size = survey.size(plan.preset, plan.downscale)
@@ -280,7 +276,7 @@ def show_rejected(canvas: Canvas, rejected: RejectedPhotographs) -> None:
 PICTURE = "making"
 
 
-def show_job(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
+def show_job(app: App, canvas: Canvas, box: Box) -> None:
     """The card of what is being made, at the lower left of the viewport's box."""
     job = app.making.job
     if job is None:
@@ -288,7 +284,7 @@ def show_job(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
         return
     with ui.corner_card("##job", box):
         note = f"{job.figures[-1]:.1f} dB" if job.figures else ""
-        if ui.titled_button(job.plan.name, "Stop now" if job.child.stopping else "Stop", fonts, note):
+        if ui.titled_button(job.plan.name, "Stop now" if job.child.stopping else "Stop", note):
             app.making.stop(app)
         ui.tip(
             "Stop without saving" if job.child.stopping else "Finished work is kept. Make the scene again to continue."
@@ -311,9 +307,9 @@ def show_job(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
 def _training_preview(app: App) -> None:
     """What is trained so far: shown, or to be shown."""
     making = app.making
-    if making.training_preview is None:
+    if making.job is None or making.job.preview is None:
         return
-    name = making.training_preview.description
+    name = making.job.preview.description
     if making.training_preview_shown(app):
         ui.hint(f"You see a {name}. It is small and coarse; a newer one takes its place by itself.")
     else:
@@ -392,13 +388,13 @@ ABOUT = {
 }
 
 
-def show_review(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
+def show_review(app: App, canvas: Canvas, box: Box) -> None:
     """Draws the card at the lower left of the viewport's box, while there is something to review."""
     review = app.making.review
     if review is None:
         return
     with ui.corner_card("##review", box):
-        _head(review, fonts)
+        _head(review)
         if review.rejected is not None:
             show_rejected(canvas, review.rejected)
         shown = app.making.sparse_preview_shown(app)
@@ -411,8 +407,8 @@ def show_review(app: App, canvas: Canvas, box: Box, fonts: Fonts) -> None:
         _review_answer(app, review)
 
 
-def _head(review: Review, fonts: Fonts) -> None:
-    with ui.font(fonts.bold, 16.0):
+def _head(review: Review) -> None:
+    with ui.font(theme.fonts.bold, 16.0):
         ui.write(fa.ICON_FA_CHECK, theme.GOOD)
         imgui.same_line(0, px(8))
         imgui.text_unformatted(review.plan.name)
@@ -421,9 +417,8 @@ def _head(review: Review, fonts: Fonts) -> None:
 
 
 def _review_choices(app: App, review: Review, shown: bool) -> None:
-    ui.label("Seen as", REVIEW_LABELS)
     titles: dict[Kind, str] = {kind: KINDS[kind] for kind in review.kinds}
-    picked = ui.segments("kind", titles, review.kind)
+    picked = ui.segments("Seen as", titles, review.kind, REVIEW_LABELS)
     if picked is not None and picked != review.kind:
         app.making.choose_kind(app, picked)
         if app.settings.crop is not None:

@@ -54,9 +54,7 @@ class SparsePreview:
     scene: Scene  # read as seen from all around, which shows forward-facing ones best, too
     points: SparsePoints  # in its training frame
     kind: Kind  # found from the poses
-    boxes: Mapping[
-        Kind, np.ndarray
-    ]  # the box [2, 3] that fits each kind, training frame; a forward-facing scene has none
+    boxes: Mapping[Kind, np.ndarray]  # the [2, 3] that fits each, training frame; none for a forward-facing scene
 
     @property
     def photographs(self) -> int:

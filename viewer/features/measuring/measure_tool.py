@@ -12,7 +12,7 @@ from functools import partial
 from itertools import pairwise
 from math import acos, ceil, degrees, dist, log10
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from scenepack.placement import NOT_MOVED, SCALES, Placement
 from viewer.core.annotations import MOST_ANNOTATIONS, MOST_POINTS, Annotations, Measurement, Point, Scale, Unit
 from viewer.core.files import FileRequest
 from viewer.core.pose import triple
-from viewer.features.measuring.surface import Hit, surface_at
+from viewer.features.measuring.surface import Hit, surface_under, view_key
 from viewer.features.placing import placing
 
 if TYPE_CHECKING:
@@ -116,7 +116,6 @@ def as_csv(pack: Pack, annotations: Annotations) -> str:
 
 
 Tool = Literal["", "point", "line", "angle", "scale", "ground", "origin"]
-TOOLS: tuple[Tool, ...] = get_args(Tool)
 ENDS = {"point": 1, "angle": 3, "ground": 3, "origin": 1}  # points after which the tool is done
 PAGE = "measure"
 
@@ -142,15 +141,20 @@ class MeasureTool:
 
     def look_at(self, app: App, x: float, y: float) -> Hit | None:
         """The surface at (x, y) of the viewport (window units from its corner); found once for each point and view."""
-        camera = app.viewport.camera
-        if app.scene is None or camera is None:
+        viewport = app.viewport
+        if app.scene is None or viewport.camera is None:
             return None
-        scale, settings = app.viewport.pixels_per_unit, app.settings
-        key = (id(app.scene.pack), x, y, scale, camera.key, settings.crop, settings.near, settings.surroundings)
+        key = (x, y, viewport.pixels_per_unit, *view_key(app.scene.pack, viewport.camera, app.settings))
         if key != self._looked:
-            self._looked = key
-            self.cursor = surface_at(app.scene.pack, camera, settings, x * scale, y * scale)
+            self._looked, self.cursor = key, surface_under(app, x, y)
         return self.cursor
+
+    def click_at(self, app: App, x: float, y: float) -> Hit | None:
+        """look_at() for a click; says so where there is nothing."""
+        hit = self.look_at(app, x, y)
+        if hit is None:
+            app.messages.say("There is no surface under the cursor")
+        return hit
 
     def look_away(self) -> None:
         self.cursor, self._looked = None, ()
@@ -159,10 +163,8 @@ class MeasureTool:
 
     def choose(self, app: App, tool: Tool) -> None:
         """Changes the tool and drops the draft of the last one."""
-        if app.scene is None:
-            return
         if self.draft:
-            app.scene.rig.remember()
+            app.open_scene.rig.remember()
         self.tool, self.draft = tool, ()
         if tool:
             app.erasing.tool = ""
@@ -175,12 +177,7 @@ class MeasureTool:
 
     def click(self, app: App, x: float, y: float) -> None:
         """Places a point on the surface under a point of the viewport, if there is one."""
-        hit = self.look_at(app, x, y)
-        if not self.tool or app.scene is None:
-            return
-        if hit is None:
-            app.messages.say("There is no surface under the cursor")
-        else:
+        if self.tool and (hit := self.click_at(app, x, y)) is not None:
             self._place(app, triple(hit.point))
 
     def click_point(self, app: App, index: int, point: int) -> None:
@@ -191,22 +188,22 @@ class MeasureTool:
             self.selected = index
 
     def _place(self, app: App, point: Point) -> None:
-        if app.scene is None or self.draft[-1:] == (point,):  # a double click
+        if self.draft[-1:] == (point,):  # a double click
             return
         if self.tool == "scale" and len(self.draft) == 2:
             self.draft = ()  # two others
         if len(self.draft) >= MOST_POINTS:
             return
-        app.scene.rig.remember()
+        app.open_scene.rig.remember()
         self.draft = (*self.draft, point)
         if len(self.draft) == ENDS.get(self.tool):
             self._keep(app)
 
     def finish(self, app: App) -> bool:
         """Ends the line that is being drawn; False where there is none yet."""
-        if self.tool != "line" or len(self.draft) < 2 or app.scene is None:
+        if self.tool != "line" or len(self.draft) < 2:
             return False
-        app.scene.rig.remember()
+        app.open_scene.rig.remember()
         self._keep(app)
         return True
 
@@ -233,10 +230,8 @@ class MeasureTool:
 
     def back(self, app: App) -> None:
         """Takes the last point back; without a draft, removes the measurement that is selected."""
-        if app.scene is None:
-            return
         if self.draft:
-            app.scene.rig.remember()
+            app.open_scene.rig.remember()
             self.draft = self.draft[:-1]
         elif self.selected is not None:
             self.remove(app, self.selected)
@@ -273,7 +268,7 @@ class MeasureTool:
 
     def set_scale(self, app: App) -> None:
         """Says how far apart the two points of the draft are: `known`, in `known_unit`."""
-        if len(self.draft) != 2 or app.scene is None:
+        if len(self.draft) != 2:
             return
         between = dist(*self.draft)
         factor = self.known / between if between > 0 else 0.0
@@ -290,24 +285,22 @@ class MeasureTool:
 
     # Out of the window
 
-    def length_format(self, app: App) -> LengthFormat | None:
-        if app.scene is None:
-            return None
+    @staticmethod
+    def length_format(app: App) -> LengthFormat:
         annotations = app.annotations.current
-        return LengthFormat(app.scene.pack, annotations.scale, annotations.placement)
+        return LengthFormat(app.open_scene.pack, annotations.scale, annotations.placement)
 
     def copy(self, app: App) -> None:
         annotations = app.annotations.current
-        if app.scene is not None and annotations.measurements:
-            app.clipboard.set(as_text(app.scene.pack, annotations))
+        if annotations.measurements:
+            app.clipboard.set(as_text(app.open_scene.pack, annotations))
             count = len(annotations.measurements)
             many = f"{count} measurements are on the clipboard"
             app.messages.say("1 measurement is on the clipboard" if count == 1 else many)
 
     def ask_for_table(self, app: App) -> None:
-        if app.scene is not None:
-            then, name = partial(self.save_table, app), f"{app.scene.name}-measurements.csv"
-            app.file_request = FileRequest("Save the measurements", "save", then, (".csv",), name)
+        then, name = partial(self.save_table, app), f"{app.open_scene.name}-measurements.csv"
+        app.file_request = FileRequest("Save the measurements", "save", then, (".csv",), name)
 
     def save_table(self, app: App, file: Path) -> None:
         """Writes all measurements as CSV. OSError where it cannot."""

@@ -16,9 +16,8 @@ from viewer.core import widgets as ui
 from viewer.core.annotations import METRES, Kind, Measurement, Point, Scale, Unit
 from viewer.core.pose import triple
 from viewer.core.screen import Screen
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, px
-from viewer.features.measuring.measure_tool import PAGE, LengthFormat, angle, lengths
+from viewer.features.measuring.measure_tool import PAGE, LengthFormat, Tool, angle, lengths
 from viewer.rendering.canvas import Canvas
 
 LIST_HEIGHT = 150.0
@@ -40,16 +39,14 @@ HINTS = {
 }
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas) -> None:
     words = app.measure_tool.length_format(app)
-    if words is None:
-        return
-    with ui.card("cursor", fonts, "Under the cursor"):
+    with ui.card("cursor", "Under the cursor"):
         _cursor(app, words)
-    with ui.card("ruler", fonts, "Ruler"):
+    with ui.card("ruler", "Ruler"):
         _tools(app)
         _list(app, words)
-    with ui.card("scale", fonts, "Scale"):
+    with ui.card("scale", "Scale"):
         show_scale(app)
 
 
@@ -64,7 +61,7 @@ def _cursor(app: App, words: LengthFormat) -> None:
 
 def _tools(app: App) -> None:
     measure_tool = app.measure_tool
-    if picked := ui.segments("tool", TITLES, measure_tool.tool):
+    if picked := ui.segments("##tool", TITLES, measure_tool.tool):
         measure_tool.choose(app, "" if picked == measure_tool.tool else picked)
     tool = measure_tool.tool if measure_tool.tool in HINTS else ""  # those of the Move page say it there
     ui.hint(HINTS[tool] + (" Backspace takes a point back, Esc stops." if tool else ""))
@@ -112,9 +109,8 @@ def show_scale(app: App) -> None:
     if ui.button(f"{fa.ICON_FA_RULER}  Set by two points"):
         measure_tool.choose(app, "scale")
     if scale.unit in METRES:
-        ui.label("Show in")
         units: dict[Unit, str] = {unit: title for unit, title in UNIT_TITLES.items() if unit}
-        if picked := ui.choice("unit", units, UNIT_TITLES[scale.unit]):
+        if picked := ui.choice("Show in", units, UNIT_TITLES[scale.unit]):
             measure_tool.use_scale(app, scale.shown_in(picked))
     if scale != Scale() and ui.button("Back to grid units"):
         measure_tool.use_scale(app, Scale())
@@ -130,8 +126,7 @@ def _known(app: App) -> None:
     if changed:
         measure_tool.known = value
     entered = imgui.is_item_deactivated_after_edit() and imgui.is_key_pressed(imgui.Key.enter)
-    ui.label("Unit")
-    picked = ui.choice("known unit", UNIT_TITLES, UNIT_TITLES[measure_tool.known_unit])
+    picked = ui.choice("Unit##known unit", UNIT_TITLES, UNIT_TITLES[measure_tool.known_unit])
     if picked is not None:  # "" is one of them
         measure_tool.known_unit = picked
     pressed = ui.main_button("Set the scale")
@@ -159,7 +154,7 @@ def draw(app: App, box: Box, over: bool) -> Handle | None:
     """Draws measurements and draft; the point under the mouse, if any. over: the mouse is over nothing but the picture."""
     measure_tool, words = app.measure_tool, app.measure_tool.length_format(app)
     active = bool(measure_tool.tool) or app.interface.shows(PAGE)
-    if words is None or app.scene is None or not (active or measure_tool.shown):
+    if not (active or measure_tool.shown):
         measure_tool.look_away()
         return None
     mouse = imgui.get_io().mouse_pos
@@ -172,9 +167,13 @@ def draw(app: App, box: Box, over: bool) -> Handle | None:
     with ui.clipped(box):
         for index, measurement in enumerate(measurements):
             hot = under.point if under is not None and under.measurement == index else None
-            _measurement(screen, words, measurement, index == measure_tool.selected, hot)
-        cursor = measure_tool.cursor if under is None else None
-        _draft(app, screen, words, cursor and triple(cursor.point))
+            colour = theme.WARN if index == measure_tool.selected else theme.ACCENT
+            _shape(screen, words, measurement.kind, measurement.points, colour, hot)
+        waits = under is None and not (measure_tool.tool == "scale" and len(measure_tool.draft) == 2)
+        cursor = measure_tool.cursor if waits else None
+        if measure_tool.tool:
+            points = measure_tool.draft if cursor is None else (*measure_tool.draft, triple(cursor.point))
+            _shape(screen, words, measure_tool.tool, points, theme.WARN)
     return under
 
 
@@ -189,37 +188,20 @@ def _handle_at(screen: Screen, measurements: tuple[Measurement, ...], mouse: ImV
     return best
 
 
-def _measurement(screen: Screen, words: LengthFormat, measurement: Measurement, chosen: bool, hot: int | None) -> None:
-    colour = theme.WARN if chosen else theme.ACCENT
-    points = measurement.points
-    _line(screen, points, colour)
-    if measurement.kind == "line":
-        _lengths(screen, words, points)
-    else:
-        if measurement.kind == "angle":
-            _arc(screen, points, colour)
-        at = points[1] if measurement.kind == "angle" else points[0]
-        _label_at(screen, at, words.measurement(measurement), below=True)
-    _dots(screen, points, colour, hot)
-
-
-def _draft(app: App, screen: Screen, words: LengthFormat, cursor: Point | None) -> None:
-    """The points placed so far, a line to where the mouse is, and what that would measure."""
-    measure_tool = app.measure_tool
-    if not measure_tool.tool:
-        return
-    waits = cursor is not None and not (measure_tool.tool == "scale" and len(measure_tool.draft) == 2)
-    points = (*measure_tool.draft, cursor) if waits and cursor is not None else measure_tool.draft
-    ground = measure_tool.tool == "ground"
-    _line(screen, (*points, points[0]) if ground and len(points) == 3 else points, theme.WARN)
-    if measure_tool.tool == "angle" and len(points) == 3:
-        _arc(screen, points, theme.WARN)
+def _shape(
+    screen: Screen, words: LengthFormat, tool: Tool, points: tuple[Point, ...], colour: str, hot: int | None = None
+) -> None:
+    """Points that were placed by a tool, and what they measure. hot: index of the one under the mouse."""
+    closed = tool == "ground" and len(points) == 3
+    _line(screen, (*points, points[0]) if closed else points, colour)
+    if tool == "angle" and len(points) == 3:
+        _arc(screen, points, colour)
         _label_at(screen, points[1], f"{angle(points):.1f}°", below=True)
-    elif len(points) > 1 and not ground:
-        _lengths(screen, words, points)
-    elif measure_tool.tool == "point" and points:
+    elif tool == "point" and points:
         _label_at(screen, points[0], words.place(points[0]), below=True)
-    _dots(screen, points, theme.WARN, None)
+    elif tool != "ground":
+        _lengths(screen, words, points)
+    _dots(screen, points, colour, hot)
 
 
 def _lengths(screen: Screen, words: LengthFormat, points: tuple[Point, ...]) -> None:

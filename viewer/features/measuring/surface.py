@@ -9,17 +9,24 @@ that is the face itself.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from scenepack.constants import ALPHA_CONTRIBUTES, EMPTY_BLOCK, NDC_NEAR
-from scenepack.contraction import Path, path_of, piece_at, time_at
+from scenepack.contraction import Path, path_of, piece_at
+from scenepack.exports.field import ExportFrame
 from scenepack.pack import Pack
 from training.scenes.lens import image_of
+from training.scenes.scene import ndc_rays
 from viewer.rendering.camera import ViewCamera, ray_through
-from viewer.rendering.ray_frame import RayFrame
+from viewer.rendering.ray_frame import RayFrame, ndc_input
 from viewer.rendering.settings import RenderSettings
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 STEPS = 4  # per voxel
 LEAST_SEEN = 0.1  # of a ray's light that a surface takes
@@ -37,29 +44,18 @@ class Hit:
 
 @dataclass(frozen=True)
 class _Line:
-    """A ray as a straight line through the voxels; shift, bend, slope: of a forward-facing pack, see `distance`."""
+    """A ray as a straight line through the voxels, also warped ones."""
 
     origin: np.ndarray  # float64 [3], voxels
     direction: np.ndarray  # likewise, of unit length
     first: float  # u where it begins
-    unit: float = 1.0  # grid units per voxel
-    shift: float = 0.0
-    bend: float = 0.0  # length of the whole warped ray, voxels; 0 where nothing is warped
-    slope: float = 0.0
-
-    def distance(self, u: float) -> float:
-        """Grid units from the camera."""
-        if not self.bend:
-            return u * self.unit
-        share = u / self.bend
-        return self.shift + share / (1.0 - share) * self.slope
+    last: float = math.inf  # u where it ends, at infinity
 
     def interval(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
         """u between which the ray lies in a box (voxels)."""
         direction = np.where(np.abs(self.direction) < 1e-8, 1e-8, self.direction)
         a, b = (low - self.origin) / direction, (high - self.origin) / direction
-        start, leave = max(float(np.minimum(a, b).max()), self.first), float(np.maximum(a, b).min())
-        return start, min(leave, self.bend * (1.0 - 1e-6)) if self.bend else leave
+        return max(float(np.minimum(a, b).max()), self.first), min(float(np.maximum(a, b).min()), self.last)
 
     def places(self, u: np.ndarray) -> np.ndarray:
         """Voxels, float64 [n, 3]."""
@@ -73,10 +69,6 @@ class _ContractedRay:
     path: Path
     radius: float
     centre: np.ndarray
-    unit: float
-
-    def distance(self, u: float) -> float:
-        return float(time_at(self.path, np.array([u / self.radius]))[0]) * self.radius * self.unit
 
     def interval(self, _low: np.ndarray, _high: np.ndarray) -> tuple[float, float]:
         return 0.0, self.radius * float(self.path.ends[0]) * (1.0 - 1e-6)
@@ -102,8 +94,22 @@ def surface_at(pack: Pack, camera: ViewCamera, settings: RenderSettings, x: floa
     u = _met(pack, line, *frame.box(settings))
     if u is None:
         return None
-    distance = line.distance(u)
-    return Hit(origin + distance * direction, distance, line.places(np.array([u]))[0])
+    position = line.places(np.array([u]))
+    distance = float((ExportFrame(pack).points(position)[0] - origin) @ direction)
+    return Hit(origin + distance * direction, distance, position[0])
+
+
+def surface_under(app: App, x: float, y: float) -> Hit | None:
+    """What is seen at a point of the viewport (window units from its corner); None for nothing, or where no scene is open."""
+    camera, scale = app.viewport.camera, app.viewport.pixels_per_unit
+    if app.scene is None or camera is None:
+        return None
+    return surface_at(app.scene.pack, camera, app.settings, x * scale, y * scale)
+
+
+def view_key(pack: Pack, camera: ViewCamera, settings: RenderSettings) -> tuple[object, ...]:
+    """Equal while what surface_at says is the same for each pixel."""
+    return id(pack), camera.key, settings.crop, settings.near, settings.surroundings
 
 
 def depth_in_middle(pack: Pack, camera: ViewCamera, settings: RenderSettings) -> float | None:
@@ -118,31 +124,27 @@ def depth_of(camera: ViewCamera, point: np.ndarray) -> float:
 
 
 def _straight(pack: Pack, origin: np.ndarray, direction: np.ndarray, near: float) -> _Line | _ContractedRay:
+    voxel = pack.voxel_size
     if pack.contraction is not None:
         path = path_of(origin[None] / pack.contraction, direction[None], np.array([near / pack.contraction]))
-        voxel = pack.voxel_size
-        return _ContractedRay(path, pack.contraction / voxel, -pack.min_xyz / voxel, voxel)
-    return _Line((origin - pack.min_xyz) / pack.voxel_size, direction, near / pack.voxel_size, pack.voxel_size)
+        return _ContractedRay(path, pack.contraction / voxel, -pack.min_xyz / voxel)
+    return _Line((origin - pack.min_xyz) / voxel, direction, near / voxel)
 
 
 def _warped(frame: RayFrame, origin: np.ndarray, direction: np.ndarray, near: float) -> _Line | None:
-    """As ndc_ray of shaders/ray.glsl: NeRF, appendix C; None where the ray runs away from the scene."""
+    """As ndc_ray of shaders/ray.glsl; None where the ray runs away from the scene."""
     ahead = frame.training_T_grid[:3, :3] @ direction
     eye = frame.training_T_grid[:3, :3] @ origin + frame.training_T_grid[:3, 3]
     if ahead[2] > -1e-8:
         return None
-    scale = np.asarray(frame.ndc["ndc_scale"])
-    shift = -(NDC_NEAR + eye[2]) / ahead[2]
-    o = eye + shift * ahead
-    slope = ahead / ahead[2]
-    start = np.array([*(-scale * o[:2] / o[2]), 1.0 + 2.0 * NDC_NEAR / o[2]])
-    warped = np.array([*(-scale * (slope[:2] - o[:2] / o[2])), -2.0 * NDC_NEAR / o[2]])
-    rotation = np.asarray(frame.ndc["voxel_R_ndc"])
-    start, warped = rotation @ start + np.asarray(frame.ndc["voxel_t_ndc"]), rotation @ warped
-    bend = float(np.linalg.norm(warped))
-    beyond = max(near - shift, 0.0) * ahead[2]
-    first = bend * beyond / (o[2] + beyond)
-    return _Line(start, warped / bend, float(first), 1.0, float(shift), bend, float(o[2] / ahead[2]))
+    start, way = ndc_rays(eye, ahead, *ndc_input(frame.pack))
+    voxel_R_ndc = frame.ndc["voxel_R_ndc"]
+    start, way = voxel_R_ndc @ start + frame.ndc["voxel_t_ndc"], voxel_R_ndc @ way
+    length = float(np.linalg.norm(way))
+    beyond = min(
+        float(eye[2] + near * ahead[2]) + NDC_NEAR, 0.0
+    )  # z of where the ray begins, from the NDC near plane on
+    return _Line(start, way / length, length * beyond / (beyond - NDC_NEAR), length * (1.0 - 1e-6))
 
 
 def _met(pack: Pack, line: _Line | _ContractedRay, low: np.ndarray, high: np.ndarray) -> float | None:

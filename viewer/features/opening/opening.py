@@ -17,7 +17,7 @@ from scenepack.pack import Pack
 from scenepack.reader import load_pack
 from viewer.core.annotations import Annotations
 from viewer.core.state import OpenScene, name_of
-from viewer.core.tasks import Task
+from viewer.core.tasks import Cancelled, Task
 from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.film.camera_path import CameraPath
 from viewer.rendering.framing import outline
@@ -31,10 +31,6 @@ def work_out_ahead(pack: Pack) -> None:
     """What a window asks of a pack that it shows: worked out in this thread, it need not wait for it."""
     skip_grid_of(pack)
     outline(pack)
-
-
-class Cancelled(Exception):
-    """Loading was given up by the user."""
 
 
 class Loading(Task[None]):

@@ -18,7 +18,6 @@ from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.files import SESSION_SUFFIX, FileRequest
-from viewer.core.theme import Fonts
 from viewer.core.widgets import CARD_MARGIN, CARD_WIDTH, px
 from viewer.features.opening.open_prompt import OpenPrompt, browse, choose, expanded
 
@@ -37,7 +36,7 @@ class FileDialogs:
         self._dialog = None
         self._text = ""
 
-    def show(self, app: App, size: ImVec2, fonts: Fonts) -> None:
+    def show(self, app: App) -> None:
         """Opens the dialog that `app` asks for, and hands over what was chosen."""
         if app.file_request is None:
             return
@@ -50,7 +49,7 @@ class FileDialogs:
                 chosen = result[0] if isinstance(result, list) and result else result
                 self._end(app, str(chosen) if chosen else "")
         elif ui.in_front(app) == "path":
-            self._typed(app, size, fonts)
+            self._typed(app)
 
     def _begin(self, request: FileRequest) -> None:
         self._request = request
@@ -83,12 +82,12 @@ class FileDialogs:
         except Exception as error:  # a dialog, and the program goes on
             app.messages.fail(f"{path.name} cannot be used", error)
 
-    def _typed(self, app: App, size: ImVec2, fonts: Fonts) -> None:
+    def _typed(self, app: App) -> None:
         assert self._request is not None
         opening = not imgui.is_popup_open(TITLE)
-        if not ui.begin_modal(TITLE, size, 540, 0.4, padding=(24, 22)):
+        if not ui.begin_modal(TITLE, 540, 0.4, padding=(24, 22)):
             return
-        ui.write(self._request.title, face=fonts.bold, size=18.0)
+        ui.write(self._request.title, face=theme.fonts.bold, size=18.0)
         if opening:
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
@@ -129,7 +128,7 @@ class OpenDialog:
         self._frames_to_end = 0  # in which the cursor is put behind the text, for a field that is entered selects all
         self._awaited = False  # the field has been given the keyboard and has not taken it yet
 
-    def show(self, app: App, size: ImVec2, fonts: Fonts) -> None:
+    def show(self, app: App) -> None:
         """Draws it while nothing is in front of it, and hands over what was chosen."""
         open_prompt = app.open_prompt
         if open_prompt is None:
@@ -139,10 +138,10 @@ class OpenDialog:
             return
         opening = open_prompt is not self._shown or not imgui.is_popup_open(NAME)
         self._shown = open_prompt
-        imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, 0.86 * size.y))
-        if not ui.begin_modal(NAME, size, WIDTH, 0.12, pivot=0.0, padding=(24, 20)):
+        imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, 0.86 * imgui.get_io().display_size.y))
+        if not ui.begin_modal(NAME, WIDTH, 0.12, pivot=0.0, padding=(24, 20)):
             return
-        ui.write("Compare with" if open_prompt.other else "Open", face=fonts.bold, size=18.0)
+        ui.write("Compare with" if open_prompt.other else "Open", face=theme.fonts.bold, size=18.0)
         what = "A pack: a folder or a .zip." if open_prompt.other else "A pack, photographs, a film or a training run."
         ui.hint(f"{what} Type a path, or a part of one that you opened lately.")
         entered = self._field(open_prompt, opening)
@@ -164,7 +163,9 @@ class OpenDialog:
     def _field(self, open_prompt: OpenPrompt, opening: bool) -> bool:
         """The line to type into; whether Enter was pressed in it."""
         self._step(open_prompt, opening)
-        entered = self._entered()
+        # The field itself does not hear Enter in the round after it took the keyboard.
+        has_keyboard = self._awaited or imgui.get_current_context().active_id == imgui.get_id(FIELD)
+        entered = has_keyboard and any(imgui.is_key_pressed(key, False) for key in ENTER)
         if opening or self._frames_to_end == TO_END:
             imgui.set_keyboard_focus_here()
         if self._frames_to_end:  # a folder was chosen, whose name stands there now
@@ -177,11 +178,6 @@ class OpenDialog:
             open_prompt.type(imgui.input_text_with_hint(FIELD, "/path/to/scene", open_prompt.text)[1])
         self._awaited = opening or (self._awaited and not imgui.is_item_active())
         return entered
-
-    def _entered(self) -> bool:
-        """Whether Enter is pressed in the field. The field itself does not hear it in the round after it took the keyboard."""
-        theirs = imgui.get_current_context().active_id == imgui.get_id(FIELD)
-        return (self._awaited or theirs) and any(imgui.is_key_pressed(key, False) for key in ENTER)
 
     def _step(self, open_prompt: OpenPrompt, opening: bool) -> None:
         """Down and Up choose a line; imgui would move the keyboard to its button, and lose an Enter in the next round."""
@@ -238,7 +234,7 @@ def _line(open_prompt: OpenPrompt, path: Path, picked: bool, number: int) -> boo
 COLUMN = 440.0
 
 
-def show_start_page(app: App, fonts: Fonts) -> None:
+def show_start_page(app: App) -> None:
     """Draws the page in the middle of the window that is begun; beside the card of what is being made, if anything is."""
     width, height = imgui.get_window_width(), imgui.get_window_height()
     column = min(px(COLUMN), width - px(32))
@@ -251,7 +247,7 @@ def show_start_page(app: App, fonts: Fonts) -> None:
     imgui.set_cursor_pos(ImVec2(left, top))
     imgui.begin_group()
     _logo(left)
-    ui.write("snerg", face=fonts.bold, size=theme.HUGE)
+    ui.write("snerg", face=theme.fonts.bold, size=theme.HUGE)
     ui.write("Fly through scenes made from photographs.", theme.MUTED)
     imgui.dummy(ImVec2(0, px(14)))
     if app.demo is not None and ui.main_button(f"{fa.ICON_FA_PLAY}  Open the demo scene", column):
@@ -265,7 +261,7 @@ def show_start_page(app: App, fonts: Fonts) -> None:
     ui.write("or drop or paste a pack, a folder of photographs or a film", theme.FAINT)
     if recent:
         imgui.dummy(ImVec2(0, px(16)))
-        ui.write("RECENT", theme.MUTED, fonts.bold, theme.SMALL)
+        ui.write("RECENT", theme.MUTED, theme.fonts.bold, theme.SMALL)
         for path in recent:
             _recent(app, path, column)
     imgui.end_group()

@@ -207,9 +207,8 @@ def restore(app: App, session: Session) -> None:
 
 
 def _apply(app: App, seen: Seen) -> None:
-    assert app.scene is not None
-    rig, marks = app.scene.rig, joined(app.annotations.current, seen.annotations)
-    app.annotations.current = replace(marks, placement=allowed(marks.placement, app.scene.pack))
+    rig, marks = app.open_scene.rig, joined(app.annotations.current, seen.annotations)
+    app.annotations.current = replace(marks, placement=allowed(marks.placement, app.open_scene.pack))
     rig.begin_placed(marks.placement.rotation)
     rig.held, rig.fov = None, seen.camera.fov
     rig.table = replace(rig.table, up=seen.camera.up)
@@ -261,11 +260,10 @@ class Sessions:
             restore(app, self.last)
 
     def ask_where_to_save(self, app: App) -> None:
-        if app.scene is not None:
-            name, path = f"{app.scene.name}{SESSION_SUFFIX}", app.scene.path
-            start = path.resolve().parent if path.exists() else None
-            save = partial(self.save, app)
-            app.file_request = FileRequest("Save the session", "save", save, (SESSION_SUFFIX,), name, start)
+        name, path = f"{app.open_scene.name}{SESSION_SUFFIX}", app.open_scene.path
+        start = path.resolve().parent if path.exists() else None
+        save = partial(self.save, app)
+        app.file_request = FileRequest("Save the session", "save", save, (SESSION_SUFFIX,), name, start)
 
     def save(self, app: App, file: Path) -> None:
         """Writes what is open now. UserError where that is nothing, OSError where it cannot."""

@@ -11,7 +11,6 @@ from imgui_bundle import ImVec2, imgui, implot
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
-from viewer.core.theme import Fonts
 from viewer.core.widgets import px
 from viewer.features.performance.frame_stats import AVERAGED, KEPT, FrameStats
 from viewer.rendering.canvas import Canvas
@@ -24,10 +23,10 @@ MARCHER_HINTS = {
 }
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas) -> None:
     summary, target = app.times.summary(), app.resolution.target_ms
-    with ui.card("time", fonts, "Frame time"):
-        frame_time(app, fonts)
+    with ui.card("time", "Frame time"):
+        frame_time(app)
         rolling(app.times, target, px(104))
         ui.figure("Frame to frame", f"{summary.mean:.1f} ms", dot=FRAME)
         ui.figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", dot=WALL)
@@ -39,18 +38,18 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
         ui.figure("Pixels drawn", f"{width} × {height}")
         app.interface.v_sync = ui.switch("v-sync", app.interface.v_sync, "V-sync")
         ui.tip("Limit the frame rate to that of the screen")
-    with ui.card("marcher", fonts, "Marcher"):
-        if picked := ui.segments("marcher", MARCHERS, app.settings.marcher):
+    with ui.card("marcher", "Marcher"):
+        if picked := ui.segments("##marcher", MARCHERS, app.settings.marcher):
             app.set(marcher=picked)
         ui.hint(MARCHER_HINTS[app.settings.marcher])
-    with ui.card("spread", fonts, "Spread"):
+    with ui.card("spread", "Spread"):
         histogram(app.times, target, px(96))
         for name, value in (("Median", summary.median), ("95th percentile", summary.p95), ("Slowest", summary.slowest)):
             ui.figure(name, f"{value:.1f} ms")
         ui.hint(f"Of the last {len(app.times.frame_ms)} frames; the figures above are of the last {AVERAGED}.")
-    with ui.card("rays", fonts, "Rays"):
+    with ui.card("rays", "Rays"):
         _rays(app)
-    with ui.card("card", fonts, "Graphics card"):
+    with ui.card("card", "Graphics card"):
         ui.paragraph(canvas.gpu_name)
         for name, size in canvas.gpu_bytes_by_use.items():
             ui.figure(name, f"{size / 2**20:.0f} MiB")
@@ -175,7 +174,7 @@ def _line(name: str, values: np.ndarray, colour: str, width: float, xs: np.ndarr
     implot.plot_line(name, _ages(values) if xs is None else xs.astype(np.float64), values, look)
 
 
-def frame_time(app: App, fonts: Fonts) -> None:
+def frame_time(app: App) -> None:
     """The figures that matter: the mean time of a frame, and the frames per second that follow from it."""
     summary = app.times.summary()
-    ui.headline(f"{summary.mean:.1f}", f"ms      {summary.fps:.0f} fps", fonts)
+    ui.headline(f"{summary.mean:.1f}", f"ms      {summary.fps:.0f} fps")

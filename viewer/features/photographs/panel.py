@@ -17,7 +17,6 @@ from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.files import FileRequest, existing_folder
 from viewer.core.pose import FRUSTUM_EDGES, project
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, px
 from viewer.features.comparison.panel import compare_controls
 from viewer.features.photographs.photographs import Photographs, Thumbnails
@@ -28,14 +27,14 @@ SMALLEST_LIST = 4.3  # rows
 FOLDER_HEIGHT, MORE_WORDS = 136.0, 32.0  # of what lies below the list; and where the photographs are elsewhere
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas) -> None:
     comparison, gallery = app.comparison, app.gallery
     photographs = gallery.photographs
     if photographs is None or not len(photographs):
-        with ui.card("none", fonts, "Cameras"):
+        with ui.card("none", "Cameras"):
             ui.hint("This pack has no camera poses. Packs made by snerg-make have them.")
         return
-    with ui.card("cameras", fonts, "Cameras"):
+    with ui.card("cameras", "Cameras"):
         gallery.frusta = ui.switch("frusta", gallery.frusta, "Show in the scene")
         if len(photographs.splits) > 1:
             picked = ui.segments(
@@ -44,19 +43,17 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
             if picked is not None:
                 gallery.split_shown, gallery.reveal = picked, True
         if gallery.frusta and comparison.against != "photograph":
-            ui.label("Size")
             gallery.frusta_size = ui.slider(
-                "size", gallery.frusta_size, 25.0, 400.0, "%.0f %%", times=100, flags=imgui.SliderFlags_.logarithmic
+                "Size", gallery.frusta_size, 25.0, 400.0, "%.0f %%", times=100, flags=imgui.SliderFlags_.logarithmic
             )
-            ui.label("Opacity")
-            gallery.frusta_opacity = ui.slider("opacity", gallery.frusta_opacity, 0.0, 100.0, "%.0f %%", times=100)
+            gallery.frusta_opacity = ui.slider("Opacity", gallery.frusta_opacity, 0.0, 100.0, "%.0f %%", times=100)
             ui.tip("Of the photographs in the scene; at 0 only their outlines are drawn")
     if comparison.against == "photograph":
-        compare_controls(app, fonts, "Compare with the photograph")
+        compare_controls(app, "Compare with the photograph")
     bottom = imgui.get_window_pos().y + imgui.get_window_height()
-    with ui.card("list", fonts, _list_title(app)):
+    with ui.card("list", _list_title(app)):
         _list(app, canvas, photographs, bottom)
-    with ui.card("folder", fonts, "Scene folder"):
+    with ui.card("folder", "Scene folder"):
         ui.hint(_where(photographs))
         if gallery.thumbnails is not None and gallery.thumbnails.problem:
             ui.hint(gallery.thumbnails.problem, theme.WARN)
@@ -165,31 +162,24 @@ class _Frustum(NamedTuple):
 def draw(app: App, canvas: Canvas, box: Box) -> int | None:
     """Draws them; the one under the mouse, if any."""
     gallery = app.gallery
-    if not gallery.frusta or gallery.photographs is None or app.scene is None:
-        return None
-    if app.comparison.against == "photograph":
+    if not gallery.frusta or gallery.photographs is None or app.comparison.against == "photograph":
         return None
     placed = _placed(app, box)
     mouse, over = np.array([*imgui.get_io().mouse_pos]), imgui.is_item_hovered()
-    under = next((f for f in reversed(placed) if over and f.strength > 0.2 and _hit(f.points, mouse)), None)
+    under = next((f.index for f in reversed(placed) if over and f.strength > 0.2 and _hit(f.points, mouse)), None)
     sheet = canvas.sheet(gallery.thumbnails) if gallery.thumbnails is not None else None
-    chosen = next((f for f in placed if f.index == gallery.chosen), None)
-    for frustum in placed:
-        if frustum is not under and frustum is not chosen:
-            _frustum(app, frustum, sheet, None)
-    if chosen is not None and chosen is not under:
-        _frustum(app, chosen, sheet, theme.ACCENT)
-    if under is None:
-        return None
-    _frustum(app, under, sheet, theme.TEXT)
-    _tooltip(app, under.index, sheet)
-    return under.index
+    outlines = {gallery.chosen: theme.ACCENT, under: theme.TEXT}
+    for frustum in sorted(placed, key=lambda each: (each.index == under, each.index == gallery.chosen)):
+        _frustum(app, frustum, sheet, outlines.get(frustum.index))
+    if under is not None:
+        _tooltip(app, under, sheet)
+    return under
 
 
 def _placed(app: App, box: Box) -> list[_Frustum]:
     """What of the frusta is to be seen, the farthest first."""
-    camera, gallery, scene = app.viewport.camera, app.gallery, app.scene
-    assert camera is not None and gallery.photographs is not None and scene is not None
+    camera, gallery, scene = app.viewport.camera, app.gallery, app.open_scene
+    assert camera is not None and gallery.photographs is not None
     visible = gallery.visible()
     depth = gallery.frusta_size * (DEPTH_BOUNDED if scene.rig.bounded else DEPTH * scene.rig.radius)
     points = gallery.photographs.frusta(depth)[visible]

@@ -102,10 +102,6 @@ class Photographs:
             self._read(folder)
             self.folder, self.reachable, self._cache = folder, True, {}
 
-    def has_picture(self, index: int) -> bool:
-        """Whether there is something to show of a shot: its file, as far as is known, or a small copy."""
-        return self.reachable or self.shots[index].has_copy
-
     @property
     def any_pictures(self) -> bool:
         """Whether there is something to show of any."""
@@ -266,7 +262,7 @@ class Gallery:
             self.split_shown = ""
         self.chosen, self.reveal = index, True
         app.comparison.stop()
-        if self.photographs.has_picture(index):  # else its place is all there is to see
+        if self.photographs.reachable or shot.has_copy:  # else its place is all there is to see
             app.comparison.with_photograph(self.photographs.pixels(index))
 
     def step(self, app: App, by: int) -> None:

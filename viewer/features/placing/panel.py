@@ -13,7 +13,6 @@ from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.screen import AXIS_COLOURS, Screen
-from viewer.core.theme import Fonts
 from viewer.core.widgets import Box, px
 from viewer.features.measuring.panel import show_scale
 from viewer.features.placing import placing
@@ -24,24 +23,21 @@ WAITS = {"ground": "Click on three points of the ground.", "origin": "Click on t
 ANGLES = (("Turn", 180.0), ("Tilt", 90.0), ("Roll", 180.0))  # of Placement.angles, and the most of each, degrees
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
-    words = app.measure_tool.length_format(app)
-    if app.scene is None or words is None:
-        return
+def show(app: App, canvas: Canvas) -> None:
     placement = app.annotations.current.placement
-    if not app.scene.rig.bounded:  # that is seen from one side
-        with ui.card("level", fonts, "Level"):
+    if not app.open_scene.rig.bounded:  # that is seen from one side
+        with ui.card("level", "Level"):
             _tool_button(app, "ground", f"{fa.ICON_FA_ARROWS_DOWN_TO_LINE}  By three points", "move-ground")
             if ui.button(f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Find the ground"):
                 run(app, "move-find-ground")
             ui.hint("The ground becomes level, at height 0.")
             _angles(app, placement)
-    with ui.card("origin", fonts, "Origin"):
+    with ui.card("origin", "Origin"):
         ui.figure("In the grid frame", "  ".join(f"{value:.3f}" for value in placement.origin))
         _tool_button(app, "origin", f"{fa.ICON_FA_LOCATION_CROSSHAIRS}  By a point", "move-origin")
-    with ui.card("scale", fonts, "Scale"):
+    with ui.card("scale", "Scale"):
         show_scale(app)
-    with ui.card("placed", fonts, "Placed frame"):
+    with ui.card("placed", "Placed frame"):
         ui.hint("Navigation, coordinates, exports and the web page follow. The pack keeps it, and no voxel changes.")
         if ui.button(f"{fa.ICON_FA_ROTATE_LEFT}  Back to the grid frame", enabled=placement != NOT_MOVED):
             run(app, "move-reset")
@@ -59,7 +55,6 @@ def _tool_button(app: App, tool: str, title: str, command: str) -> None:
 def _angles(app: App, placement: Placement) -> None:
     angles = list(placement.angles)
     for i, (name, most) in enumerate(ANGLES):
-        ui.label(name)
         value = ui.undoable_slider(app, name, round(angles[i], 1) + 0.0, -most, most, "%.1f°")
         if value is not None:
             angles[i] = min(max(value, -most), most)
@@ -74,9 +69,9 @@ SPAN = 1.2  # of the scene's radius that they reach, at least
 
 def draw(app: App, box: Box) -> None:
     """Draws a grid at height 0 and the axes at the origin while the page is open."""
-    if app.scene is None or not app.interface.shows(PAGE):
+    if not app.interface.shows(PAGE):
         return
-    rig, annotations = app.scene.rig, app.annotations.current
+    rig, annotations = app.open_scene.rig, app.annotations.current
     placed = np.array(annotations.placement.rotation)
     step = _round(SPAN * rig.radius * annotations.scale.factor / CELLS) / annotations.scale.factor
     origin = np.array(annotations.placement.origin)

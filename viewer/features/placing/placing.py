@@ -21,16 +21,15 @@ FLATTEST = 0.03  # of three points that tell a plane: the area of their triangle
 
 def put(app: App, placement: Placement) -> None:
     """Places the scene; the camera stays where it is in it, and is levelled. Its undo history remembers the moment before."""
-    if app.scene is not None:
-        app.annotations.current = replace(app.annotations.current, placement=placement)
-        app.scene.rig.place(placement.rotation)
-        app.touch()
+    app.annotations.current = replace(app.annotations.current, placement=placement)
+    app.open_scene.rig.place(placement.rotation)
+    app.touch()
 
 
 def change(app: App, placement: Placement) -> None:
     """Places the scene in one step that can be undone."""
-    if app.scene is not None and placement != app.annotations.current.placement:
-        app.scene.rig.remember()
+    if placement != app.annotations.current.placement:
+        app.open_scene.rig.remember()
         put(app, placement)
 
 
@@ -55,10 +54,8 @@ def with_origin(app: App, point: Point) -> Placement:
 
 def find_ground(app: App) -> None:
     """Levels the plane that most of the ground lies in. UserError where there is none."""
-    if app.scene is None:
-        return
     before = app.annotations.current.placement
-    at, up = ground_plane(app.scene.pack, before.up)
+    at, up = ground_plane(app.open_scene.pack, before.up)
     change(app, before.levelled(up, at))
     app.messages.say("The ground is level")
 

@@ -11,7 +11,7 @@ from viewer.core import widgets as ui
 from viewer.core.input import GAMEPAD_BUTTONS, MOUSE_BUTTONS
 from viewer.core.language import LANGUAGES, LETTERS
 from viewer.core.state import SCALES
-from viewer.core.theme import THEMES, Fonts
+from viewer.core.theme import THEMES
 from viewer.core.widgets import px
 from viewer.rendering.canvas import Canvas
 
@@ -23,31 +23,27 @@ STICKS = (
 CAP = (("Push", "slide, closer"), ("Tilt, turn", "turn the scene"))
 
 
-def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
+def show(app: App, canvas: Canvas) -> None:
     interface = app.interface
-    with ui.card("look", fonts, "Look"):
-        ui.label("Theme")
-        if picked := ui.segments("theme", {name: name.capitalize() for name in THEMES}, interface.theme):
+    with ui.card("look", "Look"):
+        if picked := ui.segments("Theme", {name: name.capitalize() for name in THEMES}, interface.theme):
             app.set_theme(picked)
-        ui.label("Language")
-        if picked := ui.choice("language", LANGUAGES, LANGUAGES.get(interface.language, interface.language)):
+        if picked := ui.choice("Language", LANGUAGES, LANGUAGES.get(interface.language, interface.language)):
             interface.language = picked
-        if not fonts.has(LETTERS.get(interface.language, "")):
+        if not theme.fonts.has(LETTERS.get(interface.language, "")):
             ui.hint("No font with these letters is installed. Install one, such as Noto Sans CJK.", theme.WARN)
-        ui.label("Interface")
         titles = {scale: f"{100 * scale:.0f} %" for scale in SCALES}
-        if picked := ui.choice("scale", titles, f"{100 * interface.scale:.0f} %"):
+        if picked := ui.choice("Interface", titles, f"{100 * interface.scale:.0f} %"):
             interface.scale = picked
         ui.hint("Ctrl+Plus, Ctrl+Minus and Ctrl+0 do the same.")
         interface.axes_shown = ui.switch("axes", interface.axes_shown, "Axes")
-    with ui.card("controllers", fonts, "Gamepad and 3D mouse"):
+    with ui.card("controllers", "Gamepad and 3D mouse"):
         usable = [state for state in app.controllers.states if state.usable]
         for state in usable:
             ui.figure(state.name, "gamepad" if state.gamepad else "3D mouse")
         if not usable:
             ui.hint("None is connected. Gamepads and SpaceMouse devices are found when they are plugged in.")
-        ui.label("Dead zone")
-        app.controllers.dead_zone = ui.slider("dead zone", app.controllers.dead_zone, 0.0, 50.0, "%.0f %%", times=100)
+        app.controllers.dead_zone = ui.slider("Dead zone", app.controllers.dead_zone, 0.0, 50.0, "%.0f %%", times=100)
         for rows, buttons, shown in (
             (STICKS, GAMEPAD_BUTTONS, any(state.gamepad for state in usable)),
             (CAP, MOUSE_BUTTONS, any(state.mouse for state in usable)),
@@ -64,7 +60,7 @@ def show(app: App, canvas: Canvas, fonts: Fonts) -> None:
 COLOURS = {"info": theme.TEXT, "warning": theme.WARN, "error": theme.BAD}
 
 
-def show_log(app: App, canvas: Canvas, fonts: Fonts) -> None:
+def show_log(app: App, canvas: Canvas) -> None:
     lines = list(app.messages.lines)
     if not lines:
         ui.hint("No messages yet.")
@@ -73,6 +69,6 @@ def show_log(app: App, canvas: Canvas, fonts: Fonts) -> None:
         app.clipboard.set("\n".join(f"{line.clock} {line.level}: {line.text}" for line in lines))
     for line in reversed(lines):
         imgui.dummy(ImVec2(0, px(1)))
-        ui.write(line.clock, theme.FAINT, fonts.mono, theme.SMALL)
+        ui.write(line.clock, theme.FAINT, theme.fonts.mono, theme.SMALL)
         with ui.font(None, theme.SMALL + 1):
             ui.paragraph(line.text, COLOURS[line.level])

@@ -12,6 +12,7 @@ from console import UserError
 from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
 from viewer.app.commands import run
+from viewer.core.annotations import worded
 from viewer.core.pose import Pose
 from viewer.core.state import Viewport
 from viewer.features.bookmarks import bookmarks
@@ -75,8 +76,8 @@ def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orth
             app.bookmarks.covered(app)
         hidden.append(app.bookmarks.covered(app))
     assert hidden == [set(), {ball}]
-    app.bookmarks.give_text(app, 0, "A ball\n\x1b[31mred")
-    app.bookmarks.give_name(app, 0, "Ball")
+    app.bookmarks.edit(app, 0, text=worded("A ball\n\x1b[31mred"))
+    app.bookmarks.edit(app, 0, name="Ball")
     app.bookmarks.update(app, 0)
     first = app.annotations.current.bookmarks[0]
     assert (first.name, first.text, first.point) == ("Ball", "A ball\n\ufffd[31mred", ball)
@@ -91,7 +92,7 @@ def test_views_are_named_moved_changed_and_removed_and_all_of_it_is_undone(app):
         place(app, azimuth)
         run(app, "bookmark")
     annotations, bookmarks = app.annotations, app.bookmarks
-    bookmarks.give_name(app, 0, "The door")
+    bookmarks.edit(app, 0, name="The door")
     bookmarks.move(app, 0, 1)
     assert [view.name for view in annotations.current.bookmarks] == [
         "View 2",

@@ -17,6 +17,7 @@ from console import UserError
 from scenepack import Pack
 from tests.viewer.waiting import until
 from viewer.app.application import App
+from viewer.app.commands import run
 
 
 def shared(app: App, address: str) -> dict:
@@ -54,7 +55,7 @@ def test_the_scene_is_shared_as_it_is_seen_until_that_is_stopped(app: App, pack:
 
 
 def test_what_cannot_be_shared_is_told(app: App, pack: Pack, pack_folder: Path, tmp_path: Path) -> None:
-    app.sharing.start(app)  # nothing is open
+    assert not run(app, "share")  # nothing is open
     assert app.sharing.server is None
     app.show(pack, tmp_path / "gone")
     with pytest.raises(UserError, match="not a pack on disk"):

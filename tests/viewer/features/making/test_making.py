@@ -145,11 +145,11 @@ def test_a_viewer_that_is_killed_leaves_no_child(tmp_path):
     assert (tmp_path / "saved").exists()
 
 
-@pytest.mark.slow
 def told_stage(job) -> str:
     return job.report.stage if job.report else ""
 
 
+@pytest.mark.slow
 def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_between(scene, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setattr(child_process, "POLITENESS", 0)  # other tests would go first

@@ -39,7 +39,7 @@ def write(tmp_path, pack):
 
 
 def came(app: App, steps: int) -> bool:
-    return app.making.training_preview is not None and app.making.training_preview.steps == steps
+    return app.making.job.preview is not None and app.making.job.preview.steps == steps
 
 
 def test_what_is_trained_so_far_is_shown_by_itself_and_says_how_far_it_is(training, write):
@@ -49,7 +49,7 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_says_how_far_it_is(traini
     write(1200)
     live(app, lambda: came(app, 1200))
     assert app.scene.name == "photographs: preview after 1,200 steps" and app.making.training_preview_shown(app)
-    assert app.canvas.shown == [app.making.training_preview.pack] and app.preferences.recent == []
+    assert app.canvas.shown == [app.making.job.preview.pack] and app.preferences.recent == []
 
 
 def test_the_camera_stays_while_states_are_exchanged_and_when_the_pack_is_done(training, write, tmp_path):
@@ -63,9 +63,9 @@ def test_the_camera_stays_while_states_are_exchanged_and_when_the_pack_is_done(t
     live(app, lambda: app.scene.rig.shown == app.scene.rig.goal)
     write(2400)
     live(app, lambda: came(app, 2400))
-    assert app.scene.name.endswith("2,400 steps") and app.scene.pack is app.making.training_preview.pack
+    assert app.scene.name.endswith("2,400 steps") and app.scene.pack is app.making.job.preview.pack
     assert app.scene.rig.goal == app.scene.rig.shown == chosen
-    assert app.canvas.shown == [app.making.training_preview.pack], "refined in place: nothing is blank in between"
+    assert app.canvas.shown == [app.making.job.preview.pack], "refined in place: nothing is blank in between"
     (tmp_path / "go").touch()
     live(app, lambda: app.making.job is None and app.loading is None)
     assert app.scene.path == tmp_path / "pack" and not app.messages.dialogs
