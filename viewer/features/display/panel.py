@@ -88,8 +88,8 @@ def _background(app: App) -> None:
         if imgui.is_item_hovered():
             imgui.set_tooltip(name)
         middle = ImVec2(at.x + side / 2, at.y + side / 2)
-        code = "#" + "".join(f"{round(255 * v):02x}" for v in colour)
-        draw.add_circle_filled(middle, side / 2 - px(3), theme.packed(code))
+        shade = imgui.color_convert_float4_to_u32((*colour, 1.0))
+        draw.add_circle_filled(middle, side / 2 - px(3), shade)
         chosen = current == colour and app.settings.backdrop is None
         ring, radius, width = (theme.ACCENT, px(1), px(2)) if chosen else (theme.FAINT, px(3), px(1))
         draw.add_circle(middle, side / 2 - radius, theme.packed(ring), 0, width)

@@ -175,7 +175,8 @@ class Export:
         width, height = self.cameras[0].width, self.cameras[0].height
         self._boxes = tiles(width, height, self.tile_side)
         self._passes = self.layers.passes if self.layers else [Pass("rgb", self.settings, False)]
-        self._frames = [each.blank(height, width) for each in self._passes]
+        kinds = [(4, np.float32) if each.floats else (3, np.uint8) for each in self._passes]
+        self._frames = [np.zeros((height, width, channels), kind) for channels, kind in kinds]
         self._sink: FilmWriter | _Sequence | None = None  # None: the pictures of one view, written once all are drawn
 
     @property

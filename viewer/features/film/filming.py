@@ -71,10 +71,6 @@ class Filming:
         """What stays when another scene is opened: how stills and films are written."""
         return Filming(**{name: getattr(self, name) for name in KEPT})
 
-    def set_panorama(self, on: bool) -> None:
-        self.panorama = on
-        self.size = next(iter(PANORAMA_SIZES if on else SIZES))
-
     def set_size(self, width: int, height: int) -> None:
         """Pixels of stills and films, within what is possible; of a panorama the side that was changed counts."""
         width, height = (min(max(side, 16), LARGEST_SIDE) for side in (width, height))

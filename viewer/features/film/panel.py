@@ -89,9 +89,9 @@ def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
 def _size(filming: Filming) -> None:
     panorama = ui.switch("panorama", filming.panorama, "360°")
     ui.tip("All directions around the camera (equirectangular), level, twice as wide as high")
+    sizes = PANORAMA_SIZES if panorama else SIZES
     if panorama != filming.panorama:
-        filming.set_panorama(panorama)
-    sizes = PANORAMA_SIZES if filming.panorama else SIZES
+        filming.panorama, filming.size = panorama, next(iter(sizes))
     filming.size = ui.segments("##sizes", sizes, filming.size) or filming.size
     ui.label("Pixels")
     changed, value = imgui.input_int2("##pixels", list(filming.size))

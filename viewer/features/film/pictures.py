@@ -39,10 +39,6 @@ class Pass:
     settings: RenderSettings
     floats: bool
 
-    def blank(self, height: int, width: int) -> np.ndarray:
-        """An array for what it draws, [height, width, 4] or [height, width, 3]."""
-        return np.zeros((height, width, 4), np.float32) if self.floats else np.zeros((height, width, 3), np.uint8)
-
 
 def parse_modes(text: str) -> tuple[Mode, ...]:
     """Display modes named with commas between; rgb is the picture, and beside it `normal` is normals. UserError for others."""

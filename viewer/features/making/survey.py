@@ -32,6 +32,7 @@ from viewer.core.command_process import FolderProcess, temporary_folder
 from viewer.core.tasks import JsonTask, Task
 
 OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
+LONGEST_SIDES = {name: preset.longest_side for name, preset in OFFERED.items() if preset.longest_side is not None}
 DOWNSCALES = (1, 2, 4, 8)
 KINDS = {"blender": "Blender", "llff": "LLFF", "transforms": "transforms.json", "colmap": "COLMAP"}
 MASKED_KINDS = ("llff", "transforms", "colmap")  # layouts whose pictures may have masks beside them
@@ -224,8 +225,7 @@ class Survey(Task[None]):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 scene = load_scene(self.path)
-                sides = {name: side for name, preset in OFFERED.items() if (side := preset.longest_side) is not None}
-                self.automatic = {name: suggested_downscale(self.path, side) for name, side in sides.items()}
+                self.automatic = {name: suggested_downscale(self.path, side) for name, side in LONGEST_SIDES.items()}
                 for downscale in {*DOWNSCALES, *self.automatic.values()}:
                     with contextlib.suppress(UserError):
                         self.sizes[downscale] = _size(load_scene(self.path, downscale=downscale))
@@ -260,12 +260,9 @@ class Survey(Task[None]):
             self.text = f"{count} photographs. {POSES_FIRST}"
             return
         self.text = f"{count} photographs of {size[0]} × {size[1]}. {POSES_FIRST}"
-        for name, preset in OFFERED.items():
-            if preset.longest_side is not None:
-                self.automatic[name] = max(math.ceil(max(size) / preset.longest_side), 1)
-        for downscale in {*DOWNSCALES, *self.automatic.values()}:
-            if min(size) >= downscale:
-                self.sizes[downscale] = (size[0] // downscale, size[1] // downscale)
+        self.automatic = {name: max(math.ceil(max(size) / side), 1) for name, side in LONGEST_SIDES.items()}
+        possible = [downscale for downscale in {*DOWNSCALES, *self.automatic.values()} if downscale <= min(size)]
+        self.sizes = {downscale: (size[0] // downscale, size[1] // downscale) for downscale in possible}
         self.masks = source.masks is not None
         if self.masks and all(source.mask_of(file) is not None for file in source.files):
             self.masked = set(self.sizes)

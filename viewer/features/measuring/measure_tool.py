@@ -220,8 +220,8 @@ class MeasureTool:
     def _place_scene(self, app: App) -> None:
         """By the draft: three points of the ground, or the origin."""
         try:
-            ground = self.tool == "ground"
-            placing.put(app, placing.by_points(app, self.draft) if ground else placing.with_origin(app, self.draft[0]))
+            ground, origin = self.tool == "ground", replace(app.annotations.current.placement, origin=self.draft[0])
+            placing.put(app, placing.by_points(app, self.draft) if ground else origin)
         except UserError as error:
             app.messages.say(str(error), "warning")
             return

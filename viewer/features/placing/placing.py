@@ -48,10 +48,6 @@ def by_points(app: App, points: tuple[Point, ...]) -> Placement:
     return app.annotations.current.placement.levelled(normal * np.copysign(1.0, normal @ seen), a)
 
 
-def with_origin(app: App, point: Point) -> Placement:
-    return replace(app.annotations.current.placement, origin=point)
-
-
 def find_ground(app: App) -> None:
     """Levels the plane that most of the ground lies in. UserError where there is none."""
     before = app.annotations.current.placement
