@@ -120,7 +120,7 @@ KINDS = {  # what stands before and behind a path
 
 
 class OpenDialog:
-    """The dialog while app.choosing is there. native: whether the system has dialogs of its own."""
+    """The dialog while app.open_prompt is there. native: whether the system has dialogs of its own."""
 
     def __init__(self, native: bool) -> None:
         self.native = native
