@@ -276,12 +276,8 @@ class Making:
 
     def stop(self, app: App) -> None:
         """Asks the job to stop; asked again, ends it at once."""
-        if self.job is None:
-            return
-        if self.job.child.stopping:
-            self.job.child.kill()
-        else:
-            self.job.child.stop()
+        if self.job is not None:
+            self.job.child.kill() if self.job.child.stopping else self.job.child.stop()
 
     def ask_to_quit(self, app: App) -> None:
         """Quits, but asks first where a scene is being made."""
