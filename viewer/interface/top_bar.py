@@ -14,7 +14,6 @@ from viewer.core import theme
 from viewer.core.input import shown_keys
 from viewer.core.widgets import Box, Entry, coloured, elided, font, more_button, px, write
 from viewer.interface import layout
-from viewer.rendering.canvas import Canvas
 
 LEFT, MARK, WORD, NAME_GAP, GAP, EDGE = 12.0, 42.0, 52.0, 28.0, 12.0, 8.0  # units at 100 %
 BUTTON, STEP = 34.0, 38.0
@@ -67,7 +66,7 @@ def plan(width: float, unit: float, widths: tuple[float, float, float], buttons:
     return Plan(False, max(0.0, min(name, free_width(False, False, False, shown))), False, False, shown)
 
 
-def show(app: App, canvas: Canvas, box: Box) -> None:
+def show(app: App, box: Box) -> None:
     with coloured(window_bg=theme.BASE):
         layout.begin("##top", box, (LEFT, EDGE))
     entries = _entries(app)

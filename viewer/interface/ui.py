@@ -132,7 +132,7 @@ class Ui:
         picture = self._docking.space(app, regions.dock, regions.pages)
         viewport.show(app, canvas, picture, self._gizmo, self._axes)
         if app.interface.panels_shown:
-            top_bar.show(app, canvas, regions.top)
+            top_bar.show(app, regions.top)
             layout.show_rail(app, regions)
         layout.show_pages(app, canvas, regions)
         making_panel.show_job(app, canvas, picture)

@@ -114,7 +114,7 @@ def _still(app: App, filming: Filming) -> None:
         if on != (mode in filming.besides):
             filming.besides = tuple(m for m in STILL_MODES if (m in filming.besides) != (m == mode))
     if not filming.panorama:
-        _depth_of_field(app, filming)
+        _depth_of_field(filming)
     if ui.main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", enabled=filming.export is None):
         filming.ask_for_still(app)
     if ui.button(f"{fa.ICON_FA_COPY}  Copy the picture", enabled=filming.export is None):
@@ -122,7 +122,7 @@ def _still(app: App, filming: Filming) -> None:
     ui.tip("The picture as it is shown, to the clipboard")
 
 
-def _depth_of_field(app: App, filming: Filming) -> None:
+def _depth_of_field(filming: Filming) -> None:
     if ui.switch("blur", filming.aperture > 0, "Depth of field") != (filming.aperture > 0):
         filming.aperture = 0.0 if filming.aperture else USUAL_APERTURE
         filming.focusing = False

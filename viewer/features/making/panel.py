@@ -41,7 +41,7 @@ def show(app: App, canvas: Canvas) -> None:
     problem = plan.problem()
     surveying = plan.survey is not None and not plan.survey.finished
     if problem is None and not surveying:
-        _choices(app, plan)
+        _choices(plan)
     if problem is not None:
         ui.paragraph(problem, theme.WARN)
     if problem is None or plan.attempt is not None:
@@ -97,7 +97,7 @@ def _check(app: App, plan: Plan) -> None:
                 ui.hint(text, theme.WARN if warns else theme.MUTED)
 
 
-def _choices(app: App, plan: Plan) -> None:
+def _choices(plan: Plan) -> None:
     """Preset, size and what else there is to choose; none of it where an earlier attempt is gone on with."""
     if plan.subject == "run":
         titles = {side: f"{side}³" for side in RESOLUTIONS}

@@ -246,7 +246,7 @@ def show_start_page(app: App) -> None:
     top = max(px(24), 0.5 * (height - px(342 + 40 * len(recent))))
     imgui.set_cursor_pos(ImVec2(left, top))
     imgui.begin_group()
-    _logo(left)
+    _logo()
     ui.write("snerg", face=theme.fonts.bold, size=theme.HUGE)
     ui.write("Fly through scenes made from photographs.", theme.MUTED)
     imgui.dummy(ImVec2(0, px(14)))
@@ -295,7 +295,7 @@ def icon_of(path: Path) -> str:
     return fa.ICON_FA_FILM if path.suffix.lower() in FILMS else fa.ICON_FA_IMAGES
 
 
-def _logo(left: float) -> None:
+def _logo() -> None:
     """The program's mark: voxels, one of them fully lit."""
     at = imgui.get_cursor_screen_pos()
     draw = imgui.get_window_draw_list()
