@@ -165,16 +165,14 @@ class Erasing:
     def _select_within(self, app: App, outline: np.ndarray) -> None:
         camera, settings, scale = app.viewport.camera, app.settings, app.resolution.moving_scale
         assert camera is not None
-        box, depth = box_around(camera, outline), None
-        if box is None:
+        found, depth = part_around(camera, outline), None
+        if found is None:
             return
+        part, drawn = found
         if not self.through and app.canvas is not None:
-            x, y, width, height = box
-            part = replace(camera, width=width, height=height, cx=camera.cx - x, cy=camera.cy - y)
-            depth = app.canvas.depth(
-                part.resized(max(1, round(scale * width)), max(1, round(scale * height))), settings
-            )
-        self._combine(app, lambda voxels, _: seen_within(voxels, camera, settings, outline, box, depth))
+            size = max(1, round(scale * part.width)), max(1, round(scale * part.height))
+            depth = app.canvas.depth(part.resized(*size), settings)
+        self._combine(app, lambda voxels, _: seen_within(voxels, part, settings, drawn, depth))
 
     def radius_units(self, app: App, hit: Hit) -> float:
         """Of the brush at a surface, window units."""
@@ -382,32 +380,30 @@ def _preview(app: App) -> EditPreview:
 
 REACH = 2.0  # voxels behind the mean depth of a pixel that still show in it
 
-Box = tuple[int, int, int, int]  # x, y, width, height in pixels
 
+def part_around(camera: ViewCamera, outline: np.ndarray) -> tuple[ViewCamera, np.ndarray] | None:
+    """The camera of the part of a picture that an outline (pixels, float [m, 2]) may hold, and the outline there.
 
-def box_around(camera: ViewCamera, outline: np.ndarray) -> Box | None:
-    """The pixels of the camera's picture that an outline (pixels, float [m, 2]) may hold; None for none."""
+    None where it holds no pixel of the picture.
+    """
     corners = np.floor([outline.min(axis=0), outline.max(axis=0) + 1])
     x, y, right, foot = np.clip(corners, 0, (camera.width, camera.height)).astype(int).ravel().tolist()
-    width, height = right - x, foot - y
-    return (x, y, width, height) if width and height else None
+    if right == x or foot == y:
+        return None
+    part = replace(camera, width=right - x, height=foot - y, cx=camera.cx - x, cy=camera.cy - y)
+    return part, outline - (x, y)
 
 
 def seen_within(
-    voxels: Voxels,
-    camera: ViewCamera,
-    settings: RenderSettings,
-    outline: np.ndarray,
-    box: Box,
-    depth: np.ndarray | None,
+    voxels: Voxels, camera: ViewCamera, settings: RenderSettings, outline: np.ndarray, depth: np.ndarray | None
 ) -> Selection:
-    """Voxels that are seen within `outline` (pixels, float [m, 2], within `box`) and are not cut off.
+    """Voxels that are seen within `outline` (pixels, float [m, 2], of the camera's picture) and are not cut off.
 
-    depth: of the box, float [h, w]: only voxels that show there. None: those behind them as well.
+    depth: of the picture, float [h, w]: only voxels that show there. None: those behind them as well.
     """
-    x0, y0, width, height = box
+    width, height = camera.width, camera.height
     image = Image.new("1", (width, height))
-    ImageDraw.Draw(image).polygon([(x - x0, y - y0) for x, y in outline.tolist()], fill=1)
+    ImageDraw.Draw(image).polygon(outline.ravel().tolist(), fill=1)
     inside = np.asarray(image)
     low, high = RayFrame(voxels.pack).box(settings)
     camera_T_grid = np.linalg.inv(camera.grid_T_camera)
@@ -416,7 +412,7 @@ def seen_within(
     def test(positions: np.ndarray) -> np.ndarray:
         points = voxels.frame.points(positions)
         pixels, before = project(camera, points)
-        column, row = np.floor(pixels - (x0, y0)).T
+        column, row = np.floor(pixels).T
         held = before & (column >= 0) & (column < width) & (row >= 0) & (row < height)
         held &= np.all((positions >= low) & (positions <= high), axis=1)
         some = np.flatnonzero(held)
@@ -431,16 +427,15 @@ def seen_within(
         held[some] = chosen
         return held
 
-    return voxels.where(test, _may_be_seen(voxels, camera, box))
+    return voxels.where(test, _may_be_seen(voxels, camera))
 
 
-def _may_be_seen(voxels: Voxels, camera: ViewCamera, box: Box) -> np.ndarray | None:
-    """bool [n]: macroblocks that reach into the pyramid of rays through a box; None, for all, where a lens bends the rays."""
+def _may_be_seen(voxels: Voxels, camera: ViewCamera) -> np.ndarray | None:
+    """bool [n]: macroblocks that reach into the pyramid of a camera's rays; None, for all, where a lens bends the rays."""
     if any(camera.distortion):
         return None
-    x, y, width, height = box
-    left, right = ((end - camera.cx) / camera.fx for end in (x, x + width))
-    top, foot = ((camera.cy - end) / camera.fy for end in (y, y + height))
+    left, right = ((end - camera.cx) / camera.fx for end in (0, camera.width))
+    top, foot = ((camera.cy - end) / camera.fy for end in (0, camera.height))
     if camera.orthographic:
         planes = [(1, 0, 0, -left), (-1, 0, 0, right), (0, 1, 0, -foot), (0, -1, 0, top)]
     else:
