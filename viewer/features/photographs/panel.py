@@ -37,10 +37,8 @@ def show(app: App, canvas: Canvas) -> None:
     with ui.card("cameras", "Cameras"):
         gallery.frusta = ui.switch("frusta", gallery.frusta, "Show in the scene")
         if len(photographs.splits) > 1:
-            picked = ui.segments(
-                "split", {"": "all", **{split: split for split in photographs.splits}}, gallery.split_shown
-            )
-            if picked is not None:
+            titles = {"": "all"} | {split: split for split in photographs.splits}
+            if (picked := ui.segments("##split", titles, gallery.split_shown)) is not None:
                 gallery.split_shown, gallery.reveal = picked, True
         if gallery.frusta and comparison.against != "photograph":
             gallery.frusta_size = ui.slider(
