@@ -86,7 +86,7 @@ MAX_SLICE_SIDE = 2048  # voxels; every OpenGL 3.3 driver in use takes 3D texture
 MAX_DENSE_BYTES = 4 << 30
 
 Triple = tuple[int, int, int]
-ReadBox = Callable[[Triple, Triple], tuple[np.ndarray, np.ndarray | None]]
+ReadBox = Callable[[Triple, Triple], np.ndarray]
 
 
 def grid_block_counts(grid_size: Triple, block_size: int) -> Triple:
@@ -136,18 +136,21 @@ def atlas_layout(occupied: np.ndarray, atlas_blocks: Triple) -> np.ndarray:
 
 
 def fill_atlas(
-    blocks: Iterable[tuple[tuple[int, ...], np.ndarray]], kept: np.ndarray, block_size: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """atlas_indices, atlas_rgba and atlas_features (as Pack has them) of macroblocks (place z, y, x; uint8 [bs, bs, bs, 8]).
+    blocks: Iterable[tuple[tuple[int, ...], np.ndarray]], kept: np.ndarray, block_size: int, channels: int = 8
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """atlas_indices, atlas_rgba and atlas_features (as Pack has them) of macroblocks (place z, y, x; uint8 [bs, bs, bs, c]).
 
-    kept: bool [blocks z, y, x], all places. Only data voxels are written: scenepack.blocks does the rest.
+    kept: bool [blocks z, y, x], all places. channels: c, 8, or 4 without features. Only data voxels are written: restore_padding
+    does the rest. ValueError where no layout is large enough.
     """
     atlas_blocks = choose_atlas_blocks(int(kept.sum()), block_size)
-    shape = (*atlas_shape(atlas_blocks, block_size), 4)
-    indices, rgba, features = atlas_layout(kept, atlas_blocks), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    indices, shape = atlas_layout(kept, atlas_blocks), (*atlas_shape(atlas_blocks, block_size), 4)
+    rgba, features = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8) if channels == 8 else None
     for place, voxels in blocks:
         at = data_voxels(indices[place], block_size)
-        rgba[at], features[at] = voxels[..., :4], voxels[..., 4:]
+        rgba[at] = voxels[..., :4]
+        if features is not None:
+            features[at] = voxels[..., 4:]
     return indices, rgba, features
 
 
@@ -158,33 +161,25 @@ def data_voxels(slot_xyz: np.ndarray, block_size: int) -> tuple[slice, ...]:
 
 
 def atlas_from_volume(
-    read_box: ReadBox, grid_size: Triple, block_size: int, occupied: np.ndarray
+    read_box: ReadBox, grid_size: Triple, block_size: int, occupied: np.ndarray, channels: int = 8
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Fills an atlas macroblock by macroblock from a volume that need not exist as one array.
+    """fill_atlas of a volume that need not exist as one array, with padding.
 
-    read_box((z0, y0, x0), (z1, y1, x1)) gives uint8 rgba [z1-z0, y1-y0, x1-x0, 4], premultiplied, and
-    features of the same shape, or None in their place; it is only asked for boxes within the grid, one per
-    occupied macroblock, at most bs a side. grid_size: voxels (x, y, z). occupied: bool [blocks z, blocks y,
-    blocks x]. Returns atlas_indices uint8 [blocks z, y, x, 3], atlas_rgba uint8 [D, H, W, 4], and
-    atlas_features likewise or None. ValueError where no layout is large enough.
+    read_box((z0, y0, x0), (z1, y1, x1)) gives uint8 [z1-z0, y1-y0, x1-x0, channels], premultiplied rgba and features; it is only
+    asked for boxes within the grid, one per occupied macroblock, at most bs a side. grid_size: voxels (x, y, z). occupied: bool
+    [blocks z, blocks y, blocks x].
     """
     if occupied.shape != grid_block_counts(grid_size, block_size)[::-1]:
         raise ValueError(f"occupied is {occupied.shape}, the grid {grid_size} needs another shape at {block_size}")
-    atlas_blocks = choose_atlas_blocks(int(occupied.sum()), block_size)
-    indices = atlas_layout(occupied, atlas_blocks)
-    rgba = np.zeros((*atlas_shape(atlas_blocks, block_size), 4), np.uint8)
-    features: np.ndarray | None = None
-    for block in np.argwhere(occupied).tolist():
-        low = [b * block_size for b in block]
-        high = [min(lo + block_size, n) for lo, n in zip(low, grid_size[::-1], strict=True)]
-        inside = tuple(slice(hi - lo) for lo, hi in zip(low, high, strict=True))
-        at = data_voxels(indices[tuple(block)], block_size)
-        box_rgba, box_features = read_box((low[0], low[1], low[2]), (high[0], high[1], high[2]))
-        rgba[at][inside] = box_rgba
-        if box_features is not None:
-            if features is None:
-                features = np.zeros_like(rgba)
-            features[at][inside] = box_features
+
+    def read(block: tuple[int, ...]) -> tuple[tuple[int, ...], np.ndarray]:
+        z, y, x = (b * block_size for b in block)
+        high = [min(lo + block_size, n) for lo, n in zip((z, y, x), grid_size[::-1], strict=True)]
+        voxels = read_box((z, y, x), (high[0], high[1], high[2]))
+        return block, np.pad(voxels, [*((0, block_size - n) for n in voxels.shape[:3]), (0, 0)])
+
+    blocks = map(read, map(tuple, np.argwhere(occupied).tolist()))
+    indices, rgba, features = fill_atlas(blocks, occupied, block_size, channels)
     for atlas in (rgba, features):
         if atlas is not None:
             restore_padding(atlas, indices, block_size)
@@ -196,6 +191,11 @@ def block_copy(pack: Pack, atlas: np.ndarray, block_zyx: tuple[int, ...]) -> np.
     side = pack.padded_block_size
     sx, sy, sz = (int(i) * side for i in pack.atlas_indices[block_zyx])
     return atlas[sz : sz + side, sy : sy + side, sx : sx + side]
+
+
+def block_data(pack: Pack, atlas: np.ndarray, block_zyx: tuple[int, ...]) -> np.ndarray:
+    """The data voxels [bs, bs, bs, c] (a view into `atlas`) of an occupied macroblock of the grid."""
+    return block_copy(pack, atlas, block_zyx)[1:-1, 1:-1, 1:-1]
 
 
 def dense_from_pack(pack: Pack, box: tuple[Triple, Triple] | None = None) -> tuple[np.ndarray, np.ndarray | None]:

@@ -23,7 +23,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from console import UserError
-from scenepack.blocks import atlas_layout, atlas_shape, block_copy, choose_atlas_blocks, restore_pack_padding
+from scenepack.blocks import block_copy, block_data, fill_atlas, restore_pack_padding
 from scenepack.exports.field import Corners, ExportFrame
 from scenepack.files import ZIP_ERRORS
 from scenepack.pack import Pack
@@ -97,7 +97,7 @@ class Voxels:
         return np.asarray(self._alpha(number) > 0)
 
     def _alpha(self, number: int) -> np.ndarray:
-        return block_copy(self.pack, self.pack.atlas_rgba, tuple(self.places[number]))[1:-1, 1:-1, 1:-1, 3]
+        return block_data(self.pack, self.pack.atlas_rgba, tuple(self.places[number]))[..., 3]
 
     @cached_property
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -284,17 +284,15 @@ def without(pack: Pack, removed: Selection, how: Sequence[str]) -> Pack:
         raise UserError("nothing would be left", remedy="remove less")
     kept = np.zeros_like(pack.occupied)
     kept[tuple(voxels.places[numbers].T)] = True
-    atlas_blocks = choose_atlas_blocks(len(numbers), pack.block_size)
-    shape = (*atlas_shape(atlas_blocks, pack.block_size), 4)
-    rgba, features = np.zeros(shape, np.uint8), None if pack.atlas_features is None else np.zeros(shape, np.uint8)
-    smaller = replace(pack, atlas_indices=atlas_layout(kept, atlas_blocks), atlas_rgba=rgba, atlas_features=features)
-    for old, new in zip(pack.atlases, smaller.atlases, strict=True):
-        for number in numbers:
-            place = tuple(voxels.places[number])
-            data = block_copy(smaller, new, place)[1:-1, 1:-1, 1:-1]
-            data[...] = block_copy(pack, old, place)[1:-1, 1:-1, 1:-1]
-            if number in removed.bits:
-                data[voxels.mask(removed, number)] = 0
+
+    def left(number: int) -> tuple[tuple[int, ...], np.ndarray]:
+        place = tuple(voxels.places[number])
+        data = np.concatenate([block_data(pack, atlas, place) for atlas in pack.atlases], axis=-1)
+        data[voxels.mask(removed, number)] = 0
+        return place, data
+
+    indices, rgba, features = fill_atlas(map(left, numbers), kept, pack.block_size, 4 * len(pack.atlases))
+    smaller = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
     restore_pack_padding(smaller)
     before = pack.metadata.get("provenance")
     provenance: dict[str, Any] = dict(before) if isinstance(before, Mapping) else {}
@@ -362,7 +360,7 @@ class EditPreview:
     def _show(self, number: int) -> None:
         pack = self.voxels.pack
         place = tuple(self.voxels.places[number])
-        data = [block_copy(pack, atlas, place)[1:-1, 1:-1, 1:-1] for atlas in pack.atlases]
+        data = [block_data(pack, atlas, place) for atlas in pack.atlases]
         removed, selected = (self.voxels.mask(selection, number) for selection in self._goal)
         touched = at = np.nonzero(removed | selected)
         if number in self._originals:

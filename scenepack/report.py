@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from console.streams import one_line
-from scenepack.blocks import block_copy
+from scenepack.blocks import block_data
 from scenepack.check import Finding
 from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, stored_bytes
 from scenepack.pack import Pack
@@ -78,8 +78,8 @@ def alpha_histogram(pack: Pack) -> np.ndarray:
     """int64 [256]: how many stored voxels, padding left out, have each alpha."""
     counts = np.zeros(256, np.int64)
     for block in np.argwhere(pack.occupied).tolist():
-        data = block_copy(pack, pack.atlas_rgba, tuple(block))[1:-1, 1:-1, 1:-1, 3]
-        counts += np.bincount(data.ravel(), minlength=256)
+        alpha = block_data(pack, pack.atlas_rgba, tuple(block))[..., 3]
+        counts += np.bincount(alpha.ravel(), minlength=256)
     return counts
 
 

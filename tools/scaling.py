@@ -55,14 +55,14 @@ def carved_pack(side: int, opacity: float = 1.0) -> Pack:
     def centres(first: int, last: int) -> np.ndarray:
         return ((np.arange(first, last, dtype=np.float32) + 0.5) * voxel - 1.0).astype(np.float32)
 
-    def read_box(low: Triple, high: Triple) -> tuple[np.ndarray, np.ndarray]:
+    def read_box(low: Triple, high: Triple) -> np.ndarray:
         z, y, x = np.ix_(*(centres(lo, hi) for lo, hi in zip(low, high, strict=True)))
         depth = 0.5 * SHELL + 0.5 - surface_distance(x, y, z) / voxel
         alpha = np.rint(255.0 * opacity * np.clip(depth, 0.0, 1.0))[..., None]
         waves = np.stack(np.broadcast_arrays(np.sin(9 * x), np.sin(7 * y + 1), np.cos(8 * z), alpha[..., 0]), axis=-1)
         content = np.rint((0.45 + 0.3 * waves[..., :3]) * alpha).astype(np.uint8)
         alpha = alpha.astype(np.uint8)
-        return np.concatenate([content, alpha], -1), np.concatenate([content[..., ::-1], alpha // 2], -1)
+        return np.concatenate([content, alpha, content[..., ::-1], alpha // 2], axis=-1)
 
     counts = grid_block_counts((side, side, side), BLOCK_SIZE)
     middles = ((np.arange(counts[0]) + 0.5) * BLOCK_SIZE * voxel - 1.0).astype(np.float32)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from baker.tuning.pruning import ArrivingTransmittance
-from scenepack.blocks import block_copy, restore_pack_padding
+from scenepack.blocks import block_data, restore_pack_padding
 from scenepack.codecs.quantisation import Steps, in_steps
 from scenepack.pack import Pack
 
@@ -60,7 +60,7 @@ def _hidden(
     pack: Pack, arriving: ArrivingTransmittance, block: tuple[int, ...], hidden: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where hidden voxels of a macroblock are in the flat atlas, int64 [n]; x + y, which is their rank."""
-    alpha = block_copy(pack, pack.atlas_rgba, block)[1:-1, 1:-1, 1:-1, 3]
+    alpha = block_data(pack, pack.atlas_rgba, block)[..., 3]
     z, y, x = np.nonzero((alpha > 0) & (arriving.at(block) < hidden))
     _, height, width, _ = pack.atlas_rgba.shape
     left, top, front = pack.atlas_indices[block].astype(np.int64) * pack.padded_block_size + 1

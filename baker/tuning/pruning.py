@@ -18,8 +18,6 @@ Notation: B = block_size + 2; slots number the occupied macroblocks; T the trans
 transmittance the largest T of the samples that it is part of, in units of 1/255 and rounded up; 0 where there is none.
 """
 
-# pyright: reportCallIssue=false
-
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
@@ -30,15 +28,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numba import njit
 
 from baker.tuning.marcher import OnShare, PackMarcher
-from scenepack.blocks import block_copy, fill_atlas, restore_pack_padding
+from scenepack.blocks import block_data, fill_atlas, restore_pack_padding
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.marching.layout import GridBox
 from training.marching.rays import GridFrameRays, grid_points, to_grid
-from training.multires.fused.compiled import kernel
 
 SPACING = 3.0  # voxels between neighbouring rays
 MOST_RAYS = 12_000_000  # that meet content
@@ -151,37 +147,44 @@ def prune(
         if score(thinner) >= least:
             return thinner, pruned
         del thinner  # before the next takes its place
-    count = sum(int(np.count_nonzero(_data(pack, pack.atlas_rgba, block)[..., 3])) for block in _blocks(pack))
+    count = sum(np.count_nonzero(_alpha(pack, block)) for block in _blocks(pack))
     return pack, Pruned(count, count, 0, 0.0)
 
 
 def _thinner(pack: Pack, arriving: ArrivingTransmittance, tau_weight: float) -> tuple[Pack, Pruned]:
     """The pack without its voxels that make up less than tau_weight, closed."""
-    features = pack.atlas_features
-    assert features is not None, "baking always stores features"
     alpha, transmittance = np.arange(256)[:, None], np.arange(256)
     stays = (alpha > 0) & (alpha * transmittance >= tau_weight * 255**2)
-    gain = (stays * closing_gain(alpha, transmittance)).astype(np.float32)  # [256, 256], 0 where a voxel is emptied
-    blocks = _blocks(pack)
-    counts = np.array([_count(_data(pack, pack.atlas_rgba, block), arriving.at(block), gain) for block in blocks])
-    before, after = counts.sum(0).tolist()
+    gains = (stays * closing_gain(alpha, transmittance)).astype(np.float32)  # [256, 256], 0 where a voxel is emptied
+
+    def thinned(block: tuple[int, ...]) -> tuple[tuple[int, ...], np.ndarray]:
+        gain = gains[_alpha(pack, block), arriving.at(block)]
+        some, voxels = gain > 0, np.zeros((*gain.shape, 8), np.uint8)
+        before = np.concatenate([block_data(pack, atlas, block)[some] for atlas in pack.atlases], axis=-1)
+        voxels[some] = np.round(gain[some][:, None] * before)
+        return block, voxels
+
+    before = after = 0
     kept = np.zeros(pack.occupied.shape, bool)
-    kept[tuple(np.transpose(blocks))] = counts[:, 1] > 0
-    indices, rgba, features = fill_atlas(
-        (
-            (block, _scaled(_data(pack, pack.atlas_rgba, block), _data(pack, features, block), arriving.at(block), gain))
-            for block in blocks if kept[block]
-        ),
-        kept, pack.block_size,
-    )  # fmt: skip
+    for block in _blocks(pack):
+        stay = np.count_nonzero(gains[_alpha(pack, block), arriving.at(block)])
+        before, after = before + np.count_nonzero(_alpha(pack, block)), after + stay
+        kept[block] = stay > 0
+    left = [block for block in _blocks(pack) if kept[block]]
+    indices, rgba, features = fill_atlas(map(thinned, left), kept, pack.block_size)
     thinner = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
     restore_pack_padding(thinner)
-    return thinner, Pruned(before, after, len(blocks) - int(kept.sum()), tau_weight)
+    return thinner, Pruned(before, after, len(_blocks(pack)) - len(left), tau_weight)
 
 
 def _blocks(pack: Pack) -> list[tuple[int, ...]]:
     """Places z, y, x of the occupied macroblocks."""
     return [tuple(block) for block in np.argwhere(pack.occupied)]
+
+
+def _alpha(pack: Pack, block: tuple[int, ...]) -> np.ndarray:
+    """uint8 [bs, bs, bs] of the voxels of a macroblock."""
+    return block_data(pack, pack.atlas_rgba, block)[..., 3]
 
 
 def closing_gain(alpha: np.ndarray, transmittance: np.ndarray) -> np.ndarray:
@@ -191,38 +194,6 @@ def closing_gain(alpha: np.ndarray, transmittance: np.ndarray) -> np.ndarray:
     opacity, (shown, deep) = np.maximum(alpha, 1) / np.float32(255), CLOSED
     depth = np.clip((shown - transmittance / np.float32(255)) / (shown - deep), 0, 1)
     return (1 - (1 - opacity) ** (1 + (DENSER - 1) * depth)) / opacity
-
-
-def _data(pack: Pack, atlas: np.ndarray, block: tuple[int, ...]) -> np.ndarray:
-    """The data voxels [bs, bs, bs, c] of a macroblock, a view into the atlas."""
-    return block_copy(pack, atlas, block)[1:-1, 1:-1, 1:-1]
-
-
-@kernel
-def _count(rgba, arriving, gain):
-    """How many voxels of a macroblock have alpha, and how many stay."""
-    before = after = 0
-    for z in range(arriving.shape[0]):
-        for y in range(arriving.shape[1]):
-            for x in range(arriving.shape[2]):
-                before += rgba[z, y, x, 3] > 0
-                after += gain[rgba[z, y, x, 3], arriving[z, y, x]] > 0
-    return before, after
-
-
-@njit(nogil=True, cache=True)
-def _scaled(rgba, features, arriving, gain):
-    """rgba and features uint8 [bs, bs, bs, 8] of what stays of a macroblock, closed within."""
-    out = np.zeros((*arriving.shape, 8), np.uint8)
-    for z in range(arriving.shape[0]):
-        for y in range(arriving.shape[1]):
-            for x in range(arriving.shape[2]):
-                by = gain[rgba[z, y, x, 3], arriving[z, y, x]]
-                if by > 0:
-                    for c in range(4):
-                        out[z, y, x, c] = np.uint8(np.round(by * rgba[z, y, x, c]))
-                        out[z, y, x, 4 + c] = np.uint8(np.round(by * features[z, y, x, c]))
-    return out
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from scenepack.blocks import block_copy
+from scenepack.blocks import block_data
 from scenepack.constants import NDC_NEAR, PUBLISHED_NDC_CAMERA
 from scenepack.contraction import uncontract
 from scenepack.pack import Pack
@@ -59,7 +59,7 @@ class Field:
             return None
         if place in self._coarse:
             return self._coarse[place]
-        voxels = block_copy(self.pack, self.pack.atlas_rgba, place)[1:-1, 1:-1, 1:-1].astype(np.float32) / 255.0
+        voxels = block_data(self.pack, self.pack.atlas_rgba, place).astype(np.float32) / 255.0
         size, f = self.pack.block_size, self.coarser
         for axis in range(3):
             index = place[axis] * size + np.arange(size)

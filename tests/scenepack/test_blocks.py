@@ -58,17 +58,17 @@ def test_what_lies_in_macroblocks_marked_empty_is_dropped_from_padding_too() -> 
 def test_a_volume_is_read_one_macroblock_at_a_time_and_never_outside_of_the_grid() -> None:
     size, boxes = (10, 7, 6), []
 
-    def read_box(low: tuple[int, int, int], high: tuple[int, int, int]) -> tuple[np.ndarray, None]:
+    def read_box(low: tuple[int, int, int], high: tuple[int, int, int]) -> np.ndarray:
         boxes.append((low, high))
         z, y, x = np.ogrid[low[0] : high[0], low[1] : high[1], low[2] : high[2]]
-        return np.repeat((z * 100 + y * 10 + x)[..., None] % 256, 4, axis=-1).astype(np.uint8), None
+        return np.repeat((z * 100 + y * 10 + x)[..., None] % 256, 4, axis=-1).astype(np.uint8)
 
     occupied = np.ones(grid_block_counts(size, 4)[::-1], bool)
-    indices, rgba, features = atlas_from_volume(read_box, size, 4, occupied)
+    indices, rgba, features = atlas_from_volume(read_box, size, 4, occupied, channels=4)
     assert features is None and len(boxes) == occupied.size
     for low, high in boxes:
         assert all(0 <= a < b <= n and b - a <= 6 for a, b, n in zip(low, high, size[::-1], strict=True))
-    whole, _ = read_box((0, 0, 0), (6, 7, 10))
+    whole = read_box((0, 0, 0), (6, 7, 10))
     np.testing.assert_array_equal(atlas_from_dense(whole, None, 4, occupied)[1], rgba)
     assert indices.max() < 255
 

@@ -46,23 +46,17 @@ def half_resolution(pack: Pack) -> Pack:
     bz, by, bx = np.nonzero(pack.occupied)
     occupied[bz // 2, by // 2, bx // 2] = True  # along each axis, macroblocks 2 i and 2 i + 1 make the new one i
 
-    def read_box(low: Triple, high: Triple) -> tuple[np.ndarray, np.ndarray | None]:
+    def read_box(low: Triple, high: Triple) -> np.ndarray:
         end = [min(2 * n, side) for n, side in zip(high[::-1], pack.grid_size, strict=True)]
         box = (2 * low[2], 2 * low[1], 2 * low[0]), (end[0], end[1], end[2])
-        rgba, features = dense_from_pack(pack, box)
-        means = _means(rgba)
-        gain = 2.0 - means[..., 3:] / 255.0
-        return _quantised(means * gain), None if features is None else _quantised(_means(features) * gain)
+        means = np.concatenate([_means(part) for part in dense_from_pack(pack, box) if part is not None], axis=-1)
+        gain = 2.0 - means[..., 3:4] / 255.0
+        return np.rint(np.minimum(means * gain, 255.0)).astype(np.uint8)
 
-    indices, rgba, features = atlas_from_volume(read_box, grid_size, pack.block_size, occupied)
-    if pack.atlas_features is not None and features is None:
-        features = np.zeros_like(rgba)
+    channels = 4 * len(pack.atlases)
+    indices, rgba, features = atlas_from_volume(read_box, grid_size, pack.block_size, occupied, channels)
     atlas = {"atlas_indices": indices, "atlas_rgba": rgba, "atlas_features": features}
     return replace(pack, voxel_size=2.0 * pack.voxel_size, grid_size=grid_size, **atlas)
-
-
-def _quantised(values: np.ndarray) -> np.ndarray:
-    return np.rint(np.minimum(values, 255.0)).astype(np.uint8)
 
 
 def _means(voxels: np.ndarray) -> np.ndarray:
