@@ -15,13 +15,14 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from baker.baking.config import BLOCK_SIZE, BakeConfig
 from baker.baking.culling import Culling, content_box, opaque_macroblocks, seen_macroblocks
-from baker.baking.field_query import FieldQuery, field_query, occupied_query, within
+from baker.baking.field_query import FieldQuery, field_query, within
 from baker.baking.grid import BakeGrid, FloatGrid, assemble, box_in_grid_frame, make_grid
 from baker.baking.passes import Voxels, passes_of
 from baker.baking.supersample import Sampler, supersample, supersample_floats
@@ -173,7 +174,7 @@ def culled_grid(job: Bake) -> tuple[BakeGrid, Culling]:
     while True:
         grid = make_grid(box["low"], box["high"], resolution, BLOCK_SIZE, job.frame, contraction)
         with job.stages("opacity") as bar:
-            opacity = opaque_macroblocks(job.query, grid, occupied_query(run), bar.update, job.work)
+            opacity = opaque_macroblocks(job.query, grid, partial(run.method.may_hold, run.state), bar.update, job.work)
         with job.stages("visibility") as bar:
             if config.keeps_hidden:
                 culling = opacity.culling(grid, opacity.opaque)

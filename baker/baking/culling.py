@@ -19,10 +19,10 @@ import numpy as np
 from baker.baking.field_query import FieldQuery, Occupied
 from baker.baking.grid import BakeGrid, to_training
 from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
-from baker.tuning.marcher import PART, TOGETHER, box_of, lines_in_grid
+from baker.tuning.marcher import box_of, share_rays
 from training.dataset import RayDataset
 from training.marching.layout import dilate
-from training.marching.rays import GridFrameRays
+from training.marching.rays import GridFrameRays, GridRays
 from training.multires.fused.compiled import Workers, kernel
 from training.multires.fused.march import piece_from
 
@@ -211,21 +211,17 @@ def best_transmittance(
     box = box_of(grid.min_xyz, cell, density.shape[::-1], grid.contraction)
     source = GridFrameRays(dataset, jnp.asarray(np.linalg.inv(grid.worldspace_T_opengl), jnp.float32))
     ids = np.random.default_rng(0).permutation(dataset.count)[:RAYS].astype(np.int32)
-    for first in range(0, len(ids), TOGETHER):
-        count = min(TOGETHER, len(ids) - first)
-        lines, length = lines_in_grid(box, source, ids[np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1)])
 
-        def look(worker: int, low: int, high: int, lines=lines, length=length) -> None:
-            _raise_best(density, blocks, lines, length, low, high, best[worker])
+    def look(worker: int, rays: GridRays, first: int, low: int, high: int) -> None:
+        _raise_best(density, blocks, rays, low, high, best[worker])
 
-        workers.share_range(count, PART, look)
-        tick((first + count) / len(ids))
+    share_rays(workers, box, source, ids, look, tick)
     return np.maximum.reduce(best)
 
 
 @kernel
-def _raise_best(density, blocks, rays, length, low, high, best):
-    """Raises best [cells] to the T of rays low … high - 1 at the cells that they meet. length [N]: world units per cell."""
+def _raise_best(density, blocks, rays, low, high, best):
+    """Raises best [cells] to the T of rays low … high - 1 at the cells that they meet."""
     depth, height, width = density.shape
     half, one = np.float32(0.5), np.float32(1.0)
     for ray in range(low, high):
@@ -242,7 +238,7 @@ def _raise_best(density, blocks, rays, length, low, high, best):
                 if blocks[z >> BLOCK_BITS, y >> BLOCK_BITS, x >> BLOCK_BITS]:
                     if density[z, y, x] > 0:
                         best[z, y, x] = max(best[z, y, x], passed)
-                        passed *= np.exp(-density[z, y, x] * length[ray])
+                        passed *= np.exp(-density[z, y, x] * rays.length[ray])
                 else:
                     out = min(_leaving(gx, dx), _leaving(gy, dy), _leaving(gz, dz), until - along)
                     steps = max(np.int64(np.ceil(out)), 1)

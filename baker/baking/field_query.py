@@ -60,8 +60,3 @@ def within(query: FieldQuery, box: np.ndarray) -> FieldQuery:
 
 def _fetched(output: FieldOutput) -> FieldOutput:
     return FieldOutput(*(np.asarray(array) for array in output))  # type: ignore[arg-type]
-
-
-def occupied_query(run: Run) -> Occupied:
-    """A function that says of training-frame boxes, low and high [N, 3], which may hold density; see Method.may_hold."""
-    return lambda low, high: run.method.may_hold(run.state, low, high)

@@ -22,8 +22,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from baker.baking.config import BakeConfig
 from baker.tuning.fine_tune import EPOCHS, fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
-from baker.tuning.occluded_voxels import smooth_hidden
-from baker.tuning.pruning import ArrivingTransmittance, Pruned, arriving_transmittance, prune
+from baker.tuning.pruning import ArrivingTransmittance, Pruned, arriving_transmittance, prune, smooth_hidden
 from console.progress import Progress
 from scenepack.blocks import restore_pack_padding
 from scenepack.codecs.quantisation import EXACT, Steps

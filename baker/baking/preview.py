@@ -7,6 +7,7 @@ minutes. The pack is one file, so that whoever reads the one before still can wh
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from baker.baking.bake import assembled
 from baker.baking.config import BLOCK_SIZE
 from baker.baking.culling import content_box, opaque_macroblocks
-from baker.baking.field_query import field_query, occupied_query
+from baker.baking.field_query import field_query
 from baker.baking.grid import box_in_grid_frame, make_grid
 from baker.baking.supersample import Sampler, supersample
 from console import UserError
@@ -38,7 +39,7 @@ def preview_pack(run: Run, resolution: int = RESOLUTION) -> Pack | None:
     if found is None:
         return None
     grid = make_grid(*found, resolution, BLOCK_SIZE, frame, run.dataset.facts.contraction)
-    opacity = opaque_macroblocks(query, grid, occupied_query(run))
+    opacity = opaque_macroblocks(query, grid, partial(run.method.may_hold, run.state))
     culling = opacity.culling(grid, opacity.opaque)  # what no camera sees stays
     if not culling.kept.any():
         return None

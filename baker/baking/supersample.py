@@ -43,22 +43,17 @@ def supersample(
     Voxels far from any opacity stay zero without being asked.
     """
     blocks = np.argwhere(sampler.culling.kept)
-    size, done, most = sampler.grid.block_size, 0, 0
+    size = sampler.grid.block_size
 
     def make(part: np.ndarray) -> Arrays:
         nonlocal done
         places, values = sampler.content(part, pool)
         done += len(part)
-        on_some(done, sampler.samples * len(places))
+        on_blocks(done, sampler.samples * len(places))
         values = np.round(255 * values).astype(np.uint8)
         values[values[:, 3] == 0] = 0
         some = values.any(axis=1)
         return {"places": places[some], "values": values[some]}
-
-    def on_some(reached: int, samples: int) -> None:
-        nonlocal most
-        most = max(most, reached)
-        on_blocks(most, samples)
 
     with ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS)) as pool:
         parts = np.split(blocks, range(BLOCKS_AT_ONCE, len(blocks), BLOCKS_AT_ONCE))
@@ -66,7 +61,7 @@ def supersample(
         done = sum(
             len(part) for part, (name, _) in zip(parts, pieces, strict=True) if work is not None and work.has(name)
         )
-        on_some(done, 0)
+        on_blocks(done, 0)
         share_out(work, pieces)
         reached = 0
         for part, piece in zip(parts, pieces, strict=True):
@@ -74,7 +69,8 @@ def supersample(
             voxels = np.zeros((len(part), size, size, size, 8), np.uint8)
             voxels.reshape(-1, 8)[made["places"]] = made["values"]
             reached += len(part)
-            on_some(reached, 0)
+            done = max(done, reached)  # others may have made it
+            on_blocks(done, 0)
             yield from zip(map(tuple, part.tolist()), voxels, strict=True)
 
 

@@ -61,7 +61,7 @@ class FloatMarcher(PackMarcher):
         self.rays = pack_rays(self.pack, view)
         sums = np.zeros((rays.origins.shape[0], 8), np.float32)
         look = partial(accumulate_floats, self.rows, self.values)
-        self._over(np.arange(len(sums), dtype=np.int32), None, look, lambda _, low, high: sums[low:high])
+        self._over(np.arange(len(sums), dtype=np.int32), look, lambda _, first: sums[first:])
         return Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])  # type: ignore[arg-type]
 
 

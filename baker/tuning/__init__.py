@@ -1,8 +1,8 @@
 """What improves a pack after it is baked: pruning, and fine-tuning of the view MLP and the voxels. Compiled by Numba.
 
-marcher      rays through a pack             cells, gradients, tuner, joint_loop   voxels and view MLP tuned together
-shading      accumulated rays as pictures    fine_tune                             the view MLP alone
-pruning, occluded_voxels                     voxels that no photograph shows
+marcher      rays through a pack             cells, tuner, joint_loop   voxels and view MLP tuned together
+shading      accumulated rays as pictures    fine_tune                  the view MLP alone
+pruning      voxels that no photograph shows
 """
 
 from __future__ import annotations

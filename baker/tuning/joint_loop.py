@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from baker.tuning.marcher import OnShare, PackMarcher
-from baker.tuning.shading import Accumulated, ErrorTerms, psnr_of, squared_error, to_params
+from baker.tuning.shading import Accumulated, ErrorTerms, ShadingInputs, psnr_of, squared_error, to_params
 from baker.tuning.tuner import Tuner
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
@@ -113,10 +113,11 @@ def shown_psnr(pack: Pack, dataset: RayDataset, seed: int, *, by_opacity: bool =
     ids = np.sort(np.random.default_rng(seed).permutation(dataset.count)[:HELD_OUT_RAYS]).astype(np.int32)
     marched = PackMarcher(pack, dataset).accumulate(ids)
     head, rays = pack.view_mlp and to_params(pack.view_mlp), jnp.asarray(ids)
-    error, weight = squared_error(
-        Accumulated(*(jnp.asarray(part) for part in marched)), head, dataset.geometry_at(rays).viewdirs,
-        dataset.colours_at(rays), jnp.ones(len(ids), bool), dataset.background, ErrorTerms(pack.ndc, by_opacity), clamped=True,
+    inputs = ShadingInputs(
+        Accumulated(*(jnp.asarray(part) for part in marched)), head, dataset.geometry_at(rays).viewdirs, dataset.colours_at(rays),
+        jnp.ones(len(ids), bool), dataset.background,
     )  # fmt: skip
+    error, weight = squared_error(inputs, ErrorTerms(pack.ndc, by_opacity), clamped=True)
     return psnr_of(float(error), float(weight))
 
 

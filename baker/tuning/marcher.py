@@ -44,19 +44,9 @@ def box_of(min_xyz: np.ndarray, voxel_size: float, size: tuple[int, ...], contra
     return GridBox(jnp.asarray(min_xyz, jnp.float32), jnp.float32(voxel_size), jnp.asarray(size, jnp.int32), inner)
 
 
-class Lines(NamedTuple):
-    """R rays in voxels as the loops have them; see training.marching.rays.GridRays."""
-
-    origins: np.ndarray
-    directions: np.ndarray
-    begins: np.ndarray
-    start: np.ndarray
-    end: np.ndarray
-
-
-def lines_of(rays: GridRays) -> Lines:
-    """The arrays of rays on the host."""
-    return Lines(*(np.asarray(a) for a in (rays.origins, rays.directions, rays.begins, rays.start, rays.end)))
+def on_host(rays: GridRays) -> GridRays:
+    """The rays as the loops take them, of NumPy."""
+    return GridRays(*map(np.asarray, rays[:-1]))  # type: ignore[arg-type]  (without the path, which no loop needs)
 
 
 def pack_rays(pack: Pack, dataset: RayDataset) -> GridFrameRays:
@@ -70,7 +60,7 @@ class Tables(NamedTuple):
     slots int32 [bz by bx] of each macroblock, -1 empty; blocks int64 [3] = (bx, by, bz), size: block_size. first int64 [slots]:
     flat index in the atlas of each copy's first voxel; row, layer: flat steps along y and z there. support uint8
     [slots, B³]: whether a cell has alpha around it; near uint8 [slots, n³]: the same of 4³ cells. rgba, features uint8 [., 4]:
-    the atlas, flat; features are empty in a diffuse pack.
+    the atlas, flat; features are zeros where a pack has none.
     """
 
     slots: np.ndarray
@@ -110,7 +100,7 @@ def tables_of(pack: Pack) -> Tables:
     first = (places[:, 2] * height + places[:, 1]) * width + places[:, 0]
     rgba = np.ascontiguousarray(pack.atlas_rgba).reshape(-1, 4)
     features = pack.atlas_features
-    features = np.zeros((0, 4), np.uint8) if features is None else np.ascontiguousarray(features).reshape(-1, 4)
+    features = np.zeros(rgba.shape, np.uint8) if features is None else np.ascontiguousarray(features).reshape(-1, 4)
     support = np.zeros((len(first), side**3), np.uint8)
     near = np.zeros((len(first), (-(-side // 4)) ** 3), np.uint8)
     mark_support(rgba, first, width, width * height, side, support, near)
@@ -234,8 +224,7 @@ def list_contributing(tables: Tables, rays, ray, k, found):
 def accumulate_rays(tables: Tables, rays, low, high, found, sums):
     """sums float32 [N, 8] of rays low … high - 1: premultiplied colour and features, and T behind all."""
     rgba, features, weights = tables.rgba, tables.features, found.weights
-    row, layer, coloured = np.int64(tables.row), np.int64(tables.layer), tables.features.shape[0] > 0
-    total, one = np.empty(8, np.float32), np.float32(1.0)
+    row, layer, one, total = np.int64(tables.row), np.int64(tables.layer), np.float32(1.0), np.empty(8, np.float32)
     for ray in range(low, high):
         passed, k, listed = one, np.int64(0), LISTED
         total[:] = np.float32(0.0)
@@ -248,9 +237,8 @@ def accumulate_rays(tables: Tables, rays, low, high, found, sums):
                     share = weights[i, corner] * scale
                     for c in range(3):
                         total[c] += share * np.float32(rgba[place, c])
-                    if coloured:
-                        for c in range(4):
-                            total[3 + c] += share * np.float32(features[place, c])
+                    for c in range(4):
+                        total[3 + c] += share * np.float32(features[place, c])
                 passed *= one - min(found.alpha[i], np.float32(MAX_ALPHA))
                 if passed <= np.float32(TRANSMITTANCE_STOP):
                     break
@@ -318,14 +306,14 @@ class PackMarcher:
     def meets(self, ids: np.ndarray, pixel_offset: np.ndarray | None = None) -> np.ndarray:
         """bool [N]: which rays have a sample with support."""
         meets = np.zeros(len(ids), bool)
-        self._over(ids, pixel_offset, meeting_rays, lambda _, low, high: meets[low:high])
+        self._over(ids, meeting_rays, lambda _, first: meets[first:], pixel_offset)
         return meets
 
     def half_depths(self, ids: np.ndarray) -> np.ndarray:
         """float32 [N]: distance along each ray, in voxels, of the last sample that half of the light or more arrives at; 0
         where there is none."""
         depths = np.zeros(len(ids), np.float32)
-        self._over(ids, None, half_depth_rays, lambda _, low, high: depths[low:high])
+        self._over(ids, half_depth_rays, lambda _, first: depths[first:])
         return depths
 
     def transmittance(
@@ -333,10 +321,9 @@ class PackMarcher:
     ) -> np.ndarray:
         """uint8 [slots, B, B, B] of the occupied macroblocks' padded copies, in the grid's order: the largest T before a
         sample that a voxel is part of, in units of 1/255 and rounded up; 0 where there is none."""
-        copies = [np.zeros(self.tables.support.shape, np.uint8) for _ in range(min(self.workers.count, MOST_COPIES))]
-        self._over(
-            ids, pixel_offset, raise_transmittance, lambda worker, low, high: copies[worker], on_share, len(copies)
-        )
+        workers = Workers(min(self.workers.count, MOST_COPIES))
+        copies = [np.zeros(self.tables.support.shape, np.uint8) for _ in range(workers.count)]
+        self._over(ids, raise_transmittance, lambda worker, _: copies[worker], pixel_offset, on_share, workers)
         best = copies[0]
         for other in copies[1:]:
             np.maximum(best, other, out=best)
@@ -345,32 +332,38 @@ class PackMarcher:
     def accumulate(self, ids: np.ndarray, on_share: OnShare = lambda share: None) -> Accumulated:
         """What the viewer accumulates along each ray (docs/rendering.md)."""
         sums = np.zeros((len(ids), 8), np.float32)
-        self._over(ids, None, accumulate_rays, lambda _, low, high: sums[low:high], on_share)
+        self._over(ids, accumulate_rays, lambda _, first: sums[first:], on_share=on_share)
         return Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])  # type: ignore[arg-type]
 
     def _over(
-        self, ids: np.ndarray, pixel_offset: np.ndarray | None, look: Callable[..., None],
-        into: Callable[[int, int, int], np.ndarray], on_share: OnShare = lambda share: None, most: int = 1 << 30,
+        self, ids: np.ndarray, loop: Callable[..., None], into: Callable[[int, int], np.ndarray],
+        pixel_offset: np.ndarray | None = None, on_share: OnShare = lambda share: None, workers: Workers | None = None,
     ) -> None:  # fmt: skip
-        """Calls look(tables, rays, low, high, found, into(worker, first, last)) for parts of all rays, TOGETHER at a time; low
-        and high count from `first`. most: workers at once."""
-        workers = self.workers if most >= self.workers.count else Workers(most)
-        for first in range(0, len(ids), TOGETHER):
-            some, last = np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1), min(first + TOGETHER, len(ids))
-            moved = None if pixel_offset is None else jnp.asarray(pixel_offset[some])
-            lines = lines_of(_in_grid(self.box, self.rays, jnp.asarray(ids[some]), moved))
+        """Calls loop(tables, rays, low, high, found, into(worker, first)) for parts of all rays; see share_rays."""
 
-            def work(worker: int, low: int, high: int, first: int = first, last: int = last, lines=lines) -> None:
-                look(self.tables, lines, low, high, self.found[worker], into(worker, first, last))
+        def look(worker: int, rays: GridRays, first: int, low: int, high: int) -> None:
+            loop(self.tables, rays, low, high, self.found[worker], into(worker, first))
 
-            workers.share_range(last - first, PART, work)
-            on_share(last / len(ids))
+        share_rays(workers or self.workers, self.box, self.rays, ids, look, on_share, pixel_offset)
 
 
-def lines_in_grid(box: GridBox, source: GridFrameRays, ids: np.ndarray) -> tuple[Lines, np.ndarray]:
-    """Rays `ids` int32 [R] in voxels, and the world units per voxel along each [R]."""
-    rays = _in_grid(box, source, jnp.asarray(ids), None)
-    return lines_of(rays), np.asarray(rays.length)
+def share_rays(
+    workers: Workers, box: GridBox, source: GridFrameRays, ids: np.ndarray, look: Callable[[int, GridRays, int, int, int], None],
+    on_share: OnShare, pixel_offset: np.ndarray | None = None,
+) -> None:  # fmt: skip
+    """Calls look(worker, rays, first, low, high) for parts of all rays, which are made TOGETHER at a time, in voxels: for those
+    from `first` + low to `first` + high - 1, which are low … high - 1 of `rays`."""
+    for first in range(0, len(ids), TOGETHER):
+        some = np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1)
+        moved = None if pixel_offset is None else jnp.asarray(pixel_offset[some])
+        rays = on_host(_in_grid(box, source, jnp.asarray(ids[some]), moved))
+
+        def work(worker: int, low: int, high: int, first: int = first, rays: GridRays = rays) -> None:
+            look(worker, rays, first, low, high)
+
+        count = min(TOGETHER, len(ids) - first)
+        workers.share_range(count, PART, work)
+        on_share((first + count) / len(ids))
 
 
 @jax.jit

@@ -24,6 +24,18 @@ class Accumulated(NamedTuple):
     transmittance: jax.Array
 
 
+class ShadingInputs(NamedTuple):
+    """R rays: what they accumulated, the view MLP, viewing directions and colours of photographs [R, 3], and which of them
+    count, bool [R]; the background."""
+
+    sums: Accumulated
+    head: ViewMlpParams | None
+    viewdirs: jax.Array
+    target: jax.Array
+    whole: jax.Array
+    background: tuple[float, ...]
+
+
 class ErrorTerms(NamedTuple):
     """How the colours of rays are compared with photographs."""
 
@@ -54,14 +66,12 @@ def shown(
     return diffuse + residual * (behind <= TRANSMITTANCE_SHADED)[:, None]
 
 
-def squared_error(
-    sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, target: jax.Array, whole: jax.Array,
-    background: tuple[float, ...], terms: ErrorTerms, *, clamped: bool,
-) -> tuple[jax.Array, jax.Array]:  # fmt: skip
-    """Sum over the rays that are `whole` bool [R], of what they accumulated, and of their weights.
+def squared_error(inputs: ShadingInputs, terms: ErrorTerms, *, clamped: bool) -> tuple[jax.Array, jax.Array]:
+    """Sum over the rays that count, of what they accumulated, and of their weights.
 
     clamped: as on a screen; else colours below 0 still have a slope.
     """
+    sums, head, viewdirs, target, whole, background = inputs
     rgb = shown(sums, head, viewdirs, background, terms.ndc)
     rgb = jnp.clip(rgb, 0, 1) if clamped else jnp.minimum(rgb, 1.0)
     opacity = jax.lax.stop_gradient(1.0 - sums.transmittance) if terms.by_opacity else 1.0

@@ -28,10 +28,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from baker.tuning.cells import BETAS, DEPTHS, TINY, add_slopes, cells_of, move_cells, move_moments, store_cells
-from baker.tuning.gradients import CHUNK, LOG_DENSITY, gather_chunk, slope_chunk, work_for
-from baker.tuning.marcher import LISTED, PackMarcher, lines_of, room_for_samples
-from baker.tuning.shading import Accumulated, ErrorTerms, from_params, psnr_of, squared_error, to_params
+from baker.tuning import cells
+from baker.tuning.cells import BETAS, CHUNK, TINY, cells_of, work_for
+from baker.tuning.marcher import LISTED, PackMarcher, on_host, room_for_samples
+from baker.tuning.shading import Accumulated, ErrorTerms, ShadingInputs, from_params, psnr_of, squared_error, to_params
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
@@ -53,17 +53,6 @@ class Trained(NamedTuple):
 
     delta: jax.Array
     head: ViewMlpParams | None
-
-
-class ShadingInputs(NamedTuple):
-    """The first arguments of baker.tuning.shading.squared_error for the rays of a step, in its order."""
-
-    sums: Accumulated
-    head: ViewMlpParams | None
-    viewdirs: jax.Array
-    target: jax.Array
-    whole: jax.Array
-    background: tuple[float, ...]
 
 
 class Tuner:
@@ -110,7 +99,7 @@ class Tuner:
     def update(self, ids: np.ndarray, rates: np.ndarray, count: int) -> None:
         """One step of Adam on the rays `ids` int32 [rays]; rates float32 [9]: of the 8 parts of delta, and of the view MLP.
         count: steps so far."""
-        slopes, head_slope = _slopes(*self._gather(ids), terms=self.terms)
+        slopes, head_slope = _slopes(self._gather(ids), terms=self.terms)
         self._follow(np.ascontiguousarray(slopes))
         self._move(rates[:8] * np.float32(bias_correction(count)))
         if self.head is not None:
@@ -125,7 +114,7 @@ class Tuner:
             some = ids[start : start + self.rays]
             inputs = self._gather(np.resize(some, self.rays))
             counts = self.work.whole & (np.arange(self.rays) < len(some))
-            own = _error(*inputs._replace(whole=jnp.asarray(counts)), terms=self.terms)
+            own = _error(inputs._replace(whole=jnp.asarray(counts)), terms=self.terms)
             error, weight, rays = error + float(own[0]), weight + float(own[1]), rays + np.count_nonzero(counts)
             samples += np.diff(self.work.first, axis=1).ravel()[counts].sum()
         return psnr_of(error, weight), float(samples / max(rays, 1.0))
@@ -143,10 +132,10 @@ class Tuner:
     def _gather(self, ids: np.ndarray) -> ShadingInputs:
         """Fills the work's samples and sums of rays `ids` [rays]; what shading them asks for."""
         grid, viewdirs, target = _rays_and_colours(self.marcher.box, self.marcher.rays, self.dataset, jnp.asarray(ids))
-        rays = lines_of(grid)
+        rays = on_host(grid)
 
         def gather(worker: int, low: int, high: int) -> None:
-            gather_chunk(self.tables, rays, low // CHUNK, low, high, self.found[worker], self.work)
+            cells.gather_chunk(self.tables, rays, low // CHUNK, low, high, self.found[worker], self.work)
 
         self.workers.share_range(self.rays, CHUNK, gather)
         sums, whole = jnp.asarray(self.work.sums), jnp.asarray(self.work.whole)
@@ -157,13 +146,13 @@ class Tuner:
         """From slopes of sums to slopes of cells."""
 
         def list_slopes(_: int, low: int, high: int) -> None:
-            slope_chunk(self.tables, self.cells, LOG_DENSITY, slopes, low // CHUNK, low, high, self.work)
+            cells.slope_chunk(self.tables, self.cells, cells.LOG_DENSITY, slopes, low // CHUNK, low, high, self.work)
 
         self.workers.share_range(self.rays, CHUNK, list_slopes)
         ends = np.linspace(1, self.cells.count + 1, self.workers.count + 1).astype(np.int64)
 
         def add(_: int, part: int) -> None:
-            add_slopes(self.work, self.slopes, self.met, ends[part], ends[part + 1])
+            cells.add_slopes(self.work, self.slopes, self.met, ends[part], ends[part + 1])
 
         self.workers.share(self.workers.count, add)
 
@@ -171,7 +160,7 @@ class Tuner:
         """A step of Adam on the cells that were met, stored."""
 
         def moments(_: int, low: int, high: int) -> None:
-            move_moments(self.slopes, self.met, self.first, self.second, self.sums, low // PART, low, high)
+            cells.move_moments(self.slopes, self.met, self.first, self.second, self.sums, low // PART, low, high)
 
         self.workers.share_range(self.cells.count + 1, PART, moments)
         total, ever = self.sums.sum(0)
@@ -180,14 +169,16 @@ class Tuner:
         self.met[:] = 0
 
         def move(_: int, low: int, high: int) -> None:
-            move_cells(self.delta, self.slopes, self.first, self.second, floor, rates, some, low, high)
+            cells.move_cells(self.delta, self.slopes, self.first, self.second, floor, rates, some, low, high)
 
         self.workers.share_range(len(some), PART, move)
         self._store(self.delta, some)
 
     def _store(self, delta: np.ndarray, some: np.ndarray) -> None:
         def store(_: int, low: int, high: int) -> None:
-            store_cells(self.cells, DEPTHS, delta, self.steps, some, self.tables.rgba, self.tables.features, low, high)
+            cells.store_cells(
+                self.cells, cells.DEPTHS, delta, self.steps, some, self.tables.rgba, self.tables.features, low, high
+            )
 
         self.workers.share_range(len(some), STORED, store)
 
@@ -201,7 +192,8 @@ def _rays_and_colours(
     return to_grid(box, rays), rays.viewdirs, dataset.colours_at(ids)
 
 
-def adam_head(
+@jax.jit
+def _adam_head(
     head: ViewMlpParams, slope: ViewMlpParams, first: ViewMlpParams, second: ViewMlpParams, rate: jax.Array, count: jax.Array
 ) -> tuple[ViewMlpParams, ViewMlpParams, ViewMlpParams]:  # fmt: skip
     """A step of Adam on the view MLP: itself and its moments. count: steps so far."""
@@ -220,19 +212,15 @@ def bias_correction(count: jax.Array | int) -> jax.Array:
 
 
 _error = jax.jit(partial(squared_error, clamped=True), static_argnames="terms")
-_adam_head = jax.jit(adam_head)
 
 
 @partial(jax.jit, static_argnames="terms")
-def _slopes(
-    sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, target: jax.Array, whole: jax.Array,
-    background: tuple[float, ...], terms: ErrorTerms,
-) -> tuple[jax.Array, ViewMlpParams | None]:  # fmt: skip
+def _slopes(inputs: ShadingInputs, terms: ErrorTerms) -> tuple[jax.Array, ViewMlpParams | None]:
     """Slopes of the mean loss with respect to sums, [R, 8] as Work.sums, and to the view MLP."""
 
     def loss_of(sums: Accumulated, head: ViewMlpParams | None) -> jax.Array:
-        error, weight = squared_error(sums, head, viewdirs, target, whole, background, terms, clamped=False)
+        error, weight = squared_error(inputs._replace(sums=sums, head=head), terms, clamped=False)
         return error / jnp.maximum(weight, 1.0)
 
-    slopes, head_slope = jax.grad(loss_of, argnums=(0, 1))(sums, head)
+    slopes, head_slope = jax.grad(loss_of, argnums=(0, 1))(inputs.sums, inputs.head)
     return jnp.concatenate([slopes.colour, slopes.features, slopes.transmittance[:, None]], axis=-1), head_slope

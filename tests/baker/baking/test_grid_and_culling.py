@@ -73,8 +73,8 @@ def test_where_more_macroblocks_would_be_kept_than_cards_hold_the_grid_is_coarse
     scene, dataset, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(baking, "field_query", lambda run: ball)
-    monkeypatch.setattr(baking, "occupied_query", lambda run: lambda low, high: None)
-    run = SimpleNamespace(scene=scene, dataset=dataset, path=tmp_path)
+    method = SimpleNamespace(may_hold=lambda state, low, high: None)
+    run = SimpleNamespace(scene=scene, dataset=dataset, path=tmp_path, method=method, state=None)
     work = WorkFolder(tmp_path / "work", {"bake": 1})
 
     def kept_of(most: int) -> tuple[int, int]:

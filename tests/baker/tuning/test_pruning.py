@@ -10,8 +10,17 @@ import pytest
 from baker.baking.grid import make_grid
 from baker.tuning import pruning
 from baker.tuning.marcher import PackMarcher
-from baker.tuning.occluded_voxels import HIDDEN, follow_neighbours, smooth_hidden
-from baker.tuning.pruning import CLOSED, ArrivingTransmittance, Pruned, arriving_transmittance, closing_gain, prune
+from baker.tuning.pruning import (
+    CLOSED,
+    HIDDEN,
+    ArrivingTransmittance,
+    Pruned,
+    arriving_transmittance,
+    closing_gain,
+    follow_neighbours,
+    prune,
+    smooth_hidden,
+)
 from scenepack import Pack, check_pack, save_pack
 from scenepack.blocks import dense_from_pack
 from scenepack.codecs.quantisation import EXACT, Steps, steps_of

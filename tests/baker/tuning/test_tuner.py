@@ -12,8 +12,7 @@ import pytest
 
 from baker.tuning import joint_loop
 from baker.tuning import tuner as tuner_module
-from baker.tuning.cells import BETAS
-from baker.tuning.gradients import CHUNK, work_for
+from baker.tuning.cells import BETAS, CHUNK, work_for
 from baker.tuning.tuner import Tuner
 from scenepack import Pack, check_pack
 from scenepack.codecs.quantisation import EXACT, Steps
