@@ -133,15 +133,11 @@ def shown_by(subject: Path | Run | Drawn, allow_half: bool = False, photographs:
 
     photographs: where a run's scene is if it is no longer where the run was trained.
     """
-    if isinstance(subject, Drawn):
-        yield subject
-        return
-    if isinstance(subject, Run):
-        yield Drawn(_field_pictures(subject))
-        return
-    if is_run(subject):
+    if isinstance(subject, Path) and is_run(subject):
         moved = not Path(read_description(subject).scene).exists()
-        yield Drawn(_field_pictures(load_run(subject, scene_path=photographs if moved else None)))
+        subject = load_run(subject, scene_path=photographs if moved else None)
+    if not isinstance(subject, Path):
+        yield Drawn(_field_pictures(subject)) if isinstance(subject, Run) else subject
         return
     from viewer.rendering.offscreen import OffscreenRenderer
 

@@ -11,11 +11,51 @@ from console.progress import duration
 
 Table = Mapping[str, Any]
 Row = Mapping[str, Any]
+Cell = Callable[[Row], str]
+Column = tuple[str, Cell]  # its heading, and what it says of a row
 NONE = "–"
 FIGURES_NAME = "figures"  # of a table: the pictures beside it
-SCORES = ("PSNR (dB)", "SSIM", "LPIPS")
-THEIRS = ("*paper:* PSNR", "*SSIM*", "*LPIPS*")
 NO_SUCH_FIELD = "It shares the head and the sparsity term of the paper's deferred NeRF, but is not that field."
+
+
+def _number(value: float | None, digits: int, unit: float = 1.0) -> str:
+    return NONE if value is None else f"{value / unit:,.{digits}f}"
+
+
+def _italic(text: str) -> str:
+    return text if text == NONE else f"*{text}*"
+
+
+def _figure(key: str, digits: int, unit: float = 1.0) -> Cell:
+    return lambda row: _number(row.get(key), digits, unit)
+
+
+def _theirs(key: str, digits: int, unit: float = 1.0, source: str = "paper") -> Cell:
+    return lambda row: _italic(_number((row.get(source) or {}).get(key), digits, unit))
+
+
+def _took(row: Row) -> str:
+    return NONE if row.get("seconds") is None else duration(row["seconds"])
+
+
+LABEL: Column = ("", lambda row: row["label"])
+SCORES: list[Column] = [("PSNR (dB)", _figure("psnr", 2)), ("SSIM", _figure("ssim", 4)), ("LPIPS", _figure("lpips", 4))]
+PAPER: list[Column] = [
+    ("*paper:* PSNR", _theirs("psnr", 2)), ("*SSIM*", _theirs("ssim", 3)), ("*LPIPS*", _theirs("lpips", 3)),
+]  # fmt: skip
+RELEASE: Column = ("*release:* PSNR", _theirs("psnr", 2, source="release"))
+MB: Column = ("MB", _figure("bytes", 2, 1e6))
+GPU_MB: Column = ("GPU MB", _figure("gpu_bytes", 1, 1e6))
+FPS: Column = ("FPS", _figure("fps", 1))
+
+
+def _table(rows: Iterable[Row], *columns: Column) -> list[str]:
+    return _markdown([heading for heading, _ in columns], ([cell(row) for _, cell in columns] for row in rows))
+
+
+def _markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    lines = [f"| {' | '.join(headings)} |", "| --- |" + " ---: |" * (len(headings) - 1)]
+    return [*lines, *(f"| {' | '.join(row)} |" for row in rows)]
 
 
 def report_text(document: Mapping[str, Any]) -> str:
@@ -73,71 +113,35 @@ def scenes_tables(document: Mapping[str, Any], heading: str) -> list[str]:
                 cells.append(
                     [f"*{row['label']}, the paper*", *(_italic(_number(value, digits, unit)) for value in values)]
                 )
-        lines += ["", f"{heading} {title}", "", *_table(["", "mean", *scenes], cells)]
+        lines += ["", f"{heading} {title}", "", *_markdown(["", "mean", *scenes], cells)]
     return lines
 
 
-def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    lines = [f"| {' | '.join(headings)} |", "| --- |" + " ---: |" * (len(headings) - 1)]
-    return [*lines, *(f"| {' | '.join(row)} |" for row in rows)]
-
-
-def _number(value: float | None, digits: int, unit: float = 1.0) -> str:
-    return NONE if value is None else f"{value / unit:,.{digits}f}"
-
-
-def _italic(text: str) -> str:
-    return text if text == NONE else f"*{text}*"
-
-
-def _scores(row: Row) -> list[str]:
-    return [_number(row.get(key), digits) for key, digits in (("psnr", 2), ("ssim", 4), ("lpips", 4))]
-
-
-def _theirs(row: Row, *columns: tuple[str, int]) -> list[str]:
-    paper = row.get("paper") or {}
-    return [_italic(_number(paper.get(key), digits)) for key, digits in columns]
-
-
-PRINTED = (("psnr", 2), ("ssim", 3), ("lpips", 3))
-PRINTED_SPEED = (("ms", 1, 1.0), ("fps", 1, 1.0), ("gpu_gb", 0, 1e-3))  # the last in MB
-
-
-def _release(row: Row) -> str:
-    return _italic(_number((row.get("release") or {}).get("psnr"), 2))
-
-
 def _to_fill(rows: Iterable[Row]) -> list[str]:
-    """Below a table: the command for each row without a run."""
-    lines = []
-    for row in rows:
-        if command := row.get(
-            "command"
-        ):  # see baker.reports.fields.train_command: what follows "; then add" is an option
-            lines.append(f"- {row['label']}: `{'`, then add `'.join(command.split('; then add '))}`")
+    """Below a table: the command for each row without a run. What follows "; then add" is an option of the report; see
+    baker.reports.fields.train_command."""
+    missing = [row for row in rows if row.get("command")]
+    commands = [row["command"].replace("; then add ", "`, then add `") for row in missing]
+    lines = [f"- {row['label']}: `{command}`" for row, command in zip(missing, commands, strict=True)]
     return ["", "Rows without a run, and what would make them:", "", *lines] if lines else []
 
 
 def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
     rows = table["rows"]
-    field = next((row["psnr"] for row in rows if row["row"] == "field"), None)
-    if field is None:
-        field = next((row["psnr"] for row in rows if row["row"] == "deferred" and "psnr" in row), None)
-    cells = []
-    for row in rows:
-        gap = NONE if field is None or "psnr" not in row else f"{row['psnr'] - field:+.2f}"
-        took = NONE if row.get("seconds") is None else duration(row["seconds"])
-        cells.append([
-            row["label"], *_scores(row), gap, _number(row.get("bytes"), 2, 1e6), took, *_theirs(row, *PRINTED), _release(row),
-        ])  # fmt: skip
-    headings = ["", *SCORES, "against the field (dB)", "MB", "time", *THEIRS, "*release:* PSNR"]
+    fields = {row["row"]: row["psnr"] for row in rows if row["row"] in ("field", "deferred") and "psnr" in row}
+    field = fields.get("field", fields.get("deferred"))
+
+    def gap(row: Row) -> str:
+        return NONE if field is None or "psnr" not in row else f"{row['psnr'] - field:+.2f}"
+
+    columns = [LABEL, *SCORES, ("against the field (dB)", gap), MB, ("time", _took), *PAPER, RELEASE]
     own = NO_SUCH_FIELD if table["field"].startswith(("multi-resolution field", "voxel field")) else ""
     means = [
         str(row["label"]).split(":")[0] for row in rows if row.get("paper") and paper_figures.only_means(row["row"])
     ]
     lines = [
         f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. {own}".strip(), "",
-        *_table(headings, cells), "",
+        *_table(rows, *columns), "",
         "SNeRG rows are baked as the paper writes (`snerg-bake --preset paper`), ours by default settings. Time is of training "
         "for fields, of baking for packs."
         + (f" The paper prints {', '.join(means)} as means over its synthetic scenes only." if means else ""),
@@ -153,26 +157,30 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
 
 
 def _storage(table: Table, about: Mapping[str, Any]) -> list[str]:
-    headings = ["", "quality", "MB", "of PNG", *SCORES, "PSNR against the pack (dB)", "encode (s)", "decode (s)"]
-    headings += ["*paper:* MB", "*PSNR*", "*SSIM*", "*LPIPS*"]
     rows, png = table["rows"], next(row["bytes"] for row in table["rows"] if row["row"] == "png")
-    cells = []
-    for row in rows:
-        quality = "" if "codec" not in row else "lossless" if row["quality"] is None else f"{row['quality']}"
-        quality += " (default)" if row.get("default") and row.get("quality") is not None else ""
+
+    def quality(row: Row) -> str:
+        if "codec" not in row:
+            return NONE
+        return "lossless" if row["quality"] is None else f"{row['quality']}{' (default)' if row.get('default') else ''}"
+
+    def against_pack(row: Row) -> str:
         against = row.get("psnr_against_pack")
-        same = NONE if against is None else "identical" if against >= 119 else f"{against:.2f}"
-        share = NONE if row.get("bytes") is None else f"{100 * row['bytes'] / png:.0f} %"
-        cells.append([
-            row["label"], quality or NONE, _number(row.get("bytes"), 2, 1e6), share, *_scores(row), same,
-            _number(row.get("encode_s"), 1), _number(row.get("decode_s"), 1), *_theirs(row, ("mb", 1), *PRINTED),
-        ])  # fmt: skip
+        return "identical" if against is not None and against >= 119 else _number(against, 2)
+
+    columns = [
+        LABEL, ("quality", quality), MB,
+        ("of PNG", lambda row: NONE if row.get("bytes") is None else f"{100 * row['bytes'] / png:.0f} %"), *SCORES,
+        ("PSNR against the pack (dB)", against_pack),
+        ("encode (s)", _figure("encode_s", 1)), ("decode (s)", _figure("decode_s", 1)),
+        ("*paper:* MB", _theirs("mb", 1)), ("*PSNR*", _theirs("psnr", 2)), *PAPER[1:],
+    ]  # fmt: skip
     kind = "as the paper writes, view MLP fine-tuned" if table["preset"] == "paper" else "by our default settings"
     return [
         f"Packs of {table['resolution']} voxels along the longest side, baked {kind}; the row of floats is the paper's bake "
         "before it is quantised. Bytes of networks and floats are 4 a number. The paper prints this table as means over "
         f"{paper_figures.KINDS[about['kind']]}.",
-        "", *_table(headings, cells), *_to_fill(rows), "", "![PSNR over megabytes, by codec](storage.png)",
+        "", *_table(rows, *columns), *_to_fill(rows), "", "![PSNR over megabytes, by codec](storage.png)",
     ]  # fmt: skip
 
 
@@ -186,89 +194,78 @@ def _device(table: Table) -> list[str]:
 
 
 def _performance(table: Table, about: Mapping[str, Any]) -> list[str]:
-    nominal = any("fps_per_nominal_watt" in row for row in table["rows"])
-    headings = ["", "ms a frame", "p50 (ms)", "FPS", "FPS/W", *(["FPS/W, nominal"] if nominal else []), "GPU MB"]
-    headings += ["*paper:* ms a frame", "*FPS*", "*GPU MB*"]
-    cells = []
-    for row in table["rows"]:
-        took = NONE if row.get("ms_mean") is None else f"{row['ms_mean']:.2f} ± {row['ms_std']:.2f}"
-        paper = dict(row.get("paper") or {})
-        theirs = [_italic(_number(paper.get(key), digits, unit)) for key, digits, unit in PRINTED_SPEED]
-        cells.append([
-            row["label"], took, _number(row.get("ms_p50"), 2), _number(row.get("fps"), 1), _number(row.get("fps_per_watt"), 3),
-            *([_number(row.get("fps_per_nominal_watt"), 5)] if nominal else []), _number(row.get("gpu_bytes"), 1, 1e6), *theirs,
-        ])  # fmt: skip
+    def frame(row: Row) -> str:
+        return NONE if row.get("ms_mean") is None else f"{row['ms_mean']:.2f} ± {row['ms_std']:.2f}"
+
+    nominal = [("FPS/W, nominal", _figure("fps_per_nominal_watt", 5))]
+    columns = [
+        LABEL, ("ms a frame", frame), ("p50 (ms)", _figure("ms_p50", 2)), FPS, ("FPS/W", _figure("fps_per_watt", 3)),
+        *(nominal if any("fps_per_nominal_watt" in row for row in table["rows"]) else []), GPU_MB,
+        ("*paper:* ms a frame", _theirs("ms", 1)), ("*FPS*", _theirs("fps", 1)), ("*GPU MB*", _theirs("gpu_gb", 0, 1e-3)),
+    ]  # fmt: skip
     lines = [
         f"Packs of {table['resolution']} voxels along the longest side. ± is over frames. The paper measured its whole system "
         "(its bake and its marcher) on a laptop with an 85 W AMD Radeon Pro 5500M.",
-        "", *_table(headings, cells), "", *_device(table), *_to_fill(table["rows"]),
+        "", *_table(table["rows"], *columns), "", *_device(table), *_to_fill(table["rows"]),
     ]  # fmt: skip
-    speed = paper_figures.SPEED[about["kind"]]
-    if speed:
-        lines += [
-            "",
-            f"What the paper prints of itself and of others, of {paper_figures.KINDS[about['kind']]} (not measured here):",
-            "",
-        ]
-        quality = paper_figures.QUALITY[about["kind"]]
+    if speed := paper_figures.SPEED[about["kind"]]:
+        kind, quality = paper_figures.KINDS[about["kind"]], paper_figures.QUALITY[about["kind"]]
+        lines += ["", f"What the paper prints of itself and of others, of {kind} (not measured here):", ""]
         rows = [
-            [f"*{paper_figures.NAMES.get(name, name)}*", *(_italic(_number(quality[m][name][0], d)) for m, d in PRINTED),
+            [f"*{paper_figures.NAMES.get(name, name)}*",
+             *(_italic(_number(quality[metric][name][0], digits)) for metric, digits in (("psnr", 2), ("ssim", 3), ("lpips", 3))),
              f"*{watts:g}*", f"*{fps:g}*", f"*{each:.5f}*"]
             for name, (watts, fps, each) in speed.items()
         ]  # fmt: skip
-        lines += _table(["*method*", "*PSNR*", "*SSIM*", "*LPIPS*", "*W*", "*FPS*", "*FPS/W*"], rows)
+        lines += _markdown(["*method*", "*PSNR*", "*SSIM*", "*LPIPS*", "*W*", "*FPS*", "*FPS/W*"], rows)
     return lines
 
 
 def _resolution(table: Table, about: Mapping[str, Any]) -> list[str]:
-    headings = ["voxels", *SCORES, "MB", "macroblocks", "GPU MB", "p50 of exact (ms)", "FPS", "bake"]
-    headings += [*THEIRS, "*FPS*", "*MB*"]
-    cells = [
-        [row["label"], *_scores(row), _number(row.get("bytes"), 2, 1e6), _number(row.get("macroblocks"), 0),
-         _number(row.get("gpu_bytes"), 1, 1e6), _number(row.get("ms_p50"), 1), _number(row.get("fps"), 1),
-         NONE if row.get("seconds") is None else duration(row["seconds"]), *_theirs(row, *PRINTED, ("fps", 2), ("mb", 1))]
-        for row in table["rows"]
+    columns = [
+        ("voxels", LABEL[1]), *SCORES, MB, ("macroblocks", _figure("macroblocks", 0)), GPU_MB,
+        ("p50 of exact (ms)", _figure("ms_p50", 1)), FPS, ("bake", _took),
+        *PAPER, ("*FPS*", _theirs("fps", 2)), ("*MB*", _theirs("mb", 1)),
     ]  # fmt: skip
     kind = "as the paper writes" if table["preset"] == "paper" else "by our default settings"
     return [
         f"Baked {kind}. The paper prints this table as means over its synthetic scenes, with the sparsity loss.",
-        "", *_table(headings, cells), "", *_device(table), *_to_fill(table["rows"]), "",
+        "", *_table(table["rows"], *columns), "", *_device(table), *_to_fill(table["rows"]), "",
         "![Quality, size and frame time over the resolution](resolution.png)",
     ]  # fmt: skip
 
 
 def _real(table: Table, about: Mapping[str, Any]) -> list[str]:
-    headings = ["", *SCORES, "masked: PSNR", "SSIM", "LPIPS", *THEIRS, "*release:* PSNR"]
-    cells = [
-        [row["label"], *_scores(row), *_scores(row.get("masked") or {}), *_theirs(row, *PRINTED), _release(row)]
-        for row in table["rows"]
-    ]
-    masked = "masked" if table["paper_is_masked"] else "of whole pictures"
+    def masked(heading: str, cell: Cell) -> Column:
+        return heading, lambda row: cell(row.get("masked") or {})
+
+    headings = ("masked: PSNR", "SSIM", "LPIPS")
+    columns = [LABEL, *SCORES, *(masked(heading, cell) for heading, (_, cell) in zip(headings, SCORES, strict=True))]
+    figures = "masked" if table["paper_is_masked"] else "of whole pictures"
     return [
         f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. Masked: photographs and "
         "pictures of all rows are compared where the paper's bake is opaque, as the paper does for 360° scenes. Its own "
-        f"figures here are {masked}.",
-        "", *_table(headings, cells), *_to_fill(table["rows"]),
+        f"figures here are {figures}.",
+        "", *_table(table["rows"], *columns, *PAPER, RELEASE), *_to_fill(table["rows"]),
     ]  # fmt: skip
 
 
 def _sparsity(table: Table, about: Mapping[str, Any]) -> list[str]:
-    headings = ["run", "lambda", *SCORES, "MB", "macroblocks", "voxels with alpha"]
-    cells = []
-    for row in table["rows"]:
-        if "psnr" not in row:
-            cells.append([row["label"], *[NONE] * 7])
-            continue
-        blocks, voxels = row["macroblocks"], row["voxels"]
+    def run(row: Row) -> str:
         hidden = ", hidden macroblocks kept" if row["row"] == "hidden" else ""
-        cells.append([
-            f"{row['run']}: {row['field']}{hidden}", f"{row['sparsity_weight']:g}", *_scores(row), _number(row["bytes"], 2, 1e6),
-            f"{blocks['occupied']} of {blocks['grid']}", f"{voxels['with_alpha']} of {voxels['grid']}",
-        ])  # fmt: skip
+        return f"{row['run']}: {row['field']}{hidden}" if "run" in row else row["label"]
+
+    def share(key: str, part: str) -> Cell:
+        return lambda row: f"{row[key][part]} of {row[key]['grid']}" if key in row else NONE
+
+    columns = [
+        ("run", run), ("lambda", lambda row: f"{row['sparsity_weight']:g}" if "run" in row else NONE), *SCORES, MB,
+        ("macroblocks", share("macroblocks", "occupied")), ("voxels with alpha", share("voxels", "with_alpha")),
+    ]  # fmt: skip
     lines = [
         f"Baked at {table['resolution']} voxels as the paper writes: our own bake empties voxels that no photograph shows, and "
         "with them the fog that a field trained without the loss leaves.",
-        "", *_table(headings, cells), *_to_fill(table["rows"]), "", "![Opacity of stored voxels](sparsity.png)", "",
+        "", *_table(table["rows"], *columns), *_to_fill(table["rows"]), "", "![Opacity of stored voxels](sparsity.png)", "",
         "Cross-sections through the middle: above, opacity (ink is the square root of alpha, so that fog is seen; "
         "stored macroblocks are blue); below, diffuse colours over white.",
     ]  # fmt: skip

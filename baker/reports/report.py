@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -26,7 +27,6 @@ from baker.reports.figures import FIGURES, draw_figure, draw_report_plots
 from baker.reports.options import ReportOptions
 from baker.reports.pages import FIGURES_NAME, report_text
 from baker.reports.paper_figures import NAMES, whose
-from baker.reports.performance import performance_table, resolution_table
 from baker.reports.report_cache import Study, read_note
 from console import UserError
 from console.atomic import write_file
@@ -41,8 +41,8 @@ def write_tables(study: Study, chosen: Sequence[str]) -> None:
     study.options.check_resolutions(study.resolution)
     document = _begun(study)
     makers = {
-        "quality": tables.quality_table, "storage": tables.storage_table, "performance": performance_table,
-        "resolution": resolution_table, "sparsity": tables.sparsity_table, "real": tables.real_table,
+        "quality": tables.quality_table, "storage": tables.storage_table, "performance": tables.performance_table,
+        "resolution": tables.resolution_table, "sparsity": tables.sparsity_table, "real": tables.real_table,
     }  # fmt: skip
     for name in chosen:
         made = makers[name](study)
@@ -123,16 +123,11 @@ def _begun(study: Study) -> dict[str, Any]:
 def provenance() -> dict[str, str]:
     """What a table was made by: this program's command line, its commit (or version), and the machine."""
     program, *words = sys.argv
-    commit = run_program(["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude", "*"])
+    git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude", "*"]
+    commit = ""
+    with suppress(OSError, subprocess.SubprocessError):  # no git, or no repository
+        commit = subprocess.run(git, capture_output=True, text=True, timeout=30, check=True).stdout.strip()
     cores = f"{os.cpu_count()} x {platform.machine()} cores, JAX on {jax.devices()[0].device_kind}"
     return {
         "command": shlex.join([Path(program).name, *words]), "commit": commit or version("snerg"), "device": cores,
     }  # fmt: skip
-
-
-def run_program(words: Sequence[str]) -> str:
-    """What a program prints; nothing where it is missing or fails."""
-    try:
-        return subprocess.run(words, capture_output=True, text=True, timeout=30, check=True).stdout.strip()
-    except (OSError, subprocess.SubprocessError):
-        return ""
