@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
-from math import ceil, sqrt
+from math import ceil, prod, sqrt
 
 import numpy as np
 
@@ -205,23 +205,17 @@ def dense_from_pack(pack: Pack, box: tuple[Triple, Triple] | None = None) -> tup
     macroblocks are zeros. ValueError for a box outside of the grid, MemoryError past 4 GiB: ask for a part
     instead.
     """
-    low, high = box or ((0, 0, 0), pack.grid_size)
-    if not all(0 <= lo <= hi <= n for lo, hi, n in zip(low, high, pack.grid_size, strict=True)):
+    low, high = (np.array(corner)[::-1] for corner in box or ((0, 0, 0), pack.grid_size))  # z, y, x
+    if not ((low >= 0) & (low <= high) & (high <= pack.grid_size[::-1])).all():
         raise ValueError(f"box {box} does not lie within the grid {pack.grid_size}")
-    shape = [hi - lo for lo, hi in zip(low, high, strict=True)][::-1]
-    if int(np.prod(shape, dtype=np.int64)) * 8 > MAX_DENSE_BYTES:
+    shape, size = (high - low).tolist(), pack.block_size
+    if prod(shape) * 8 > MAX_DENSE_BYTES:
         raise MemoryError(f"{shape} voxels are too many to hold in full; ask for a part (box=...)")
-    rgba = np.zeros((*shape, 4), np.uint8)
-    features = None if pack.atlas_features is None else np.zeros((*shape, 4), np.uint8)
-    size, low_zyx, high_zyx = pack.block_size, low[::-1], high[::-1]
-    first = [lo // size for lo in low_zyx]
-    inside = tuple(slice(a, -(-hi // size)) for a, hi in zip(first, high_zyx, strict=True))
-    for block in (np.argwhere(pack.occupied[inside]) + first).tolist():
-        start = [max(b * size, lo) for b, lo in zip(block, low_zyx, strict=True)]
-        stop = [min((b + 1) * size, hi) for b, hi in zip(block, high_zyx, strict=True)]
-        to = tuple(slice(a - lo, b - lo) for a, b, lo in zip(start, stop, low_zyx, strict=True))
-        of = tuple(slice(a - i * size + 1, b - i * size + 1) for a, b, i in zip(start, stop, block, strict=True))
-        rgba[to] = block_copy(pack, pack.atlas_rgba, tuple(block))[of]
-        if features is not None and pack.atlas_features is not None:
-            features[to] = block_copy(pack, pack.atlas_features, tuple(block))[of]
-    return rgba, features
+    dense = [np.zeros((*shape, 4), np.uint8) for _ in pack.atlases]
+    first = low // size
+    for block in np.argwhere(pack.occupied[tuple(map(slice, first, -(-high // size)))]) + first:
+        start, stop = np.maximum(block * size, low), np.minimum((block + 1) * size, high)
+        to, of = (tuple(map(slice, start - corner, stop - corner)) for corner in (low, block * size))
+        for part, atlas in zip(dense, pack.atlases, strict=True):
+            part[to] = block_data(pack, atlas, tuple(block))[of]
+    return dense[0], dense[1] if len(dense) > 1 else None

@@ -76,10 +76,8 @@ def _check_shared(pack: Pack) -> Finding:
     used = pack.atlas_indices[pack.occupied]
     _, counts = np.unique(used, axis=0, return_counts=True)
     shared = int(np.sum(counts > 1))
-    figures = {"shared": shared}
-    if shared:
-        return Finding("shared", "warning", f"{shared} atlas blocks are used more than once", figures)
-    return Finding("shared", "ok", "no atlas block is used twice", figures)
+    message = f"{shared} atlas blocks are used more than once" if shared else "no atlas block is used twice"
+    return Finding("shared", "warning" if shared else "ok", message, {"shared": shared})
 
 
 def _check_premultiplied(pack: Pack) -> Finding:
@@ -142,10 +140,8 @@ def _check_outside(pack: Pack) -> Finding:
             if min(z, y, x) < size:
                 data = block_copy[1:-1, 1:-1, 1:-1, 0]
                 voxels += int(np.count_nonzero(data) - np.count_nonzero(data[:z, :y, :x]))
-    figures = {"voxels": voxels}
-    if voxels:
-        return Finding("outside", "note", f"{voxels} voxels with alpha lie beyond the grid's box", figures)
-    return Finding("outside", "ok", "nothing lies beyond the grid's box", figures)
+    what = f"{voxels} voxels with alpha lie" if voxels else "nothing lies"
+    return Finding("outside", "note" if voxels else "ok", f"{what} beyond the grid's box", {"voxels": voxels})
 
 
 def _check_unused(pack: Pack) -> Finding:

@@ -53,26 +53,23 @@ def coarse_pack(pack: Pack, known: np.ndarray) -> Pack | None:
     rows, columns = ((np.arange(count)[:, None] * side + kept).ravel() for count in (down, across))
     planes = np.concatenate([_nearest(known, layer * side, side, kept) for layer in range(layers)] or [[]])
 
-    rgba = np.zeros((len(planes), len(rows), len(columns), 4), np.uint8)
-    features = None if pack.atlas_features is None else np.zeros_like(rgba)
+    coarse = [np.zeros((len(planes), len(rows), len(columns), 4), np.uint8) for _ in pack.atlases]
     alpha = np.arange(1, 256) / 255.0
     gains = np.concatenate([[f], (1.0 - (1.0 - alpha) ** f) / alpha]).astype(np.float32)  # by 8-bit opacity
     for i, plane in enumerate(planes.tolist()):  # one by one, so that what is between stays in a processor's caches
-        if plane < 0:
-            continue
-        taken = _picked(pack.atlas_rgba[plane], rows, columns)
-        gain = gains[taken[..., 3:]]
-        rgba[i] = _times(taken, gain)
-        if features is not None and pack.atlas_features is not None:
-            features[i] = _times(_picked(pack.atlas_features[plane], rows, columns), gain)
+        if plane >= 0:
+            taken = [_picked(atlas[plane], rows, columns) for atlas in pack.atlases]
+            gain = gains[taken[0][..., 3:]]
+            for part, values in zip(coarse, taken, strict=True):
+                part[i] = np.rint(np.minimum(values * gain, 255.0))
     x, y, z = (-(-n // f) for n in pack.grid_size)
     return replace(
         pack,
         voxel_size=f * pack.voxel_size,
         grid_size=(x, y, z),
         block_size=pack.block_size // f,
-        atlas_rgba=rgba,
-        atlas_features=features,
+        atlas_rgba=coarse[0],
+        atlas_features=coarse[1] if len(coarse) > 1 else None,
     )
 
 
@@ -88,7 +85,3 @@ def _picked(plane: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndar
     """Voxels of a plane of the atlas, uint8 [H, W, 4], in these rows and columns."""
     whole = np.ascontiguousarray(plane).view(np.uint32)[..., 0]
     return whole[rows[:, None], columns][..., None].view(np.uint8)
-
-
-def _times(values: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    return np.rint(np.minimum(values * gain, 255.0)).astype(np.uint8)

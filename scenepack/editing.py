@@ -9,7 +9,7 @@ macroblock's data as it lies in the atlas.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -117,19 +117,20 @@ class Voxels:
 
     def where(self, test: Test, near: np.ndarray | None = None) -> Selection:
         """Voxels of which `test` is true. near: bool [n], the macroblocks that are looked at."""
+
+        def mask_of(number: int) -> np.ndarray:
+            mask = self.content(number)
+            z, y, x = np.nonzero(mask)
+            corner = self.places[number, ::-1] * self.pack.block_size + 0.5
+            mask[z, y, x] = test(np.stack([x, y, z], axis=1) + corner) if len(x) else False
+            return mask
+
         with np.errstate(all="ignore"):  # what lies next to infinity
-            numbers = range(len(self.places)) if near is None else np.flatnonzero(near).tolist()
-            return self._chosen((number, self._where(number, test)) for number in numbers)
+            return self._chosen(mask_of, None if near is None else np.flatnonzero(near).tolist())
 
-    def _where(self, number: int, test: Test) -> np.ndarray:
-        mask = self.content(number)
-        z, y, x = np.nonzero(mask)
-        corner = self.places[number, ::-1] * self.pack.block_size + 0.5
-        mask[z, y, x] = test(np.stack([x, y, z], axis=1) + corner) if len(x) else False
-        return mask
-
-    @staticmethod
-    def _chosen(masks: Iterable[tuple[int, np.ndarray]]) -> Selection:
+    def _chosen(self, mask_of: Callable[[int], np.ndarray], numbers: Iterable[int] | None = None) -> Selection:
+        """The voxels in the masks of macroblocks, by default of all."""
+        masks = ((number, mask_of(number)) for number in (range(len(self.places)) if numbers is None else numbers))
         return Selection({number: np.packbits(mask) for number, mask in masks if mask.any()})
 
     def mask(self, selection: Selection, number: int) -> np.ndarray:
@@ -141,13 +142,12 @@ class Voxels:
         return np.unpackbits(bits, count=size**3).reshape((size,) * 3).view(bool)
 
     def everything(self) -> Selection:
-        return self._chosen((number, self.content(number)) for number in range(len(self.places)))
+        return self._chosen(self.content)
 
     def fainter_than(self, alpha: float) -> Selection:
         """Voxels whose opacity (0 ... 1) is below `alpha`."""
         limit = 255.0 * alpha
-        alphas = ((number, self._alpha(number)) for number in range(len(self.places)))
-        return self._chosen((number, (values > 0) & (values < limit)) for number, values in alphas)
+        return self._chosen(lambda number: self.content(number) & (self._alpha(number) < limit))
 
     def in_box(self, corners: Corners) -> Selection:
         """Voxels whose centres lie in a box of the grid frame, given by two corners."""
@@ -179,17 +179,15 @@ class Voxels:
         held = np.array(sorted(selection.bits), np.intp)
         reached = {*held.tolist(), *self.neighbours[held].ravel().tolist()} - {-1}
 
-        def masks() -> Iterator[tuple[int, np.ndarray]]:
-            for number in sorted(reached):
-                around = np.zeros((self.pack.padded_block_size,) * 3, bool)
-                around[1:-1, 1:-1, 1:-1] = self.mask(selection, number)
-                for step, other in zip(STEPS, self.neighbours[number].tolist(), strict=True):
-                    if other in selection.bits:
-                        copied = self.mask(selection, other)[_along(COPIED, step)]
-                        around[_along(PADDING, step)] = copied
-                yield number, _spread(around) & self.content(number)
+        def mask_of(number: int) -> np.ndarray:
+            around = np.zeros((self.pack.padded_block_size,) * 3, bool)
+            around[1:-1, 1:-1, 1:-1] = self.mask(selection, number)
+            for step, other in zip(STEPS, self.neighbours[number].tolist(), strict=True):
+                if other in selection.bits:
+                    around[_along(PADDING, step)] = self.mask(selection, other)[_along(COPIED, step)]
+            return _spread(around) & self.content(number)
 
-        return selection | self._chosen(masks())
+        return selection | self._chosen(mask_of, sorted(reached))
 
     def shrunk(self, selection: Selection) -> Selection:
         """Without those that touch a voxel outside of it."""

@@ -171,10 +171,8 @@ class FolderFiles(PackFiles):
         self.sizes = {entry.name: entry.stat().st_size for entry in path.iterdir() if entry.is_file()}
 
     def _bytes(self, name: str, count: int, *, to_end: bool) -> bytes:
-        if name not in self.sizes:  # also where it is a pipe, whose writer we would wait for
-            raise UserError("is missing", where=self.path / name)
         try:
-            if not (self.path / name).is_file():  # a pipe would be waited for
+            if name not in self.sizes or not (self.path / name).is_file():  # a pipe would be waited for
                 raise UserError("is missing", where=self.path / name)
             with open(self.path / name, "rb") as file:
                 return file.read(count)
@@ -244,12 +242,9 @@ def require_memory(needed: int, where: object) -> None:
     """UserError where so many bytes are more than is free."""
     free = free_memory()
     if free is not None and needed > free:
-        expected, remedy = (
-            f"at most {free / 1e9:.1f} GB, which are free",
-            "close other programs, or bake it at a lower resolution",
-        )
-        raise UserError("its atlas does not fit in memory", where=str(where), expected=expected, found=f"{needed / 1e9:.1f} GB",
-                        remedy=remedy)  # fmt: skip
+        raise UserError("its atlas does not fit in memory", where=str(where), found=f"{needed / 1e9:.1f} GB",
+                        expected=f"at most {free / 1e9:.1f} GB, which are free",
+                        remedy="close other programs, or bake it at a lower resolution")  # fmt: skip
 
 
 def require_filled(atlas_size: tuple[int, int, int], used: int, where: str) -> None:

@@ -14,10 +14,12 @@ counted in where they are coarse, without which it cannot be read, and the quali
 
 from __future__ import annotations
 
-import threading
+import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from queue import Empty, SimpleQueue
+from functools import partial
+from multiprocessing.pool import ThreadPool
 from typing import Any
 
 import numpy as np
@@ -28,7 +30,7 @@ from scenepack.codecs import CodecError, PieceCodec
 from scenepack.codecs.base import Layout, Shape
 from scenepack.codecs.decoder_sandbox import Decoders
 from scenepack.codecs.quantisation import EXACT, MOST_STEP, Steps, from_counts, steps_of, to_counts
-from scenepack.files import PackFiles, require_memory
+from scenepack.files import PARAMS_NAME, PackFiles, require_memory
 from scenepack.pack import Pack
 
 
@@ -135,16 +137,13 @@ def encoding_jobs(
 ) -> list[Callable[[], list[tuple[str, bytes]]]]:
     """A call for each piece that gives its files, name and content."""
 
-    def job(number: int, piece: Piece) -> Callable[[], list[tuple[str, bytes]]]:
-        def encode() -> list[tuple[str, bytes]]:
-            features = None if pack.atlas_features is None else piece.gather(pack.atlas_features)
-            rgba, features = to_counts(piece.gather(pack.atlas_rgba), features, Steps(*settings.get(STEPS, EXACT)))
-            files = codec.encode(rgba, features, settings.get("quality", 0))
-            return list(zip(codec.names(number, piece.shape, features is not None), files, strict=True))
+    def encode(number: int, piece: Piece) -> list[tuple[str, bytes]]:
+        features = None if pack.atlas_features is None else piece.gather(pack.atlas_features)
+        rgba, features = to_counts(piece.gather(pack.atlas_rgba), features, Steps(*settings.get(STEPS, EXACT)))
+        files = codec.encode(rgba, features, settings.get("quality", 0))
+        return list(zip(codec.names(number, piece.shape, features is not None), files, strict=True))
 
-        return encode
-
-    return [job(number, piece) for number, piece in enumerate(cut(pack, settings["layout"], settings["planes"]))]
+    return [partial(encode, *each) for each in enumerate(cut(pack, settings["layout"], settings["planes"]))]
 
 
 def all_there(files: PackFiles, features: Sequence[str], outline: Pack, note: Callable[[str], None]) -> bool:
@@ -165,8 +164,8 @@ class PieceFiles:
 
     def __init__(self, files: PackFiles, codec: PieceCodec, outline: Pack, note: Callable[[str], None]) -> None:
         self.files, self.codec, self.outline = files, codec, outline
-        layout, planes = self._settings()
-        self.pieces = cut(outline, layout, planes)
+        self._layout, planes, self.steps = read_settings(outline, codec, files.where(PARAMS_NAME))
+        self.pieces = cut(outline, self._layout, planes)
         self.total = len(self.pieces)
         largest = max((int(np.prod(piece.shape)) * 4 for piece in self.pieces), default=0)
         require_memory(2 * largest, files.path)  # rgba and features of one piece, beside the atlas
@@ -214,30 +213,29 @@ class PieceFiles:
                 if atlas is not None:
                     restore_padding(atlas, self.outline.atlas_indices, self.outline.block_size)
 
-    def _settings(self) -> tuple[Any, int]:
-        where = self.files.where("scene_params.json")
-        settings = self.outline.metadata.get(SETTINGS)
-        if not isinstance(settings, Mapping):
-            what = f"snerg.{SETTINGS} is missing; {self.codec.name} cannot be decoded without it"
-            raise UserError(what, where=where, remedy="copy the pack again")
-        layout, planes = settings.get("layout"), settings.get("planes")
 
-        def wrong(what: str, expected: str, found: object) -> UserError:
-            return UserError(f"snerg.{SETTINGS}.{what}", where=where, expected=expected, found=repr(found)[:40])
+def read_settings(outline: Pack, codec: PieceCodec, where: str) -> tuple[Layout, int, Steps]:
+    """Layout and planes of the pieces, and steps of their values, by the metadata of a pack. UserError where it lacks them."""
+    settings = outline.metadata.get(SETTINGS)
+    if not isinstance(settings, Mapping):
+        what = f"snerg.{SETTINGS} is missing; {codec.name} cannot be decoded without it"
+        raise UserError(what, where=where, remedy="copy the pack again")
+    layout, planes, steps = settings.get("layout"), settings.get("planes"), settings.get(STEPS, [1, 1])
 
-        if layout not in ("atlas", "grid"):
-            raise wrong("layout is not known", "atlas or grid", layout)
-        step = self.outline.block_size if layout == "grid" else 1
-        whole = self.outline.atlas_rgba.shape[0] if layout == "atlas" else self.outline.grid_size[2]
-        most = max(whole, LIKED_PLANES, self.outline.block_size + 2)
-        if type(planes) is not int or not step <= planes <= most or planes % step:
-            raise wrong("planes is out of range", f"multiples of {step} to {most}", planes)
-        steps = settings.get(STEPS, [1, 1])
-        whole = isinstance(steps, list) and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
-        if not whole or len(steps) not in (2, 3):
-            raise wrong(f"{STEPS} is out of range", f"two or three numbers, 1 to {MOST_STEP}", steps)
-        self._layout, self.steps = layout, Steps(*steps)
-        return layout, planes
+    def wrong(what: str, expected: str, found: object) -> UserError:
+        return UserError(f"snerg.{SETTINGS}.{what}", where=where, expected=expected, found=repr(found)[:40])
+
+    if layout not in ("atlas", "grid"):
+        raise wrong("layout is not known", "atlas or grid", layout)
+    step = outline.block_size if layout == "grid" else 1
+    whole = outline.atlas_rgba.shape[0] if layout == "atlas" else outline.grid_size[2]
+    most = max(whole, LIKED_PLANES, outline.block_size + 2)
+    if type(planes) is not int or not step <= planes <= most or planes % step:
+        raise wrong("planes is out of range", f"multiples of {step} to {most}", planes)
+    known = isinstance(steps, list) and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
+    if not known or len(steps) not in (2, 3):
+        raise wrong(f"{STEPS} is out of range", f"two or three numbers, 1 to {MOST_STEP}", steps)
+    return layout, planes, Steps(*steps)
 
 
 def in_threads(job: Callable[[int], None], count: int, threads: int) -> Iterator[int]:
@@ -245,38 +243,11 @@ def in_threads(job: Callable[[int], None], count: int, threads: int) -> Iterator
 
     Raises what one of them raises; no other begins then, nor where the caller takes no more.
     """
-    numbers, lock = iter(range(count)), threading.Lock()
-    ended: SimpleQueue[BaseException | None] = SimpleQueue()
-
-    def work() -> None:
-        while True:
-            with lock:
-                number = next(numbers, None)
-            if number is None:
-                return
-            try:
-                job(number)
-                ended.put(None)
-            except BaseException as error:
-                ended.put(error)
-
-    for _ in range(min(threads, count)):
-        threading.Thread(target=work, name="snerg-decode", daemon=True).start()
-    try:
+    with ThreadPool(max(min(threads, count), 1)) as pool:
+        ended = pool.imap_unordered(job, range(count))
         for done in range(1, count + 1):
-            error = _awaited(ended)
-            if error is not None:
-                raise error
+            while True:  # asked again and again: Ctrl-C just before a wait begins would be noticed only after it
+                with suppress(multiprocessing.TimeoutError):
+                    ended.next(NOTICED_S)
+                    break
             yield done
-    finally:
-        with lock:
-            numbers = iter(())
-
-
-def _awaited(ended: SimpleQueue[BaseException | None]) -> BaseException | None:
-    """What comes next. Asked again and again: Ctrl-C just before a wait begins would be noticed only after it."""
-    while True:
-        try:
-            return ended.get(timeout=NOTICED_S)
-        except Empty:
-            continue

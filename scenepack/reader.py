@@ -24,8 +24,8 @@ from console.json_text import MOST_BYTES
 from console.streams import one_line
 from scenepack.blocks import grid_block_counts
 from scenepack.coarse import coarse_pack, order_of_groups
-from scenepack.codecs import CodecError, PngCodec, codec_named, decode_png, image_name, probe_png
-from scenepack.codecs.png import PNG_HEADER_BYTES, require_room
+from scenepack.codecs import CodecError, PngCodec, codec_named
+from scenepack.codecs.png import PNG_HEADER_BYTES, decode_png, image_name, probe_png, require_room
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE
 from scenepack.files import (
     COPY_OR_BAKE,

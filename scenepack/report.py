@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -102,15 +102,11 @@ def print_facts(facts: Mapping[str, Any], console: Console) -> None:
 
 def print_findings(findings: Sequence[Finding], console: Console) -> None:
     """The page of `snerg-pack check`: a line for each rule."""
-    if not console.is_terminal:
-        for finding in findings:
-            _plain(console, f"{finding.severity}: {finding.rule}: {finding.message}")
-        return
     table = Table(box=None, show_header=False, pad_edge=False)
     for finding in findings:
         mark, style = MARKS[finding.severity]
         table.add_row(Text(mark, style), Text(finding.rule, "bold"), Text(finding.message))
-    console.print(table)
+    _print(console, [f"{each.severity}: {each.rule}: {each.message}" for each in findings], table)
 
 
 def _sections(facts: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
@@ -177,43 +173,37 @@ def _shown(text: str) -> str:
 
 
 def _print_section(title: str, rows: Sequence[tuple[str, str]], console: Console) -> None:
-    if not console.is_terminal:
-        name = ""
-        for label, value in rows:
-            name = label.strip() or name
-            _plain(console, f"{title}: {name}: {value}")
-        return
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
     table.add_column(style="cyan", min_width=18, no_wrap=True)
     table.add_column()
+    plain, name = [], ""
     for label, value in rows:
         table.add_row(Text(label), Text(value))
-    console.print(Text(title.upper(), "bold"))
-    console.print(table)
-    console.print()
+        name = label.strip() or name
+        plain.append(f"{title}: {name}: {value}")
+    _print(console, plain, Text(title.upper(), "bold"), table, "")
 
 
 def _print_histogram(counts: Sequence[int], console: Console) -> None:
     edges = np.linspace(0, 256, ALPHA_BINS + 1).astype(int)
-    bins = [sum(counts[max(a - 1, 0) : b - 1]) for a, b in pairwise(edges)]
-    labels = [f"{max(a, 1):3d}-{b - 1:3d}" for a, b in pairwise(edges)]
-    if not console.is_terminal:
-        for label, count in zip(labels, bins, strict=True):
-            _plain(console, f"alpha: {label.replace(' ', '')}: {count}")
-        return
-    console.print(Text("ALPHA OF STORED VOXELS", "bold"))
-    total, most = max(sum(bins), 1), max(*bins, 1)
-    for label, count in zip(labels, bins, strict=True):
+    bins = {f"{max(a, 1):3d}-{b - 1:3d}": sum(counts[max(a - 1, 0) : b - 1]) for a, b in pairwise(edges)}
+    total, most = max(sum(bins.values()), 1), max(*bins.values(), 1)
+    lines = []
+    for label, count in bins.items():
         eighths = round(8 * BAR_WIDTH * count / most)
         bar = (BARS[8] * (eighths // 8) + BARS[eighths % 8]).strip()
-        line = Text(f"{label}  ", "cyan")
-        line.append(f"{bar:<{BAR_WIDTH}}", "green")
-        line.append(f" {100 * count / total:5.1f} %")
+        share = f" {100 * count / total:5.1f} %"
+        lines.append(Text.assemble((f"{label}  ", "cyan"), (f"{bar:<{BAR_WIDTH}}", "green"), (share, "cyan")))
+    plain = [f"alpha: {label.replace(' ', '')}: {count}" for label, count in bins.items()]
+    _print(console, plain, Text("ALPHA OF STORED VOXELS", "bold"), *lines)
+
+
+def _print(console: Console, plain: Sequence[str], *page: RenderableType) -> None:
+    """The page on a terminal, plain lines elsewhere."""
+    for line in page if console.is_terminal else ():
         console.print(line)
-
-
-def _plain(console: Console, line: str) -> None:
-    console.print(line, markup=False, highlight=False, soft_wrap=True, emoji=False)
+    for line in () if console.is_terminal else plain:
+        console.print(line, markup=False, highlight=False, soft_wrap=True, emoji=False)
 
 
 def _by(sides: Sequence[int]) -> str:

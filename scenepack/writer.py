@@ -22,7 +22,8 @@ from console.atomic import recover_interrupted_write, replacing, write_file
 from console.json_text import read_json_file
 from console.results import try_folder
 from scenepack.blocks import grid_block_counts
-from scenepack.codecs import Codec, PngCodec, chosen_quality, codec_named, encode_png, image_name
+from scenepack.codecs import Codec, PngCodec, chosen_quality, codec_named
+from scenepack.codecs.png import encode_png, image_name
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
 from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, open_files
 from scenepack.pack import Pack

@@ -17,22 +17,10 @@ from scenepack.codecs.avif import AvifCodec
 from scenepack.codecs.base import CodecError, PieceCodec
 from scenepack.codecs.h264 import H264Codec
 from scenepack.codecs.jpeg import JpegCodec
-from scenepack.codecs.png import PngCodec, decode_png, encode_png, image_name, probe_png
+from scenepack.codecs.png import PngCodec
 from scenepack.codecs.webp import WebpCodec
 
-__all__ = [
-    "CODECS",
-    "Codec",
-    "CodecError",
-    "PieceCodec",
-    "PngCodec",
-    "chosen_quality",
-    "codec_named",
-    "decode_png",
-    "encode_png",
-    "image_name",
-    "probe_png",
-]
+__all__ = ["CODECS", "Codec", "CodecError", "PieceCodec", "PngCodec", "chosen_quality", "codec_named"]
 
 Codec = PngCodec | PieceCodec
 

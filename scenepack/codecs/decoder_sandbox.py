@@ -130,10 +130,6 @@ class _Process(ChildProcess):
 
     def _part(self, shape: Shape) -> np.ndarray:
         part = np.empty((*shape, 4), np.uint8)
-        view = part.reshape(-1).data
-        while view:
-            count = self.output.readinto(view)  # type: ignore[attr-defined]  (a BufferedReader)
-            if not count:
-                raise EOFError
-            view = view[count:]
+        if self.output.readinto(part.reshape(-1).data) < part.nbytes:  # type: ignore[attr-defined]  (a BufferedReader)
+            raise EOFError
         return part

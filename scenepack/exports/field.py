@@ -103,15 +103,17 @@ class Field:
         """How many boxes there are, about: for progress."""
         return max(2 * len(self.occupied), 1)
 
-    def crossings(self, level: float) -> int:
-        """How often opacity passes `level` between neighbours along x: a measure of the surface, in cells. Reads all voxels."""
-        total = 0
+    def blocks(self) -> Iterator[tuple[Place, np.ndarray]]:
+        """Each macroblock of `occupied` with its cells; see block."""
         for place in self.occupied:
             cells = self.block(place)
             if cells is not None:
-                above = cells[..., 3] > level
-                total += int(np.count_nonzero(above[:, :, 1:] != above[:, :, :-1]))
-        return total
+                yield place, cells
+
+    def crossings(self, level: float) -> int:
+        """How often opacity passes `level` between neighbours along x: a measure of the surface, in cells. Reads all voxels."""
+        opaque = (cells[..., 3] > level for _, cells in self.blocks())
+        return sum(int(np.count_nonzero(above[:, :, 1:] != above[:, :, :-1])) for above in opaque)
 
 
 # --- Export frame ---

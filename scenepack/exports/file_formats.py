@@ -150,10 +150,7 @@ def voxels_of(field: Field, least: float) -> tuple[np.ndarray, np.ndarray]:
     """Positions float64 [n, 3] (x, y, z in voxels of the pack) and premultiplied rgba float32 [n, 4], of opacity >= least."""
     places: list[np.ndarray] = [np.zeros((0, 3))]
     values: list[np.ndarray] = [np.zeros((0, 4), np.float32)]
-    for place in field.occupied:
-        cells = field.block(place)
-        if cells is None:
-            continue
+    for place, cells in field.blocks():
         at = np.argwhere(cells[..., 3] >= least)
         values.append(cells[tuple(at.T)])
         places.append(field.coarser * (at + np.asarray(place) * field.side + 0.5)[:, ::-1])

@@ -14,17 +14,8 @@ import numpy as np
 from console import UserError, write_result
 from console.arguments import require_in_range
 from scenepack.cameras import photograph_cameras
+from scenepack.exports import file_formats
 from scenepack.exports.field import Corners, ExportFrame, Field, Frame
-from scenepack.exports.file_formats import (
-    COLUMNS,
-    POINT,
-    GltfCamera,
-    gaussian_values,
-    glb_parts,
-    ply_parts,
-    spz_bytes,
-    voxels_of,
-)
 from scenepack.exports.surface import (
     Surface,
     decimated,
@@ -138,16 +129,16 @@ class Geometry:
     colours: np.ndarray  # uint8 [v, 3], diffuse, sRGB
     faces: np.ndarray  # int32 [f, 3], counter-clockwise from outside
     coarser: int = 1  # voxels a side that became one
-    cameras: Sequence[GltfCamera] = ()  # of the photographs of a mesh
+    cameras: Sequence[file_formats.GltfCamera] = ()  # of the photographs of a mesh
     point_size: float = 0.0  # of a preview, grid units
 
     def file_parts(self, file: Path, comments: Sequence[str] = ()) -> list[bytes]:
         """The bytes of a .glb or a .ply; of points, a .ply."""
         if file.suffix.lower() == ".glb":
             said = {"snerg": comments}
-            return glb_parts(self.vertices, self.normals, self.colours, self.faces, said, self.cameras)
+            return file_formats.glb_parts(self.vertices, self.normals, self.colours, self.faces, said, self.cameras)
         faces = self.faces if len(self.faces) else None
-        return ply_parts(POINT, [self.vertices, self.normals, self.colours], faces, comments)
+        return file_formats.ply_parts(file_formats.POINT, [self.vertices, self.normals, self.colours], faces, comments)
 
 
 def export_scene(pack: Pack, file: Path, export: Export, on_progress: OnProgress = lambda share, note: None) -> Written:
@@ -159,11 +150,10 @@ def export_scene(pack: Pack, file: Path, export: Export, on_progress: OnProgress
         field, export_frame = _field(pack, export, on_progress), ExportFrame(pack, export.frame, export.scale)
         positions, rgba = _gaussian_voxels(field, export, export_frame)
         on_progress(0.5, f"{len(positions):,} Gaussians")
-        values, written = (
-            gaussian_values(positions, rgba, field, export_frame),
-            Written(len(positions), 0, field.coarser),
-        )
-        parts = [spz_bytes(values)] if file.suffix.lower() == ".spz" else ply_parts(COLUMNS, values)
+        values = file_formats.gaussian_values(positions, rgba, field, export_frame)
+        written = Written(len(positions), 0, field.coarser)
+        is_spz = file.suffix.lower() == ".spz"
+        parts = [file_formats.spz_bytes(values)] if is_spz else file_formats.ply_parts(file_formats.COLUMNS, values)
     else:
         geometry = geometry_of(pack, export, on_progress)
         said = [f"frame {export.frame}, lengths times {export.scale:g}", "colours are diffuse, sRGB"]
@@ -184,8 +174,7 @@ def _field(pack: Pack, export: Export, on_progress: OnProgress) -> Field:
 def _coarseness(field: Field, export: Export) -> int:
     """The fewest voxels a side that must become one for the work to stay within bounds."""
     if export.kind == "gaussians":
-        blocks = (field.block(place) for place in field.occupied)
-        amount = sum(int(np.count_nonzero(cells[..., 3] >= LEAST_OPACITY)) for cells in blocks if cells is not None)
+        amount = sum(int(np.count_nonzero(cells[..., 3] >= LEAST_OPACITY)) for _, cells in field.blocks())
         most, power = MOST_GAUSSIANS, 3
     else:
         amount = int(FACES_A_CROSSING * field.crossings(export.level))
@@ -194,8 +183,8 @@ def _coarseness(field: Field, export: Export) -> int:
 
 
 def _gaussian_voxels(field: Field, export: Export, export_frame: ExportFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and rgba of voxels_of that become Gaussians. UserError where there are none."""
-    positions, rgba = voxels_of(field, LEAST_OPACITY)
+    """Positions and rgba of file_formats.voxels_of that become Gaussians. UserError where there are none."""
+    positions, rgba = file_formats.voxels_of(field, LEAST_OPACITY)
     near = export_frame.near_enough(positions)
     require_some(int(near.sum()), export)
     return positions[near], rgba[near]
@@ -231,11 +220,11 @@ def geometry_of(pack: Pack, export: Export, on_progress: OnProgress = lambda sha
     return Geometry(*arrays, field.coarser, _gltf_cameras(pack, export_frame))
 
 
-def _gltf_cameras(pack: Pack, export_frame: ExportFrame) -> list[GltfCamera]:
+def _gltf_cameras(pack: Pack, export_frame: ExportFrame) -> list[file_formats.GltfCamera]:
     """The cameras of the photographs, but for fisheyes and panoramas. Distortion of their lenses is left out."""
     near = export_frame.stretch * (pack.near or pack.voxel_size)
     return [
-        GltfCamera(one.name, export_frame.pose(one.world_T_camera), 2.0 * atan(0.5 * one.height / one.fy),
+        file_formats.GltfCamera(one.name, export_frame.pose(one.world_T_camera), 2.0 * atan(0.5 * one.height / one.fy),
                    (one.width * one.fy) / (one.height * one.fx), near)
         for one in photograph_cameras(pack) if one.is_perspective
     ]  # fmt: skip

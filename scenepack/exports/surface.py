@@ -11,7 +11,7 @@ Sums over faces are taken in parts, and neighbours are stored once, so that memo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
 
@@ -131,18 +131,14 @@ def face_normals(surface: Surface) -> np.ndarray:
 
 def face_areas(surface: Surface) -> np.ndarray:
     """float64 [f], in units of the vertices squared."""
-    parts = [
-        0.5 * np.linalg.norm(face_normals(_some(surface, start)), axis=1)
-        for start in range(0, len(surface.faces), AT_ONCE)
-    ]
-    return np.concatenate(parts) if parts else np.zeros(0)
+    areas = [0.5 * np.linalg.norm(face_normals(part), axis=1) for part in _parts(surface)]
+    return np.concatenate(areas) if areas else np.zeros(0)
 
 
 def vertex_normals(surface: Surface) -> np.ndarray:
     """float32 [v, 3]: unit means of the normals around, weighted by area."""
     total = np.zeros((len(surface.vertices), 3))
-    for start in range(0, len(surface.faces), AT_ONCE):
-        part = _some(surface, start)
+    for part in _parts(surface):
         normals = face_normals(part)
         for corner, axis in product(range(3), repeat=2):
             total[:, axis] += np.bincount(part.faces[:, corner], normals[:, axis], minlength=len(total))
@@ -176,5 +172,6 @@ def decimated(surface: Surface, most_faces: int) -> Surface:
     return Surface(vertices.astype(np.float32), faces.astype(np.int32), surface.colours[closest])
 
 
-def _some(surface: Surface, start: int) -> Surface:
-    return Surface(surface.vertices, surface.faces[start : start + AT_ONCE], surface.colours)
+def _parts(surface: Surface) -> Iterator[Surface]:
+    for start in range(0, len(surface.faces), AT_ONCE):
+        yield Surface(surface.vertices, surface.faces[start : start + AT_ONCE], surface.colours)
