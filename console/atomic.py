@@ -129,7 +129,7 @@ class Replacement:
             _flush(self.path)
         _take_place(self.path, self.target)
         if self._durable:
-            flush_folder(self.target.parent)
+            _flush_names(self.target.parent)
 
     def discard(self) -> None:
         """Leaves nothing beside the target; after finish() as well as instead of it."""
@@ -195,25 +195,21 @@ def exchange(first: Path, second: Path) -> bool:
     raise OSError(code, os.strerror(code), str(second))
 
 
-def flush_folder(folder: Path) -> None:
-    """Makes names in `folder` survive a power cut; nothing where the system has no such call."""
-    if os.name != "posix":
-        return
-    with suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
 def _flush(path: Path) -> None:
-    files = [entry for entry in path.iterdir() if entry.is_file()] if path.is_dir() else [path]
-    for file in files:
-        with open(file, "rb+") as handle:
-            os.fsync(handle.fileno())
+    """Onto the disk: a file, or a folder with the files in it."""
+    for file in path.iterdir() if path.is_dir() else [path]:
+        if file.is_file():
+            with _opened(file) as handle:
+                os.fsync(handle)
     if path.is_dir():
-        flush_folder(path)
+        _flush_names(path)
+
+
+def _flush_names(folder: Path) -> None:
+    """Makes names in `folder` survive a power cut; nothing where the system has no such call."""
+    if os.name == "posix":
+        with suppress(OSError), _opened(folder) as handle:
+            os.fsync(handle)
 
 
 def _take_place(new: Path, target: Path) -> None:

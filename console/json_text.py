@@ -57,11 +57,9 @@ def _require_plain(value: Any) -> None:
             if isinstance(item, str):
                 if "\0" in item:
                     raise ValueError("a string holds a NUL character")
-            elif isinstance(item, dict):
+            elif isinstance(item, dict | list):
                 deeper.extend(item)
-                deeper.extend(item.values())
-            elif isinstance(item, list):
-                deeper.extend(item)
+                deeper.extend(item.values() if isinstance(item, dict) else ())
         if not deeper:
             return
         level = deeper

@@ -8,7 +8,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeElapsedColumn
@@ -82,15 +83,17 @@ class Progress:
     the time left is estimated from what is done since.
     """
 
-    def __init__(self, title: str, total: float, begun: float = 0.0) -> None:
+    def __init__(
+        self, title: str, total: float, begun: float, reporter: Reporter | None = None, stage: str | None = None
+    ) -> None:
         self.title, self.total, self.done, self.note = title, total, begun, ""
         self.metrics: Mapping[str, float] = {}
         self.begun = begun
         self.started = time.monotonic()
         self._estimate = Estimate(total)
         self._lock = threading.RLock()  # updates come from one thread, and as time passes from another
-        self._reporter: Reporter | None = None
-        self._stage = title
+        self._reporter, self._stage = reporter, stage or title
+        self.report(at_once=True)
 
     @property
     def seconds_left(self) -> float | None:
@@ -107,7 +110,7 @@ class Progress:
             if done > self.begun:
                 self._estimate.update(time.monotonic(), done)
             self.report(at_once=done >= self.total)
-            self._show()
+            self._show(updated=True)
 
     def resume_at(self, begun: float) -> None:
         """It turns out that so many units were done before."""
@@ -122,18 +125,10 @@ class Progress:
         """Time passes, whether or not anything is finished."""
         with self._lock:
             self.report()
-            self._show_time()
+            self._show(updated=False)
 
-    def _show(self) -> None:
-        """For those that show it."""
-
-    def _show_time(self) -> None:
-        """For those that show how time passes."""
-
-    def report_to(self, reporter: Reporter, stage: str) -> None:
-        """Tells `reporter` of every update from now on."""
-        self._reporter, self._stage = reporter, stage
-        self.report(at_once=True)
+    def _show(self, updated: bool) -> None:
+        """For those that show it. updated: more is done; else time passes."""
 
     def report(self, *, at_once: bool = False) -> None:
         """Tells where the work is."""
@@ -151,15 +146,17 @@ class Progress:
 
 
 class _Live(Progress):
-    def __init__(self, title: str, total: float, begun: float, bars: RichProgress) -> None:
-        super().__init__(title, total, begun)
+    """A bar on a terminal, among others where it is part of other work."""
+
+    def __init__(self, bars: RichProgress, title: str, total: float, begun: float, *named: Any) -> None:
+        super().__init__(title, total, begun, *named)
         self.bars, self._task = bars, bars.add_task(title, total=total, completed=int(begun), note="", work=self)
 
     def resume_at(self, begun: float) -> None:
         self.bars.reset(self._task, completed=int(begun))  # what was done before tells nothing of the speed
         super().resume_at(begun)
 
-    def _show(self) -> None:
+    def _show(self, updated: bool) -> None:
         self.bars.update(self._task, completed=self.done, note=self.note)
 
 
@@ -172,27 +169,19 @@ class _TimeLeft(ProgressColumn):
 
 
 class _Plain(Progress):
-    def __init__(self, title: str, total: float, begun: float) -> None:
-        super().__init__(title, total, begun)
-        self._printed: float | None = None  # when the last line was
-        self._finished = False
+    """Lines."""
 
-    def _show(self) -> None:
+    _printed: float | None = None  # when the last line was
+    _finished = False
+
+    def _show(self, updated: bool) -> None:
         now, finished = time.monotonic(), self.done >= self.total
         if self._printed is None:
-            early = now - self.started < PLAIN_QUIET_S
+            early = now - self.started < (PLAIN_QUIET_S if updated else PLAIN_LINE_EVERY_S)
         else:
-            early = now - self._printed < PLAIN_LINE_EVERY_S and not finished
-        if not (self._finished or early):
-            self._print(now, finished)
-
-    def _show_time(self) -> None:
-        now = time.monotonic()
-        since = self.started if self._printed is None else self._printed
-        if not self._finished and now - since >= PLAIN_LINE_EVERY_S:
-            self._print(now, self.done >= self.total)
-
-    def _print(self, now: float, finished: bool) -> None:
+            early = now - self._printed < PLAIN_LINE_EVERY_S and not (finished and updated)
+        if self._finished or early:
+            return
         self._printed, self._finished = now, finished
         share = 100.0 if finished else 100 * self.done / self.total
         left, times = self.seconds_left, duration(now - self.started)
@@ -222,15 +211,25 @@ def progress(
     be part of other work: as long as it runs, it is what is shown.
     """
     if quiet or _listeners:
-        work = Progress(title, total, begun)
-        if not quiet:
-            work.report_to(Reporter(_listeners[-1]), stage or title)
-        yield work
+        yield Progress(title, total, begun, None if quiet else Reporter(_listeners[-1]), stage)
         return
-    with _shown(title, total, begun) as work, _in_time(work):
-        work.report_to(Reporter(), stage or title)
+    outer = _running[-1] if _running else None
+    with ExitStack() as stack:
+        if not sys.stderr.isatty():
+            work: Progress = _Plain(title, total, begun, Reporter(), stage)
+        else:
+            bars = outer.bars if isinstance(outer, _Live) else stack.enter_context(_bars())
+            work = _Live(bars, title, total, begun, Reporter(), stage)
+        stack.enter_context(_in_time(work))
         yield work
         work.report(at_once=True)
+
+
+def _bars() -> RichProgress:
+    return RichProgress(
+        TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), _TimeLeft(),
+        TextColumn("{task.fields[note]}", markup=False), console=Console(stderr=True),
+    )  # fmt: skip
 
 
 @contextmanager
@@ -264,24 +263,3 @@ def _in_time(work: Progress) -> Iterator[None]:
         _running.remove(work)
         for outer in _running:
             outer.pause(time.monotonic() - work.started)
-
-
-@contextmanager
-def _shown(title: str, total: float, begun: float) -> Iterator[Progress]:
-    if not sys.stderr.isatty():
-        yield _Plain(title, total, begun)
-        return
-    outer = _running[-1] if _running else None
-    if isinstance(outer, _Live):
-        yield _Live(title, total, begun, outer.bars)
-        return
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        _TimeLeft(),
-        TextColumn("{task.fields[note]}", markup=False),
-    )
-    with RichProgress(*columns, console=Console(stderr=True)) as bars:
-        yield _Live(title, total, begun, bars)
