@@ -16,13 +16,10 @@ import pytest
 from baker.baking.grid import make_grid
 from baker.tuning import marcher
 from baker.tuning.pruning import arriving_transmittance
-from baker.tuning.shading import from_params, to_params
-from scenepack.constants import VIEW_MLP_WIDTHS
 from tests.baker.analytic import ball, culled
 from tests.baker.baking.test_grid_and_culling import baked
 from tests.scenepack.random_packs import BLENDER_FRAME
 from training.dataset import RayDataset
-from training.view_mlp import init_view_mlp
 
 GRID = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, BLENDER_FRAME)
 
@@ -61,20 +58,3 @@ def test_so_do_those_of_culling_and_pruning(dataset: RayDataset, monkeypatch: py
     for program in programs:
         assert len(precisions(program)) >= 3, "rays are made, and moved into the grid's frame"
         assert set(precisions(program)) == {"HIGHEST"}
-
-
-# The view MLP keeps its weights, bit by bit, on its way from a pack to the trainer and back
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_it_survives_both_ways(seed: int) -> None:
-    params = init_view_mlp(jax.random.key(seed))
-    mlp = from_params(params)
-    again = to_params(mlp)
-    for trained, stored, back in zip(
-        [*params.weights, *params.biases], [*mlp.weights, *mlp.biases], [*again.weights, *again.biases], strict=True
-    ):
-        assert stored.dtype == np.float32 and back.dtype == np.float32
-        np.testing.assert_array_equal(stored, np.asarray(trained))
-        np.testing.assert_array_equal(np.asarray(back), stored)
-    assert [weight.shape[0] for weight in mlp.weights] == list(VIEW_MLP_WIDTHS[:-1])

@@ -27,22 +27,6 @@ from training.commands.train import main
 ARRAYS = {"weight": np.arange(12, dtype=np.float32).reshape(3, 4), "count": np.array(7, np.int32)}
 
 
-def test_what_is_written_is_read_back_scalars_too(tmp_path: Path):
-    write_checkpoint(tmp_path, 40, ARRAYS)
-    step, arrays = read_newest_checkpoint(tmp_path)
-    assert step == 40 and set(arrays) == set(ARRAYS)
-    for name, array in ARRAYS.items():
-        assert arrays[name].shape == array.shape and arrays[name].dtype == array.dtype
-        np.testing.assert_array_equal(arrays[name], array)
-
-
-def test_the_last_two_are_kept_and_nothing_else_lies_about(tmp_path: Path):
-    for step in (10, 20, 30, 40):
-        write_checkpoint(tmp_path, step, ARRAYS)
-    assert [step for step, _ in list_checkpoints(tmp_path)] == [30, 40]
-    assert len(list(tmp_path.iterdir())) == 2
-
-
 @pytest.mark.parametrize("damage", ["cut", "flip", "empty"])
 def test_a_damaged_checkpoint_is_passed_over_with_a_warning(tmp_path: Path, damage: str):
     write_checkpoint(tmp_path, 10, ARRAYS)

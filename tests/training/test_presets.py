@@ -10,6 +10,7 @@ from baker.commands import make
 from training.commands import train
 from training.config import PRESETS as CONFIGS
 from training.scenes.presets import PRESETS, BakeablePreset, PresetName, voxels_for
+from training.speed import whole_runs
 from viewer.features.making import survey
 
 
@@ -42,3 +43,10 @@ def test_the_viewer_offers_the_presets_that_have_a_title() -> None:
 def test_packs_are_about_as_fine_as_photographs_and_twice_as_fine_where_half_a_side_is_the_surroundings() -> None:
     assert [voxels_for(pixels) for pixels in (200, 400, 504, 640, 800, 4000)] == [512, 512, 630, 800, 1000, 1000]
     assert [voxels_for(pixels, contracted=True) for pixels in (128, 256, 512)] == [512, 640, 1000]
+
+
+def test_larger_photographs_take_more_of_both_until_the_field_is_as_fine_as_it_gets() -> None:
+    runs = whole_runs([100, 250, 800, 1600])["quick"]
+    for key in ("samples", "disk"):
+        assert runs[100][key] <= runs[250][key] < runs[800][key] == runs[1600][key]
+    assert runs[100]["disk"] < runs[250]["disk"]

@@ -13,9 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from baker.tuning.shading import from_params, to_params
+from tests.reference_marcher import view_residual
 from training.config import PAPER, REAL_BATCH, SYNTHETIC_BATCH, TrainConfig
 from training.nerf.method import learning_rate, make_optimizer, sparsity_of
-from training.view_mlp import apply_view_mlp, encode_viewdirs, init_view_mlp
+from training.view_mlp import apply_view_mlp, init_view_mlp
 from training.volume import cauchy_sparsity, shade, weights_of
 
 depths = arrays(np.float32, (3, 7), elements=st.floats(0, 20, width=32))
@@ -98,26 +100,15 @@ def test_the_paper_preset_holds_the_papers_numbers():
     assert TrainConfig().method == PAPER.method == "nerf" and PAPER.sparsity_over_samples == "paper"
 
 
-# Positional encoding and the view MLP: the orders and numbers that packs and shaders rely on
-
-
-def test_view_encoding_is_v_then_sines_frequency_major_then_the_same_shifted_by_a_quarter():
-    v = np.array([0.6, -0.48, 0.64])
-    expected = list(v)
-    for shift in (0.0, np.pi / 2):
-        for k in range(4):
-            expected += [np.sin(2**k * component + shift) for component in v]
-    np.testing.assert_allclose(encode_viewdirs(jnp.asarray(v)), expected, atol=1e-6)
-
-
-def test_view_mlp_equals_the_same_arithmetic_written_out_in_numpy():
+def test_the_view_mlp_is_that_of_the_reference_and_keeps_its_weights_on_its_way_to_a_pack_and_back():
+    """The order of the encoding and of the layers is one that packs and shaders rely on."""
     rng = np.random.default_rng(1)
-    params = jax.tree.map(lambda p: jnp.asarray(rng.normal(size=p.shape)), init_view_mlp(jax.random.key(0)))
+    initial = init_view_mlp(jax.random.key(0))
+    params = jax.tree.map(lambda p: jnp.asarray(rng.normal(size=p.shape), jnp.float32), initial)
     diffuse, features, v = rng.random((6, 3)), rng.random((6, 4)), rng.normal(size=(6, 3))
     v /= np.linalg.norm(v, axis=1, keepdims=True)
-    x = np.concatenate([np.asarray(encode_viewdirs(jnp.asarray(v))), diffuse, features], axis=1)
-    for weight, bias in zip(params.weights[:2], params.biases[:2], strict=True):
-        x = np.maximum(x @ np.asarray(weight) + np.asarray(bias), 0)
-    expected = 1 / (1 + np.exp(-(x @ np.asarray(params.weights[2]) + np.asarray(params.biases[2]))))
+    mlp = from_params(params)
     residual = apply_view_mlp(params, *(jnp.asarray(a) for a in (diffuse, features, v)))
-    np.testing.assert_allclose(residual, expected, rtol=2e-5, atol=1e-5)
+    np.testing.assert_allclose(residual, view_residual(mlp, v, diffuse, features), rtol=2e-5, atol=1e-5)
+    for trained, back in zip(jax.tree.leaves(params), jax.tree.leaves(to_params(mlp)), strict=True):
+        np.testing.assert_array_equal(back, trained)

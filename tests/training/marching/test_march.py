@@ -1,26 +1,50 @@
-"""The march leaves nothing out, and says of which rays the lists had no room."""
+"""Rays through the occupancy grid: where they begin and bend, that no sample is left out, and each is done once."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.training.marching.grids import cells_of_grid, random_rays, random_voxels
-from training.marching.march import MarchSizes, march, transmittance
-from training.marching.rays import to_grid
+from scenepack.contraction import contract
+from training.marching.layout import Cells, GridBox
+from training.marching.march import MarchSizes, march, until_complete
+from training.marching.rays import GridFrameRays, grid_points, to_grid
+from training.method import Rays
+from training.multires.jax_engine import cells_of
+from training.multires.state import Box
+
+SHAPE = (9, 11, 14)  # z, y, x
+ORIGIN, VOXEL = np.array([-0.3, 0.2, 1.0]), 0.1
 
 
-@pytest.fixture
-def present() -> np.ndarray:
-    return random_voxels()
+def cells_of_grid(present: np.ndarray) -> Cells:
+    """The occupancy grid, of 16³ cells, whose first ones are `present` bool [z, y, x]."""
+    codes = np.zeros((16, 16, 16), np.uint8)
+    codes[tuple(slice(n) for n in present.shape)] = present
+    box = Box(ORIGIN, np.full(3, VOXEL), np.array(present.shape[::-1], np.int32))
+    return cells_of(SimpleNamespace(box=box, codes=codes, step_cells=1.0))  # type: ignore[arg-type]
+
+
+def random_rays(count: int, seed: int = 0) -> Rays:
+    """Rays through the grid, some axis-parallel, some that miss it."""
+    rng = np.random.default_rng(seed)
+    target = ORIGIN + rng.random((count, 3)) * np.array(SHAPE[::-1]) * VOXEL * 1.3
+    origins = target + rng.normal(size=(count, 3))
+    directions = target - origins
+    directions[: count // 8] = np.eye(3)[rng.integers(0, 3, count // 8)]
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    f32 = [jnp.asarray(a, jnp.float32) for a in (origins, directions, directions)]
+    return Rays(*f32, jnp.zeros(count), jnp.full(count, 10.0))
 
 
 @pytest.mark.parametrize("samples", [4096, 100])
-def test_the_march_lists_every_sample_with_support_and_says_which_rays_did_not_fit(
-    present: np.ndarray, samples: int
-) -> None:
-    cells, rays = cells_of_grid(present), random_rays(256)
+def test_the_march_lists_every_sample_with_support_and_says_which_rays_did_not_fit(samples: int) -> None:
+    cells, rays = cells_of_grid(np.random.default_rng(0).random(SHAPE) < 0.15), random_rays(256)
     grid_rays = to_grid(cells, rays)
     phase = jnp.asarray(np.random.default_rng(3).random(256), jnp.float32)
     found = march(cells, grid_rays, phase, MarchSizes(8, 2048, samples, 40), 1.0)
@@ -40,14 +64,78 @@ def test_the_march_lists_every_sample_with_support_and_says_which_rays_did_not_f
     assert int(found.complete.sum()) > 20
 
 
-def test_transmittance_is_the_running_product_of_each_ray(present: np.ndarray) -> None:
-    cells, rays = cells_of_grid(present), random_rays(128, seed=5)
-    found = march(cells, to_grid(cells, rays), jnp.full(128, 0.5), MarchSizes(8, 2048, 4096, 40), 1.0)
-    tau = jnp.asarray(np.random.default_rng(4).exponential(1.0, 4096), jnp.float32)
-    before, behind = transmittance(found, tau, 128, 40)
-    rays_of, valid, taus, before, behind = map(np.asarray, (found.ray, found.valid, tau, before, behind))
-    for ray in range(128):
-        own = (rays_of == ray) & valid
-        optical = taus[own]
-        np.testing.assert_allclose(before[own], np.exp(np.cumsum(-optical) + optical), rtol=1e-4, atol=1e-6)
-        np.testing.assert_allclose(behind[ray], np.exp(-optical.sum()), rtol=1e-4, atol=1e-6)
+class KnownRays(NamedTuple):
+    """Stands in for the dataset that makes the rays."""
+
+    rays: Rays
+
+    def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
+        return Rays(*(array[ids] for array in self.rays))
+
+
+def test_each_ray_is_done_once_and_in_order_however_few_fit() -> None:
+    room = iter([3, 8, 1, 5, 2, 8, 8, 8])
+    asked: list[np.ndarray] = []
+
+    def march_some(places: np.ndarray) -> tuple[np.ndarray, jax.Array]:
+        asked.append(places)
+        return 10 * places, jnp.arange(8) < next(room)
+
+    done = []
+    for start, end, output in until_complete(21, 8, march_some):
+        assert start == len(done) and end > start
+        done += output[: end - start].tolist()
+    assert done == list(range(0, 210, 10))
+    assert all(len(places) == 8 and places.max() <= 20 for places in asked), "one size, so one compilation"
+
+
+def test_rays_in_a_turned_grid_meet_what_they_met_and_begin_where_they_did() -> None:
+    turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
+    grid_T_training = np.eye(4)
+    grid_T_training[:3, :3], grid_T_training[:3, 3] = turn, [1.0, -2.0, 0.5]
+    rays = random_rays(50)._replace(near=jnp.full(50, 3.0), far=jnp.full(50, 4.0))
+    moved = GridFrameRays(KnownRays(rays), jnp.asarray(grid_T_training, jnp.float32)).geometry_at(jnp.arange(50))  # type: ignore[arg-type]
+    points = np.asarray(rays.origins) + 1.7 * np.asarray(rays.directions)
+    expected = points @ turn.T + grid_T_training[:3, 3]
+    np.testing.assert_allclose(moved.origins + 1.7 * moved.directions, expected, atol=1e-5)
+    assert np.array_equal(moved.near, rays.near) and np.all(np.isinf(np.asarray(moved.far)))
+    assert np.array_equal(moved.viewdirs, rays.viewdirs), "the view MLP knows the training frame"
+
+
+def test_a_ray_begins_at_near_and_ends_with_the_box() -> None:
+    layout = cells_of_grid(np.ones((14, 14, 14), bool))
+    middle = jnp.asarray(ORIGIN + 0.7, jnp.float32)
+    along = jnp.asarray([[1.0, 0, 0]] * 3)
+    ones = jnp.ones(3)
+    rays = Rays(middle - 2 * along, along, along, jnp.asarray([0.0, 1.5, 3.0]), jnp.inf * ones)
+    found = to_grid(layout, rays)
+    np.testing.assert_allclose(found.start * VOXEL, [1.3, 1.5, 3.0], atol=1e-5)
+    np.testing.assert_allclose(found.end * VOXEL, 2.7 * ones, atol=1e-5)
+
+
+def test_a_contracted_ray_is_a_path_through_the_contracted_points_of_the_ray() -> None:
+    inner, side = 1.1, 64
+    box = GridBox(jnp.full(3, -2 * inner), jnp.float32(4 * inner / side), jnp.full(3, side), inner)
+    rays = random_rays(200)._replace(near=jnp.full(200, 0.3))
+    found = to_grid(box, rays)
+    assert (np.isfinite(np.asarray(found.begins)).sum(1) > 1).any() and np.all(np.asarray(found.start) == 0)
+    for share in (0.0, 0.3, 0.9):
+        s = share * found.end
+        points = rays.origins + found.times(s)[:, None] * rays.directions
+        there = (inner * contract(np.asarray(points) / inner) + 2 * inner) / (4 * inner / side)
+        np.testing.assert_allclose(found.points(jnp.arange(200), s), there, atol=2e-3)
+        np.testing.assert_allclose(grid_points(box, points), there, atol=2e-3)
+    np.testing.assert_allclose(found.times(0 * found.end), 0.3, atol=1e-6)
+    fused = pytest.importorskip("training.multires.fused.rays", reason="pip install 'snerg[train]'")
+    batch = fused.empty_batch(200, inner)
+    fused.take_rays(
+        *(np.asarray(a) for a in (rays.origins, rays.directions, rays.near, rays.far)), inner, np.full(3, -2 * inner),
+        np.full(3, 4 * inner / side), np.full(3, side, np.int32), batch,
+    )  # fmt: skip
+    for name in ("start", "end", "length"):
+        np.testing.assert_allclose(getattr(batch, name), getattr(found, name), rtol=1e-4, atol=1e-4)
+    for share in (0.1, 0.5, 0.95):
+        s = np.float32(share) * batch.end
+        piece = (batch.begins <= s[:, None]).sum(1) - 1
+        at = batch.origins[np.arange(200), piece] + s[:, None] * batch.directions[np.arange(200), piece]
+        np.testing.assert_allclose(at, found.points(jnp.arange(200), jnp.asarray(s)), atol=2e-3)

@@ -23,7 +23,7 @@ from training.multires.hull import box_around, hull_codes
 from training.multires.levels import INITIAL, ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.occupancy import INITIAL as INITIAL_CODE
-from training.multires.occupancy import NEVER, code_of, is_on, visited
+from training.multires.occupancy import NEVER, is_on
 from training.scenes import Scene, load_scene
 
 SMALL = MultiresConfig(
@@ -109,18 +109,6 @@ def test_what_may_hold_density_is_where_queries_find_it(learnt: Learnt, dataset:
     held = learnt.method.may_hold(learnt.state, points - 1e-4, points + 1e-4)
     assert held[density > 0].all() and (density > 0).any() and not held.all()
     assert (learnt.method.grain(learnt.state) > 0).all()
-
-
-@pytest.mark.slow
-def test_cells_stay_on_as_long_as_their_density_says_and_those_outside_the_hull_never_are() -> None:
-    assert list(code_of(np.array([0.0, 5.0, 5.2, 100.0, 1e9], np.float32), 0.01)) == [0, 0, 1, 14, 40]
-    codes = np.full((8, 8, 8), NEVER, np.uint8)
-    codes[:4] = 2
-    for visits_left in (1, 0, 0):
-        codes = visited(codes, lambda points: np.zeros(len(points)), np.random.default_rng(0), 0.01, whole=True)
-        assert (codes[:4] == visits_left).all() and (codes[4:] == NEVER).all()
-    codes = visited(codes, lambda points: 100.0 * (points[:, 0] > 0.5), np.random.default_rng(0), 0.01, whole=True)
-    assert (codes[:4, :, 4:] == 14).all() and not codes[:4, :, :4].any()
 
 
 def test_nothing_can_be_where_alpha_leaves_nothing(procedural_scene: Scene, learnt: Learnt) -> None:
