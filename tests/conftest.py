@@ -10,13 +10,14 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 from tests.compiling import as_users_have_it, compile_once_and_quickly
+from tests.told import told
 
 settings.register_profile("busy machine", deadline=None)  # how long an example takes says nothing there
 settings.load_profile("busy machine")
@@ -94,3 +95,16 @@ def compiled_as_for_users() -> Iterator[None]:
     """For tests of numbers that repeat to the last bit: quick compilers might repeat them where the usual one does not."""
     with as_users_have_it():
         yield
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """refused(main, *words): the one line in which a command refuses its words, with exit status 2."""
+
+    def line_of(main: Callable[[list[str]], int], *words: object) -> str:
+        capsys.readouterr()
+        assert main([str(word) for word in words]) == 2
+        [line] = told(capsys.readouterr().err)
+        return line
+
+    return line_of

@@ -18,7 +18,6 @@ from baker.commands.make import main as snerg_make
 from baker.commands.pack import main as snerg_pack
 from scenepack import check_pack, load_pack
 from scenepack.blocks import dense_from_pack
-from tests.told import told
 from tools.procedural import write_procedural_scene
 from training.commands.train import main as snerg_train
 from viewer.commands.bench import main as snerg_bench
@@ -95,7 +94,7 @@ def test_the_same_line_again_goes_on_instead_of_starting_over(made: Path, scene:
 
 
 @pytest.mark.slow
-def test_a_box_can_be_baked_alone(made: Path, tmp_path: Path, capsys) -> None:
+def test_a_box_can_be_baked_alone(made: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
     line = [str(made / "run"), "--out", str(tmp_path / "pack"), "--resolution", "60"]
     box = np.array([[-0.6, -0.5, -0.3], [0.6, 0.5, 0.4]])
     text = ",".join(map(str, box.ravel()))
@@ -110,8 +109,8 @@ def test_a_box_can_be_baked_alone(made: Path, tmp_path: Path, capsys) -> None:
     places = content @ pack.worldspace_T_opengl[:3, :3].T
     assert np.all(places >= box[0] - pack.voxel_size) and np.all(places <= box[1] + pack.voxel_size), "and no more"
     assert np.all(places.min(0) < box[0] + 0.25) and np.all(places.max(0) > box[1] - 0.25)
-    assert "nothing was trained in this box" in one_line(capsys, snerg_bake, [*line, "--aabb", "2,-1,-1,3,1,1"])
-    assert "the box is empty" in one_line(capsys, snerg_bake, [*line, "--aabb", "1,2,3,0,5,6"])
+    assert "nothing was trained in this box" in refused(snerg_bake, *line, "--aabb", "2,-1,-1,3,1,1")
+    assert "the box is empty" in refused(snerg_bake, *line, "--aabb", "1,2,3,0,5,6")
 
 
 def test_a_view_can_be_rendered_and_timed(made: Path, scene: Path, tmp_path: Path) -> None:
@@ -127,21 +126,9 @@ def test_a_view_can_be_rendered_and_timed(made: Path, scene: Path, tmp_path: Pat
     assert figures["compare"]["paper"]["ms_mean"] > 0 and figures["compare"]["ratio"] > 0
 
 
-Command = Callable[[list[str]], int]
-
-
-def one_line(capsys: pytest.CaptureFixture[str], command: Command, arguments: list[str]) -> str:
-    """The single line that a command prints when it refuses its input; asserts status 2."""
-    capsys.readouterr()
-    assert command(arguments) == 2
-    errors = told(capsys.readouterr().err)
-    assert len(errors) == 1, errors
-    return errors[0]
-
-
 @pytest.mark.parametrize("there", [False, True])
 def test_a_bad_scene_gives_one_line_from_every_command_that_reads_scenes(
-    there: bool, made: Path, scene: Path, tmp_path: Path, capsys
+    there: bool, made: Path, scene: Path, tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     bad = tmp_path / "bad"
     if there:
@@ -149,9 +136,9 @@ def test_a_bad_scene_gives_one_line_from_every_command_that_reads_scenes(
         cut_short(bad / "train" / "r_3.png")
     out = str(tmp_path / "out")
     lines = [
-        one_line(capsys, snerg_train, [str(bad), "--out", out, "--preset", "tiny"]),
-        one_line(capsys, snerg_make, [str(bad), "--out", out, "--preset", "tiny"]),
-        one_line(capsys, snerg_eval, [str(made / "pack"), "--scene", str(bad), "--split", "train"]),
+        refused(snerg_train, bad, "--out", out, "--preset", "tiny"),
+        refused(snerg_make, bad, "--out", out, "--preset", "tiny"),
+        refused(snerg_eval, made / "pack", "--scene", bad, "--split", "train"),
     ]
     for line in lines:
         assert str(bad) in line and ("r_3.png" if there else "no such") in line, line
@@ -165,7 +152,7 @@ def cut_short(file: Path) -> None:
 
 @pytest.mark.parametrize("there", [False, True])
 def test_a_bad_pack_gives_one_line_from_every_command_that_reads_packs(
-    there: bool, made: Path, scene: Path, tmp_path: Path, capsys
+    there: bool, made: Path, scene: Path, tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     bad = tmp_path / "bad"
     if there:
@@ -180,39 +167,43 @@ def test_a_bad_pack_gives_one_line_from_every_command_that_reads_packs(
         (snerg_bench, [str(bad)]),
         (snerg_view, [str(bad)]),
     ):
-        line = one_line(capsys, command, arguments)
+        line = refused(command, *arguments)
         assert str(bad) in line, line
     assert not Path(picture).exists()
 
 
-def test_a_folder_that_is_no_run_cannot_be_baked(tmp_path: Path, scene: Path, capsys) -> None:
-    assert "no such run" in one_line(capsys, snerg_bake, [str(tmp_path / "none"), "--out", str(tmp_path / "pack")])
-    assert "not a run" in one_line(capsys, snerg_bake, [str(scene), "--out", str(tmp_path / "pack")])
+def test_a_folder_that_is_no_run_cannot_be_baked(tmp_path: Path, scene: Path, refused: Callable[..., str]) -> None:
+    assert "no such run" in refused(snerg_bake, tmp_path / "none", "--out", tmp_path / "pack")
+    assert "not a run" in refused(snerg_bake, scene, "--out", tmp_path / "pack")
     assert not (tmp_path / "pack").exists()
 
 
 @pytest.mark.slow
-def test_a_run_that_is_no_deferred_model_cannot_be_baked_and_says_so(scene: Path, tmp_path: Path, capsys) -> None:
+def test_a_run_that_is_no_deferred_model_cannot_be_baked_and_says_so(
+    scene: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
     small = "--steps 2 --batch-size 32 --nerf.depth 1 --nerf.width 8 --nerf.coarse-samples 4 --nerf.fine-samples 4"
     line = [str(scene), "--out", str(tmp_path / "run"), "--preset", "jaxnerf", "--downscale", "6", *small.split()]
     assert snerg_train([*line, "--nerf.gradient-rays", "0"]) == 0
-    line = one_line(capsys, snerg_bake, [str(tmp_path / "run"), "--out", str(tmp_path / "pack")])
+    line = refused(snerg_bake, tmp_path / "run", "--out", tmp_path / "pack")
     assert "cannot be baked" in line and str(tmp_path / "run") in line
     assert not (tmp_path / "pack").exists()
 
 
 @pytest.mark.slow
 def test_a_field_with_nothing_in_it_cannot_be_baked(
-    made: Path, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+    made: Path, tmp_path: Path, refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(culling, "TAU_ALPHA", 1.0)  # fainter than this is all
-    line = one_line(capsys, snerg_bake, [str(made / "run"), "--out", str(tmp_path / "pack"), "--resolution", "40"])
+    line = refused(snerg_bake, made / "run", "--out", tmp_path / "pack", "--resolution", "40")
     assert "contains nothing" in line and str(made / "run") in line
     assert not (tmp_path / "pack").exists()
 
 
 @pytest.mark.slow
-def test_a_disk_without_room_costs_one_line_and_the_old_pack_stays(made: Path, tmp_path: Path, capsys) -> None:
+def test_a_disk_without_room_costs_one_line_and_the_old_pack_stays(
+    made: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
     """Files beyond 20 kB are refused by the system, as they are by a full disk: of the bake's work, or of the pack."""
     resource = pytest.importorskip("resource")
     pack = Path(shutil.copytree(made / "pack", tmp_path / "pack"))
@@ -221,7 +212,7 @@ def test_a_disk_without_room_costs_one_line_and_the_old_pack_stays(made: Path, t
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
     try:
-        line = one_line(capsys, snerg_bake, words)
+        line = refused(snerg_bake, *words)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert str(tmp_path) in line and "File too large" in line
@@ -230,7 +221,7 @@ def test_a_disk_without_room_costs_one_line_and_the_old_pack_stays(made: Path, t
     assert [path.name for path in tmp_path.iterdir()] == ["pack"]
 
 
-def test_photographs_are_never_overwritten_by_a_pack(made: Path, scene: Path, capsys) -> None:
+def test_photographs_are_never_overwritten_by_a_pack(made: Path, scene: Path, refused: Callable[..., str]) -> None:
     before = sorted(path.name for path in scene.rglob("*"))
-    assert str(scene) in one_line(capsys, snerg_bake, [str(made / "run"), "--out", str(scene)])
+    assert str(scene) in refused(snerg_bake, made / "run", "--out", scene)
     assert sorted(path.name for path in scene.rglob("*")) == before

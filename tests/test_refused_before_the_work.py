@@ -18,14 +18,15 @@ from baker.commands.report import main as report
 from console import check_results, write_json
 from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
-from tests.told import told
 from tests.viewer.rendering.shapes import shapes_pack
+from tools.card.__main__ import main as card_report
 from tools.procedural import write_procedural_scene
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
 from viewer.rendering.gpu_memory import Limits
 
-RENDER, RUN, OPEN = "viewer.commands.render.load_pack", "training.run.load_run", "baker.commands.pack.open_pack"
+Main = Callable[[list[str]], int]
+Refused = Callable[..., str]
 
 
 @pytest.fixture(scope="module")
@@ -39,58 +40,79 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {name: str(folder / path) for name, path in names.items()}
 
 
+WORK = ("viewer.commands.render.load_pack", "viewer.commands.bench.load_pack", "training.run.load_run", "training.loop.train",
+        "baker.commands.pack.open_pack", "baker.reports.evaluation.evaluate", "baker.reports.report.open_study")  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    ("command", "words", "work", "told_of"),
+    ("command", "words", "told_of"),
     [
-        (snerg_pack, "info {pack} --json {below}.json", OPEN, "cannot be written"),
-        (snerg_pack, "convert {pack} --out {below}", OPEN, "cannot be written"),
-        (
-            snerg_eval,
-            "{pack} --scene {scene} --json {folder}",
-            "baker.reports.evaluation.evaluate",
-            "cannot be written",
-        ),
-        (snerg_bake, "{pack} --out {below}", RUN, "cannot be written"),
-        (report, "{pack} --out {below}", "baker.reports.report.open_study", "cannot be written"),
-        (snerg_bench, "{pack} --plot {folder}", "viewer.commands.bench.load_pack", "cannot be written"),
-        (snerg_render, "{pack} --out {below} --orbit 3", RENDER, "cannot be written"),
-        (snerg_bake, "{scene} --out {out} --resolution 7650", RUN, "--resolution"),
-        (snerg_bake, "{scene} --out {out} --seed -1", RUN, "--seed"),
-        (snerg_bake, "{scene} --out {out} --quality best", RUN, "--quality"),
-        (snerg_make, "{scene} --out {out} --resolution 0", "training.loop.train", "--resolution"),
-        (snerg_make, "{scene} --out {out} --frames 7", "training.loop.train", "--frames"),
-        (snerg_render, "{pack} --out {out}.mp4 --orbit 2 --fps 0", RENDER, "--fps"),
+        (snerg_pack, "info {pack} --json {below}.json", "cannot be written"),
+        (snerg_pack, "convert {pack} --out {below}", "cannot be written"),
+        (snerg_eval, "{pack} --scene {scene} --json {folder}", "cannot be written"),
+        (snerg_bake, "{pack} --out {below}", "cannot be written"),
+        (report, "{pack} --out {below}", "cannot be written"),
+        (snerg_bench, "{pack} --plot {folder}", "cannot be written"),
+        (snerg_render, "{pack} --out {below} --orbit 3", "cannot be written"),
+        (snerg_bake, "{scene} --out {out} --resolution 7650", "--resolution"),
+        (snerg_bake, "{scene} --out {out} --seed -1", "--seed"),
+        (snerg_bake, "{scene} --out {out} --quality best", "--quality"),
+        (snerg_make, "{scene} --out {out} --resolution 0", "--resolution"),
+        (snerg_make, "{scene} --out {out} --frames 7", "--frames"),
+        (snerg_render, "{pack} --out {out}.mp4 --orbit 2 --fps 0", "--fps"),
     ],
 )
 def test_what_cannot_end_well_is_refused_before_the_work(
-    command: Callable[[list[str]], int],
-    words: str,
-    work: str,
-    told_of: str,
-    places: dict[str, str],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: Main, words: str, told_of: str, places: dict[str, str], refused: Refused, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def begin(*_: object, **__: object) -> None:
         raise AssertionError("the work has begun")
 
-    monkeypatch.setattr(work, begin)
-    assert command(words.format(**places).split()) == 2
-    [line] = told(capsys.readouterr().err)
-    assert told_of in line
+    for work in WORK:
+        monkeypatch.setattr(work, begin)
+    assert told_of in refused(command, *words.format(**places).split())
     assert not Path(places["out"]).exists() and not Path(places["out"] + ".mp4").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "told_of"),
+    [
+        ("convert --codec gif", "image format is not known"), ("convert --codec webp --quality 5", "has no quality"),
+        ("convert --codec avif --quality 0", "expected 1 to 100"), ("convert --codec png --png-level 12", "expected 0 to 9"),
+        ("move", "nothing to change"), ("move --up 0,0,0", "not a direction"), ("move --scale 0m", "not a length"),
+        ("move --scale 5km", "not a length"), ("move --origin 1,2", "list of numbers"), ("move --origin 1,2,1e9", "range"),
+        ("edit", "there is nothing to remove"), ("edit --fainter-than 2", "--fainter-than"),
+        ("edit --smaller-than 0", "--smaller-than"), ("edit --crop 1,2", "--crop"),
+        ("edit --fainter-than 1 --sphere 0,0,0,99", "nothing would be left"),
+        ("edit --voxels none.npz", "is not a selection of this pack's voxels"),
+        ("export a.obj", "FILE.ply, FILE.glb or FILE.spz"), ("export a.sog", "FILE.ply, FILE.glb or FILE.spz"),
+        ("export a.ply", "--kind"), ("export a.glb --kind points", "cannot hold points"),
+        ("export a.spz --kind mesh", "cannot hold mesh"), ("export a.spz --scale 1e8", "--scale"),
+        ("export mesh.ply --level 2", "--level"), ("export mesh.ply --coarser 5", "1, 2, 3, 6"),
+        ("export mesh.ply --keep most", "all, largest or a share"), ("export mesh.ply --crop 5,5,5,6,6,6", "nothing to export"),
+        ("export points.ply --spacing 0", "--spacing"),
+    ],
+)  # fmt: skip
+def test_snerg_pack_refuses_what_cannot_be_and_writes_nothing(
+    words: str, told_of: str, places: dict[str, str], refused: Refused, tmp_path: Path
+) -> None:
+    command, *options = words.split()
+    out = ["--to", tmp_path / options.pop(0)] if command == "export" else ["--out", tmp_path / "new"]
+    assert told_of in refused(snerg_pack, command, places["pack"], *out, *options)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("words", ["--size 0x3", "--frames 0", "--minutes 0", "--train-minutes 30", "--pack nowhere"])
+def test_so_does_the_report_of_a_card(words: str, refused: Refused, tmp_path: Path) -> None:
+    assert refused(card_report, "--out", tmp_path / "card", *words.split())
+    assert not (tmp_path / "card").exists()
 
 
 @pytest.mark.parametrize(
     ("command", "words"), [(snerg_eval, "--scene {scene}"), (snerg_bench, "--frames 1 --size 48x36")]
 )
 def test_a_pack_that_does_not_fit_is_measured_at_half_resolution_only_where_that_is_allowed(
-    command: Callable[[list[str]], int],
-    words: str,
-    places: dict[str, str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: Main, words: str, places: dict[str, str], tmp_path: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save_pack(shapes_pack(70), tmp_path / "pack")
     out = tmp_path / "figures.json"
@@ -100,10 +122,8 @@ def test_a_pack_that_does_not_fit_is_measured_at_half_resolution_only_where_that
     assert whole["halved"] is False and whole["grid_size"] == [70, 70, 70]
     out.unlink()
     monkeypatch.setattr(Limits, "of", classmethod(lambda cls, _: Limits(2048, 400_000)))
-    capsys.readouterr()
-    assert command(line) == 2 and not out.exists()
-    error = told(capsys.readouterr().err)[-1]
-    assert "too large" in error and "--allow-half" in error
+    error = refused(command, *line)
+    assert "too large" in error and "--allow-half" in error and not out.exists()
     assert command([*line, "--allow-half"]) == 0
     half = json.loads(out.read_text())
     assert half["halved"] is True and half["grid_size"] == [35, 35, 35]

@@ -21,7 +21,6 @@ from scenepack.codecs import CODECS
 from scenepack.codecs.quantisation import EXACT, steps_of
 from scenepack.piece_files import follows_grid
 from tests.scenepack.helpers import edit_json, images, read_json, same_pack, small_pack, smooth_pack, written
-from tests.told import told
 from tests.viewer.conftest import toy_pack
 
 LOSSLESS = {"png", "webp"}
@@ -195,25 +194,6 @@ def test_converting_in_place_replaces_the_pack_and_with_a_lossy_codec_only_by_fo
     assert main(["convert", str(source), "--out", str(source), "--codec", "avif", "--quality", "40", "--force"]) == 0
     assert {f.suffix for f in images(source)} == {".avif", ".xz"}
     assert json.loads((source / "scene_params.json").read_text())["format"] == "avif"
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["--codec", "gif"], "image format is not known"),
-        (["--codec", "webp", "--quality", "5"], "has no quality"),
-        (["--codec", "avif", "--quality", "0"], "expected 1 to 100"),
-        (["--codec", "png", "--png-level", "12"], "expected 0 to 9"),
-    ],
-)
-def test_convert_tells_in_one_line_what_it_cannot_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], expected: str
-) -> None:
-    source = written(tmp_path / "a")
-    assert main(["convert", str(source), "--out", str(tmp_path / "b"), *words]) == 2
-    [error] = told(capsys.readouterr().err)
-    assert expected in error
-    assert not (tmp_path / "b").exists()
 
 
 # Values in coarse steps: a lossless codec counts them in steps, and loses nothing

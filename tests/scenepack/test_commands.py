@@ -215,23 +215,6 @@ def test_edit_writes_a_pack_without_what_its_options_name_in_their_order(tmp_pat
     assert edit["how"] == ["--fainter-than 0.3", "--keep-largest"] and edit["voxels_removed"] > 0
 
 
-@pytest.mark.parametrize(
-    ("words", "complaint"),
-    [("move", "nothing to change"), ("move --up 0,0,0", "not a direction"), ("move --scale 0m", "not a length"),
-     ("move --scale 5km", "not a length"), ("move --origin 1,2", "list of numbers"), ("move --origin 1,2,1e9", "range"),
-     ("edit", "there is nothing to remove"), ("edit --fainter-than 2", "--fainter-than"),
-     ("edit --smaller-than 0", "--smaller-than"), ("edit --crop 1,2", "--crop"),
-     ("edit --fainter-than 1 --sphere 0,0,0,99", "nothing would be left"),
-     ("edit --voxels none.npz", "is not a selection of this pack's voxels")],
-)  # fmt: skip
-def test_what_cannot_be_is_refused_in_one_line_and_nothing_is_written(
-    tmp_path: Path, run: Run, words: str, complaint: str
-) -> None:
-    command, *options = words.split()
-    status, _, err = run(command, written(tmp_path / "pack"), "--out", tmp_path / "new", *options)
-    assert status == 2 and complaint in err and len(told(err)) == 1 and not (tmp_path / "new").exists()
-
-
 def test_edit_never_replaces_the_pack_itself(tmp_path: Path, run: Run) -> None:
     folder = written(tmp_path / "pack")
     status, _, err = run("edit", folder, "--out", folder, "--keep-largest")

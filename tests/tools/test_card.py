@@ -125,12 +125,3 @@ def test_packs_and_a_scene_are_found(folder: Path, tmp_path: Path, monkeypatch: 
     assert list(found) == ["shapes", "demo", "lego-pack"]  # shapes also lies in packs/
     assert list(packs_at_hand([folder], only=True)) == ["shapes"]
     assert scene_at_hand(None) == tmp_path / "data" / "nerf_synthetic" / "lego" and scene_at_hand(folder) == folder
-
-
-@pytest.mark.parametrize(
-    "words",
-    [["--size", "0x3"], ["--frames", "0"], ["--minutes", "0"], ["--train-minutes", "30"], ["--pack", "nowhere"]],
-)
-def test_bad_arguments_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
-    assert card_report.main(["--out", str(tmp_path / "card"), *words]) == 2
-    assert len(told(capsys.readouterr().err)) == 1 and not (tmp_path / "card").exists()

@@ -11,8 +11,10 @@ import pytest
 from PIL import Image
 
 from console import Notice, UserError
-from training.scenes import load_scene
+from training.scenes import load_pixels, load_scene
 from training.scenes.poses import focus_point, look_at, mean_pose
+
+LENS = MappingProxyType({"fl_x": 33.0, "fl_y": 34.0, "cx": 14.0, "cy": 11.0, "w": 30, "h": 20})
 
 
 def circle(count: int = 12, radius: float = 3.0, centre=(1.0, -2.0, 0.5), height: float = 0.4) -> np.ndarray:
@@ -45,19 +47,20 @@ def write_llff(path: Path, P: np.ndarray, depths=(2.0, 8.0), sizes=MappingProxyT
     return path
 
 
-def write_transforms(path: Path, P: np.ndarray, *, missing: int = 0, **values) -> Path:
+def write_transforms(path: Path, P: np.ndarray, *, missing: int = 0, size=(30, 20), lens=LENS, **values) -> Path:
+    """transforms.json with pictures in images, without the first `missing` of them. lens, values: keys at its top."""
     (path / "images").mkdir(parents=True)
     frames = [{"file_path": f"images/{i:03d}.png", "transform_matrix": p.tolist()} for i, p in enumerate(P)]
     for i in range(missing, len(P)):
-        Image.new("RGB", (30, 20), (i, 0, 0)).save(path / f"images/{i:03d}.png")
-    document = {"fl_x": 33.0, "fl_y": 34.0, "cx": 14.0, "cy": 11.0, "w": 30, "h": 20, "frames": frames, **values}
-    (path / "transforms.json").write_text(json.dumps(document))
+        Image.new("RGB", size, (i, 0, 0)).save(path / f"images/{i:03d}.png")
+    (path / "transforms.json").write_text(json.dumps({**lens, "frames": frames, **values}))
     return path
 
 
 def complaint(path: Path, **options) -> str:
+    """The line in which the scene, or one of its pictures, is refused."""
     with pytest.raises(UserError) as raised:
-        load_scene(path, **options)
+        load_pixels(load_scene(path, **options).splits["train"])
     assert "\n" not in str(raised.value)
     return str(raised.value)
 

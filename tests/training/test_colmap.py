@@ -9,11 +9,11 @@ import numpy as np
 import pycolmap
 import pytest
 
-from console import Notice, UserError
+from console import Notice
 from tests.training.reconstructions import SIZE, around, ball, ndc_points, save_picture, side_by_side, write_colmap
 from tests.training.test_captures import complaint, everyone, write_transforms
 from training.scenes import load_scene
-from training.scenes.colmap_files import PARTS, read_reconstruction
+from training.scenes.colmap_files import read_reconstruction
 from training.scenes.scene import Scene, camera_rays
 from training.scenes.space import poses_of
 
@@ -201,21 +201,9 @@ def test_missing_parts_and_pictures_are_told(tmp_path):
     assert "picture not found" in complaint(path)
     (path / "sparse/0/images.bin").unlink()
     assert "images.bin: this part" in complaint(path)
-
-
-@pytest.mark.parametrize("name", [f"{part}.bin" for part in PARTS])
-def test_a_file_cut_anywhere_is_told_as_damaged_and_nothing_hangs(tmp_path, name):
-    path = write_colmap(tmp_path, around(3), ball(5))
-    file = path / "sparse/0" / name
-    whole = file.read_bytes()
-    for length in range(0, len(whole), 7):
-        file.write_bytes(whole[:length])
-        with pytest.raises(UserError, match=name) as raised:
-            read_reconstruction(file.parent)
-        assert "damaged" in str(raised.value) or "lens model" in str(raised.value)
-    for spoilt in (b"\xff" * len(whole), whole + b"more", b"version https://git-lfs.github.com/spec/v1\n"):
-        file.write_bytes(spoilt)
-        assert name in complaint(path)
+    for spoilt in (b"\xff" * 200, b"version https://git-lfs.github.com/spec/v1\n", b""):
+        (path / "sparse/0/images.bin").write_bytes(spoilt)
+        assert "images.bin" in complaint(path)
 
 
 def test_the_largest_reconstruction_is_read_and_damaged_ones_are_passed_over(tmp_path):

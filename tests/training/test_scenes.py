@@ -14,7 +14,7 @@ from baker.reports.evaluation import reading_of
 from console import UserError
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.training.scenes.test_transforms import edit
-from tests.training.test_captures import circle, forward, write_llff
+from tests.training.test_captures import circle, complaint, everyone, forward, write_llff
 from tests.training.test_training import MINUTE
 from training.commands.train import main
 from training.loop import train
@@ -29,14 +29,6 @@ from training.scenes.scene_options import axes_of, box_text
 def copy(procedural_path: Path, tmp_path: Path) -> Path:
     """A copy of the procedural scene to spoil."""
     return Path(shutil.copytree(procedural_path, tmp_path / "scene"))
-
-
-def complaint(path: Path, **options) -> str:
-    with pytest.raises(UserError) as raised:
-        load_pixels(load_scene(path, **options).splits["train"])
-    line = str(raised.value)
-    assert "\n" not in line
-    return line
 
 
 def test_a_blender_scene_has_its_published_frame_and_bounds(procedural_scene: Scene):
@@ -140,7 +132,7 @@ def test_the_real_lego_scene_reads(real_data: Path):
 
 
 def eyes(scene) -> np.ndarray:
-    return np.stack([p.camera.world_T_camera[:3, 3] for split in scene.splits.values() for p in split])
+    return np.stack([p.camera.world_T_camera[:3, 3] for p in everyone(scene)])
 
 
 @pytest.fixture(scope="module")

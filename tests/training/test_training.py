@@ -20,7 +20,6 @@ from console import UserError
 from console.progress import Progress
 from console.progress_protocol import PROGRESS, read_report
 from tests.compiling import as_users_have_it
-from tests.told import told
 from training.checkpoints import to_arrays
 from training.commands.train import main
 from training.config import TINY
@@ -118,7 +117,7 @@ def test_divergence_stops_with_the_last_good_checkpoint_kept(procedural_path: Pa
 
 
 @pytest.mark.slow
-def test_a_full_disk_stops_training_with_a_plain_line(procedural_path: Path, tmp_path: Path, monkeypatch, capsys):
+def test_a_full_disk_stops_training_with_a_plain_line(procedural_path: Path, tmp_path: Path, monkeypatch):
     def full(path, data):
         if path.suffix == ".safetensors":
             raise OSError(errno.ENOSPC, "No space left on device")
@@ -158,14 +157,7 @@ def test_a_run_that_time_ends_ends_with_the_last_learning_rate(
     assert resumed.step > run.step and 0.4 < records[0]["progress"] < 0.7 and records[-1]["progress"] > 0.9
 
 
-# --- the command
-# -------------------------------------------------------------------------------------------------------
-
-
-def one_line(capsys) -> str:
-    [line] = told(capsys.readouterr().err)
-    assert line.startswith("snerg-train: "), line
-    return line
+# The command
 
 
 ROOT = Path(__file__).parents[2]
@@ -177,7 +169,7 @@ HOLDING = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("there", [True, False])
-def test_two_processes_do_not_train_into_one_run(there: bool, unbroken: Path, procedural_path: Path, tmp_path, capsys):
+def test_two_processes_do_not_train_into_one_run(there: bool, unbroken: Path, procedural_path: Path, tmp_path, refused):
     run = tmp_path / "deep" / "run"
     if there:
         shutil.copytree(unbroken, run)
@@ -188,8 +180,7 @@ def test_two_processes_do_not_train_into_one_run(there: bool, unbroken: Path, pr
     )
     try:
         assert child.stdout is not None and child.stdout.readline() == "held\n"
-        assert main(words) == 2
-        assert "another process is training into this run" in one_line(capsys)
+        assert "another process is training into this run" in refused(main, *words)
     finally:
         child.communicate(timeout=60)
     assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
@@ -198,15 +189,14 @@ def test_two_processes_do_not_train_into_one_run(there: bool, unbroken: Path, pr
         assert main(words) == 0, "the lock has ended with its process"
 
 
-def test_an_existing_run_is_not_overwritten(unbroken: Path, procedural_path: Path, capsys):
-    assert main([str(procedural_path), "--out", str(unbroken), "--preset", "tiny"]) == 2
-    assert "exists already" in (line := one_line(capsys)) and "--resume" in line
+def test_an_existing_run_is_not_overwritten(unbroken: Path, procedural_path: Path, refused):
+    line = refused(main, procedural_path, "--out", unbroken, "--preset", "tiny")
+    assert line.startswith("snerg-train: ") and "exists already" in line and "--resume" in line
 
 
-def test_a_folder_that_is_no_run_is_not_overwritten_either(procedural_path: Path, tmp_path: Path, capsys):
+def test_a_folder_that_is_no_run_is_not_overwritten_either(procedural_path: Path, tmp_path: Path, refused):
     (tmp_path / "letter.txt").write_text("dear")
-    assert main([str(procedural_path), "--out", str(tmp_path), "--preset", "tiny"]) == 2
-    assert "another --out" in one_line(capsys)
+    assert "another --out" in refused(main, procedural_path, "--out", tmp_path, "--preset", "tiny")
 
 
 @pytest.mark.slow
@@ -218,9 +208,8 @@ def test_a_folder_that_is_no_run_is_not_overwritten_either(procedural_path: Path
         (["--downscale", "2"], "--downscale"),
     ],
 )
-def test_a_resumed_run_keeps_its_settings(unbroken: Path, procedural_path: Path, capsys, options, words):
-    assert main([str(procedural_path), "--out", str(unbroken), "--resume", *options]) == 2
-    assert words in one_line(capsys)
+def test_a_resumed_run_keeps_its_settings(unbroken: Path, procedural_path: Path, refused, options, words):
+    assert words in refused(main, procedural_path, "--out", unbroken, "--resume", *options)
 
 
 @pytest.mark.slow

@@ -314,32 +314,6 @@ def test_a_contracted_pack_is_written_as_it_is_in_space(tmp_path: Path) -> None:
     assert np.allclose(sizes[beyond].max(axis=1) / sizes[inner][0, 0], far[beyond] ** 2, rtol=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["--to", "a.obj"], "FILE.ply, FILE.glb or FILE.spz"),
-        (["--to", "a.sog"], "FILE.ply, FILE.glb or FILE.spz"),
-        (["--to", "a.ply"], "--kind"),
-        (["--to", "a.glb", "--kind", "points"], "cannot hold points"),
-        (["--to", "a.spz", "--kind", "mesh"], "cannot hold mesh"),
-        (["--to", "a.spz", "--scale", "1e8"], "--scale"),
-        (["--to", "mesh.ply", "--level", "2"], "--level"),
-        (["--to", "mesh.ply", "--coarser", "5"], "1, 2, 7, 14"),
-        (["--to", "mesh.ply", "--keep", "most"], "all, largest or a share"),
-        (["--to", "mesh.ply", "--crop", "5,5,5,6,6,6"], "nothing to export"),
-        (["--to", "points.ply", "--spacing", "0"], "--spacing"),
-    ],
-)
-def test_what_cannot_be_is_told_in_one_line(
-    folder: str, words: list[str], told: str, capsys, monkeypatch, tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["export", folder, *words]) == 2
-    line = capsys.readouterr().err.strip().splitlines()[-1]
-    assert told in line
-    assert not list(tmp_path.iterdir())
-
-
 # What is shown before an export is what is written, in coarser voxels where the grid is fine
 
 

@@ -17,7 +17,7 @@ from PIL import Image
 
 from baker.commands.make import main as snerg_make
 from console import UserError
-from tests.training.posing.conftest import COUNT, Found, write_photographs
+from tests.training.posing.conftest import COUNT, STRANGER, Found, write_photographs
 from tests.training.posing.rooms import cameras, photograph
 from tools.pose_error import pose_error
 from training.posing import child_process, find
@@ -45,6 +45,9 @@ def test_the_cameras_of_bare_photographs_are_found(found: Found):
     assert result.positions.max() < 0.01 and result.degrees.max() < 1.0
     focals = {name: one.camera.fx / one.camera.width for name, one in photographs_of(scene).items()}
     assert np.allclose(list(focals.values()), 268.8 / 256, rtol=0.02)
+    assert all(one.camera.fx == one.camera.fy for one in photographs_of(scene).values()), "square pixels"
+    told = "\n".join(found.notices)
+    assert "p0b.jpg = p0.jpg" in told and "p6b.jpg" in told and STRANGER in told
 
 
 @pytest.mark.slow

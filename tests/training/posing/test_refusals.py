@@ -99,11 +99,14 @@ def test_masks_that_do_not_fit_or_are_missing_are_told(tmp_path: Path):
     ("name", "content", "told"),
     [
         ("none", None, "no such file or folder"),
-        ("empty", {}, "the folder is empty"),
+        ("n\udce4", {}, "the folder is empty"),
         ("folder", {"notes.txt": b"hello"}, "no photographs and no film in this folder"),
         ("jxl", {"a.jxl": b"", "b.jxl": b""}, "2 JXL pictures"),
-        ("walk.mp4", b"hello", "not a film that can be read"),
-        ("notes.txt", b"hello", "not a film that can be read"),
+        ("walk.mp4", b"hello", "found text that begins 'hello'"),
+        ("notes.txt", b"", "found an empty file"),
+        ("photograph", b"\xff\xd8\xff\xe0" + bytes(2000), "found a JPEG"),
+        ("walk.mov", b"\0\0\0\x18ftypavif" + bytes(99), "found an AVIF"),
+        ("pack.zip", b"PK\x03\x04", "found a ZIP archive"),
         ("transforms.json", b'{"frames": []}', "name the folder that it is in"),
         ("scene", {"transforms.json": b"{}"}, "transforms.json"),
     ],
@@ -120,5 +123,6 @@ def test_snerg_make_of_nothing_is_refused_in_one_line_and_writes_nothing(
         path.write_bytes(content)
     assert snerg_make([str(path), "--out", str(out), *more]) == 2
     said = capsys.readouterr()
-    assert not said.out and len(said.err.splitlines()) == 1 and told in said.err and str(path) in said.err
+    assert not said.out and len(said.err.splitlines()) == 1 and told in said.err and str(tmp_path) in said.err
+    assert name == "scene" or all(kind in said.err for kind in ("JPEG", "HEIC", "MP4", "AVI", "Matroska"))
     assert not out.exists()

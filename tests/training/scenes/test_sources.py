@@ -54,37 +54,6 @@ def test_a_film_with_its_cover_is_a_film_and_a_film_beside_enough_photographs_is
             find_source(files(tmp_path / f"several{number}", "a.mp4", "b.webm", *stills))
 
 
-@pytest.mark.parametrize(
-    ("make", "told"),
-    [
-        (lambda path: None, "no such file or folder"),
-        (lambda path: path.mkdir(), "the folder is empty"),
-        (
-            lambda path: files(path, "notes.txt", "more/notes.txt"),
-            r"no photographs and no film.*found more, notes\.txt",
-        ),
-        (lambda path: path.write_text("hello"), "not a film that can be read.*found text that begins 'hello'"),
-        (lambda path: path.write_bytes(b""), "not a film that can be read.*found an empty file"),
-        (lambda path: path.write_bytes(b"\xff\xd8\xff\xe0" + bytes(2000)), "not a film that can be read.*found a JPEG"),
-        (
-            lambda path: path.write_bytes(b"\0\0\0\x18ftypavif" + bytes(99)),
-            "not a film that can be read.*found an AVIF",
-        ),
-        (lambda path: path.write_bytes(b"PK\x03\x04"), "not a film that can be read.*found a ZIP archive"),
-        (lambda path: path.symlink_to("nowhere"), "neither a file nor a folder"),
-    ],
-)
-@pytest.mark.parametrize("name", ["thing", "thing.mp4", "transforms.json", "n\udce4"])
-def test_what_is_neither_is_refused_with_what_is_there_and_what_is_read(make, told: str, name: str, tmp_path: Path):
-    make(tmp_path / name)
-    with pytest.raises(UserError, match=told) as error:
-        require_source(tmp_path / name)
-    assert all(word in str(error.value) for word in ("JPEG", "HEIC", "MP4", "AVI", "Matroska"))
-    assert ("name the folder that it is in" in str(error.value)) == (
-        name == "transforms.json" and (tmp_path / name).is_file()
-    )
-
-
 def test_a_film_is_told_by_its_first_bytes_whatever_it_is_called(tmp_path: Path):
     heads = {
         "mp4": [b"\0\0\0\x18ftypisom", b"\0\0\0\x18ftyp3gp4", b"\0\0\0\x08wide"], "matroska": [b"\x1a\x45\xdf\xa3"],

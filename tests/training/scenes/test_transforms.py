@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 
 from console import Notice, UserError
-from tests.training.test_captures import circle, complaint, everyone
+from tests.training.test_captures import circle, complaint, everyone, write_transforms
 from training.scenes import load_scene
 from training.scenes.poses import look_at
-from training.scenes.scene import Camera, Scene, camera_rays
+from training.scenes.scene import Camera, Scene
 from training.scenes.scene_options import require_rays
 from training.scenes.space import PointCloud, space_of_capture
 
@@ -44,16 +44,10 @@ def write_blender(
     return path
 
 
-def write_capture(path: Path, P: np.ndarray | None = None, *, size=SIZE, **values) -> Path:
+def write_capture(path: Path, P: np.ndarray | None = None, **values) -> Path:
     """transforms.json with pictures in images."""
-    P = circle(9) if P is None else P
-    (path / "images").mkdir(parents=True)
-    frames = [{"file_path": f"images/{i:03d}.png", "transform_matrix": p.tolist()} for i, p in enumerate(P)]
-    for i in range(len(P)):
-        Image.new("RGB", size, (i, 100, 0)).save(path / f"images/{i:03d}.png")
     focal = {} if any(key.startswith(("fl_", "camera_angle", "x_fov")) for key in values) else {"fl_x": FOCAL}
-    (path / "transforms.json").write_text(json.dumps({"frames": frames, **focal, **values}))
-    return path
+    return write_transforms(path, circle(9) if P is None else P, lens=focal, size=SIZE, **values)
 
 
 def edit(file: Path, change: Callable[[dict[str, Any]], Any]) -> None:
@@ -72,13 +66,6 @@ LENS = {
     "fl_x": 50.0, "fl_y": 51.0, "cx": 22.0, "cy": 13.0, "w": 40, "h": 30, "k1": 0.1, "k2": -0.02, "p1": 1e-3,
     "p2": 2e-3,
 }  # fmt: skip
-
-
-@pytest.mark.parametrize("write", [write_blender, write_capture])
-def test_both_layouts_know_the_same_cameras(tmp_path: Path, write):
-    for camera in cameras(load_scene(write(tmp_path, **LENS))).values():
-        assert (camera.fx, camera.fy, camera.cx, camera.cy) == (50, 51, 22, 13)
-        assert camera.distortion == (0.1, -0.02, 1e-3, 2e-3)
 
 
 @pytest.mark.parametrize("write", [write_blender, write_capture])
@@ -255,23 +242,6 @@ def test_a_frame_is_never_trained_on_and_held_out(tmp_path: Path):
     with pytest.warns(Notice, match="1 of 3 frames are trained on"):
         assert len(names(load_scene(path), "test")) == 2
 
-
-def test_rays_go_where_the_file_says_in_either_layout(tmp_path: Path):
-    P = synthetic()
-    blender, capture = (
-        load_scene(write_blender(tmp_path / "b", P, **LENS)),
-        load_scene(write_capture(tmp_path / "c", P, **LENS)),
-    )
-    in_order = sorted(everyone(capture), key=lambda photograph: photograph.name)
-    pairs = list(zip([p.camera for p in everyone(blender)], [p.camera for p in in_order], strict=True))
-    ours, theirs = (np.stack([pair[side].world_T_camera for pair in pairs]) for side in (0, 1))
-    turn, scale = ours[0, :3, :3] @ theirs[0, :3, :3].T, 4.03
-    np.testing.assert_allclose(ours[:, :3, 3], scale * theirs[:, :3, 3] @ turn.T, atol=1e-5)
-    for one, other in pairs:
-        np.testing.assert_allclose(camera_rays(one)[1], camera_rays(other)[1] @ turn.T, atol=1e-6)
-
-
-# --- pictures ---------------------------------------------------------------------------------------------------------
 
 # Where the rays of a capture begin
 
