@@ -9,6 +9,7 @@ import struct
 import zlib
 from collections.abc import Callable
 
+from tests.fuzz.png import png_of
 from tests.fuzz.trees import Tree
 
 PARAMS, INDICES = "scene_params.json", "atlas_indices.png"
@@ -83,9 +84,7 @@ def _params(tree: Tree) -> dict | None:
 def _png(width: int, height: int, row: bytes) -> bytes:
     packer = zlib.compressobj(9)
     data = b"".join(packer.compress(row) for _ in range(height)) + packer.flush()
-    chunks = ((b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)), (b"IDAT", data), (b"IEND", b""))
-    parts = (struct.pack(">I", len(p)) + k + p + struct.pack(">I", zlib.crc32(k + p)) for k, p in chunks)
-    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
+    return png_of([(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)), (b"IDAT", data), (b"IEND", b"")])
 
 
 def _png_header(data: bytes, axis: int, factor: int) -> bytes:

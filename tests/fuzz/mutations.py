@@ -17,6 +17,7 @@ import numpy as np
 
 from tests.fuzz import claims
 from tests.fuzz.hostile import contents, raw_json
+from tests.fuzz.png import png_chunks, png_of
 from tests.fuzz.trees import ARCHIVE, Tree, zipped
 
 Step = list[Any]
@@ -117,40 +118,23 @@ def _edited(data: bytes, path: list[Any], change: Callable[[Any, Any], None], ra
 # --- PNG, with checksums that are right -------------------------------------------------------------------------------
 
 
-def png_chunks(data: bytes) -> list[tuple[bytes, bytes]]:
-    """(kind, payload) of each chunk. ValueError for what is no PNG."""
-    if data[:8] != b"\x89PNG\r\n\x1a\n":
-        raise ValueError
-    found, at = [], 8
-    while at + 8 <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, at)
-        found.append((kind, data[at + 8 : at + 8 + length]))
-        at += 12 + length
-    return found
-
-
-def _png(chunks: list[tuple[bytes, bytes]]) -> bytes:
-    parts = [struct.pack(">I", len(p)) + k + p + struct.pack(">I", zlib.crc32(k + p)) for k, p in chunks]
-    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
-
-
 def _png_put(data: bytes, chunk: int, at: int, text: str) -> bytes:
     chunks = png_chunks(data)
     kind, payload = chunks[chunk]
     chunks[chunk] = kind, _put(payload, at, text)
-    return _png(chunks)
+    return png_of(chunks)
 
 
 def _png_add(data: bytes, chunk: int, kind: str, text: str, times: int) -> bytes:
     chunks = png_chunks(data)
     chunks.insert(chunk, (kind.encode(), bytes.fromhex(text) * times))
-    return _png(chunks)
+    return png_of(chunks)
 
 
 def _png_drop(data: bytes, chunk: int) -> bytes:
     chunks = png_chunks(data)
     del chunks[chunk]
-    return _png(chunks)
+    return png_of(chunks)
 
 
 def _png_pixels(data: bytes, at: int, text: str) -> bytes:
@@ -159,7 +143,7 @@ def _png_pixels(data: bytes, at: int, text: str) -> bytes:
     whole = zlib.decompress(b"".join(p for k, p in chunks if k == b"IDAT"))
     first = next(i for i, (k, _) in enumerate(chunks) if k == b"IDAT")
     rest = [(k, p) for k, p in chunks if k != b"IDAT"]
-    return _png([*rest[:first], (b"IDAT", zlib.compress(_put(whole, at, text), 1)), *rest[first:]])
+    return png_of([*rest[:first], (b"IDAT", zlib.compress(_put(whole, at, text), 1)), *rest[first:]])
 
 
 # --- arrays -----------------------------------------------------------------------------------------------------------

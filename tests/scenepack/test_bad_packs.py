@@ -7,7 +7,7 @@ import struct
 import tracemalloc
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import pytest
 
 from console import UserError
 from scenepack import load_pack, save_pack
-from scenepack.codecs.png import PNG_SIGNATURE
+from tests.fuzz.png import png_chunks, png_of
 from tests.scenepack.helpers import edit_json, read_image, read_json, small_pack, write_image, written
 
 
@@ -98,25 +98,26 @@ def test_a_forward_facing_pack_needs_a_usable_camera(tmp_path: Path) -> None:
         refused(folder, key, "missing")
 
 
-def test_sixteen_bit_images_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("rgba_000.png", lambda image: image.astype(np.uint16), ("16 bits", "8")),
+        ("rgba_001.png", lambda image: image[:-1], ("size disagrees", "expected", "found")),
+        ("feature_000.png", lambda image: image[:-1], ("size disagrees", "expected", "found")),
+        ("atlas_indices.png", lambda image: image[:-1], ("size disagrees", "expected", "found")),
+        ("rgba_001.png", None, ("is missing",)),
+        ("atlas_indices.png", None, ("is missing",)),
+    ],
+)
+def test_images_that_do_not_fit_are_refused(
+    tmp_path: Path, name: str, change: Callable[[np.ndarray], np.ndarray] | None, words: tuple[str, ...]
+) -> None:
     folder = written(tmp_path / "pack")
-    image = read_image(folder / "rgba_000.png").astype(np.uint16)
-    write_image(folder / "rgba_000.png", image)
-    refused(folder, "rgba_000.png", "16 bits", "8")
-
-
-@pytest.mark.parametrize("name", ["rgba_001.png", "feature_000.png", "atlas_indices.png"])
-def test_an_image_of_another_size_is_refused(tmp_path: Path, name: str) -> None:
-    folder = written(tmp_path / "pack")
-    write_image(folder / name, read_image(folder / name)[:-1])
-    refused(folder, name, "size disagrees", "expected", "found")
-
-
-@pytest.mark.parametrize("name", ["rgba_001.png", "atlas_indices.png"])
-def test_a_missing_image_is_refused(tmp_path: Path, name: str) -> None:
-    folder = written(tmp_path / "pack")
-    (folder / name).unlink()
-    refused(folder, name, "is missing")
+    if change is None:
+        (folder / name).unlink()
+    else:
+        write_image(folder / name, change(read_image(folder / name)))
+    refused(folder, name, *words)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -137,14 +138,14 @@ def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
     refused(Path(shutil.make_archive(str(folder), "zip", folder)), "rgba_000.png", "too large")
 
 
-def chunk(kind: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+def header(width: int, height: int) -> tuple[bytes, bytes]:
+    """The chunk of a PNG that says how large a picture of RGBA it is."""
+    return b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0)
 
 
 def claimed_png(width: int, height: int) -> bytes:
     """A PNG of RGBA whose header claims what its few bytes cannot hold."""
-    header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 6, 0, 0, 0))
-    return PNG_SIGNATURE + header + chunk(b"IDAT", zlib.compress(bytes(1000), 9)) + chunk(b"IEND", b"")
+    return png_of([header(width, height), (b"IDAT", zlib.compress(bytes(1000), 9)), (b"IEND", b"")])
 
 
 @contextmanager
@@ -161,9 +162,8 @@ def little_memory() -> Iterator[None]:
 def test_a_second_header_is_refused_before_its_size_is_allocated(tmp_path: Path) -> None:
     folder = written(tmp_path / "pack")
     file = folder / "rgba_000.png"
-    data = file.read_bytes()
-    second = chunk(b"IHDR", struct.pack(">IIBBBBB", 40_000, 50_000, 8, 6, 0, 0, 0))
-    file.write_bytes(data[:33] + second + data[33:])
+    first, *others = png_chunks(file.read_bytes())
+    file.write_bytes(png_of([first, header(40_000, 50_000), *others]))
     with little_memory():
         refused(folder, "rgba_000.png", "more than one header")
 

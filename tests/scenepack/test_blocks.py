@@ -10,7 +10,6 @@ from scenepack.blocks import (
     MAX_SLICE_SIDE,
     atlas_from_volume,
     atlas_shape,
-    block_copy,
     choose_atlas_blocks,
     dense_from_pack,
     grid_block_counts,
@@ -30,29 +29,6 @@ def test_putting_a_pack_together_and_cutting_it_again_gives_the_same_atlas(pack:
     assert (again[2] is None) == (pack.atlas_features is None)
     if again[2] is not None:
         np.testing.assert_array_equal(again[2], pack.atlas_features)
-
-
-@settings(max_examples=15, deadline=None)
-@given(pack=packs(block_sizes=(3, 6)))
-def test_every_padded_copy_equals_the_dense_volume_around_its_macroblock(pack: Pack) -> None:
-    rgba, _ = dense_from_pack(pack)
-    size = pack.block_size
-    counts = pack.grid_blocks[::-1]
-    full = np.zeros([n * size + 2 for n in counts] + [4], np.uint8)
-    full[1 : rgba.shape[0] + 1, 1 : rgba.shape[1] + 1, 1 : rgba.shape[2] + 1] = rgba
-    for z, y, x in np.argwhere(pack.occupied):
-        around = full[z * size :, y * size :, x * size :][: size + 2, : size + 2, : size + 2]
-        np.testing.assert_array_equal(block_copy(pack, pack.atlas_rgba, (z, y, x)), around)
-
-
-def test_what_lies_in_macroblocks_marked_empty_is_dropped_from_padding_too() -> None:
-    dense = np.full((4, 4, 8, 4), 9, np.uint8)
-    occupied = np.array([[[True, False]]])
-    indices, rgba, features = atlas_from_dense(dense, dense, 4, occupied)
-    assert indices.tolist() == [[[[0, 0, 0], [255, 255, 255]]]]
-    assert features is not None
-    for atlas in (rgba, features):
-        assert np.all(atlas[1:5, 1:5, 1:5] == 9) and atlas.sum() == 4 * 64 * 9
 
 
 def test_a_volume_is_read_one_macroblock_at_a_time_and_never_outside_of_the_grid() -> None:

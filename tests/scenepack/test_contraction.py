@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from scenepack.contraction import MOST_PIECES, contract, path_of, piece_at, time_at, uncontract
 from tests.scenepack.random_packs import random_pack
@@ -62,22 +61,6 @@ def test_a_path_goes_on_without_a_gap_in_space_and_ends_at_infinity():
     np.testing.assert_allclose(np.abs(along(path, path.ends)).max(1), 2.0, atol=1e-9)
     starts = path.starts.clip(max=path.ends[:, None])
     assert np.all(np.diff(starts, axis=1) >= 0)
-
-
-def test_jax_in_float32_agrees():
-    jnp = pytest.importorskip("jax.numpy")
-    origins, directions = rays()
-    begin = np.full(len(origins), 0.1)
-    wanted = path_of(origins, directions, begin)
-    got = path_of(*(jnp.asarray(a, jnp.float32) for a in (origins, directions, begin)), xp=jnp)
-    np.testing.assert_allclose(got.ends, wanted.ends, atol=2e-5)
-    for share in (0.05, 0.3, 0.6, 0.9, 0.99):
-        s = share * wanted.ends
-        row, piece = np.arange(len(s)), np.asarray(piece_at(got, jnp.asarray(s, jnp.float32)))
-        there = np.asarray(got.origins)[row, piece] + s[:, None] * np.asarray(got.directions)[row, piece]
-        np.testing.assert_allclose(there, along(wanted, s), atol=1e-4)
-    points = np.asarray(contract(jnp.asarray(POINTS, jnp.float32), jnp))
-    np.testing.assert_allclose(points, contract(POINTS), atol=1e-6)
 
 
 def test_a_pack_says_its_contraction_unless_it_is_forward_facing():

@@ -16,7 +16,6 @@ import pytest
 from PIL import Image
 
 from baker.commands.pack import main as snerg_pack
-from console import UserError
 from scenepack import Pack, PackWarning, load_pack, save_pack
 from tests.scenepack.helpers import edit_json, read_image, read_json, same_pack, small_pack, write_image, written
 
@@ -135,30 +134,19 @@ POINTS = "ply\r\nformat ascii 1.0\r\nelement vertex 1\r\nproperty float x\r\nend
 MESH = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nelement face 1\nend_header\n"
 
 
-@pytest.mark.parametrize(
-    ("params", "name"),
-    [
-        (MERF, "a MERF pack"),
-        ({"sparse_grid_resolution": 1024, "scene_scale_factor": 1.0}, "a binary opacity grid"),
-        ({**MERF, "num_local_submodels": 3, "sm_to_params": [0, 1, 2]}, "a SMERF pack"),
-    ],
-)
-@pytest.mark.parametrize("zipped", [False, True])
-def test_packs_of_other_methods_are_named(params: dict, name: str, zipped: bool, tmp_path: Path) -> None:
-    path = tmp_path / ("pack.zip" if zipped else "pack")
-    if zipped:
-        with zipfile.ZipFile(path, "w") as archive:
-            archive.writestr("scene_params.json", json.dumps(params))
-    else:
-        path.mkdir()
-        (path / "scene_params.json").write_text(json.dumps(params))
-    with pytest.raises(UserError, match=f"this is {name} .*snerg opens SNeRG packs.*snerg-make"):
-        load_pack(path)
+def as_pack(params: dict[str, Any]) -> dict[str, bytes]:
+    return {"scene_params.json": json.dumps(params).encode()}
 
 
 @pytest.mark.parametrize(
     ("file", "content", "name"),
     [
+        ("pack", as_pack(MERF), "a MERF pack"),
+        ("pack", as_pack({"sparse_grid_resolution": 1024, "scene_scale_factor": 1.0}), "a binary opacity grid"),
+        ("pack", as_pack({**MERF, "num_local_submodels": 3, "sm_to_params": [0, 1, 2]}), "a SMERF pack"),
+        ("pack.zip", as_pack(MERF), "a MERF pack"),
+        ("images alone", {"plane_features_0.png": b"x"}, "a MERF pack"),
+        ("folder", {"a.splat": b"x"}, "a file of 3D Gaussians"),
         ("garden.ply", (GAUSSIANS + "end_header\n").encode() + bytes(28), "a file of 3D Gaussians"),
         ("points.ply", POINTS.encode(), "a cloud of points"),
         ("mesh.ply", MESH.encode(), "a mesh"),
@@ -172,20 +160,22 @@ def test_packs_of_other_methods_are_named(params: dict, name: str, zipped: bool,
         ("empty.splat", b"", "a file of 3D Gaussians"),
     ],
 )
-def test_files_of_other_programs_are_named(
-    file: str, content: bytes, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_what_other_programs_wrote_is_named(
+    file: str, content: bytes | dict[str, bytes], name: str, tmp_path: Path, refused: Callable[..., str]
 ) -> None:
-    (tmp_path / file).write_bytes(content)
-    assert snerg_pack(["info", str(tmp_path / file)]) == 2
-    line = capsys.readouterr().err
-    assert f"this is {name}" in line and "snerg opens SNeRG packs" in line and line.count("\n") == 1
-
-
-@pytest.mark.parametrize(("file", "words"), [("plane_features_0.png", "a MERF pack"), ("a.splat", "3D Gaussians")])
-def test_folders_of_other_programs_are_named(file: str, words: str, tmp_path: Path) -> None:
-    (tmp_path / file).write_bytes(b"x")
-    with pytest.raises(UserError, match=words):
-        load_pack(tmp_path)
+    path = tmp_path / file
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif path.suffix == ".zip":
+        with zipfile.ZipFile(path, "w") as archive:
+            for inner, data in content.items():
+                archive.writestr(inner, data)
+    else:
+        path.mkdir()
+        for inner, data in content.items():
+            (path / inner).write_bytes(data)
+    line = refused(snerg_pack, "info", path)
+    assert f"this is {name}" in line and "snerg opens SNeRG packs" in line and "snerg-make" in line
 
 
 def test_a_pack_under_another_name_opens(tmp_path: Path) -> None:

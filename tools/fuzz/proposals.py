@@ -10,7 +10,8 @@ from random import Random
 from typing import Any
 
 from tests.fuzz import claims, hostile
-from tests.fuzz.mutations import Step, documents, png_chunks, tensors
+from tests.fuzz.mutations import Step, documents, tensors
+from tests.fuzz.png import png_chunks
 from tests.fuzz.trees import ARCHIVE, SPECIAL, Tree, zipped
 
 _HOW_MANY = (1, 1, 1, 1, 2, 2, 3)
