@@ -27,19 +27,15 @@ def drawn(path: Path, *shown: Plot, size: tuple[int, int] = (400, 200)) -> np.nd
 
 
 @pytest.mark.parametrize("y_axis", ["zero", "data", "log"])
-def test_lines_are_drawn_where_their_numbers_are(tmp_path: Path, y_axis) -> None:
-    picture = drawn(tmp_path / "a.png", Plot([RISING, FALLING], "two", "x", "y", y_axis))
-    assert picture.shape == (300, 600, 3)
+def test_lines_are_drawn_where_their_numbers_are_and_plots_below_one_another(tmp_path: Path, y_axis) -> None:
+    below = Plot([FALLING], "below", "x", "y")
+    picture = drawn(tmp_path / "new" / "a.png", Plot([RISING, FALLING], "two", "x", "y", y_axis), below)
+    assert picture.shape == (600, 600, 3) and len(pixels_of(picture[300:], COLOURS[0])) > 100
+    picture = picture[:300]
     up, down = pixels_of(picture, COLOURS[0]), pixels_of(picture, COLOURS[1])
     up = up[up[:, 0] > 100]  # below the legend
     left, right = up[up[:, 1] < 200][:, 0].mean(), up[up[:, 1] > 450][:, 0].mean()
     assert right < left - 30 and len(down) > 100  # rows count from the top
-
-
-def test_plots_lie_below_one_another(tmp_path: Path) -> None:
-    picture = drawn(tmp_path / "new" / "a.png", Plot([RISING], "one", "x", "y"), Plot([FALLING], "two", "x", "y"))
-    assert picture.shape == (600, 600, 3)
-    assert all(len(pixels_of(half, COLOURS[0])) > 100 for half in (picture[:300], picture[300:]))
 
 
 @pytest.mark.parametrize("name", ["not UTF-8 \udcff", "an odd $ sign", "$a_$ and $b^^$", "\\frac", "\N{PILE OF POO}\n"])

@@ -45,20 +45,9 @@ def test_parameters_become_options_and_flags_and_a_number_returned_the_status(
 ) -> None:
     assert run_command(train, prog="t", args=["S", "--out", "O", "--max-steps", "5", "--resume"]) == 0
     assert capsys.readouterr().out == "S O cpu 5 True\n"
-    assert run_command(train, prog="t", args=["S", "--out", "O"]) == 0
+    assert run_command({"train": train, "stop": lambda: None}, prog="t", args=["train", "S", "--out", "O"]) == 0
     assert capsys.readouterr().out == "S O cpu 3 False\n"
     assert run_command(train, prog="t", args=["S", "--out", "O", "--max-steps", "33"]) == 3
-
-
-def test_several_functions_become_subcommands(capsys: pytest.CaptureFixture[str]) -> None:
-    def stop() -> None:
-        """Stops."""
-        print("stopped")
-
-    commands = {"train": train, "stop": stop}
-    assert run_command(commands, prog="t", args=["stop"]) == 0
-    assert run_command(commands, prog="t", args=["train", "S", "--out", "O"]) == 0
-    assert capsys.readouterr().out == "stopped\nS O cpu 3 False\n"
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ import pytest
 from baker.baking import bake as baking
 from baker.baking.config import BakeConfig
 from baker.baking.culling import content_box
-from baker.baking.grid import box_in_grid_frame, make_grid
-from baker.baking.supersample import Sampler, lattice_of, supersample
+from baker.baking.grid import make_grid
+from baker.baking.supersample import Sampler, supersample
 from baker.baking.work_folder import WorkFolder
 from console import Notice
 from scenepack import Pack, check_pack
@@ -23,15 +23,6 @@ from tests.scenepack.random_packs import BLENDER_FRAME
 pytestmark = pytest.mark.usefixtures("hardly_optimised")
 
 LOW, HIGH = np.full(3, -1.5), np.full(3, 1.5)
-
-
-def test_the_box_in_the_grid_frame_holds_the_same_points() -> None:
-    aabb = np.array([[-1.0, -2.0, -3.0], [0.5, 1.0, 4.0]])
-    low, high = box_in_grid_frame(aabb, BLENDER_FRAME)
-    grid_T_world = np.linalg.inv(BLENDER_FRAME)[:3, :3]
-    points = np.random.default_rng(0).uniform(aabb[0], aabb[1], (100, 3)) @ grid_T_world.T
-    assert np.all(points >= low - 1e-9) and np.all(points <= high + 1e-9)
-    np.testing.assert_allclose(np.sort(high - low), np.sort(aabb[1] - aabb[0]))
 
 
 def test_the_grid_covers_its_box_with_whole_blocks_and_stays_centred() -> None:
@@ -136,20 +127,6 @@ def test_a_field_no_finer_than_the_grid_is_asked_once_a_voxel_and_stays_as_sharp
     centres = grid.training_points(np.stack([x, y, z], -1) + 0.5 + np.array(place)[::-1] * 30)
     alpha = 1 - np.exp(-ramp(centres).density * grid.voxel_size)
     np.testing.assert_allclose(content[z, y, x, 3], 255 * alpha, atol=0.51)
-
-
-@pytest.mark.slow
-def test_a_field_is_sampled_once_for_each_of_its_cells_within_a_voxel() -> None:
-    frame = np.eye(4)
-    frame[:3, :3] = BLENDER_FRAME[:3, :3]
-    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, frame)
-    np.testing.assert_array_equal(lattice_of(grid, np.full(3, 0.8) * grid.voxel_size), np.zeros((1, 3)))
-    finer = np.array([4.0, 0.5, 4.0]) * grid.voxel_size
-    along = np.abs(frame[:3, :3].T @ np.array([0.0, 1.0, 0.0])) > 0.5  # the grid's axis that is the training frame's y
-    lattice = lattice_of(grid, finer)
-    np.testing.assert_allclose(np.sort(lattice[:, along], axis=0), [[-0.25], [0.25]])
-    assert not lattice[:, ~along].any()
-    assert len(lattice_of(grid, np.full(3, 0.01) * grid.voxel_size)) == 27
 
 
 def test_the_atlas_holds_each_macroblock_and_copies_of_its_neighbours(dataset) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,18 +13,16 @@ from scipy.spatial.transform import Rotation
 
 from baker.baking import bake as baking
 from baker.baking import passes
-from baker.baking.config import BakeConfig, BakePreset, Quality
-from baker.baking.passes import COMPACT, Voxels, passes_of, with_views_between
+from baker.baking.config import BakeConfig, BakePreset
+from baker.baking.passes import passes_of, with_views_between
 from scenepack import Pack
 from scenepack.blocks import dense_from_pack
-from scenepack.codecs.quantisation import EXACT, Steps
 from tests.scenepack.random_packs import random_pack
 from training.dataset import RayDataset
 from training.run import load_run
 from training.scenes import Scene
 
 STORED = Path(__file__).parents[2] / "data/runs"
-BAR: Any = SimpleNamespace(update=lambda *_: None)
 
 
 class HandedOver(Exception):
@@ -58,28 +55,6 @@ def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(
     shown = np.asarray(dataset.in_average_look(gains).colours_at(ids))
     assert np.abs(shown - np.asarray(dataset.colours_at(ids))).max() > 0.1
     assert len(seen) == 1 and np.array_equal(np.asarray(seen[0].colours_at(ids)), shown)
-
-
-def voxels_of(quality: Quality = "full", **more: Any) -> Voxels:
-    return Voxels(random_pack(np.random.default_rng(0)), None, BakeConfig(quality=quality, seed=7), **more)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(("quality", "steps"), [("compact", COMPACT), ("full", EXACT)])
-def test_a_pack_is_compact_where_that_is_asked_for(
-    monkeypatch: pytest.MonkeyPatch, quality: Quality, steps: Steps
-) -> None:
-    asked: list[Any] = []
-
-    def tune(pack: Any, dataset: Any, config: Any, on_share: Any, by_opacity: bool) -> Any:
-        asked.append(config)
-        return replace(pack, params={"tuned": True}), {"passes": 1.0}
-
-    monkeypatch.setattr(passes, "joint_tune", tune)
-    made = passes.tuned(voxels_of(quality), BAR)
-    (config,) = asked
-    assert config.steps == steps and config.seed == 7 and config.held_out > 0
-    assert made.pack.params == {"tuned": True} and made.steps == steps
-    assert made.notes == {"fine_tuning": {"quality": quality, "passes": 1.0}}
 
 
 def voxels_in(pack: Pack) -> int:

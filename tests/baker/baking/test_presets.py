@@ -52,7 +52,7 @@ def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_single_op
 
 
 def test_snerg_make_bakes_the_preset_paper_as_the_paper_does_and_others_our_way(
-    scene: Scene, scene_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scene: Scene, procedural_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     configs: list[BakeConfig] = []
     trained = SimpleNamespace(scene=scene, dataset=SimpleNamespace(facts=SimpleNamespace(contraction=None)))
@@ -60,12 +60,12 @@ def test_snerg_make_bakes_the_preset_paper_as_the_paper_does_and_others_our_way(
     monkeypatch.setattr("baker.baking.to_pack.bake_to", lambda run, config, *_, **__: configs.append(config))
     papers = ("--preset paper", "--preset deferred", "--preset paper --resolution 64")
     for words in (*papers, "--preset normal --quality compact", "--preset small"):
-        assert snerg_make([str(scene_path), "--out", str(tmp_path / "out"), "--no-view", *words.split()]) == 0
+        assert snerg_make([str(procedural_path), "--out", str(tmp_path / "out"), "--no-view", *words.split()]) == 0
     fine = BakeConfig(1000, "paper")
     ours = BakeConfig(512, "snerg", "compact")
     assert configs == [fine, fine, replace(fine, resolution=64), ours, replace(ours, quality="full")]
     trained.scene = SimpleNamespace(kind="llff")
-    assert snerg_make([str(scene_path), "--out", str(tmp_path / "out"), "--no-view", "--preset", "paper"]) == 0
+    assert snerg_make([str(procedural_path), "--out", str(tmp_path / "out"), "--no-view", "--preset", "paper"]) == 0
     assert configs[-1] == BakeConfig(1300, "paper"), "photographs"
 
 

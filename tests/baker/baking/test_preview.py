@@ -41,18 +41,18 @@ class Noting(Previews):
 
 
 @pytest.fixture(scope="module")
-def trained(scene_path: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Noting]:
+def trained(procedural_path: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Noting]:
     folder = tmp_path_factory.mktemp("previewed")
     watcher = Noting(folder / "preview.zip")
-    return train(scene_path, folder / "run", CONFIG, watcher=watcher), watcher
+    return train(procedural_path, folder / "run", CONFIG, watcher=watcher), watcher
 
 
 def test_a_watcher_is_asked_after_each_step_and_what_it_does_leaves_the_run_as_it_is(
-    trained: tuple[Run, Noting], scene_path: Path, tmp_path: Path
+    trained: tuple[Run, Noting], procedural_path: Path, tmp_path: Path
 ) -> None:
     run, watcher = trained
     assert watcher.asked == list(range(1, CONFIG.steps)) and watcher.seen == [FIRST_STEP, 120]
-    alone = train(scene_path, tmp_path / "run", CONFIG)
+    alone = train(procedural_path, tmp_path / "run", CONFIG)
     for name, array in alone.method.save(alone.state).items():
         np.testing.assert_array_equal(array, run.method.save(run.state)[name], err_msg=name)
 

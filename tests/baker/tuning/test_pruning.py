@@ -9,14 +9,11 @@ import pytest
 
 from baker.baking.grid import make_grid
 from baker.tuning import pruning
-from baker.tuning.marcher import PackMarcher
 from baker.tuning.pruning import (
-    CLOSED,
     HIDDEN,
     ArrivingTransmittance,
     Pruned,
     arriving_transmittance,
-    closing_gain,
     follow_neighbours,
     prune,
     smooth_hidden,
@@ -108,14 +105,6 @@ def test_no_more_is_emptied_than_the_score_allows(dataset) -> None:
     assert untouched is pack and figures.tau_weight == 0 and figures.voxels_after == figures.voxels_before > 0
 
 
-def test_what_little_light_arrives_at_gets_denser_and_keeps_its_colour() -> None:
-    alpha, transmittance = np.full(4, 51, np.uint8), np.array([255, 60, 25, 3], np.uint8)
-    made = alpha * closing_gain(alpha, transmittance)
-    assert np.round(made[0]) == 51, "in more light than the first of CLOSED nothing changes"
-    assert 51 < made[1] <= made[2] <= made[3] <= 255 and transmittance[2] < 255 * CLOSED[1]
-    np.testing.assert_allclose(made[2:] / 255, 1 - 0.8**20, rtol=0.02)
-
-
 def fine_ball(side: int) -> tuple[Pack, np.ndarray]:
     """An opaque ball of RADIUS in a grid of side³ voxels about it, and its outermost voxels' places [N, 3] as z, y, x."""
     voxel = 2.2 * RADIUS / side
@@ -151,23 +140,6 @@ def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_much_fin
     stays = dense_from_pack(thinner)[0][..., 3] > 0
     assert stays[tuple(seen.T)].all()
     assert figures.voxels_before == before and figures.voxels_after < 0.8 * before, "what lies inside goes"
-
-
-def rays_of(pack: Pack, dataset) -> pruning.VisibilityRays:
-    sight = pruning.visibility_rays_of(PackMarcher(pack, dataset), dataset, seed=0)
-    assert sight is not None
-    return sight
-
-
-def test_rays_are_as_many_as_the_surface_in_view_asks_for_and_beyond_the_most_each_reaches_further(
-    dataset, monkeypatch
-) -> None:
-    coarse, fine = (rays_of(fine_ball(side)[0], dataset) for side in (56, 112))
-    assert 3 < len(fine.ids) / len(coarse.ids) < 5, "four times as many voxels of surface"
-    assert coarse.reach == fine.reach == 1
-    monkeypatch.setattr(pruning, "MOST_RAYS", len(fine.ids) // 9)
-    fewer = rays_of(fine_ball(112)[0], dataset)
-    assert len(fewer.ids) < 1.2 * pruning.MOST_RAYS and 6 <= fewer.reach <= 8, "three times as far apart: 9 voxels"
 
 
 # What little light reaches is like its neighbour, and everything else is as it was
