@@ -63,10 +63,5 @@ def as_markdown(rows: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
-    return run_command(codec_report, prog="python -m tools.codec_report", description=DESCRIPTION, args=args)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_command(codec_report, prog="python -m tools.codec_report", description=DESCRIPTION))

@@ -11,7 +11,6 @@ import dataclasses
 import shutil
 import sys
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 
 from console import run_command
@@ -56,10 +55,5 @@ def demo(out: Path, work: Path | None = None, steps: int = STEPS, resolution: in
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
-    return run_command(demo, prog="python -m tools.demo", description="Makes the bundled demo pack again.", args=args)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_command(demo, prog="python -m tools.demo", description="Makes the bundled demo pack again."))

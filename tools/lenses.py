@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from console import run_command
 from tools.procedural import picture, spread_cameras, still_life
@@ -40,20 +41,17 @@ def through(camera: Camera, name: str) -> Camera:
     return Camera(camera.world_T_camera, width, height, *model.intrinsics({}, width, height), model.lens({}))
 
 
+def intrinsics_of(camera: Camera) -> tuple[float, ...]:
+    return camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
+
+
 def keys_of(camera: Camera, name: str) -> dict[str, object]:
     """The camera as keys of transforms.json."""
     model = MODELS[name]
     keys = KEYS[model.projection] | (RATIONAL if name == "FULL_OPENCV" else {})
     values = {keys[key]: value for key, value in COEFFICIENTS.items() if key in model.parameters}
-    values |= {
-        "fl_x": camera.fx,
-        "fl_y": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
-        "w": camera.width,
-        "h": camera.height,
-    }
-    return {"camera_model": name, "transform_matrix": camera.world_T_camera.tolist(), **values}
+    lens = dict(zip(("fl_x", "fl_y", "cx", "cy", "w", "h"), intrinsics_of(camera), strict=True))
+    return {"camera_model": name, "transform_matrix": camera.world_T_camera.tolist(), **values, **lens}
 
 
 def write_colmap(folder: Path, cameras: Sequence[Camera], names: Sequence[str]) -> None:
@@ -62,23 +60,16 @@ def write_colmap(folder: Path, cameras: Sequence[Camera], names: Sequence[str]) 
     numbers = {name: number for number, name in enumerate(dict.fromkeys(names), 1)}
     lenses, images = {}, []
     for index, (camera, name) in enumerate(zip(cameras, names, strict=True)):
-        values = COEFFICIENTS | {"f": camera.fx, "fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy,
-                                 "w": camera.width, "h": camera.height}  # fmt: skip
+        lens = dict(zip(("fx", "fy", "cx", "cy", "w", "h"), intrinsics_of(camera), strict=True))
+        values = COEFFICIENTS | lens | {"f": camera.fx}
         parameters = " ".join(repr(float(values[key])) for key in MODELS[name].parameters)
         lenses[name] = f"{numbers[name]} {name} {camera.width} {camera.height} {parameters}\n"
         camera_T_world = np.linalg.inv(camera.world_T_camera @ OPENGL_FROM_OPENCV)
-        values, vectors = np.linalg.eigh(_quaternion_form(camera_T_world[:3, :3]))
-        pose = " ".join(repr(float(number)) for number in (*vectors[:, -1], *camera_T_world[:3, 3]))
+        x, y, z, w = Rotation.from_matrix(camera_T_world[:3, :3]).as_quat()
+        pose = " ".join(repr(float(number)) for number in (w, x, y, z, *camera_T_world[:3, 3]))
         images.append(f"{index + 1} {pose} {numbers[name]} {index:03d}.png\n\n")
     (folder / "cameras.txt").write_text("".join(lenses.values()), encoding="utf-8")
     (folder / "images.txt").write_text("".join(images), encoding="utf-8")
-
-
-def _quaternion_form(R: np.ndarray) -> np.ndarray:
-    """The symmetric [4, 4] whose eigenvector of the largest value is the rotation's quaternion w, x, y, z."""
-    (a, b, c), (d, e, f), (g, h, i) = R
-    return np.array([[a + e + i, h - f, c - g, d - b], [h - f, a - e - i, b + d, c + g],
-                     [c - g, b + d, e - a - i, f + h], [d - b, c + g, f + h, i - a - e]])  # fmt: skip
 
 
 def lenses(

@@ -7,7 +7,6 @@ The two frames are aligned by the similarity (scale, rotation, translation) that
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,10 +72,5 @@ def compare(found: Path, given: Path, /) -> None:
         print(f"{name}: {numbers}")
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
-    return run_command(compare, prog="python -m tools.pose_error", args=args)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_command(compare, prog="python -m tools.pose_error"))

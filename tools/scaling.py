@@ -193,10 +193,5 @@ def _read(file: Path) -> Figures:
         raise UserError("cannot be read", where=file, found=error, remedy="measure first, without --redraw") from error
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
-    return run_command(scaling, prog="python -m tools.scaling", description=DESCRIPTION, args=args)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_command(scaling, prog="python -m tools.scaling", description=DESCRIPTION))

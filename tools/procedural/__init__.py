@@ -23,23 +23,14 @@ from tools.procedural.shading import Thing
 from tools.procedural.still_life import still_life
 from tools.procedural.stress import glass, wires
 from tools.procedural.tracing import picture
+from training.scenes.poses import look_at
 from training.scenes.scene import Camera
 
 Arrangement = Literal["still-life", "glass", "wires", "island"]
 ARRANGEMENTS: Mapping[str, Callable[[int], list[Thing]]] = {"still-life": still_life, "glass": glass, "wires": wires}
 DISTANCE = 4.0311  # of the cameras from the origin, as in NeRF-synthetic
 CAMERA_ANGLE_X = 0.6911112  # horizontal field of view in radians, likewise
-LOOK_AT = np.array([0.0, 0.0, -0.12])
-
-
-def look_at(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """world_T_camera [4, 4] of an OpenGL camera (looks along -z) at `eye`, z up."""
-    back = (eye - target) / np.linalg.norm(eye - target)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    matrix = np.eye(4)
-    matrix[:3] = np.stack([right, np.cross(back, right), back, eye], axis=1)
-    return matrix
+LOOK_AT, UP = np.array([0.0, 0.0, -0.12]), np.array([0.0, 0.0, 1.0])
 
 
 def spread_cameras(count: int, size: int, phase: float) -> list[Camera]:
@@ -50,7 +41,7 @@ def spread_cameras(count: int, size: int, phase: float) -> list[Camera]:
     azimuth = (np.arange(count) + phase) * np.pi * (3 - np.sqrt(5))
     flat = np.sqrt(1 - z * z)
     eyes = DISTANCE * np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), z], -1)
-    return [Camera(look_at(eye, LOOK_AT), size, size, focal, focal, size / 2, size / 2) for eye in eyes]
+    return [Camera(look_at(eye, eye - LOOK_AT, UP), size, size, focal, focal, size / 2, size / 2) for eye in eyes]
 
 
 def drawn(arrangement: Arrangement, seed: int, subpixels: int) -> Callable[[Camera], np.ndarray]:
@@ -105,5 +96,5 @@ def write_procedural_scene(
 
 
 __all__ = [
-    "ARRANGEMENTS", "Arrangement", "look_at", "picture", "spread_cameras", "still_life", "write_procedural_scene",
+    "ARRANGEMENTS", "Arrangement", "picture", "spread_cameras", "still_life", "write_procedural_scene",
 ]  # fmt: skip
