@@ -21,7 +21,7 @@ DECODED = 3  # photographs of each split
 
 def write_base(name: str, folder: Path) -> None:
     """A valid scene of a few small pictures."""
-    from tests.training.reconstructions import around, ball, side_by_side, write_colmap
+    from tests.training.reconstructions import ball, side_by_side, write_colmap
     from tests.training.test_captures import circle, forward, write_llff, write_transforms
 
     if name == "blender":
@@ -36,7 +36,7 @@ def write_base(name: str, folder: Path) -> None:
         write_transforms(folder, circle(4), train_filenames=["images/001.png", "images/002.png"], **lens)
         _add_masks(folder)
     elif name == "colmap":
-        write_colmap(folder, around(5), ball(80), models=("OPENCV", "SIMPLE_RADIAL"))
+        write_colmap(folder, circle(5), ball(80), models=("OPENCV", "SIMPLE_RADIAL"))
     else:
         write_colmap(folder, side_by_side(5), ball(80))
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from scenepack import PackWarning, ViewMlp, load_pack, open_pack, save_pack
+from scenepack import PackWarning, ViewMlp, check_pack, load_pack, open_pack, save_pack
 from tests.scenepack.helpers import edit_json, read_image, read_json, real_pack, same_pack, small_pack, written
 from tests.scenepack.random_packs import packs
 
@@ -29,6 +29,7 @@ def test_a_real_pack_round_trips_byte_for_byte_in_pixels_and_key_for_key(tmp_pat
     with pytest.warns(PackWarning, match="all zero"):
         pack = load_pack(source)
     assert pack.view_mlp is None and pack.atlas_rgba.shape == (32, 1024, 1024, 4)
+    assert not [finding for finding in check_pack(pack) if finding.severity == "error"]
     save_pack(pack, tmp_path / "pack", png_level=1)
     del pack
     assert {f.name for f in source.iterdir()} == {f.name for f in (tmp_path / "pack").iterdir()}

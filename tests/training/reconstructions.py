@@ -10,7 +10,6 @@ import pycolmap
 from PIL import Image
 
 from scenepack.constants import NDC_NEAR
-from tests.training.test_captures import circle
 from training.scenes.poses import look_at
 
 SIZE = (48, 36)
@@ -31,11 +30,6 @@ LENSES = {
     "EQUIRECTANGULAR": SIZE,
 }
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
-
-
-def around(count: int = 10) -> np.ndarray:
-    """Cameras [N, 4, 4] (OpenGL) on a slanted circle about (1, -2, 0.5), z up."""
-    return circle(count)
 
 
 def side_by_side(count: int = 10) -> np.ndarray:

@@ -10,8 +10,8 @@ import pycolmap
 import pytest
 
 from console import Notice
-from tests.training.reconstructions import SIZE, around, ball, ndc_points, save_picture, side_by_side, write_colmap
-from tests.training.test_captures import complaint, everyone, write_transforms
+from tests.training.reconstructions import SIZE, ball, ndc_points, save_picture, side_by_side, write_colmap
+from tests.training.test_captures import circle, complaint, everyone, write_transforms
 from training.scenes import load_scene
 from training.scenes.colmap_files import read_reconstruction
 from training.scenes.scene import Scene, camera_rays
@@ -52,7 +52,7 @@ def similarity_between(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarr
 @pytest.mark.parametrize("models", [("SIMPLE_PINHOLE", "PINHOLE"), ("SIMPLE_RADIAL", "RADIAL"), ("PINHOLE", "OPENCV")])
 @pytest.mark.parametrize("downscale", [1, 3])
 def test_rays_through_a_points_pixels_meet_where_colmap_has_it_and_up_is_up(tmp_path, models, downscale):
-    path = write_colmap(tmp_path, around(), ball(), models)
+    path = write_colmap(tmp_path, circle(10), ball(), models)
     scene = load_scene(path, downscale=downscale)
     met, places, miss = met_points(scene, path / "sparse/0")
     assert len(met) == 150 and miss < 1e-6
@@ -64,11 +64,13 @@ def test_rays_through_a_points_pixels_meet_where_colmap_has_it_and_up_is_up(tmp_
 
 
 def test_the_points_say_where_things_are_whatever_was_matched_wrongly(tmp_path):
-    path = write_colmap(tmp_path, around(), ball(), mistakes=2)
+    path = write_colmap(tmp_path, circle(10), ball(), mistakes=2)
     for picture in (path / "images").rglob("*.png"):
         save_picture(path / "masks" / picture.relative_to(path / "images"))
     scene = load_scene(path, masks=True)
-    met, _, _ = met_points(load_scene(write_colmap(tmp_path / "clean", around(), ball())), tmp_path / "clean/sparse/0")
+    met, _, _ = met_points(
+        load_scene(write_colmap(tmp_path / "clean", circle(10), ball())), tmp_path / "clean/sparse/0"
+    )
     inside = np.all((met > scene.aabb[0]) & (met < scene.aabb[1]), axis=1)
     assert inside.mean() > 0.95 and np.ptp(scene.aabb, axis=0).max() < 2 * np.ptp(met, axis=0).max()
     eyes = np.stack([p.camera.world_T_camera[:3, 3] for p in everyone(scene)])
@@ -77,7 +79,7 @@ def test_the_points_say_where_things_are_whatever_was_matched_wrongly(tmp_path):
 
 
 def test_opaque_photographs_are_in_the_box_up_to_their_corners(tmp_path):
-    scene = load_scene(write_colmap(tmp_path, around(), ball(), ("PINHOLE",)))
+    scene = load_scene(write_colmap(tmp_path, circle(10), ball(), ("PINHOLE",)))
     x, y = (side.ravel() for side in np.meshgrid([0.0, SIZE[0]], [0.0, SIZE[1]]))
     rays = [camera_rays(photograph.camera, x, y) for photograph in everyone(scene)]
     corners = np.concatenate([origins + directions for origins, directions in rays])  # about as far away as the points
@@ -86,7 +88,7 @@ def test_opaque_photographs_are_in_the_box_up_to_their_corners(tmp_path):
 
 
 def test_a_capture_that_looks_outwards_has_its_walls_in_the_box(tmp_path):
-    P = around()
+    P = circle(10)
     P[:, :3, 0] *= -1
     P[:, :3, 2] *= -1  # turned round, and still no mirror
     directions = np.random.default_rng(3).normal(size=(900, 3))
@@ -96,7 +98,7 @@ def test_a_capture_that_looks_outwards_has_its_walls_in_the_box(tmp_path):
 
 
 def test_every_eighth_picture_by_name_is_held_out_and_folders_belong_to_names(tmp_path):
-    scene = load_scene(write_colmap(tmp_path, around(), ball()))
+    scene = load_scene(write_colmap(tmp_path, circle(10), ball()))
     names = sorted(p.name for p in everyone(scene))
     assert names[0] == "left/01.png" and [p.name for p in scene.splits["test"]] == names[::8]
     photograph = scene.splits["train"][0]
@@ -121,7 +123,7 @@ def test_cameras_that_look_forward_are_read_in_ndc_unless_told_otherwise(tmp_pat
 
 
 def test_shrunk_pictures_are_taken_where_they_are_what_they_say(tmp_path):
-    path = write_colmap(tmp_path, around(), ball())
+    path = write_colmap(tmp_path, circle(10), ball())
     for folder, size in (("images_2", (24, 18)), ("images_3", (40, 30))):
         for index in range(10):
             save_picture(path / folder / f"{'left' if index % 2 else 'right'}/{index:02d}.jpg", size, index)
@@ -136,7 +138,7 @@ def test_shrunk_pictures_are_taken_where_they_are_what_they_say(tmp_path):
 
 
 def test_what_is_left_out_is_told_in_one_line_each(tmp_path):
-    path = write_colmap(tmp_path, around(), ball(), unposed=2)
+    path = write_colmap(tmp_path, circle(10), ball(), unposed=2)
     (path / "images/right/04.png").unlink()
     shutil.copytree(path / "sparse/0", path / "sparse/1")
     with pytest.warns(Notice) as told:
@@ -147,23 +149,23 @@ def test_what_is_left_out_is_told_in_one_line_each(tmp_path):
 
 
 def test_the_reconstruction_may_lie_in_sparse_itself_and_others_descriptions_win(tmp_path):
-    path = write_colmap(tmp_path / "s", around(), ball(), folder="sparse")
+    path = write_colmap(tmp_path / "s", circle(10), ball(), folder="sparse")
     assert load_scene(path).kind == "colmap"
     (tmp_path / "t").mkdir()
-    write_transforms(tmp_path / "t" / "u", around())
+    write_transforms(tmp_path / "t" / "u", circle(10))
     shutil.copytree(path / "sparse", tmp_path / "t/u/sparse")
     assert load_scene(tmp_path / "t" / "u").kind == "transforms"
 
 
 def test_unsupported_lenses_are_named(tmp_path):
-    words = complaint(write_colmap(tmp_path, around(3), ball(), ("PINHOLE", "FOV")))
+    words = complaint(write_colmap(tmp_path, circle(3), ball(), ("PINHOLE", "FOV")))
     assert (
         "found: FOV" in words.replace("found FOV", "found: FOV") and "RADIAL" in words and "image_undistorter" in words
     )
 
 
 def test_a_reconstruction_in_text_is_the_same(tmp_path):
-    path = write_colmap(tmp_path, around(), ball(), ("PINHOLE", "OPENCV"), mistakes=2)
+    path = write_colmap(tmp_path, circle(10), ball(), ("PINHOLE", "OPENCV"), mistakes=2)
     binary, model = read_reconstruction(path / "sparse/0"), path / "sparse/0"
     pycolmap.Reconstruction(model).write_text(model)
     for file in model.glob("*.bin"):
@@ -190,7 +192,7 @@ def test_a_reconstruction_in_text_is_the_same(tmp_path):
 
 
 def test_missing_parts_and_pictures_are_told(tmp_path):
-    path = write_colmap(tmp_path, around(3), ball())
+    path = write_colmap(tmp_path, circle(3), ball())
     save_picture(path / "images/left/01.png", (36, 48))
     assert "the shape of 48x36" in complaint(path)
     (path / "images/left/01.png").write_text("no picture")
@@ -207,9 +209,9 @@ def test_missing_parts_and_pictures_are_told(tmp_path):
 
 
 def test_the_largest_reconstruction_is_read_and_damaged_ones_are_passed_over(tmp_path):
-    path = write_colmap(tmp_path, around(), ball(), folder="sparse/1")
+    path = write_colmap(tmp_path, circle(10), ball(), folder="sparse/1")
     assert len(everyone(load_scene(path))) == 10, "there need not be a 0"
-    small = write_colmap(tmp_path / "small", around(3), ball())
+    small = write_colmap(tmp_path / "small", circle(3), ball())
     shutil.copytree(small / "sparse/0", path / "sparse/0")
     with pytest.warns(Notice, match="2 parts; reading 1, the largest"):
         assert len(everyone(load_scene(path))) == 10

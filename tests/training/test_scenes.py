@@ -12,7 +12,7 @@ from PIL import Image
 
 from baker.reports.evaluation import reading_of
 from console import UserError
-from tests.training.reconstructions import around, ball, write_colmap
+from tests.training.reconstructions import ball, write_colmap
 from tests.training.scenes.test_transforms import edit
 from tests.training.test_captures import circle, complaint, everyone, forward, write_llff
 from tests.training.test_training import MINUTE
@@ -138,7 +138,7 @@ def eyes(scene) -> np.ndarray:
 @pytest.fixture(scope="module")
 def leaning(tmp_path_factory) -> Path:
     """Cameras that all stand on one side and look down at a ball: their mean up leans back."""
-    return write_colmap(tmp_path_factory.mktemp("leaning") / "scene", around(), ball(300, 1.0))
+    return write_colmap(tmp_path_factory.mktemp("leaning") / "scene", circle(10), ball(300, 1.0))
 
 
 def test_what_is_up_becomes_z_and_all_else_turns_along(leaning: Path) -> None:

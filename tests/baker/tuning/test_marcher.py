@@ -110,11 +110,3 @@ def test_the_light_of_every_sample_arrives_at_the_voxels_around_it(
         np.maximum.at(known, (slots[tuple(block.T[::-1])], z, y, x), np.ceil(255 * before[ray, k]).astype(int))
     assert known.any() and shares[-1] == 1.0
     assert np.mean(np.abs(found - known) > 1) < 5e-3, "but for samples at a threshold, or on a face between voxels"
-
-
-def test_half_of_the_light_arrives_as_deep_as_it_should(
-    pack: Pack, marcher: PackMarcher, dataset: RayDataset, ids: np.ndarray
-) -> None:
-    t, alpha, before = sampled(pack, voxel_rays(pack, dataset, ids))
-    known = np.where((alpha > 0) & (before >= 0.5), t, 0).max(1)
-    assert np.mean(np.abs(marcher.half_depths(ids) - known) > 1e-2) < 5e-3 and known.max() > 1

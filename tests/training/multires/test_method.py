@@ -19,7 +19,7 @@ from training.dataset import RayDataset, make_dataset
 from training.exposure import FITTED_FROM
 from training.multires.config import MultiresConfig
 from training.multires.fused.compiled import Workers
-from training.multires.hull import box_around, hull_codes
+from training.multires.hull import _in_panorama, box_around, hull_codes
 from training.multires.levels import INITIAL, ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.occupancy import INITIAL as INITIAL_CODE
@@ -177,3 +177,28 @@ def test_contracted_space_is_empty_before_cameras_and_between_the_sides_of_the_i
     within, beyond = inner * np.array([[1.5, 1 - 1e-6, 0.2]]), inner * np.array([[1.5, 1.02, 0.2]])
     for found, expected in zip(*(method.query(state, jnp.asarray(p)) for p in (beyond, within)), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+
+def test_a_panorama_shows_a_ball_wherever_one_of_its_pixels_does_and_hardly_elsewhere() -> None:
+    """At the poles too, and across the picture's left and right edges."""
+    width, rows = 90, 45
+    across, down = width / (2 * np.pi), rows / np.pi
+    random = np.random.default_rng(0)
+    shown = near = 0
+    for _ in range(2000):
+        x, y = random.integers(width), random.integers(rows)
+        table = np.zeros((rows + 1, width + 1), np.int32)
+        table[y + 1 :, x + 1 :] = 1
+        longitude, latitude = random.uniform(-np.pi, np.pi), np.arcsin(random.uniform(-1, 1))
+        angle = random.uniform(0.02, 0.5)
+        found = _in_panorama(
+            table, across * longitude + width / 2, down * latitude + rows / 2, latitude, angle, across, down
+        )
+        a, b = np.meshgrid(
+            (x + np.linspace(0, 1, 9) - width / 2) / across, (y + np.linspace(0, 1, 9) - rows / 2) / down
+        )
+        cosines = np.sin(b) * np.sin(latitude) + np.cos(b) * np.cos(latitude) * np.cos(a - longitude)
+        meets = np.arccos(np.clip(cosines, -1, 1)).min() < angle - 1e-6
+        assert found or not meets
+        shown, near = shown + found, near + meets
+    assert 30 < near <= shown < 1.5 * near

@@ -14,7 +14,7 @@ from PIL import Image
 
 from baker.commands.make import main as snerg_make
 from console import Notice, UserError
-from tests.training.posing import turntables
+from tests.training.posing.rooms import TILE, bilinear, texture
 from training.posing.find import posed_scene
 from training.scenes import Scene, load_scene
 from training.scenes.sources import find_source
@@ -22,14 +22,37 @@ from training.scenes.sources import find_source
 pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
 
 COUNT = 8
+# A textured ball that turns before a textured wall, and a camera that stands still.
+SIZE = (320, 240)
+RADIUS, DISTANCE = 1.0, 3.4  # of the ball, and of the camera from its centre
+FOCAL = 330.0  # pixels
+STEP = 8.0  # degrees from one picture to the next
+SHOWN = 0.6  # of a texture lies around half the ball
 TURNED = Image.Transpose.ROTATE_90, 6  # how a camera that is held upright stores a picture, and what EXIF says then
+
+
+def turned_photograph(turned: float) -> tuple[np.ndarray, np.ndarray]:
+    """The picture uint8 [H, W, 3] with the ball turned by some degrees, and where the ball is, bool [H, W]."""
+    width, height = SIZE
+    x, y = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
+    directions = np.stack([x, -y, np.full_like(x, -FOCAL)], axis=-1)
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    along = -DISTANCE * directions[..., 2]  # of the point on the ray that is nearest to the centre
+    within = RADIUS**2 - (DISTANCE**2 - along**2)
+    ball = within > 0
+    points = directions * (along - np.sqrt(np.maximum(within, 0)))[..., None] + [0, 0, DISTANCE]
+    angle = (np.degrees(np.arctan2(points[..., 0], points[..., 2])) + turned + 90) / 180 * SHOWN
+    level = 0.2 * (points[..., 1] / RADIUS + 1) + 0.1
+    picture = texture(51)[:height, :width].copy()
+    picture[ball] = bilinear(texture(50), *(np.clip(at[ball], 0, 0.998) * (TILE - 1) for at in (level, angle)))
+    return picture.astype(np.uint8), ball
 
 
 def write_turntable(folder: Path, masks: Callable[[str], str | None] = lambda name: None) -> None:
     """Photographs of a turntable, the last one stored sideways. masks: the name of each photograph's mask, None for none."""
     (folder / "masks").mkdir(parents=True)
     for i in range(COUNT):
-        picture, ball = turntables.photograph(i * turntables.STEP)
+        picture, ball = turned_photograph(i * STEP)
         name = f"t{i}.png"
         image, mask = Image.fromarray(picture), Image.fromarray(ball.astype(np.uint8) * 255)
         exif = Image.Exif()
@@ -70,8 +93,8 @@ def test_a_turntable_before_a_still_background_is_told_and_its_masks_mend_it(
     turns = {one.name: one.camera.world_T_camera[:3, :3] for one in photographs}
     for a, b in pairwise(f"t{i}.png" for i in range(COUNT)):
         angle = np.degrees(np.arccos((np.trace(turns[a].T @ turns[b]) - 1) / 2))
-        assert abs(angle - turntables.STEP) < 0.5
-    _, ball = turntables.photograph((COUNT - 1) * turntables.STEP)
+        assert abs(angle - STEP) < 0.5
+    _, ball = turned_photograph((COUNT - 1) * STEP)
     last = next(one for one in photographs if one.name == f"t{COUNT - 1}.png").load()
     assert np.abs(last[..., 3] - ball).mean() < 0.01  # the mask was turned with its photograph
 

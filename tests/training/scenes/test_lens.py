@@ -11,7 +11,8 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from tests.training.reconstructions import FLIP, LENSES, SIZE, around, ball, write_colmap
+from tests.training.reconstructions import FLIP, LENSES, SIZE, ball, write_colmap
+from tests.training.test_captures import circle
 from training.scenes.colmap_files import read_reconstruction
 from training.scenes.lens import (
     EQUIRECTANGULAR,
@@ -41,7 +42,7 @@ def as_transforms(model: str) -> dict[str, object]:
 @pytest.mark.parametrize("model", MODELS)
 def test_points_are_seen_where_colmap_sees_them(tmp_path: Path, model: str):
     points = ball(60, radius=2.5)  # up to the corners of the pictures
-    found = read_reconstruction(write_colmap(tmp_path, around(3), points, (model,)) / "sparse/0")
+    found = read_reconstruction(write_colmap(tmp_path, circle(3), points, (model,)) / "sparse/0")
     lens = pycolmap.Camera(model=model, width=SIZE[0], height=SIZE[1], params=LENSES[model])
     seen = 0
     for camera in found.cameras:
@@ -101,7 +102,7 @@ def test_where_a_lens_shows_nothing_rays_end_at_once_in_training_and_in_evaluati
 
 def test_a_panorama_is_read_whatever_focal_length_is_named_and_is_fisheye_is_opencvs(tmp_path: Path):
     (tmp_path / "images").mkdir()
-    frames = [{"file_path": f"images/{i}.png", "transform_matrix": p.tolist()} for i, p in enumerate(around(9))]
+    frames = [{"file_path": f"images/{i}.png", "transform_matrix": p.tolist()} for i, p in enumerate(circle(9))]
     for frame in frames:
         Image.new("RGB", SIZE).save(tmp_path / frame["file_path"])
     document = {"camera_model": "EQUIRECTANGULAR", "frames": frames}

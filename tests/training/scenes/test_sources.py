@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import unicodedata
 from pathlib import Path
 
 import pytest
@@ -76,33 +75,7 @@ def test_a_film_is_told_by_its_first_bytes_whatever_it_is_called(tmp_path: Path)
     assert len(set(FILMS)) == len(FILMS) and all(suffix == suffix.lower() for suffix in FILMS)
 
 
-# Files are found where the description spells them otherwise, and never where two would do
-
-
-@pytest.mark.parametrize(
-    ("stored", "named"),
-    [
-        ("images/0001.jpg", "images/0001.jpg"),
-        ("images/0001.jpg", "./images//0001.jpg"),
-        ("images/0001.jpg", "images\\0001.jpg"),
-        ("images/0001.jpg", "C:\\capture\\images\\0001.jpg"),
-        ("images/0001.jpg", "/home/somebody/capture/images/0001.jpg"),
-        ("images/0001.jpg", "0001.jpg"),
-        ("images/0001.JPG", "images/0001.jpg"),
-        ("images/0001.JPG", "images/0001"),
-        ("Images/0001.jpg", "images/0001.JPG"),
-        ("images/0001.webp", "images/0001.jpg"),
-        ("images/0001.webp", "images/0001"),
-        ("images/r_0.5.png", "images/r_0.5"),
-        (unicodedata.normalize("NFD", "images/Été.jpg"), unicodedata.normalize("NFC", "images/Été.jpg")),
-        (unicodedata.normalize("NFC", "images/Été.jpg"), unicodedata.normalize("NFD", "images/été.JPG")),
-        ("images/Straße 1.jpg", "images\\STRASSE 1.JPG"),
-    ],
-)
-def test_a_picture_is_found_under_another_spelling(tmp_path: Path, stored: str, named: str):
-    files(tmp_path, stored, "images/another.png", "other/0002.jpg")
-    found = FileFinder(tmp_path, tmp_path / "images").find(named)
-    assert found is not None and found.samefile(tmp_path / stored)
+# Files are found where the description spells them otherwise (tests/fuzz/spellings.py), and never where two would do
 
 
 @pytest.mark.parametrize(
