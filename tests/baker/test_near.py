@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from baker.reports.evaluation import evaluate, shown_by
-from baker.tuning.marcher import PackMarcher
 from baker.tuning.pruning import arriving_transmittance, prune
 from scenepack import Pack, save_pack
 from scenepack.blocks import dense_from_pack
@@ -113,15 +112,6 @@ def test_the_pack_is_drawn_and_scored_as_its_field_is(alone: Scene, tmp_path: Pa
     save_pack(ball_pack(alone, True)[0].with_metadata(near=0.0), tmp_path / "anywhere")
     with shown_by(tmp_path / "anywhere") as drawn:
         assert hides_the_ball([drawn.show(camera_of(alone), "normal"), pictures[1]]), "as a pack that does not say"
-
-
-def test_tuning_looks_past_what_is_nearer_than_near(alone: Scene, seen: RayDataset) -> None:
-    sums = []
-    for speck in (True, False):
-        pack, _ = ball_pack(alone, speck)
-        found = PackMarcher(pack, seen).accumulate(np.arange(seen.count, dtype=np.int32))
-        sums.append(np.asarray(found.colour))
-    np.testing.assert_allclose(*sums, atol=1e-5)
 
 
 def test_pruning_empties_what_is_nearer_than_near_to_all_who_could_see_it(alone: Scene, seen: RayDataset) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from PIL import Image
 
 from training.scenes import load_scene
+from training.scenes.poses import look_at
 from training.scenes.scene import Camera, Photograph, Scene, camera_rays
 
 SIZE = (12, 9)
@@ -32,12 +33,8 @@ def true_cameras(random: Random) -> list[Camera]:
     for index in range(random.randint(4, 9)):
         angle = 0.7 * index + rng.uniform(-0.1, 0.1)
         eye = scale * np.array([np.cos(angle), np.sin(angle), rng.uniform(0.2, 0.6)])
-        z = eye / np.linalg.norm(eye) + rng.normal(size=3) * 0.02
-        z /= np.linalg.norm(z)
-        x = np.cross([0.0, 0.0, 1.0], z)
-        x /= np.linalg.norm(x)
-        pose = np.eye(4)
-        pose[:3] = np.stack([x, np.cross(z, x), z, eye + centre], axis=1)
+        back = eye / np.linalg.norm(eye) + rng.normal(size=3) * 0.02
+        pose = look_at(eye + centre, back, np.array([0.0, 0.0, 1.0]))
         lens = shared if random.random() < 0.7 else _lens(rng)
         cameras.append(Camera(pose, *SIZE, *lens[:4], tuple(lens[4:])))  # type: ignore[arg-type]
     return cameras

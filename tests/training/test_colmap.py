@@ -12,6 +12,7 @@ import pytest
 from console import Notice
 from tests.training.reconstructions import SIZE, ball, ndc_points, save_picture, side_by_side, write_colmap
 from tests.training.test_captures import circle, complaint, everyone, write_transforms
+from tools.pose_error import similarity
 from training.scenes import load_scene
 from training.scenes.colmap_files import read_reconstruction
 from training.scenes.scene import Scene, camera_rays
@@ -41,14 +42,6 @@ def met_points(scene: Scene, model: Path) -> tuple[np.ndarray, np.ndarray, float
     return np.array(met), np.array([made.points3D[number].xyz for number in lines]), miss
 
 
-def similarity_between(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float]:
-    """Rotation times scale [3, 3] that takes centred `source` to centred `target`, and the largest distance left."""
-    a, b = source - source.mean(0), target - target.mean(0)
-    left, sizes, right = np.linalg.svd(b.T @ a)
-    scaled = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right * sizes.sum() / np.square(a).sum()
-    return scaled, float(np.linalg.norm(a @ scaled.T - b, axis=-1).max())
-
-
 @pytest.mark.parametrize("models", [("SIMPLE_PINHOLE", "PINHOLE"), ("SIMPLE_RADIAL", "RADIAL"), ("PINHOLE", "OPENCV")])
 @pytest.mark.parametrize("downscale", [1, 3])
 def test_rays_through_a_points_pixels_meet_where_colmap_has_it_and_up_is_up(tmp_path, models, downscale):
@@ -56,10 +49,9 @@ def test_rays_through_a_points_pixels_meet_where_colmap_has_it_and_up_is_up(tmp_
     scene = load_scene(path, downscale=downscale)
     met, places, miss = met_points(scene, path / "sparse/0")
     assert len(met) == 150 and miss < 1e-6
-    scaled, error = similarity_between(places, met)
-    assert error < 1e-6
-    up = scaled @ np.array([0.0, 0.0, 1.0])
-    np.testing.assert_allclose(up / np.linalg.norm(up), [0, 0, 1], atol=0.02)
+    scale, R, offset = similarity(places, met)
+    np.testing.assert_allclose(scale * places @ R.T + offset, met, atol=1e-6)
+    np.testing.assert_allclose(R[:, 2], [0, 0, 1], atol=0.02)
     assert np.linalg.norm([p.camera.world_T_camera[:3, 3] for p in everyone(scene)], axis=-1).mean() == pytest.approx(1)
 
 

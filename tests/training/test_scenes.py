@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +17,16 @@ from baker.reports.evaluation import reading_of
 from console import UserError
 from tests.training.reconstructions import ball, write_colmap
 from tests.training.scenes.test_transforms import edit
-from tests.training.test_captures import circle, complaint, everyone, forward, write_llff
+from tests.training.test_captures import circle, complaint, everyone, forward, write_llff, write_transforms
 from tests.training.test_training import MINUTE
 from training.commands.train import main
+from training.config import PRESETS
 from training.loop import train
 from training.run import load_run, read_description
 from training.scenes import Scene, SceneOptions, load_pixels, load_scene
 from training.scenes.colmap import sparse_points
 from training.scenes.pictures import over_background, read_picture, shrink
+from training.scenes.scene import few_line
 from training.scenes.scene_options import axes_of, box_text
 
 
@@ -207,3 +212,38 @@ def test_a_forward_facing_scene_has_no_box_to_choose(tmp_path: Path):
     around = write_llff(tmp_path / "around", circle())
     box = load_scene(around, spherify=True).aabb * 0.5
     assert box_text(load_scene(around, spherify=True, aabb=box.ravel()).aabb) == box_text(box)
+
+
+# Too few photographs, cameras that miss the scene, nothing in the pictures: told before training, or refused
+
+
+@pytest.mark.parametrize(
+    ("photographs", "words"),
+    [(1, "one photograph"), (2, "one photograph"), (6, "5 photographs to train on are few"), (10, None)],
+)
+def test_what_can_be_expected_of_few_photographs_is_said(tmp_path: Path, photographs: int, words: str | None) -> None:
+    line = few_line(load_scene(write_transforms(tmp_path / "t", circle(photographs))))
+    assert (line is None) if words is None else (line is not None and words in line)
+
+
+def test_cameras_that_all_look_away_from_the_box_are_refused_before_training(
+    copy: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    def turn_round(document: dict[str, Any]) -> None:
+        for frame in document["frames"]:
+            frame["transform_matrix"] = (np.array(frame["transform_matrix"]) * [-1, 1, -1, 1]).tolist()
+
+    edit(copy / "transforms_train.json", turn_round)
+    line = refused(main, copy, "--out", tmp_path / "run", "--preset", "tiny", "--steps", 2)
+    assert "no photograph sees the box of the content" in line
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_field_that_no_ray_meets_does_not_end_as_a_success(copy: Path, tmp_path: Path) -> None:
+    for picture in (copy / "train").glob("*.png"):
+        corner = Image.new("RGBA", (48, 48))
+        corner.paste((255, 0, 0, 255), (0, 0, 8, 8))
+        corner.save(picture)
+    middle = SceneOptions(aabb=(-0.2, -0.2, -0.2, 0.2, 0.2, 0.2))
+    with pytest.raises(UserError, match=r"the field is empty .*--aabb"):
+        train(copy, tmp_path / "run", dataclasses.replace(PRESETS["quick"], steps=8, log_every=4), middle)

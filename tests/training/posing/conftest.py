@@ -13,7 +13,7 @@ from PIL import Image, ImageFilter
 from console import Notice
 from tests.training.posing.rooms import cameras, photograph, texture
 from training.posing.find import find_poses
-from training.scenes import Camera
+from training.scenes import Camera, Scene, load_scene
 from training.scenes.sources import Source, find_source
 
 COUNT = 9
@@ -38,9 +38,7 @@ def write_photographs(folder: Path, count: int = COUNT) -> dict[str, Camera]:
     for i, camera in enumerate(given):
         picture = Image.fromarray(photograph(camera))
         name = f"p{i}.jpg"
-        if (
-            i == SIDEWAYS
-        ):  # the camera was held upright: pixels are stored turned by 90° counter-clockwise, and EXIF says so
+        if i == SIDEWAYS:  # held upright: pixels are stored turned by 90° counter-clockwise, and EXIF says so
             exif = Image.Exif()
             exif[0x0112] = 6
             picture.transpose(Image.Transpose.ROTATE_90).save(folder / name, quality=95, exif=exif)
@@ -62,6 +60,13 @@ def write_photographs(folder: Path, count: int = COUNT) -> dict[str, Camera]:
             picture.save(folder / name, quality=95)
         names.append(name.replace(" ", "_").split(".")[0])
     return dict(zip(names, given, strict=True))
+
+
+def load_quietly(scene: Path, *, masks: bool = False) -> Scene:
+    """The scene as seen from all around."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return load_scene(scene, spherify=True, masks=masks)
 
 
 def write_stranger(file: Path, seed: int) -> None:

@@ -17,20 +17,14 @@ from PIL import Image
 
 from baker.commands.make import main as snerg_make
 from console import UserError
-from tests.training.posing.conftest import COUNT, STRANGER, Found, write_photographs
+from tests.training.posing.conftest import COUNT, STRANGER, Found, load_quietly, write_photographs
 from tests.training.posing.rooms import cameras, photograph
 from tools.pose_error import pose_error
 from training.posing import child_process, find
 from training.posing.find import find_poses, posed_scene
-from training.scenes import Photograph, Scene, load_scene
+from training.scenes import Photograph, Scene
 
 ROOT = Path(__file__).parents[3]
-
-
-def load(scene: Path) -> Scene:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return load_scene(scene, spherify=True)
 
 
 def photographs_of(scene: Scene) -> dict[str, Photograph]:
@@ -38,7 +32,7 @@ def photographs_of(scene: Scene) -> dict[str, Photograph]:
 
 
 def test_the_cameras_of_bare_photographs_are_found(found: Found):
-    scene = load(found.scene)
+    scene = load_quietly(found.scene)
     given = replace(scene, splits={"train": tuple(Photograph(n, c, lambda: None) for n, c in found.cameras.items())})  # type: ignore[arg-type, return-value]
     result = pose_error(scene, given)
     assert len(result.names) == COUNT
@@ -59,7 +53,7 @@ def test_pixels_that_are_not_square_are_found(tmp_path: Path):
         narrow = replace(camera, width=192, fx=0.75 * camera.fx, cx=96.0)
         Image.fromarray(photograph(narrow)).save(tmp_path / "photographs" / f"p{number:02}.png")
         views.append(Photograph(f"p{number:02}", narrow, lambda: None))  # type: ignore[arg-type, return-value]
-    scene = load(posed_scene(tmp_path / "photographs", tmp_path / "out"))
+    scene = load_quietly(posed_scene(tmp_path / "photographs", tmp_path / "out"))
     result = pose_error(scene, replace(scene, splits={"train": tuple(views)}))
     assert len(result.names) == 12
     assert result.positions.max() < 0.01 and result.degrees.max() < 0.5
@@ -118,7 +112,7 @@ def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(
         warnings.simplefilter("ignore")
         scene = find_poses(found.source, tmp_path / "out")
     assert asked[:2] == [("features", COUNT + 1), ("matches", (COUNT + 1) * COUNT / 2)]  # all of which are kept
-    first, second = load(found.scene), load(scene)
+    first, second = load_quietly(found.scene), load_quietly(scene)
     # Not to the last bit: COLMAP's matcher may lose some matches, once in hundreds of runs.
     result = pose_error(second, first)
     assert len(result.names) == COUNT and result.positions.max() < 0.005 and result.degrees.max() < 0.2

@@ -14,9 +14,9 @@ from PIL import Image
 
 from baker.commands.make import main as snerg_make
 from console import Notice, UserError
+from tests.training.posing.conftest import load_quietly
 from tests.training.posing.rooms import TILE, bilinear, texture
 from training.posing.find import posed_scene
-from training.scenes import Scene, load_scene
 from training.scenes.sources import find_source
 
 pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
@@ -72,12 +72,6 @@ def refusal(photographs: Path, out: Path) -> str:
     return str(error.value)
 
 
-def load(scene: Path, *, masks: bool = False) -> Scene:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return load_scene(scene, spherify=True, masks=masks)
-
-
 @pytest.mark.slow
 def test_a_turntable_before_a_still_background_is_told_and_its_masks_mend_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -87,7 +81,7 @@ def test_a_turntable_before_a_still_background_is_told_and_its_masks_mend_it(
     assert "the camera stands still" in told and "put a folder masks with t0.png" in told
     assert capsys.readouterr().out.count(" no ") == COUNT  # the table
     write_turntable(tmp_path / "masked", lambda name: f"{name}.png" if name != "t1.png" else "t1_mask.png")
-    scene = load(posed_scene(tmp_path / "masked", tmp_path / "out"), masks=True)
+    scene = load_quietly(posed_scene(tmp_path / "masked", tmp_path / "out"), masks=True)
     photographs = [one for split in scene.splits.values() for one in split]
     assert len(photographs) == COUNT
     turns = {one.name: one.camera.world_T_camera[:3, :3] for one in photographs}

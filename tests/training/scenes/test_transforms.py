@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from console import Notice, UserError
+from console import Notice
 from tests.training.test_captures import circle, complaint, everyone, write_transforms
 from training.scenes import load_scene
 from training.scenes.poses import look_at
@@ -209,13 +209,10 @@ def test_the_points_that_a_file_names_say_where_things_are(tmp_path: Path, form)
         assert np.abs(load_scene(path).aabb).max() > 0.4
 
 
-def test_a_scene_whose_rays_meet_nothing_is_refused_before_training(tmp_path: Path):
+def test_photographs_that_see_nothing_are_told(tmp_path: Path):
     from dataclasses import replace
 
     scene = load_scene(write_blender(tmp_path))
-    for spoilt in (replace(scene, near=50.0, far=60.0), replace(scene, aabb=scene.aabb + 100)):
-        with pytest.raises(UserError, match="no photograph sees the box"):
-            require_rays(spoilt)
     away = np.eye(4)
     away[:3, 3] = 100
     moved = [replace(p, camera=replace(p.camera, world_T_camera=away)) for p in scene.splits["train"][:4]]
