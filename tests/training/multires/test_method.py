@@ -20,7 +20,7 @@ from training.exposure import FITTED_FROM
 from training.multires.config import MultiresConfig
 from training.multires.fused.compiled import Workers
 from training.multires.hull import _in_panorama, box_around, hull_codes
-from training.multires.levels import INITIAL, ROWS_OF_BRICK, decay_of_blocks, make_levels
+from training.multires.levels import ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.occupancy import INITIAL as INITIAL_CODE
 from training.multires.occupancy import NEVER, is_on
@@ -74,22 +74,6 @@ def test_a_restored_run_goes_on_to_the_last_bit(learnt: Learnt, dataset: RayData
         state, _ = method.step(state, step)
     for name, array in method.save(learnt.state).items():
         np.testing.assert_array_equal(method.save(state)[name], array, err_msg=name)
-
-
-@pytest.mark.slow
-def test_a_level_joins_with_new_rows_and_leaves_the_others_as_they_are(dataset: RayDataset) -> None:
-    method = MultiresMethod(CONFIG, dataset)
-    state = method.start(jax.random.key(0))
-    assert state.bricks[-1] is None and state.bricks[-2] is not None
-    rows = int(make_levels(method.plan.resolutions, state.bricks).offset[2])
-    state.values.table[:] += 1.0
-    before = state.values.table.copy()
-    state = method._with_levels(state, 60, 0.2)
-    levels = make_levels(method.plan.resolutions, state.bricks)
-    assert len(state.values.table) == levels.total > len(before) and levels.offset[3] > 0
-    np.testing.assert_array_equal(state.values.table[:rows], before[:rows])
-    new = state.values.table[levels.offset[3] + 64 :]
-    assert 0 < np.abs(new).max() <= INITIAL and not state.values.table[levels.offset[3] : levels.offset[3] + 64].any()
 
 
 def test_decay_is_the_gradient_of_the_mean_square_of_each_level(learnt: Learnt) -> None:

@@ -12,8 +12,8 @@ from PIL import Image, ImageFilter
 
 from tests.training.posing.rooms import cameras, photograph, texture
 from training.posing.check import Verdict, check
-from training.posing.photograph import read_photograph, sharpness, thumbnail
-from training.posing.prepare import blurred, repeated
+from training.posing.photograph import read_photograph, sharpness
+from training.posing.prepare import blurred
 from training.scenes.sources import require_source
 
 COUNT, DARK, STRANGER = 12, 5, 12
@@ -119,13 +119,6 @@ def test_a_blurred_picture_is_told_from_plain_ones_and_from_pictures_of_other_th
     )  # nor a sharp edge sharpness
     assert [i for i, bad in enumerate(blurred([sharpness(wall) for wall in walls])) if bad] == [4, 9]
     assert not any(blurred([1.0] * 6 + [0.05] * 6))  # half of them: these show something else
-
-
-def test_repeated_pictures_are_set_aside_and_similar_ones_are_not():
-    wall = texture(0).mean(axis=-1) / 255
-    views = [wall[:300, :400], wall[:300, :400] + 0.002, wall[:300, 4:404]]
-    assert repeated(["a", "b", "c"], [thumbnail(view) for view in views]) == [None, 0, None]
-    assert repeated(["a", "b", "a"], [thumbnail(wall[i * 9 :]) for i in range(3)]) == [None, None, 0]
 
 
 def test_pictures_of_one_lens_share_a_camera_and_exif_says_its_focal_length(tmp_path: Path):
