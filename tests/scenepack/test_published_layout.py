@@ -113,18 +113,6 @@ def test_the_frame_is_the_published_one(published: Published, options: dict[str,
     assert published.params["worldspace_T_opengl"] == (forward_facing if options.get("ndc") else blender)
 
 
-def test_sizes_agree_with_one_another(published: Published) -> None:
-    params = published.params
-    side = params["block_size"] + 2
-    for blocks, voxels in zip("xyz", ("width", "height", "depth"), strict=True):
-        assert params[f"atlas_blocks_{blocks}"] == params[f"atlas_{voxels}"] // side
-    indices = published.indices()
-    used = indices[indices[..., 0] != EMPTY]
-    assert len(used) and np.all(used < [params[f"atlas_blocks_{axis}"] for axis in "xyz"])
-    assert np.all(indices[indices[..., 0] == EMPTY] == EMPTY)
-    assert len(np.unique(used, axis=0)) == len(used)
-
-
 def test_an_index_is_x_y_z_and_leads_to_the_voxels_of_its_place_in_the_grid(tmp_path: Path) -> None:
     """A pack whose every data voxel tells its own place: x in red, y in green, z in blue, of 255."""
     size, blocks = 6, (3, 2, 4)

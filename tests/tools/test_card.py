@@ -13,12 +13,10 @@ from PIL import Image
 from scenepack import Pack, save_pack
 from tests.told import told
 from tools.card import __main__ as card_report
-from tools.card import opengl, subprocesses
+from tools.card import subprocesses
 from tools.card.__main__ import packs_at_hand, scene_at_hand
 from tools.card.parts import Budget, Part, Skipped, run_parts
 from tools.card.subprocesses import Training
-from viewer.rendering.camera import orbit_path
-from viewer.rendering.offscreen import OffscreenRenderer
 
 QUICK = ["--size", "48x36", "--frames", "3", "--views", "2", "--power-seconds", "0.05"]
 
@@ -88,21 +86,6 @@ def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(
     parts = read(out)
     assert parts["device"]["status"] == "failed" and "broken" in parts["device"]["traceback"]
     assert parts["pack shapes"]["status"] == "done" and "the driver is moody" in (out / "report.md").read_text()
-
-
-@pytest.mark.slow
-def test_a_picture_that_is_not_exact_fails_its_pack(shapes: Pack, ctx, monkeypatch: pytest.MonkeyPatch) -> None:
-    with OffscreenRenderer(shapes, ctx=ctx) as renderer:
-        cameras = orbit_path(shapes, 2, size=(32, 24))
-        assert opengl.exactness(renderer, cameras)["holds"]
-        draw = renderer.render_float
-
-        def shifted(camera, settings):
-            return draw(camera, settings) + (0.01 if settings.marcher == "exact" else 0.0)
-
-        monkeypatch.setattr(renderer, "render_float", shifted)
-        found = opengl.exactness(renderer, cameras)
-        assert not found["holds"] and found["worst"] == pytest.approx(2.55, abs=0.01) and found["beyond"] == 1.0
 
 
 @pytest.mark.slow

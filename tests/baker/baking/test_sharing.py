@@ -7,63 +7,33 @@ import os
 import shutil
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from baker.baking.grid import make_grid
-from baker.baking.supersample import Sampler, supersample
 from baker.baking.to_pack import share_of
 from baker.baking.work_folder import Share, WorkFolder
 from baker.commands.bake import main as snerg_bake
 from console import UserError
-from scenepack.blocks import fill_atlas
 from tests.baker.analytic import ball, culled
+from tests.baker.baking.test_grid_and_culling import baked
+from tests.scenepack.helpers import same_pack
 from tests.scenepack.random_packs import BLENDER_FRAME
 from tests.stored_runs import SCENE, STORED
 
 ROOT = Path(__file__).parents[3]
-KEY = {"bake": 1}
 
 
-def voxels(dataset, work: WorkFolder | None) -> list[np.ndarray]:
-    """indices, rgba and features of the ball, baked through a work folder."""
-    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 90, 30, BLENDER_FRAME)
-    culling = culled(ball, grid, dataset, work)
-    return list(fill_atlas(supersample(Sampler.of(ball, grid, culling), work=work), culling.kept, 30))
-
-
-@pytest.fixture
-def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.slow
+def test_a_helper_that_dies_costs_no_more_than_its_share(dataset, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("baker.baking.supersample.BLOCKS_AT_ONCE", 2)
-
-
-@pytest.mark.slow
-def test_two_processes_make_the_same_voxels_as_one(dataset, tmp_path: Path, small_pieces) -> None:
-    alone = voxels(dataset, None)
-    works = [WorkFolder(tmp_path / "work", KEY, Share(process, 2)) for process in (0, 1)]
-    results: dict[int, list[np.ndarray]] = {}
-
-    def run(process: int) -> None:
-        results[process] = voxels(dataset, works[process])
-
-    helper = threading.Thread(target=run, args=(1,))
-    helper.start()
-    run(0)
-    helper.join()
-    for found in results.values():
-        assert all(np.array_equal(a, b) for a, b in zip(found, alone, strict=True))
-    assert works[0].made > 2 and works[1].made > 2, "both worked"
-    works[0].remove()
-
-
-@pytest.mark.slow
-def test_a_helper_that_dies_costs_no_more_than_its_share(dataset, tmp_path: Path, small_pieces) -> None:
-    first = WorkFolder(tmp_path / "work", KEY, Share(0, 2))
-    WorkFolder(tmp_path / "work", KEY, Share(1, 2))  # and never makes a piece
-    assert all(np.array_equal(a, b) for a, b in zip(voxels(dataset, first), voxels(dataset, None), strict=True))
+    first = WorkFolder(tmp_path / "work", {"bake": 1}, Share(0, 2))
+    WorkFolder(tmp_path / "work", {"bake": 1}, Share(1, 2))  # and never makes a piece
+    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 90, 30, BLENDER_FRAME)
+    shared, alone = (baked(culled(ball, grid, dataset, work), grid, work) for work in (first, None))
+    assert same_pack(shared, alone)
     first.remove()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from math import comb
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageFilter
 
+from baker.commands.make import main as snerg_make
 from tests.training.posing.rooms import cameras, photograph, texture
 from training.posing.check import Verdict, check
 from training.posing.photograph import read_photograph, sharpness
@@ -74,26 +76,19 @@ def test_what_to_take_again_is_named_with_its_reason_on_one_page(captures: dict[
     assert not found["set_aside"] and len(found["photographs"]) == COUNT + 1 and 0 < found["overlap"] <= 1
 
 
-def test_snerg_make_checks_and_stops(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    from baker.commands.make import main
-
+def test_snerg_make_checks_and_stops(tmp_path: Path, refused: Callable[..., str]):
     (tmp_path / "photos").mkdir()
-    assert main([str(tmp_path / "photos"), "--out", str(tmp_path / "out"), "--check"]) == 2
-    assert "empty" in capsys.readouterr().err and not (tmp_path / "out").exists()
-    assert main([str(tmp_path / "photos"), "--out", str(tmp_path / "out"), "--json", "-"]) == 2
-    assert "--json: needs --check" in capsys.readouterr().err
+    words = [tmp_path / "photos", "--out", tmp_path / "out"]
+    assert "empty" in refused(snerg_make, *words, "--check") and not (tmp_path / "out").exists()
+    assert "--json: needs --check" in refused(snerg_make, *words, "--json", "-")
 
 
-def test_a_missing_package_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    from baker.commands.make import main
-
+def test_a_missing_package_is_named(tmp_path: Path, refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "photos").mkdir()
     Image.new("RGB", (32, 32)).save(tmp_path / "photos/a.png")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert main([str(tmp_path / "photos"), "--out", str(tmp_path / "out"), "--check"]) == 2
-    assert "snerg[poses]" in capsys.readouterr().err and not (tmp_path / "out").exists()
+    assert "snerg[poses]" in refused(snerg_make, tmp_path / "photos", "--out", tmp_path / "out", "--check")
+    assert not (tmp_path / "out").exists()
 
 
 def test_copies_of_an_llff_scene_s_photographs_are_not_checked_beside_them(tmp_path: Path):
