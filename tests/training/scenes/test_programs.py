@@ -13,10 +13,11 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from tests.training.reconstructions import FLIP, ball
-from tests.training.test_captures import circle, complaint
+from tests.training.test_captures import circle, complaint, everyone
+from tools.pose_error import similarity
 from training.scenes import load_scene
 from training.scenes.programs import PROGRAMS
-from training.scenes.scene import Scene
+from training.scenes.scene import pixels_of
 
 WIDE, HIGH, FOCAL, CX, CY = 60, 40, 55.0, 31.0, 18.5
 K1, K2, P1, P2 = 0.05, -0.02, 0.003, -0.002
@@ -149,28 +150,17 @@ def expected_pixels(P: np.ndarray, name: str) -> np.ndarray:
     return np.stack([cx + FOCAL * u, cy + FOCAL * v], -1)
 
 
-def in_scene(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """POINTS in the training frame by the motion that brings the cameras there, and the cameras' poses, by their order."""
-    everyone = sorted((p for split in scene.splits.values() for p in split), key=lambda p: (len(p.name), p.name))
-    ours = np.stack([p.camera.world_T_camera for p in everyone])
-    scale = np.ptp(ours[:, :3, 3], axis=0).max() and np.linalg.norm(ours[0, :3, 3] - ours[1, :3, 3])
-    scale /= np.linalg.norm(POSES[0, :3, 3] - POSES[1, :3, 3])
-    R = ours[0, :3, :3] @ POSES[0, :3, :3].T
-    return scale * (POINTS - POSES[0, :3, 3]) @ R.T + ours[0, :3, 3], ours
-
-
 @pytest.mark.parametrize("name", WRITERS)
 @pytest.mark.filterwarnings("ignore")
 def test_known_points_are_seen_where_the_export_says(tmp_path: Path, name: str):
-    from training.scenes.scene import pixels_of
-
     WRITERS[name](tmp_path)
     scene = load_scene(tmp_path)
     assert scene.kind == "program" and len(scene.splits["train"]) == 10 and len(scene.splits["test"]) == 2
-    points, _ = in_scene(scene)
-    everyone = sorted((p for split in scene.splits.values() for p in split), key=lambda p: (len(p.name), p.name))
-    for photograph, P in zip(everyone, POSES, strict=True):
-        pixels, _ = pixels_of(photograph.camera, points)
+    photographs = sorted(everyone(scene), key=lambda p: (len(p.name), p.name))
+    eyes = np.stack([p.camera.world_T_camera[:3, 3] for p in photographs])
+    scale, R, offset = similarity(POSES[:, :3, 3], eyes)
+    for photograph, P in zip(photographs, POSES, strict=True):
+        pixels, _ = pixels_of(photograph.camera, scale * POINTS @ R.T + offset)
         np.testing.assert_allclose(pixels, expected_pixels(P, name), atol=1e-4)
     assert photograph.load().shape == (HIGH, WIDE, 4)
 
