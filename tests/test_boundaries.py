@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from fnmatch import fnmatch
 from functools import cache
 from pathlib import Path
@@ -180,19 +181,23 @@ def test_no_modules_import_one_another_in_a_circle() -> None:
     assert not circular
 
 
+def functions_in(path: Path) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
+
+
 def test_no_function_and_no_file_is_too_long() -> None:
     """Of a function counts what follows its docstring: the parameters of a command are its options, with their help."""
     long = {}
     for module, path in (names_of_modules() | {str(path): path for path in modules("tests")}).items():
-        text = path.read_text(encoding="utf-8")
-        if len(text.splitlines()) > MOST_LINES_OF_A_FILE:
-            long[module] = len(text.splitlines())
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                body = node.body[1:] if ast.get_docstring(node) and len(node.body) > 1 else node.body
-                lines = body[-1].end_lineno - body[0].lineno + 1  # type: ignore[operator]
-                if lines > MOST_LINES_OF_A_FUNCTION:
-                    long[f"{module}.{node.name}"] = lines
+        if (lines := len(path.read_text(encoding="utf-8").splitlines())) > MOST_LINES_OF_A_FILE:
+            long[module] = lines
+        for node in functions_in(path):
+            body = node.body[1:] if ast.get_docstring(node) and len(node.body) > 1 else node.body
+            lines = body[-1].end_lineno - body[0].lineno + 1  # type: ignore[operator]
+            if lines > MOST_LINES_OF_A_FUNCTION:
+                long[f"{module}.{node.name}"] = lines
     assert not long
 
 
@@ -201,11 +206,10 @@ def test_no_function_takes_more_than_ten_parameters_but_a_command_whose_paramete
     for module, path in names_of_modules().items():
         if ".commands." in module or module == "tools.card.__main__":
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                taken = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
-                if len([arg for arg in taken if arg.arg not in ("self", "cls")]) > MOST_PARAMETERS:
-                    greedy.append(f"{module}.{node.name}")
+        for node in functions_in(path):
+            taken = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+            if len([arg for arg in taken if arg.arg not in ("self", "cls")]) > MOST_PARAMETERS:
+                greedy.append(f"{module}.{node.name}")
     assert not greedy
 
 

@@ -1,4 +1,4 @@
-"""Programs that start our commands: progress in a file, and an end that comes with theirs."""
+"""Programs that start our commands, and those that we start: progress in a file, odd JSON, an end that comes with theirs."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import pytest
 
 from console import UserError, progress, run_command
 from console.child_process import module_command
+from console.json_text import MOST_BYTES, parse_json
 from console.progress_protocol import PROGRESS, Report, read_report
 
 WAITS = """
@@ -102,6 +103,21 @@ def test_the_end_of_standard_input_is_ctrl_c_where_it_is_asked_for(set_: bool) -
             with pytest.raises(subprocess.TimeoutExpired):
                 child.wait(0.5)
             child.kill()
+
+
+# JSON that nobody writes by mistake
+
+
+def test_a_value_comes_back_as_it_was_written() -> None:
+    document = {"whole": 123456789012345678, "float": 0.1, "text": "日本語", "list": [1, -2.5, None, True]}
+    assert parse_json(json.dumps(document)) == document
+    assert parse_json(b"\xef\xbb\xbf" + json.dumps(document).encode()) == document
+    assert type(parse_json("17")) is int and parse_json("9" * 30) == 1e30
+
+
+def test_more_than_anybody_writes_is_not_parsed() -> None:
+    with pytest.raises(ValueError, match="16 MiB"):
+        parse_json(b" " * (MOST_BYTES + 1))
 
 
 # What we start runs our modules and Python's, whatever the user keeps in the current folder

@@ -23,6 +23,8 @@ from training.scenes.presets import BakeablePreset
 ROOT = Path(__file__).parents[2]
 HEAVY = ("jax", "jaxlib", "numba", "numpy", "glfw", "imgui_bundle", "moderngl", "console", "viewer", "training")
 IMPORT_S = 0.3  # of processor time, so that a busy machine does not count
+NOTEBOOK = ROOT / "docs/notebooks/first_scene.ipynb"
+NOTEBOOKS_PSNR = 20.0  # dB, at least, of 200 steps; a picture of the background alone has 14
 ARTICLE = re.compile(r"```python\n(.*?)```", re.S)
 
 
@@ -85,3 +87,22 @@ def test_the_example_of_the_readme_gives_the_picture_beside_it(tmp_path: Path, m
     shown = np.asarray(Image.open(ROOT / "docs/pictures/island.png"), np.int16)
     assert made.shape == shown.shape and np.abs(made - shown).mean() < 0.5  # other drivers round otherwise
     assert sorted(path.name for path in tmp_path.iterdir()) == ["island.png"]
+
+
+@pytest.mark.slow
+def test_the_notebook_makes_a_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    nbformat = pytest.importorskip("nbformat", reason="the notebook runs with nbclient and ipykernel (the extra dev)")
+    client = pytest.importorskip("nbclient", reason="the notebook runs with nbclient and ipykernel (the extra dev)")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    notebook = nbformat.reads(NOTEBOOK.read_text(encoding="utf-8"), as_version=4)
+    assert not any(cell.get("outputs") for cell in notebook.cells), "clear its outputs before you commit it"
+    client.NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
+    pages = [
+        output["data"]["text/html"] for output in outputs if "<iframe" in output.get("data", {}).get("text/html", "")
+    ]
+    assert len(pages) == 1 and "Content-Security-Policy" in pages[0]
+    printed = "".join(output.get("text", "") for output in outputs if output.output_type == "stream")
+    assert float(re.findall(r"([\d.]+) dB on 4 photographs", printed)[0]) > NOTEBOOKS_PSNR, printed
+    assert {"island.glb", "mine.zip", "photographs", "run"} <= {path.name for path in tmp_path.iterdir()}

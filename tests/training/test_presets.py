@@ -1,14 +1,17 @@
-"""Presets: one table of names, which commands, trainer and viewer share."""
+"""Presets: one table of names, which commands, trainer and viewer share; and settings that make no sense."""
 
 from __future__ import annotations
 
+import dataclasses
 from typing import get_args
 
 import pytest
 
 from baker.commands import make
+from console import UserError
 from training.commands import train
 from training.config import PRESETS as CONFIGS
+from training.config import TINY, from_json
 from training.scenes.presets import PRESETS, BakeablePreset, PresetName, voxels_for
 from training.speed import whole_runs
 from viewer.features.making import survey
@@ -50,3 +53,19 @@ def test_larger_photographs_take_more_of_both_until_the_field_is_as_fine_as_it_g
     for key in ("samples", "disk"):
         assert runs[100][key] <= runs[250][key] < runs[800][key] == runs[1600][key]
     assert runs[100]["disk"] < runs[250]["disk"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("batch_size", -1), ("log_every", 0), ("seed", 10**20), ("steps", -5), ("minutes", float("nan")), ("nerf.width", 0),
+     ("multires.occupancy", 0), ("multires.view_octaves", -1), ("multires.steps_from", [0.1, float("nan")]),
+     ("nerf.first_rate", -1.0), ("checkpoint_every", 0), ("nerf.depth", 2.5), ("method", "magic")],
+)  # fmt: skip
+def test_settings_that_make_no_sense_are_refused_by_name(name: str, value: object) -> None:
+    document = dataclasses.asdict(TINY)
+    inner = document
+    for part in name.split(".")[:-1]:
+        inner = inner[part]
+    inner[name.split(".")[-1]] = value
+    with pytest.raises(UserError, match=name.split(".")[-1].replace("_", ".")):
+        from_json(type(TINY), document, "config.json")
