@@ -175,7 +175,7 @@ def test_what_other_programs_wrote_is_named(
         for inner, data in content.items():
             (path / inner).write_bytes(data)
     line = refused(snerg_pack, "info", path)
-    assert f"this is {name}" in line and "snerg opens SNeRG packs" in line and "snerg-make" in line
+    assert f" {name} " in line and "snerg opens SNeRG packs" in line and "snerg-make" in line
 
 
 def test_a_pack_under_another_name_opens(tmp_path: Path) -> None:
