@@ -127,6 +127,7 @@ def test_a_pack_that_does_not_fit_is_measured_at_half_resolution_only_where_that
     assert command([*line, "--allow-half"]) == 0
     half = json.loads(out.read_text())
     assert half["halved"] is True and half["grid_size"] == [35, 35, 35]
+    assert command is not snerg_bench or "at reduced resolution" in capsys.readouterr().out
 
 
 def test_the_question_leaves_nothing_behind_and_harms_nothing(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 from scenepack import Pack, ViewMlp, save_pack
 from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.viewer.offscreen_ui import OffscreenUi
+from tests.viewer.scenes import photographed
 from tests.viewer.screen import NoScreen, virtual_screen
 from viewer.app.application import App
 from viewer.features.making import survey
@@ -30,8 +31,10 @@ PACKAGES = {
 }  # Debian's; scripts/ensure-gl.sh has them
 
 
-def missing(what: str) -> None:
-    """Skips for want of a program, and names what to install; fails in CI, where nothing may be skipped silently."""
+def installed(what: str) -> str:
+    """The path of a program. Without it, skips and names what to install; fails in CI, where nothing may be skipped silently."""
+    if (path := shutil.which(what)) is not None:
+        return path
     told = f"{what} is not installed: apt-get install {PACKAGES[what]}"
     if os.environ.get("CI"):
         pytest.fail(f"{told}; CI may not skip")
@@ -75,6 +78,12 @@ def pack_folder(tmp_path_factory: pytest.TempPathFactory, pack: Pack) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def known_pack(tmp_path_factory: pytest.TempPathFactory, pack: Pack) -> Pack:
+    """The toy, which knows its three photographs of each split."""
+    return photographed(pack, tmp_path_factory.mktemp("known") / "toy_scene")
+
+
 @pytest.fixture(autouse=True)
 def nothing_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     """No dialog trains something to see how long that takes here, but for tests that ask for it."""
@@ -110,11 +119,9 @@ def offscreen(ctx: moderngl.Context) -> Iterator[Callable[..., OffscreenUi]]:
 @pytest.fixture(scope="session")
 def display() -> Iterator[str]:
     """DISPLAY of an Xvfb of our own; skipped where it is not installed, failed in CI."""
-    program = shutil.which("Xvfb")
-    if program is None:
-        missing("Xvfb")
+    program = installed("Xvfb")
     try:
-        with virtual_screen(str(program)) as (name, _):
+        with virtual_screen(program) as (name, _):
             yield name
     except NoScreen as reason:
         pytest.fail(str(reason))

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import moderngl
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from tests.viewer.unseen import draw_unseen
+from tests.viewer.window.widgets_seen import Seen, watch
 from viewer.app.application import App
 from viewer.app.frame import is_waiting, unfinished
 from viewer.core.input import KeyPress
+from viewer.core.pose import project
 from viewer.interface.ui import Ui
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.opengl import free_framebuffer, read_pixels, unbind_framebuffers
@@ -121,6 +123,24 @@ class OffscreenUi:
         rows = slice(round(box.y * d), round((box.y + box.height) * d))
         return self.picture()[rows, round(box.x * d) : round((box.x + box.width) * d)]
 
+    def place_of(self, point: Sequence[float]) -> tuple[float, float]:
+        """Where a point of the scene (grid frame) is in the window, units."""
+        pixels, ahead = project(self.app.camera(), np.array([point]))
+        assert ahead[0]
+        x, y = (pixels[0] / self.density).tolist()
+        return self.app.viewport.x + x, self.app.viewport.y + y
+
+    def widgets(self, label: str) -> list[Seen]:
+        """The widgets that can be pressed with that in their labels, in the order of their labels."""
+        with watch() as seen:
+            self.settle()
+        return sorted((e for e in seen.seen.values() if label in e.label and not e.disabled), key=lambda e: e.label)
+
+    def press(self, label: str) -> None:
+        """Clicks the one widget whose label ends so."""
+        (widget,) = [each for each in self.widgets(label) if each.label.endswith(label)]
+        self.click(*widget.at)
+
     def click(self, x: float, y: float, button: int = 0) -> None:
         """Presses and lets go of a mouse button at a point (units), with the frames that imgui needs."""
         for down in (None, True, False):
@@ -142,6 +162,15 @@ class OffscreenUi:
             self.frame()
         self.io.add_mouse_button_event(button, False)
         self.frame()
+
+    def pull(self, start: Sequence[float], end: Sequence[float], steps: int) -> None:
+        """Drags slowly, as docking and gizmos want it: hovers for a moment first, and stays at the end before letting go."""
+        self.io.add_mouse_pos_event(*start)
+        for _ in range(3):
+            self.frame()
+        way = np.linspace(start, end, steps + 1).tolist()
+        self.drag([*way, *[way[-1]] * 3])
+        self.settle()
 
     def wheel(self, notches: float, x: float, y: float) -> None:
         """Turns the wheel over a point (units)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +12,8 @@ import numpy as np
 from PIL import Image
 
 from scenepack import Pack
+from training.scenes import load_scene
+from training.scenes.scene import Camera
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
 
@@ -27,7 +29,6 @@ def photographed(pack: Pack, folder: Path, per_split: int = 3, render: Render | 
 
     render: what draws them, uint8 [h, w, 3]; by default a context of their own.
     """
-    cameras = []
     with ExitStack() as stack:
         render = render or stack.enter_context(OffscreenRenderer(pack)).render
         for split in ("train", "test"):
@@ -44,15 +45,20 @@ def photographed(pack: Pack, folder: Path, per_split: int = 3, render: Render | 
                 frames.append({"file_path": f"./{split}/r_{i}", "transform_matrix": matrix})
             document = {"camera_angle_x": ANGLE, "frames": frames}
             (folder / f"transforms_{split}.json").write_text(json.dumps(document))
-    from training.scenes import load_scene
-
-    scene = load_scene(folder)
-    for split, photographs in scene.splits.items():
-        for photograph in photographs:
-            c = photograph.camera
-            cameras.append(
-                {"name": photograph.name, "split": split, "world_T_camera": np.asarray(c.world_T_camera).tolist()}
-                | {key: getattr(c, key) for key in ("width", "height", "fx", "fy", "cx", "cy")}
-                | {"distortion": list(c.distortion)}
-            )
+    shots = [(split, shot) for split, photographs in load_scene(folder).splits.items() for shot in photographs]
+    cameras = [_camera(shot.name, split, shot.camera.world_T_camera, shot.camera) for split, shot in shots]
     return pack.with_metadata(cameras=cameras, provenance={"scene": str(folder)})
+
+
+def with_cameras(pack: Pack, views: Iterable[ViewCamera]) -> Pack:
+    """The pack with those (grid frame) as the cameras of photographs that are nowhere."""
+    frame = pack.worldspace_T_opengl
+    cameras = [_camera(str(i), "train", frame @ view.grid_T_camera, view) for i, view in enumerate(views)]
+    return pack.with_metadata(cameras=cameras)
+
+
+def _camera(name: str, split: str, world_T_camera: np.ndarray, camera: Camera | ViewCamera) -> dict[str, object]:
+    """A camera as the metadata of packs have it."""
+    numbers = {key: getattr(camera, key) for key in ("width", "height", "fx", "fy", "cx", "cy")}
+    pose = np.asarray(world_T_camera).tolist()
+    return {"name": name, "split": split, "world_T_camera": pose, "distortion": list(camera.distortion), **numbers}

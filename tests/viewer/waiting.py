@@ -6,13 +6,20 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from viewer.app.application import App
+
 LONGEST_S = 120.0
 
 
-def until(happened: Callable[[], Any]) -> Any:
-    """What `happened` gives once that is true; fails after LONGEST_S."""
-    end = time.monotonic() + LONGEST_S
+def until(happened: Callable[[], Any], longest_s: float = LONGEST_S) -> Any:
+    """What `happened` gives once that is true; fails after so long."""
+    end = time.monotonic() + longest_s
     while not (found := happened()):
         assert time.monotonic() < end, "it did not happen"
         time.sleep(0.005)
     return found
+
+
+def live(app: App, happened: Callable[[], Any], longest_s: float = LONGEST_S) -> None:
+    """Lets time pass for the app until something is so."""
+    until(lambda: app.tick(0.02) or happened(), longest_s)

@@ -7,7 +7,7 @@ import pytest
 
 from console import UserError
 from tests.viewer.conftest import toy_pack
-from tests.viewer.waiting import until
+from tests.viewer.waiting import live, until
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS, run
 from viewer.features.display.display import modes_for
@@ -50,8 +50,7 @@ def open_app(pack, pack_folder) -> App:
 
 def finish_loading(app: App) -> None:
     assert app.loading is not None
-    until(lambda: app.loading.finished)
-    app.tick(0.01)
+    live(app, lambda: app.loading is None)
 
 
 def test_opening_reads_in_a_thread_and_shows_the_pack(pack_folder):

@@ -14,12 +14,12 @@ from scenepack.blocks import dense_from_pack
 from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.told import told
 from tests.viewer.rendering.shapes import shapes_pack
+from tests.viewer.scenes import SIDE, photographed
 from tools import scaling
 from viewer.benchmark.frames import same_view
 from viewer.commands import bench, render
 from viewer.rendering import offscreen
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.offscreen import OffscreenRenderer
 
 SMALL = ["--size", "48x36"]
@@ -114,30 +114,38 @@ def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(folder: str, tmp
 
 
 @pytest.mark.parametrize(
-    "words",
+    ("words", "complaint"),
     [
-        ["--out", "a.jpg"],
-        ["--out", "a.png", "--orbit", "2"],
-        ["--out", "a.png", "--eye", "1,2,nan"],
-        ["--out", "a.png", "--eye", "1,2,3", "--target", "1,2,3"],
-        ["--out", "a.png", "--size", "0x5"],
-        ["--out", "a.png", "--crop", "1,2,3"],
-        ["--out", "a.png", "--scene", "nowhere"],
-        ["--out", "a.png", "--samples", "17"],
-        ["--out", "a.png", "--projection", "equirectangular", "--size", "64x64"],
-        ["--out", "a.png", "--projection", "equirectangular", "--fov", "40"],
-        ["--out", "a.png", "--projection", "vr180"],
-        ["--out", "a", "--sheet", "--orbit", "2"],
-        ["--out", "a.png", "--eye-distance", "0.1"],
-        ["--out", "a.exr", "--projection", "equirectangular", "--eye-distance", "0.1"],
+        ("a.jpg", "--out"),
+        ("a.png --orbit 2", "--out"),
+        ("a.png --eye 1,2,nan", "--eye"),
+        ("a.png --eye 1,2,3 --target 1,2,3", "--target"),
+        ("a.png --size 0x5", "--size"),
+        ("a.png --crop 1,2,3", "--crop"),
+        ("a.png --scene nowhere", "nowhere"),
+        ("a.png --samples 17", "--samples"),
+        ("a.png --projection equirectangular --size 64x64", "--size"),
+        ("a.png --projection equirectangular --fov 40", "--fov"),
+        ("a.png --projection vr180", "--eye-distance"),
+        ("a --sheet --orbit 2", "--sheet"),
+        ("a.png --eye-distance 0.1", "--eye-distance"),
+        ("a.exr --projection equirectangular --eye-distance 0.1", ""),
+        ("a.png --focus 2", "needs --aperture"),
+        ("a.png --aperture 0", "--aperture"),
+        ("a.png --aperture nan", "--aperture"),
+        ("a.png --aperture 0.1 --focus -1", "--focus"),
+        ("a.png --aperture 0.1 --lens-rays 2", "--lens-rays"),
+        ("a.png --aperture 0.1 --ortho-height 2", "exclude each other"),
+        ("a.png --aperture 0.1 --eye 0,0,3 --target 0,0,9", "--focus"),
     ],
 )
 def test_bad_arguments_are_status_2_and_one_line(
-    folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: list[str]
+    folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words, complaint
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert render.main([folder, *words]) == 2
-    assert len(told(capsys.readouterr().err)) == 1
+    assert render.main([folder, "--out", *words.split()]) == 2
+    [line] = told(capsys.readouterr().err)
+    assert complaint in line
     assert not list(tmp_path.iterdir())
 
 
@@ -168,32 +176,25 @@ def turned_folder(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture(scope="module")
-def photographed(tmp_path_factory: pytest.TempPathFactory, shapes: Pack) -> str:
-    """A Blender scene of two photographs, from the published distance: pictures of the pack with noise on them."""
-    folder, rng, fov = tmp_path_factory.mktemp("scene"), np.random.default_rng(0), 0.7
-    frames = []
+def scene(tmp_path_factory: pytest.TempPathFactory, shapes: Pack) -> str:
+    """A scene of two photographs to test by: pictures of the pack with noise on them."""
+    folder, rng = tmp_path_factory.mktemp("scene") / "noisy", np.random.default_rng(0)
     with OffscreenRenderer(shapes) as renderer:
-        for i in range(2):
-            view = ViewCamera.orbit(shapes, 40.0 * i, 20.0, 4.03, float(np.degrees(fov)), (24, 24))
-            seen = renderer.render(view).astype(int)
-            noisy = np.clip(seen + rng.integers(-9, 10, seen.shape), 0, 255).astype(np.uint8)
-            matrix = shapes.worldspace_T_opengl @ view.grid_T_camera
-            frames.append((Image.fromarray(noisy), f"r_{i}", matrix.tolist()))
-    for split in ("train", "test"):
-        (folder / split).mkdir()
-        for picture, name, _ in frames:
-            picture.save(folder / split / f"{name}.png")
-        listed = [{"file_path": f"./{split}/{name}", "transform_matrix": matrix} for _, name, matrix in frames]
-        (folder / f"transforms_{split}.json").write_text(json.dumps({"camera_angle_x": fov, "frames": listed}))
+
+        def noisy(view: ViewCamera) -> np.ndarray:
+            seen = renderer.render(view)
+            return np.clip(seen + rng.integers(-9, 10, seen.shape), 0, 255).astype(np.uint8)
+
+        photographed(shapes, folder, 2, noisy)
     return str(folder)
 
 
 @pytest.mark.slow
 def test_two_systems_are_compared_each_pack_under_its_own_marcher_and_both_against_photographs(
-    folder: str, turned_folder: str, photographed: str, tmp_path: Path
+    folder: str, turned_folder: str, scene: str, tmp_path: Path
 ) -> None:
     out, table = tmp_path / "bench.json", tmp_path / "bench.md"
-    words = [folder, "--against", turned_folder, "--scene", photographed, "--frames", "3", "--json", str(out), *SMALL]
+    words = [folder, "--against", turned_folder, "--scene", scene, "--frames", "3", "--json", str(out), *SMALL]
     assert bench.main([*words, "--markdown", str(table)]) == 0
     result = json.loads(out.read_text())
     assert "compare" not in result and "ablations" not in result
@@ -201,7 +202,7 @@ def test_two_systems_are_compared_each_pack_under_its_own_marcher_and_both_again
     assert against["systems"] == ["shapes, exact", "turned, paper"]
     assert against["ratio"] == pytest.approx(against["ms_p50"] / result["ms_p50"])
     assert 0 < against["ratio_p5"] <= against["ratio_p95"]
-    assert (shown["views"], shown["width"], shown["height"]) == (2, 24, 24)
+    assert (shown["views"], shown["width"], shown["height"]) == (2, SIDE, SIDE)
     assert 30 < shown["psnr"] < 40  # the noise; the photographs were made from this pack
     assert 10 < against["psnr"] < shown["psnr"] - 2
     assert "as fast as turned, paper" in table.read_text() and "2 photographs" in table.read_text()
@@ -232,37 +233,12 @@ def test_a_pack_in_another_grid_frame_is_seen_by_the_same_cameras(turned_folder:
     ],
 )
 def test_systems_that_cannot_be_compared_are_refused_in_one_line(
-    folder: str,
-    ndc_folder: str,
-    photographed: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    words: list[str],
+    folder: str, ndc_folder: str, scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
 ) -> None:
-    places = {"PACK": folder, "NDC": ndc_folder, "SCENE": photographed}
+    places = {"PACK": folder, "NDC": ndc_folder, "SCENE": scene}
     words = [places.get(word, word) for word in words]
     assert bench.main([folder, *words, "--frames", "1", "--json", str(tmp_path / "a.json"), *SMALL]) == 2
     assert len(told(capsys.readouterr().err)) == 1 and not list(tmp_path.iterdir())
-
-
-def test_the_benchmark_refuses_a_pack_that_does_not_fit_unless_half_its_resolution_is_allowed(
-    folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "bench.json"
-    words = [folder, "--frames", "1", "--json", str(out), *SMALL]
-    assert bench.main(words) == 0
-    whole = json.loads(out.read_text())
-    assert whole["halved"] is False and max(whole["grid_size"]) == 70
-    out.unlink()
-    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, _: Limits(2048, 400_000)))
-    capsys.readouterr()
-    assert bench.main(words) == 2 and not out.exists()
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "too large" in line and "--allow-half" in line
-    assert bench.main([*words, "--allow-half"]) == 0
-    half = json.loads(out.read_text())
-    assert half["halved"] is True and max(half["grid_size"]) == 35
-    assert "reduced resolution" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -42,24 +41,6 @@ def test_a_bug_leaves_versions_commands_and_its_traceback(tmp_path, app, pack, p
         assert part in text, part
     assert "a bug of ours" in text and "Traceback" in text
     assert left_behind(tmp_path) == [] and found.exists()  # told once, and kept
-
-
-CRASH = """
-import sys, ctypes
-from pathlib import Path
-from viewer.core.log import CrashLog
-log = CrashLog(Path(sys.argv[1]))
-log.add("command fly")
-ctypes.string_at(0)
-"""
-
-
-def test_what_a_driver_does_to_the_process_is_written_down_too(tmp_path):
-    done = subprocess.run([sys.executable, "-c", CRASH, str(tmp_path)], capture_output=True, timeout=120)
-    assert done.returncode != 0
-    (found,) = left_behind(tmp_path)
-    text = found.read_text()
-    assert "command fly" in text and "Segmentation fault" in text and 'File "<string>"' in text
 
 
 # Where no temporary folder can be made, what needs one says so in one line

@@ -1,9 +1,7 @@
 """Pages are dragged out of their place, docked elsewhere, remembered, and brought back."""
 
-import numpy as np
 import pytest
 
-from tests.viewer.interface.test_panels import PAGES
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.features.preferences import preferences
@@ -19,17 +17,9 @@ def ui(offscreen, app, pack, pack_folder):
     return ui
 
 
-def pull(ui, start: tuple[float, float], end: tuple[float, float], steps: int = 12) -> None:
-    """Drags slowly, as docking wants it, and stays at the end for a moment before letting go."""
-    a, b = np.array(start), np.array(end)
-    points = [tuple(float(v) for v in a + (b - a) * i / steps) for i in range(steps + 1)]
-    ui.drag([*points, *[points[-1]] * 3])
-    ui.settle()
-
-
 def pull_out(ui, to: tuple[float, float] = (300.0, 200.0)) -> None:
     """Drags the tab of the page at the usual place into the picture."""
-    pull(ui, (ui.app.viewport.width + 60, 62.0), to)
+    ui.pull((ui.app.viewport.width + 60, 62.0), to, 12)
 
 
 def test_a_page_is_pulled_out_and_another_takes_its_place(ui, app):
@@ -47,7 +37,7 @@ def test_a_page_is_pulled_out_and_another_takes_its_place(ui, app):
 
 def test_a_layout_is_remembered_and_comes_back(ui, app, offscreen, tmp_path, pack, pack_folder):
     pull_out(ui)
-    pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
+    ui.pull((300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2), 12)
     app.interface.opens("film")
     ui.settle()
     app.interface.layout = ui.ui.layout
@@ -65,7 +55,7 @@ def test_a_layout_is_remembered_and_comes_back(ui, app, offscreen, tmp_path, pac
 def test_the_layout_is_reset(ui, app):
     usual = app.viewport
     pull_out(ui)
-    pull(ui, (300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2))
+    ui.pull((300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2), 12)
     assert run(app, "layout")
     ui.settle()
     assert app.interface.moved == [] and app.interface.page == "view" and app.viewport == usual
@@ -79,7 +69,3 @@ def test_a_tab_is_closed_and_the_rail_opens_it_again(ui, app):
     app.interface.opens("view")
     ui.settle()
     assert app.interface.moved == ["view"]  # where it was left
-
-
-def test_every_page_has_a_window_of_its_own():
-    assert len({page.window for page in PAGES}) == len(PAGES)

@@ -1,8 +1,6 @@
 """Every dialog can be opened, gone through and answered without a mouse."""
 
 import random
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -10,6 +8,7 @@ from imgui_bundle import imgui
 
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.waiting import until
+from tests.viewer.window.widgets_seen import watch
 from tools.procedural import write_procedural_scene
 from viewer.app.application import App
 from viewer.app.commands import run
@@ -25,34 +24,6 @@ MOST_TABS = 40
 QUESTION = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
 DOWN, ENTER = imgui.Key.down_arrow, imgui.Key.enter
 CTRL_O = (imgui.Key.mod_ctrl, imgui.Key.o)
-
-
-@contextmanager
-def focus(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[set[str], list[str]]]:
-    """Enabled widgets of the dialog on top, by label, and those that the keyboard came to, in their order."""
-    there: set[str] = set()
-    reached: list[str] = []
-
-    def wrap(name: str) -> None:
-        original: Callable = getattr(imgui, name)
-
-        def call(label: str, *words, **named):
-            result = original(label, *words, **named)
-            window = imgui.internal.get_current_window_read()
-            if window.root_window.flags & imgui.WindowFlags_.modal and not (
-                imgui.get_item_flags() & imgui.ItemFlags_.disabled
-            ):
-                there.add(label)
-                typed_into = imgui.is_item_active()  # a field
-                if (typed_into or (imgui.is_item_focused() and imgui.get_io().nav_visible)) and reached[-1:] != [label]:
-                    reached.append(label)
-            return result
-
-        monkeypatch.setattr(imgui, name, call)
-
-    for name in WIDGETS:
-        wrap(name)
-    yield there, reached
 
 
 @pytest.fixture(scope="module")
@@ -94,23 +65,31 @@ def exporting(app: App, scene: Path) -> None:
 DIALOGS = (failure, question, opening, saving, making, baking, exporting)
 
 
-@pytest.mark.parametrize("ask", DIALOGS)
-def test_tab_comes_to_every_widget_and_escape_declines(
-    offscreen, app, pack, pack_folder, photographs, ask, monkeypatch
-):
-    ui: OffscreenUi = offscreen(app, size=(800, 600))
+@pytest.fixture
+def ui(offscreen, app, pack, pack_folder) -> OffscreenUi:
+    ui = offscreen(app, size=(800, 600))
     app.resolution.rest_scale = 0.25
     app.show(pack, pack_folder)
     ui.settle()
-    with focus(monkeypatch) as (there, reached):
+    return ui
+
+
+@pytest.mark.parametrize("ask", DIALOGS)
+def test_tab_comes_to_every_widget_and_escape_declines(ui, app, photographs, ask):
+    there: set[str] = set()
+    reached: set[str] = set()
+    with watch() as seen:
         ask(app, photographs)
         for _ in range(3):
             ui.frame()
         for _ in range(MOST_TABS):
             ui.key(imgui.Key.tab)
-            if there <= set(reached):
+            enabled = [each for each in seen.seen.values() if each.modal and not each.disabled and each.kind in WIDGETS]
+            there |= {each.label for each in enabled}
+            reached |= {each.label for each in enabled if each.focused}
+            if there <= reached:
                 break
-        assert there and there <= set(reached), there - set(reached)
+    assert there and there <= reached, there - reached
     assert app.interface.panels_shown  # Tab was the dialog's
     for _ in range(2):  # the first may end typing
         ui.key(imgui.Key.escape)
@@ -119,14 +98,8 @@ def test_tab_comes_to_every_widget_and_escape_declines(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
-def test_dialogs_that_are_asked_for_at_once_come_one_after_the_other(
-    offscreen, app, pack, pack_folder, photographs, seed
-):
+def test_dialogs_that_are_asked_for_at_once_come_one_after_the_other(ui, app, photographs, seed):
     """Two modal windows pushed each other away in every frame: none was seen, and nothing reached either."""
-    ui: OffscreenUi = offscreen(app, size=(800, 600))
-    app.resolution.rest_scale = 0.25
-    app.show(pack, pack_folder)
-    ui.settle()
     asks = [failure, opening, saving, making, exporting]
     if seed % 2:
         run(app, "help")
@@ -146,9 +119,7 @@ def test_dialogs_that_are_asked_for_at_once_come_one_after_the_other(
     ]  # fmt: skip
 
 
-def test_enter_presses_what_tab_came_to_and_else_the_main_button(offscreen, app, pack, pack_folder):
-    ui: OffscreenUi = offscreen(app, size=(800, 600))
-    app.show(pack, pack_folder)
+def test_enter_presses_what_tab_came_to_and_else_the_main_button(ui, app, pack_folder):
     stopped = []
     app.making.stop_and_quit = lambda host: stopped.append(True)
     question(app, pack_folder)

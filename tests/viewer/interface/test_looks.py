@@ -10,12 +10,7 @@ from tests.viewer.offscreen_ui import OffscreenUi
 from viewer.app.commands import run
 from viewer.core import theme
 from viewer.features.display.display import STYLES, backdrop
-from viewer.features.preferences.preferences import (
-    apply_preferences,
-    current_preferences,
-    load,
-    save,
-)
+from viewer.features.preferences.preferences import apply_preferences, current_preferences, load, save
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
@@ -62,11 +57,14 @@ def test_the_theme_and_the_size_change_at_once_and_are_remembered(offscreen, app
         run(app, "larger")
     ui.settle()
     assert app.interface.scale == 1.5 and app.viewport.width < width - 140 and ui.ui.scale == 1.5
-    file = tmp_path / "viewer.json"
+    app.set(background=(0.0, 0.0, 0.0))
+    file = tmp_path / "sub" / "viewer.json"
     assert save(current_preferences(app), file) is None
     again = type(app)()
     apply_preferences(again, load(file))
     assert (again.interface.theme, again.interface.scale) == ("light", 1.5)
+    assert again.settings.background == (0.0, 0.0, 0.0)
+    app.set(background=(1.0, 1.0, 1.0))
     run(app, "usual-size"), run(app, "theme")
     ui.settle()
     assert abs(ui.picture().astype(int) - dark)[:40].mean() < 1

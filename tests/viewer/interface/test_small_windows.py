@@ -58,7 +58,6 @@ def test_the_overlay_names_every_command_and_the_keys_of_flying(offscreen, app, 
     ui = offscreen(app)
     app.show(pack, pack_folder)
     ui.frame()
-    app.keyboard.local_name = {"W": "Z", "A": "Q", "Q": "A"}.get
     app.keyboard.local_name = lambda place: {"W": "Z", "A": "Q", "Q": "A"}.get(place, place)
     rows = [row for group in keys._groups(app) for row in group.rows]
     assert {title for _, title in rows} >= {command.title for command in COMMANDS.values() if command.keys}

@@ -69,6 +69,7 @@ def compare(request) -> Picture:
         _freeze(ui)
         for _ in range(2):
             ui.frame()
+        assert ui.ctx.error == "GL_NO_ERROR"
         compare_with_golden(request.config, renderer, f"ui/{name}", _in_units(ui)[:, columns], _differs)
 
     return take

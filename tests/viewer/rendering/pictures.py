@@ -46,17 +46,6 @@ def assert_exact(
     assert_same_picture(exact, brute, f"{what} exact and brute")
 
 
-def must_not_skip(config: pytest.Config) -> bool:
-    return bool(config.getoption("--require-golden") or os.environ.get("CI"))
-
-
-def skip(config: pytest.Config, reason: str) -> None:
-    """Skips, or fails where nothing may be skipped silently."""
-    if must_not_skip(config):
-        pytest.fail(f"{reason}, and --require-golden (or CI) forbids to skip")
-    pytest.skip(reason)
-
-
 def differs(picture: np.ndarray, expected: np.ndarray) -> str:
     """How, where by more than ON_LLVMPIPE; "" where not."""
     found = compared(picture, expected, ON_LLVMPIPE)
@@ -84,7 +73,10 @@ def compare_with_golden(
     """
     path = GOLDEN / f"{name}.png"
     if "llvmpipe" not in renderer:
-        skip(config, f"golden pictures are compared on llvmpipe only, this is {renderer}")
+        reason = f"golden pictures are compared on llvmpipe only, this is {renderer}"
+        if config.getoption("--require-golden") or os.environ.get("CI"):
+            pytest.fail(f"{reason}, and --require-golden (or CI) forbids to skip")
+        pytest.skip(reason)
     if config.getoption("--regenerate-golden"):
         path.parent.mkdir(exist_ok=True)
         Image.fromarray(picture).save(path, optimize=True)

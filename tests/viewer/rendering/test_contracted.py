@@ -12,6 +12,7 @@ from scenepack.pack import Pack
 from tests.scenepack.random_packs import random_pack
 from tests.viewer.rendering.pictures import assert_exact
 from tests.viewer.rendering.shapes import BALL, FLOOR, SKY
+from tests.viewer.scenes import with_cameras
 from viewer.core.pose import project
 from viewer.features.camera.orbit_camera import view_from_within
 from viewer.features.measuring.surface import surface_at
@@ -134,16 +135,7 @@ def test_what_is_picked_lies_where_it_is_seen(surroundings: Pack) -> None:
 def test_the_viewer_begins_amid_the_photographs_wherever_they_were_taken(surroundings: Pack) -> None:
     """A contracted pack surrounds its cameras, unlike one of an object."""
     views = [ViewCamera.orbit(surroundings, azimuth, distance=5.0) for azimuth in (0, 20, 40)]
-    cameras = [
-        {
-            "name": f"{i}",
-            "split": "train",
-            "world_T_camera": (surroundings.worldspace_T_opengl @ view.grid_T_camera).tolist(),
-        }
-        | {key: getattr(view, key) for key in ("width", "height", "fx", "fy", "cx", "cy")}
-        | {"distortion": [0.0] * 4}
-        for i, view in enumerate(views)
-    ]
-    first = view_from_within(surroundings.with_metadata(cameras=cameras))
+    amid = with_cameras(surroundings, views)
+    first = view_from_within(amid)
     assert first is not None and np.allclose(first.position, views[1].position)
-    assert view_from_within(surroundings.with_metadata(cameras=cameras, contraction=None)) is None
+    assert view_from_within(amid.with_metadata(contraction=None)) is None

@@ -5,25 +5,14 @@ from __future__ import annotations
 import moderngl
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from console import UserError
 from scenepack.pack import Pack
-from tests.reference_marcher import fetch
-from tests.scenepack.random_packs import packs, random_pack
+from tests.scenepack.random_packs import random_pack
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_memory import Limits
-from viewer.rendering.gpu_scene import GpuScene, tightest_atlas, upload
+from viewer.rendering.gpu_scene import GpuScene, tightest_atlas
 from viewer.rendering.renderer import Renderer
-from viewer.rendering.skip_grid import CELL, chebyshev_distances, content_bounds, content_cells, skip_words
-
-
-def atlas_of(scene: GpuScene, name: str) -> np.ndarray:
-    texture = scene.textures[name]
-    assert isinstance(texture, moderngl.Texture3D)
-    x, y, z = scene.size
-    return np.frombuffer(texture.read(alignment=1), np.uint8).reshape(z, y, x, -1)
+from viewer.rendering.skip_grid import chebyshev_distances
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 63, 64, 65, 455, 753, 4000, 4097, 5003, 62_000])
@@ -35,39 +24,6 @@ def test_the_atlas_has_room_for_all_blocks_and_next_to_no_more(count: int, max_s
         return
     slots = tightest_atlas(count, 32, max_side)
     assert count <= np.prod(slots) <= max(1.02 * count, count + 1) and max(slots) * 32 <= max_side
-
-
-@pytest.mark.parametrize("layout", ["one", "two", "paper"])
-def test_every_macroblock_arrives_unchanged(ctx: moderngl.Context, layout: str) -> None:
-    """In one atlas, in two where a texture of twice the size is refused, and in the paper's."""
-    pack = random_pack(np.random.default_rng(5), block_size=14, grid_blocks=(3, 3, 2), occupancy=0.02, style="noise")
-    room = int(pack.occupied.sum()) * pack.padded_block_size**3 * 4
-    limits = Limits(2048, 1.5 * room) if layout == "two" else Limits(2048)
-    scene = upload(ctx, pack, "paper" if layout == "paper" else "exact", limits)
-    texture = scene.textures["indirection"]
-    assert isinstance(texture, moderngl.Texture3D)
-    indirection = np.frombuffer(texture.read(alignment=1), np.uint8)
-    indirection = indirection.reshape(*(n + 2 for n in pack.occupied.shape), 4)
-    assert np.array_equal(indirection[1:-1, 1:-1, 1:-1, 3] == 0, pack.occupied)
-    assert np.all(indirection[[0, -1]][..., 3] == 1)
-    every = slice(None)
-    size = pack.padded_block_size
-    parts = {
-        "one": [("atlas_rgba", pack.atlas_rgba, every, 0), ("atlas_rgba", pack.atlas_features, every, size)],
-        "two": [("atlas_rgba", pack.atlas_rgba, every, 0), ("atlas_features", pack.atlas_features, every, 0)],
-        "paper": [("atlas_alpha", pack.atlas_rgba, slice(3, 4), 0), ("atlas_rgb", pack.atlas_rgba, slice(0, 3), 0),
-                  ("atlas_features", pack.atlas_features, every, 0)],
-    }[layout]  # fmt: skip
-    assert scene.features_beside == (layout == "one")
-    for name, atlas, channels, beside in parts:
-        there = atlas_of(scene, name)
-        for z, y, x in np.argwhere(pack.occupied):
-            sx, sy, sz = pack.atlas_indices[z, y, x].astype(int) * size
-            tx, ty, tz, _ = indirection[z + 1, y + 1, x + 1].astype(int) * size
-            tx = tx * (2 if layout == "one" else 1) + beside
-            expected = atlas[sz : sz + size, sy : sy + size, sx : sx + size, channels]
-            assert np.array_equal(there[tz : tz + size, ty : ty + size, tx : tx + size], expected)
-    scene.release()
 
 
 def test_what_a_camera_is_close_to_arrives_first(ctx: moderngl.Context) -> None:
@@ -103,38 +59,6 @@ def arrived(scene: GpuScene, pack: Pack) -> np.ndarray:
 
 
 # The skip grid never hides content and its distances are the largest that are safe
-
-
-@settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
-@given(pack=packs(block_sizes=(3, 5, 14, 30)), seed=st.integers(0, 2**32 - 1))
-def test_no_sample_in_a_cell_without_content_has_any_opacity(pack: Pack, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    positions = rng.uniform(0, pack.grid_size, (4000, 3))
-    # Borders of macroblocks and of voxels are where a mistake would be.
-    edges = rng.random(positions.shape) < 0.3
-    positions = np.where(edges, np.round(2 * positions) / 2, positions).clip(0, np.array(pack.grid_size) - 1e-9)
-    content = content_cells(pack)
-    cells = np.floor((positions + 0.5) / CELL).astype(int)
-    empty = ~content[cells[:, 2], cells[:, 1], cells[:, 0]]
-    rgba, _ = fetch(pack, positions)
-    assert not np.any(rgba[empty, 3] > 0)
-    low, high = content_bounds(content)
-    outside = np.any((positions < low) | (positions > high), axis=1)
-    assert not np.any(rgba[outside, 3] > 0)
-
-
-@settings(max_examples=10, deadline=None, suppress_health_check=list(HealthCheck))
-@given(pack=packs(block_sizes=(3, 5, 14, 30)))
-def test_words_hold_the_distances_of_cells_and_the_content_of_their_eighths(pack: Pack) -> None:
-    eighths = content_cells(pack, CELL // 2)
-    words = skip_words(eighths)
-    content = content_cells(pack)
-    z, y, x = content.shape
-    assert np.array_equal(words[:z, :y, :x] & 255, chebyshev_distances(words & 255 == 0)[:z, :y, :x])
-    assert np.array_equal(words[:z, :y, :x] & 255 == 0, content)
-    for k, j, i in np.argwhere(np.ones_like(eighths)):
-        bit = 8 + i % 2 + 2 * (j % 2) + 4 * (k % 2)
-        assert words[k // 2, j // 2, i // 2] >> bit & 1 == eighths[k, j, i]
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -95,22 +95,6 @@ def test_forward_facing_packs_have_the_depth_and_the_normals_of_the_world_that_w
     assert np.median(facing) > 0.99
 
 
-@pytest.mark.parametrize("samples", [1, 2])
-def test_a_transparent_picture_over_its_background_is_the_picture(offscreen: Make, samples: int) -> None:
-    background = (0.9, 0.8, 0.3)
-    renderer = offscreen(shapes_pack(diffuse=True))
-    camera = ViewCamera.orbit(renderer.pack, 30, size=(80, 60))
-    settings = RenderSettings(background=background, samples=samples)
-    straight = straight_rgba(
-        renderer.render_raw(camera, RenderSettings(background=background, raw=True, samples=samples))
-    )
-    alpha = straight[..., 3:] / 255.0
-    over = alpha * straight[..., :3] + (1 - alpha) * 255.0 * np.array(background)
-    assert np.abs(over - renderer.render(camera, settings)).max() <= 2.01  # three roundings
-    assert (straight[..., 3] == 255).any() and (straight[..., 3] == 0).any()
-    assert not straight[straight[..., 3] == 0].any()
-
-
 def test_the_view_mlp_sees_the_background_that_is_left_out(offscreen: Make) -> None:
     """What it adds was learnt over a background, so that over the same one nothing changes but what no opacity can hold."""
     renderer = offscreen(shapes_pack())

@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
+from tests.viewer.window.running import ROOT, run_view
 from viewer.rendering.opengl import DRIVER_CHOICES, OVERRIDE, opengl_refusal
 
-ROOT = Path(__file__).parents[3]
 OLD = "OpenGL 2.1 Mesa 20.0, drawn by Mesa Intel 965GM"
 
 
@@ -48,19 +47,14 @@ def test_a_variable_that_chooses_the_driver_is_named_with_its_value(name, monkey
     assert f"{name}=1 is set" in line and f"unset {name}" in line and "install a graphics driver" in line
 
 
-def call(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    kept = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    return subprocess.run(
-        [sys.executable, "-m", *words], env=kept | environment, capture_output=True, text=True, timeout=120, cwd=ROOT
-    )
-
-
 @pytest.mark.parametrize("command", ["view", "render"])
 def test_no_driver_is_told_with_what_to_install(display, pack_folder, tmp_path, command) -> None:
-    words = ["--out", str(tmp_path / "a.png")] if command == "render" else []
-    shown = {"DISPLAY": display} if command == "view" else {}
     nowhere = {"LIBGL_DRIVERS_PATH": str(tmp_path), "GALLIUM_DRIVER": "none"}
-    done = call(f"viewer.commands.{command}", str(pack_folder), *words, **nowhere, **shown)
+    if command == "view":
+        done = run_view(pack_folder, DISPLAY=display, **nowhere)
+    else:
+        words = [sys.executable, "-m", "viewer.commands.render", str(pack_folder), "--out", str(tmp_path / "a.png")]
+        done = subprocess.run(words, env=os.environ | nowhere, capture_output=True, text=True, timeout=120, cwd=ROOT)
     if done.returncode == 0:
         pytest.skip("this Mesa has its drivers built in")
     line = done.stderr.splitlines()[-1]

@@ -8,15 +8,7 @@ import moderngl
 import numpy as np
 import pytest
 
-from tests.viewer.rendering.shapes import glossy_mlp
-from viewer.rendering.shader_source import (
-    ShaderError,
-    assemble,
-    compile_program,
-    glsl_float,
-    view_mlp_biases,
-    view_mlp_weights,
-)
+from viewer.rendering.shader_source import ShaderError, assemble, compile_program, glsl_float
 
 VERTEX = "#version 330 core\nvoid main() { gl_Position = vec4(0.0); }\n"
 
@@ -45,14 +37,6 @@ def test_an_error_names_the_included_file_or_the_vertex_shader_and_the_line(
         compile_program(ctx, assemble("bad.vert", folder=tmp_path), assemble("main.frag", defines, folder=tmp_path))
 
 
-def test_a_file_is_included_once_and_an_unknown_one_is_told_with_the_line_that_asked(tmp_path: Path) -> None:
-    write(tmp_path, a_frag='#include "b.glsl"\n#include "b.glsl"\n', b_glsl="const int B = 1;\n")
-    assert assemble("a.frag", folder=tmp_path).text.count("const int B") == 1
-    write(tmp_path, c_frag='\n#include "missing.glsl"\n')
-    with pytest.raises(FileNotFoundError, match=r"c\.frag:2.*missing\.glsl"):
-        assemble("c.frag", folder=tmp_path)
-
-
 def test_numbers_survive_the_way_into_a_shader_and_nothing_else_does() -> None:
     for value in (0.0, -1.5, 1e-30, 3.4e38, 1 / 3, np.float32(0.1), 255, True):
         text = glsl_float(value)
@@ -60,11 +44,3 @@ def test_numbers_survive_the_way_into_a_shader_and_nothing_else_does() -> None:
     for value in (float("nan"), float("inf"), "1.0); discard; (", "0; }"):
         with pytest.raises(ValueError):
             glsl_float(value)  # type: ignore[arg-type]
-
-
-def test_the_generated_view_mlp_holds_every_weight() -> None:
-    mlp = glossy_mlp()
-    text = view_mlp_weights(mlp) + view_mlp_biases(mlp)
-    for array in (*mlp.weights, *mlp.biases):
-        for value in np.ravel(array):
-            assert glsl_float(value) in text

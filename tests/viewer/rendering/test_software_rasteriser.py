@@ -13,12 +13,7 @@ import numpy as np
 import pytest
 
 from viewer.rendering.opengl import GpuClock, free_framebuffer, is_software, unbind_framebuffers
-from viewer.rendering.software_rasteriser import (
-    HUGE,
-    memory_taken_since,
-    move_to_huge_pages,
-    private_memory,
-)
+from viewer.rendering.software_rasteriser import HUGE, memory_taken_since, move_to_huge_pages, private_memory
 
 # What a software rasteriser allocates ends in huge pages, and its contents stay
 

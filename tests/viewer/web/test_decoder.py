@@ -18,7 +18,7 @@ from tests.viewer.web.browser import Browser
 from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.web import atlas_stream, description
-from viewer.web.atlas_stream import differences_from_prediction, has_copied_padding
+from viewer.web.atlas_stream import has_copied_padding
 from viewer.web.description import SIDES, PageContent, describe
 from viewer.web.page import scene_page
 
@@ -153,14 +153,3 @@ def test_damaged_data_are_told_and_never_shown(browser: Browser, tmp_path: Path)
         assert browser.evaluate("snerg.ready.then(() => 'shown', () => 'refused')") == "refused"
         assert browser.evaluate("document.getElementById('notice').className") == "failed"
         assert "damaged" in browser.evaluate("document.getElementById('notice-text').textContent")
-
-
-def test_predictions_are_good_and_cost_nothing_where_all_is_even() -> None:
-    even = np.full((1, 6, 6, 6, 8), 100, np.uint8)
-    even[..., 3] = 200
-    filled, differences = differences_from_prediction(even)
-    assert filled.all() and np.count_nonzero(differences) == 8  # the first voxel alone has none to be predicted from
-    faded = even.copy()
-    faded[:, :, :, 3:] //= 2  # the same colour at half the opacity
-    _, differences = differences_from_prediction(faded)
-    assert np.count_nonzero(differences) <= 8 + 36  # of alpha where it changes; the colours follow it

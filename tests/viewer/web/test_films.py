@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from scenepack import save_pack
 from scenepack.codecs.avif import AvifCodec
-from tests.viewer.rendering.shapes import shapes_pack
-from viewer.web.atlas_stream import film_in, films_of
+from viewer.web.atlas_stream import film_in
 
 FRAMES = 5
 
@@ -38,9 +35,3 @@ def test_files_whose_samples_lie_otherwise_are_not_taken(avif: bytes) -> None:
     for changed in (with_word(b"stsz", 0, 7), with_word(b"stsz", 2, 1 << 31), with_word(b"stco", 0, 2),
                     with_word(b"stco", 1, len(avif)), avif.replace(b"av1C", b"av2C")):  # fmt: skip
         assert film_in(changed, FRAMES) is None
-
-
-def test_packs_of_other_codecs_have_no_films(tmp_path: Path) -> None:
-    for codec in ("webp", "png", "jpeg"):
-        save_pack(shapes_pack(28), tmp_path / codec, codec=codec)
-        assert films_of(tmp_path / codec) is None

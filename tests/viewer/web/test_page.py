@@ -21,10 +21,8 @@ from tests.viewer.web.browser import Browser
 from viewer.core import annotations as notes
 from viewer.core.annotations import KEY, Annotations, Bookmark, annotations_to_json
 from viewer.core.files import demo_pack
-from viewer.rendering.shader_source import assemble_es
-from viewer.web import page
 from viewer.web.description import PageContent
-from viewer.web.page import FOLDER, MODULES, bundle, scene_page
+from viewer.web.page import scene_page
 
 MOST_BYTES, MOST_OF_DEMO = 60_000, 9_000_000
 HOSTILE = (
@@ -82,20 +80,6 @@ def test_the_demos_page_is_small() -> None:
     assert len(scene_page(load_pack(path), PageContent("demo"))) < MOST_OF_DEMO
 
 
-def test_modules_are_joined_without_clashes_and_in_an_order_that_works() -> None:
-    declared: list[str] = []
-    for number, name in enumerate(MODULES):
-        text = (FOLDER / name).read_text(encoding="utf-8")
-        for imported in re.findall(r'from "\./(\S+?)";', text):
-            assert imported in MODULES[:number], f"{name} needs {imported} before it"
-        declared += re.findall(r"^(?:export )?(?:async )?(?:const|let|class|function) (\w+)", text, re.M)
-        for group in re.findall(r"^(?:const|let) \[([^\]]+)\] =", text, re.M):
-            declared += [each.strip() for each in group.split(",")]
-    assert len(declared) == len(set(declared)), sorted(declared)
-    joined = bundle(MODULES)
-    assert not re.search(r"^(import|export)\b", joined, re.M) and "function unpack" in joined
-
-
 def test_the_policy_allows_the_pages_own_script_and_nothing_from_elsewhere(shapes: Pack) -> None:
     html = scene_page(shapes, PageContent("x")).decode()
     policy = re.search(r'Content-Security-Policy" content="([^"]+)"', html)
@@ -150,13 +134,6 @@ def test_what_a_browser_lacks_is_told_in_words(browser: Browser, shapes: Pack, t
             assert words in browser.evaluate("document.getElementById('notice').textContent")
 
 
-def test_shaders_for_webgl_have_their_includes_and_no_comments() -> None:
-    text = assemble_es("snerg.frag", {"view_mlp_weights": "", "view_mlp_textures.glsl": ""})
-    assert text.startswith("precision highp float;\n") and "precision highp usampler3D;" in text
-    assert not re.search(r"//|#version|#line|#include|^\s*$", text.rstrip("\n"), re.M)
-    assert "void march(" in text and "skip_word" in text
-
-
 def test_the_command_writes_a_page_and_names_what_it_cannot(tmp_path: Path, capsys, shapes: Pack) -> None:
     folder, to = tmp_path / "shapes", tmp_path / "scene.html"
     save_pack(shapes, folder)
@@ -192,21 +169,3 @@ def test_bookmarks_of_a_zipped_pack_come_along(tmp_path: Path, monkeypatch: pyte
     assert (
         command.main(["export", str(tmp_path / "shapes.zip"), "--to", str(tmp_path / "b.html"), "--pose", "1,2"]) == 2
     )
-
-
-@pytest.mark.parametrize(
-    "spoil", [{"voxel_size": "1); evil("}, {"grid_width": 10**9}, {"0_bias": ["</script>"] * 16}, {"block_size": -1}]
-)
-def test_what_the_reader_refuses_the_export_refuses(spoil: dict, tmp_path: Path, capsys, shapes: Pack) -> None:
-    folder, to = tmp_path / "shapes", tmp_path / "scene.html"
-    save_pack(shapes, folder)
-    file = folder / "scene_params.json"
-    file.write_text(json.dumps({**json.loads(file.read_text()), **spoil}))
-    assert command.main(["export", str(folder), "--to", str(to)]) == 2
-    assert "scene_params.json" in capsys.readouterr().err and not to.exists()
-
-
-def test_pages_hold_what_the_code_says() -> None:
-    assert {path.name for path in FOLDER.iterdir()} == {*MODULES, page.LOADER, page.WORKER, "index.html", "style.css"}
-    names = re.findall(r"\{\{(\w+)\}\}", (FOLDER / "index.html").read_text(encoding="utf-8"))
-    assert sorted(names) == sorted({"title", "policy", "style", "loader", "scene", "data"})

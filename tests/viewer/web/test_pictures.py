@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -29,19 +29,6 @@ WHITE = "background: [1, 1, 1]"
 Show = Callable[..., Browser]
 
 
-@pytest.fixture
-def desktop() -> Iterator[Callable[[Pack], OffscreenRenderer]]:
-    made: list[OffscreenRenderer] = []
-
-    def make(pack: Pack) -> OffscreenRenderer:
-        made.append(OffscreenRenderer(pack))
-        return made[-1]
-
-    yield make
-    for renderer in made:
-        renderer.release()
-
-
 def assert_same(page: np.ndarray, desktop: np.ndarray, what: str) -> None:
     difference = np.abs(page.astype(int) - desktop)
     share = float(np.mean(difference > DIFFERS))
@@ -52,15 +39,16 @@ def assert_same(page: np.ndarray, desktop: np.ndarray, what: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_demo_looks_the_same_from_four_cameras(show: Show, desktop: Callable[[Pack], OffscreenRenderer]) -> None:
+def test_the_demo_looks_the_same_from_four_cameras(show: Show) -> None:
     path = demo_pack()
     assert path is not None
     pack = load_pack(path)
-    browser, renderer = show(pack), desktop(pack)
+    browser = show(pack)
     assert not browser.problems
-    for azimuth, elevation, distance in ((205, 22, None), (20, 60, 3.0), (120, -10, 1.5), (300, 8, 0.4)):
-        camera = ViewCamera.orbit(pack, azimuth, elevation, distance, size=SIZE)
-        assert_same(page_picture(browser, camera), renderer.render(camera), f"azimuth {azimuth}")
+    with OffscreenRenderer(pack) as desktop:
+        for azimuth, elevation, distance in ((205, 22, None), (20, 60, 3.0), (120, -10, 1.5), (300, 8, 0.4)):
+            camera = ViewCamera.orbit(pack, azimuth, elevation, distance, size=SIZE)
+            assert_same(page_picture(browser, camera), desktop.render(camera), f"azimuth {azimuth}")
 
 
 PACKS: dict[str, Callable[[], Pack]] = {
@@ -73,33 +61,29 @@ PACKS: dict[str, Callable[[], Pack]] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PACKS)
-def test_every_mode_of_every_kind_of_pack_looks_the_same(
-    name: str, show: Show, desktop: Callable[[Pack], OffscreenRenderer]
-) -> None:
+def test_every_mode_of_every_kind_of_pack_looks_the_same(name: str, show: Show) -> None:
     pack = PACKS[name]()
-    browser, renderer, camera = show(pack), desktop(pack), camera_for(pack).resized(*SIZE)
-    assert browser.evaluate("Object.keys(snerg.scene.shaders.modes)") == [
-        mode for mode in MODES if pack.view_mlp is not None or mode not in ("features", "view-dependent")
+    browser, camera = show(pack), camera_for(pack).resized(*SIZE)
+    modes = [mode for mode in MODES if pack.view_mlp is not None or mode not in ("features", "view-dependent")]
+    assert browser.evaluate("Object.keys(snerg.scene.shaders.modes)") == modes
+    gradient = backdrop("gradient", "dark")
+    cases = [
+        *((camera, f"mode: '{mode}', {WHITE}", RenderSettings(mode=mode)) for mode in modes),
+        (camera, "background: [0.1, 0.2, 0.3]", RenderSettings(background=(0.1, 0.2, 0.3))),
+        (camera, "background: null", RenderSettings(backdrop=gradient)),
     ]
-    for mode in browser.evaluate("Object.keys(snerg.scene.shaders.modes)"):
-        expected = renderer.render(camera, RenderSettings(mode=mode))
-        assert_same(page_picture(browser, camera, f"{{mode: '{mode}', {WHITE}}}"), expected, f"{name}, {mode}")
-    dark = RenderSettings(background=(0.1, 0.2, 0.3))
-    assert_same(page_picture(browser, camera, "{background: [0.1, 0.2, 0.3]}"), renderer.render(camera, dark), name)
-    gradient = RenderSettings(backdrop=backdrop("gradient", "dark"))
-    assert_same(page_picture(browser, camera, "{background: null}"), renderer.render(camera, gradient), name)
     if not pack.ndc:
-        near = replace(camera, near=2.6)
-        assert_same(page_picture(browser, near), renderer.render(near), f"{name}, near plane")
+        cases.append((replace(camera, near=2.6), WHITE, RenderSettings()))
     if pack.contraction is not None:
-        inner = RenderSettings(surroundings=False)
-        page = page_picture(browser, camera, f"{{surroundings: false, {WHITE}}}")
-        assert_same(page, renderer.render(camera, inner), f"{name}, inner cube")
-    look = Look(0.7, 0.4, -0.2, 1.3)
-    again = show(pack.with_metadata(**{KEY: annotations_to_json(Annotations(look=look))}))
-    for mode in ("normal", "depth"):
-        expected = renderer.render(camera, RenderSettings(mode=mode, look=look))
-        assert_same(
-            page_picture(again, camera, f"{{mode: '{mode}', {WHITE}}}"), expected, f"{name}, {mode} with a look"
-        )
+        cases.append((camera, f"surroundings: false, {WHITE}", RenderSettings(surroundings=False)))
+    with OffscreenRenderer(pack) as desktop:
+        for seen, settings, wanted in cases:
+            page = page_picture(browser, seen, f"{{{settings}}}")
+            assert_same(page, desktop.render(seen, wanted), f"{name}, {settings}")
+        look = Look(0.7, 0.4, -0.2, 1.3)
+        again = show(pack.with_metadata(**{KEY: annotations_to_json(Annotations(look=look))}))
+        for mode in ("normal", "depth"):
+            page = page_picture(again, camera, f"{{mode: '{mode}', {WHITE}}}")
+            expected = desktop.render(camera, RenderSettings(mode=mode, look=look))
+            assert_same(page, expected, f"{name}, {mode} with a look")
     assert not browser.problems

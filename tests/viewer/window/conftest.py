@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,8 +12,8 @@ import pytest
 from imgui_bundle import imgui
 
 from scenepack import Pack
-from tests.viewer.conftest import missing
-from tests.viewer.window.living import LARGE, SIZE, draw_only_what_is_looked_at, other_program, pump, wait
+from tests.viewer.conftest import installed
+from tests.viewer.window.living import SIZE, draw_only_what_is_looked_at, other_program, pump
 from tests.viewer.window.widgets_seen import Watch, watch
 from viewer.app.application import App
 from viewer.window.window import Window
@@ -23,12 +22,10 @@ from viewer.window.window import Window
 @pytest.fixture
 def xdotool(display: str) -> Callable[..., None]:
     """Moves the mouse and presses keys on our display."""
-    program = shutil.which("xdotool")
-    if program is None:
-        missing("xdotool")
+    program = installed("xdotool")
 
     def call(*words: object) -> None:
-        command = [str(program), *(str(word) for word in words)]
+        command = [program, *(str(word) for word in words)]
         subprocess.run(command, check=True, env={**os.environ, "DISPLAY": display}, stdout=subprocess.DEVNULL)
 
     return call
@@ -78,14 +75,3 @@ def window(start_page: Window, pack: Pack, pack_folder: Path) -> Window:
 def other_client(display: str, start_page: Window) -> Callable[..., None]:
     """Another program on our display: other_client("drop", path) and other_client("close"), while the window lives on."""
     return lambda what, *words: other_program(display, start_page, what, *words)
-
-
-@pytest.fixture
-def film_page(window: Window) -> Window:
-    """The same, larger, with the page of stills and films."""
-    glfw.set_window_size(window.handle, *LARGE)
-    wait(window, lambda: glfw.get_window_size(window.handle) == LARGE)
-    window.app.interface.page = "film"
-    window.app.filming.size = (96, 64)
-    pump(window)
-    return window

@@ -36,7 +36,6 @@ from viewer.window.window import Window
 SIZES = ((480, 360), (800, 600))
 PATIENCE_S = 10.0
 CLICK = ("click", "--delay", 1, 1)  # by itself, xdotool waits for a tenth of a second after each
-MODALS = ("##dialog", "##path", "##make", "##export")
 
 
 @pytest.fixture(scope="module")
@@ -155,9 +154,8 @@ class Hand:
 
     def offered(self) -> dict[tuple[str, str], Seen]:
         """What a person could press, scrolling included: where a question is asked, only what belongs to it."""
-        seen = self.watch.seen
-        modal = next((name for name in MODALS if any(window.startswith(name) for window, _ in seen)), "")
-        return {name: each for name, each in seen.items() if name[0].startswith(modal)}
+        asked = any(each.modal for each in self.watch.seen.values())
+        return {name: each for name, each in self.watch.seen.items() if each.modal or not asked}
 
     def scroll_to(self, name: tuple[str, str]) -> Seen:
         """Brings a widget into view with the wheel."""

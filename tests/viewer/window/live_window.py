@@ -9,16 +9,16 @@ import time
 from pathlib import Path
 
 import glfw
+import numpy as np
 import pytest
-from PIL import Image
 
 from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.screen import SCREEN
-from tests.viewer.waiting import until
 from tests.viewer.window.living import SIZE, pump, wait
 from viewer.app.application import App
 from viewer.features.making.make_plan import Plan
+from viewer.window.window import Window
 
 FAKE = Path(__file__).parents[1] / "features" / "making" / "fake_make.py"
 
@@ -76,33 +76,6 @@ def test_a_pack_that_another_program_drops_is_opened(window, other_client, tmp_p
     assert not window.app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
 
 
-def test_what_is_no_pack_is_a_dialog_that_real_keys_answer(window, other_client, act, tmp_path):
-    scene = window.app.scene
-    (tmp_path / "notes.txt").write_text("hello")
-    other_client("drop", tmp_path / "notes.txt")
-    wait(window, lambda: window.app.loading is None)
-    pump(window)
-    assert "notes.txt" in window.app.messages.dialogs[0].title and window.app.scene is scene
-    act("key", "Return")
-    assert not window.app.messages.dialogs
-
-
-def test_photographs_that_are_dropped_are_asked_about_and_escape_declines(window, other_client, act, tmp_path):
-    Image.new("RGB", (16, 12)).save(tmp_path / "r_0.png")
-    (tmp_path / "transforms_train.json").write_text(
-        '{"camera_angle_x": 0.7, "frames": [{"file_path": "r_0", "transform_matrix":'
-        " [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]}]}"
-    )
-    other_client("drop", tmp_path)
-    plan = window.app.making.plan
-    assert plan is not None
-    until(lambda: plan.survey.finished)
-    pump(window)
-    assert plan.problem() is None and plan.survey.text.startswith("1 photographs of 16 × 12")
-    act("key", "Escape")
-    assert window.app.making.plan is None
-
-
 def test_f11_fills_the_screen_and_gives_it_back(window, xdotool):
     xdotool("key", "F11")
     pump(window, 0.6)
@@ -115,20 +88,40 @@ def test_f11_fills_the_screen_and_gives_it_back(window, xdotool):
     assert window.ctx.error == "GL_NO_ERROR"
 
 
-def test_keys_held_fly_and_combinations_undo(window, xdotool, act):
+def moved(window: Window, xdotool, keycode: int | str) -> np.ndarray:
+    """How the flying camera moves, along its own axes, while a key is held."""
     rig = window.app.scene.rig
-    act("key", "v")
-    start = rig.goal.eye(rig.table)
-    xdotool("keydown", "w")
-    pump(window, 0.5)
-    act("keyup", "w")
-    assert rig.flying and abs(rig.goal.eye(rig.table) - start).max() > 0.01
-    xdotool("key", "v", "key", "2")
-    pump(window, 0.4)
+    before, rotation = rig.goal.eye(rig.table), rig.goal.rotation(rig.table)
+    xdotool("keydown", keycode)
+    wait(window, lambda: np.linalg.norm(rig.goal.eye(rig.table) - before) > 0.02 * rig.radius)
+    xdotool("keyup", keycode)
+    pump(window, 0.2)
+    return (rig.goal.eye(rig.table) - before) @ rotation
+
+
+AXES = {"D": (0, 1), "A": (0, -1), "E": (1, 1), "Q": (1, -1), "S": (2, 1), "W": (2, -1)}  # camera axes: z is back
+
+
+def test_the_arrow_keys_turn_slide_and_fly(window, xdotool, act):
+    rig = window.app.scene.rig
+    start = rig.goal
+    xdotool("keydown", "Right")
+    wait(window, lambda: abs(rig.goal.azimuth - start.azimuth) > 5)
+    act("keyup", "Right")
     turned = rig.goal
-    xdotool("key", "ctrl+z")
-    pump(window, 0.4)
-    assert rig.goal != turned
+    assert turned.azimuth > start.azimuth and turned.pivot == start.pivot  # the camera goes to the right
+    xdotool("keydown", "shift", "keydown", "Up")
+    wait(window, lambda: rig.goal.pivot != turned.pivot)
+    act("keyup", "Up", "keyup", "shift")
+    assert rig.goal.pivot[1] > turned.pivot[1] and rig.goal.azimuth == turned.azimuth
+    for expected in (turned, start):  # each way is one step
+        xdotool("key", "ctrl+z")
+        wait(window, lambda goal=expected: rig.goal == goal)
+    act("key", "v")
+    for arrow, place in (("Up", "W"), ("Down", "S"), ("Left", "A"), ("Right", "D")):
+        axis, sign = AXES[place]
+        way = moved(window, xdotool, arrow)
+        assert np.argmax(np.abs(way)) == axis and np.sign(way[axis]) == sign, arrow
 
 
 def test_closing_asks_while_a_scene_is_made_and_leaves_no_child(window, other_client, tmp_path, monkeypatch):
@@ -141,19 +134,13 @@ def test_closing_asks_while_a_scene_is_made_and_leaves_no_child(window, other_cl
     pump(window)
     assert glfw.window_should_close(window.handle)  # the loop answers that with a question
     app.messages.dialogs.clear()
-    answer(app)
-    window.run()
-    assert app.quitting and (tmp_path / "saved").exists() and app.making.job is None
-
-
-def answer(app: App) -> None:
-    """Presses "Stop and quit" as soon as it is asked."""
     ask = app.making.ask_to_quit
 
-    def asked(app: App) -> None:
+    def answer(app: App) -> None:
         ask(app)
-        assert not app.quitting and "still being made" in app.messages.dialogs[0].title
-        app.messages.dialogs.clear()
+        assert not app.quitting and "still being made" in app.messages.dialogs.pop().title
         app.making.stop_and_quit(app)
 
-    app.making.ask_to_quit = asked
+    app.making.ask_to_quit = answer
+    window.run()
+    assert app.quitting and (tmp_path / "saved").exists() and app.making.job is None

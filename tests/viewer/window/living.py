@@ -15,11 +15,9 @@ import pytest
 from imgui_bundle import imgui
 
 from tests.viewer.unseen import draw_unseen
-from tests.viewer.window.widgets_seen import Watch
-from viewer.core.pose import project
 from viewer.window.window import Window
 
-SIZE, LARGE = (900, 600), (1240, 860)
+SIZE = (900, 600)
 PATIENCE_S = 90.0
 CLIENT = Path(__file__).with_name("x11_client.py")
 
@@ -62,37 +60,3 @@ def wait(window: Window, condition: Callable[[], object]) -> None:
     while not condition():
         assert time.monotonic() < end, [dialog.text for dialog in window.app.messages.dialogs]
         pump(window, 0.05)
-
-
-def press(watched: tuple[Window, Watch], xdotool: Callable[..., object], label: str) -> None:
-    """Clicks the widget with that in its label, once it is there and stays where it is."""
-    window, seen = watched
-    places: list[list[tuple[float, float]]] = []
-
-    def rests() -> bool:
-        places.append([each.at for (_, name), each in seen.seen.items() if label in name and not each.disabled])
-        return len(places) > 1 and bool(places[-1]) and places[-1] == places[-2]
-
-    wait(window, rests)
-    left, top = glfw.get_window_pos(window.handle)
-    x, y = places[-1][0]
-    xdotool("mousemove", left + round(x), top + round(y), "click", 1)
-    pump(window)
-
-
-def type_path(window: Window, xdotool: Callable[..., object], path: Path) -> None:
-    """Types a path into the dialog that asks for one."""
-    wait(window, lambda: window.app.file_request is not None)
-    pump(window)
-    xdotool("key", "ctrl+a", "type", "--delay", 1, str(path))
-    pump(window)
-    xdotool("key", "Return")
-    wait(window, lambda: window.app.file_request is None)
-
-
-def place_of(window: Window, point: tuple[float, float, float]) -> tuple[int, int]:
-    """Where a point of the scene is on the screen."""
-    app = window.app
-    left, top = glfw.get_window_pos(window.handle)
-    x, y = project(app.camera(), np.array([point]))[0][0]
-    return round(left + app.viewport.x + x), round(top + app.viewport.y + y)

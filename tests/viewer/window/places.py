@@ -205,10 +205,7 @@ PLACES: dict[str, Prepare] = {
     "a page that floats": lambda app, _: app.interface.moved.append("camera"),
     "opening": lambda app, scenes: app.open(scenes.path),
     "export the scene": _page("film", _near, _crop, lambda app, _: app.exporting.ask(app)),
-    "export points": lambda app, _: (
-        setattr(app.exporting.plan, "kind", "points"),
-        app.exporting.ask(app),
-    ),
+    "export points": lambda app, _: (setattr(app.exporting.plan, "kind", "points"), app.exporting.ask(app)),
     "export a page": lambda app, _: (setattr(app.exporting.plan, "kind", "page"), app.exporting.ask(app)),
     "a scene that is shared": lambda app, scenes: setattr(
         app.sharing,

@@ -4,26 +4,42 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
-from tests.viewer.conftest import missing
+import numpy as np
+from PIL import Image
+
+from tests.viewer.conftest import installed
 from tests.viewer.waiting import until
 
+ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0
 RAIL_X, RAIL_TOP, RAIL_STEP = 25, 78, 42  # of the icons: from the right edge, from the top, from one to the next
+
+
+def run_view(*words: object, cwd: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Runs snerg-view to its end, without a display but for what `environment` says."""
+    kept = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    command = [sys.executable, "-m", "viewer.commands.view", *(str(word) for word in words)]
+    return subprocess.run(command, env=kept | environment, cwd=cwd, capture_output=True, text=True, timeout=180)
+
+
+def picture_of_view(folder: Path, *words: object, **environment: str) -> np.ndarray:
+    """The window after a few frames of snerg-view, int [500, 800, 3]. folder: for the file."""
+    picture = folder / "window.png"
+    done = run_view(*words, "--frames", 5, "--screenshot", picture, "--size", "800x500", **environment)
+    assert done.returncode == 0, done.stderr
+    return np.asarray(Image.open(picture)).astype(int)
 
 
 class RunningViewer:
     """A viewer on `display`, its settings below `home`. command: another program than snerg-view that opens one."""
 
     def __init__(self, display: str, home: Path, *words: object, command: list[str] | None = None, **environment: str):
-        self.tool = shutil.which("xdotool")
-        if self.tool is None:
-            missing("xdotool")
+        self.tool = installed("xdotool")
         self.home, self.display = home, display
         home.mkdir(parents=True, exist_ok=True)
         kept = {name: value for name, value in os.environ.items() if name != "WAYLAND_DISPLAY"}
@@ -36,7 +52,7 @@ class RunningViewer:
             stderr=subprocess.PIPE,
             stdin=subprocess.DEVNULL,
             text=True,
-            cwd=Path(__file__).parents[3],
+            cwd=ROOT,
         )
 
     @property
@@ -49,7 +65,7 @@ class RunningViewer:
         return json.loads(self.file.read_text()) if self.file.exists() else {}
 
     def xdotool(self, *words: object) -> str:
-        command = [str(self.tool), *(str(word) for word in words)]
+        command = [self.tool, *(str(word) for word in words)]
         done = subprocess.run(command, env=self.environment, capture_output=True, text=True, timeout=60)
         return done.stdout
 

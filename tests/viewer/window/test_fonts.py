@@ -1,17 +1,15 @@
 """Names in other scripts are shown with the system's fonts, not as boxes."""
 
-import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from imgui_bundle import imgui
-from PIL import Image
 
 from scenepack import save_pack
+from tests.viewer.window.running import picture_of_view
 from viewer.core import theme
 from viewer.core.log import Dialog
 from viewer.core.theme import FontFile, chosen_fonts, find_fonts
@@ -31,14 +29,10 @@ def needs_japanese() -> None:
 
 
 def picture_of_name(name: str, display: str, pack, folder: Path, **environment: str) -> np.ndarray:
-    """The window's upper bar with a pack of that name open, int [40, 330, 3]."""
+    """The window's upper bar with a pack of that name open, int [40, 60, 3]."""
     save_pack(pack, folder / "packs" / name)
-    words = [str(folder / "packs" / name), "--frames", "3", "--screenshot", str(folder / "a.png"), "--size", "900x500"]
-    environment = {**os.environ, "DISPLAY": display, "PYTHONUTF8": "1", **environment}
-    command = [sys.executable, "-m", "viewer.commands.view", *words]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=180)
-    assert done.returncode == 0, done.stderr
-    return np.asarray(Image.open(folder / "a.png")).astype(int)[4:44, 100:160]
+    picture = picture_of_view(folder, folder / "packs" / name, DISPLAY=display, PYTHONUTF8="1", **environment)
+    return picture[4:44, 100:160]
 
 
 @pytest.mark.slow

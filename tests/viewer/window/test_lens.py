@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.viewer.scenes import photographed
 from training.scenes.lens import lens_reach
 from viewer.app.application import App
 from viewer.core.pose import fitted, frustum_points, project
@@ -17,16 +16,15 @@ FOLDING = (-0.9, 0.0, 0.0, 0.0)  # sees nothing beyond 0.41 of the picture's foc
 
 
 @pytest.fixture(scope="module")
-def distorted(pack, tmp_path_factory):
+def distorted(known_pack):
     """The toy, and what a lens shows of it."""
-    known = photographed(pack, tmp_path_factory.mktemp("scene") / "toy_scene")
     cameras = []
-    for entry in known.metadata["cameras"]:
+    for entry in known_pack.metadata["cameras"]:
         matrix = np.array(entry["world_T_camera"])
         matrix[:3, 3] *= 0.55  # near enough for the toy to reach the edges, where lenses bend most
         lens = {"distortion": list(LENS), "fx": 70.0, "fy": 72.0, "cx": 35.0, "cy": 30.0}
         cameras.append({**entry, **lens, "world_T_camera": matrix.tolist()})
-    return known.with_metadata(cameras=cameras)
+    return known_pack.with_metadata(cameras=cameras)
 
 
 @pytest.fixture

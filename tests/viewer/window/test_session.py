@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from scenepack import Pack, save_pack
-from tests.viewer.conftest import missing
+from tests.viewer.conftest import installed
 from tests.viewer.features.making.test_making import gone
 from tests.viewer.screen import virtual_screen
 from tests.viewer.waiting import until
@@ -50,10 +49,7 @@ def test_a_signal_ends_it_like_quit_and_is_told_in_the_exit_status(viewer: Runni
 @pytest.fixture
 def own_display() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """A display that a test may end."""
-    program = shutil.which("Xvfb")
-    if program is None:
-        missing("Xvfb")
-    with virtual_screen(str(program)) as screen:
+    with virtual_screen(installed("Xvfb")) as screen:
         yield screen
 
 

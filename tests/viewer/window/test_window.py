@@ -1,6 +1,5 @@
 """The window and snerg-view, each in a process of its own, on a display of our own."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,47 +10,26 @@ from PIL import Image
 
 from scenepack import load_pack, save_pack
 from tests.told import told
-from tests.viewer.scenes import photographed
+from tests.viewer.window.running import ROOT, picture_of_view, run_view
 from viewer.app.application import App
 from viewer.window.window import NoDisplay, Window, require_display
 
 HERE = Path(__file__).parent
 ALWAYS = ["live_window.py"]
-ALL = ["live_features.py", "live_presenting.py", "live_erasing.py", "live_motion.py", "live_clicks.py"]
+ALL = ["live_features.py", "live_motion.py", "live_clicks.py"]
 
 
 @pytest.mark.parametrize("scripts", [ALWAYS, pytest.param(ALL, marks=pytest.mark.slow)], ids=["always", "all"])
 def test_the_live_window(display, scripts):
     """All scripts share one window, in a process of its own."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        *(str(HERE / script) for script in scripts),
-    ]
-    done = subprocess.run(command, cwd=HERE.parents[2], capture_output=True, text=True, timeout=1500)
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *(HERE / script for script in scripts)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=1500)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def run_view(*words: object, display: str | None = None, cwd=None) -> subprocess.CompletedProcess[str]:
-    env = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    if display:
-        env["DISPLAY"] = display
-    command = [sys.executable, "-m", "viewer.commands.view", *(str(word) for word in words)]
-    return subprocess.run(command, env=env, cwd=cwd, capture_output=True, text=True, timeout=120)
-
-
 def test_frames_and_screenshot_at_the_command_line(display, pack_folder, tmp_path):
-    picture = tmp_path / "window.png"
-    done = run_view(
-        pack_folder, "--frames", 5, "--screenshot", picture, "--size", "800x500", "--mode", "depth", display=display
-    )
-    assert done.returncode == 0, done.stderr
-    assert Image.open(picture).size == (800, 500)
-    assert np.asarray(Image.open(picture)).std() > 20
+    picture = picture_of_view(tmp_path, pack_folder, "--mode", "depth", DISPLAY=display)
+    assert picture.shape == (500, 800, 3) and picture.std() > 20
 
 
 def test_without_a_display_an_orbit_is_rendered_and_named(pack_folder, tmp_path):
@@ -65,45 +43,37 @@ def test_without_a_display_an_orbit_is_rendered_and_named(pack_folder, tmp_path)
 
 
 @pytest.fixture(scope="session")
-def known_pack(tmp_path_factory, pack):
-    """A pack that knows its photographs, which lie beside it."""
-    folder = tmp_path_factory.mktemp("known")
-    save_pack(photographed(pack, folder / "scene"), folder / "toy")
-    return folder / "toy"
-
-
-def picture_of(display: str, tmp_path: Path, *words: object) -> np.ndarray:
-    """Runs snerg-view for a few frames; its window's picture, int [500, 800, 3]."""
-    picture = tmp_path / "window.png"
-    done = run_view(*words, "--frames", 5, "--screenshot", picture, "--size", "800x500", display=display)
-    assert done.returncode == 0, done.stderr
-    return np.asarray(Image.open(picture)).astype(int)
+def known_folder(tmp_path_factory, known_pack):
+    """Of a pack that knows its photographs."""
+    folder = tmp_path_factory.mktemp("known") / "toy"
+    save_pack(known_pack, folder)
+    return folder
 
 
 @pytest.mark.slow
 def test_without_a_pack_the_start_page_is_shown(display, tmp_path):
-    picture = picture_of(display, tmp_path)
+    picture = picture_of_view(tmp_path, DISPLAY=display)
     background = np.abs(picture - picture[-1, 0]).sum(axis=2) < 6
     assert 0.6 < background.mean() < 0.98 and background[:, :60].mean() > 0.9
 
 
 @pytest.mark.slow
-def test_a_photograph_is_wiped_at_the_command_line(display, tmp_path, known_pack):
-    picture = picture_of(display, tmp_path, known_pack, "--photograph", "test/r_1", "--look", "wipe")
+def test_a_photograph_is_wiped_at_the_command_line(display, tmp_path, known_folder):
+    picture = picture_of_view(tmp_path, known_folder, "--photograph", "test/r_1", "--look", "wipe", DISPLAY=display)
     edge = np.abs(picture - (0x45, 0xD0, 0xBD)).sum(axis=2) < 40
     assert edge[60:490, :400].mean(axis=0).max() > 0.9  # the wipe's edge, from top to bottom
 
 
 @pytest.mark.slow
-def test_another_pack_is_subtracted_at_the_command_line(display, tmp_path, known_pack):
-    same = picture_of(display, tmp_path, known_pack, "--compare", known_pack, "--look", "difference")
+def test_another_pack_is_subtracted_at_the_command_line(display, tmp_path, known_folder):
+    same = picture_of_view(tmp_path, known_folder, "--compare", known_folder, "--look", "difference", DISPLAY=display)
     assert same[170:490, 10:400].max() < 12  # below the axes
 
 
 @pytest.mark.slow
-def test_a_path_is_exported_to_its_end_at_the_command_line(display, tmp_path, known_pack):
+def test_a_path_is_exported_to_its_end_at_the_command_line(display, tmp_path, known_folder):
     frames = tmp_path / "frames"
-    picture_of(display, tmp_path, known_pack, "--export", frames, "--export-size", "32x24")
+    picture_of_view(tmp_path, known_folder, "--export", frames, "--export-size", "32x24", DISPLAY=display)
     assert len(list(frames.glob("*.png"))) == 240  # a turntable: 8 s of 30 frames
 
 
@@ -111,7 +81,7 @@ def test_a_path_is_exported_to_its_end_at_the_command_line(display, tmp_path, kn
 def test_a_bad_pack_is_a_dialog_on_a_display(display, tmp_path):
     (tmp_path / "scene_params.json").write_text("{")
     picture = tmp_path / "window.png"
-    done = run_view(tmp_path, "--frames", 5, "--screenshot", picture, "--size", "800x500", display=display)
+    done = run_view(tmp_path, "--frames", 5, "--screenshot", picture, "--size", "800x500", DISPLAY=display)
     assert done.returncode == 2
     assert len(told(done.stderr)) == 1 and "scene_params.json" in done.stderr
     pixels = np.asarray(Image.open(picture)).astype(int)
@@ -120,9 +90,10 @@ def test_a_bad_pack_is_a_dialog_on_a_display(display, tmp_path):
 
 @pytest.mark.slow
 def test_photographs_are_asked_about_on_a_display_and_told_without_one(display, tmp_path, known_pack):
-    pixels = picture_of(display, tmp_path, known_pack.parent / "scene")
+    scene = known_pack.metadata["provenance"]["scene"]
+    pixels = picture_of_view(tmp_path, scene, DISPLAY=display)
     assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[120:380, 130:670].mean() > 0.4  # a card, in the middle
-    done = run_view(known_pack.parent / "scene")
+    done = run_view(scene)
     assert done.returncode == 2 and "snerg-make" in done.stderr and len(told(done.stderr)) == 1
 
 
@@ -133,17 +104,19 @@ def test_bad_arguments_are_one_line_and_status_2(pack_folder, words):
 
 
 @pytest.mark.slow
-def test_a_session_is_opened_at_the_command_line_and_a_bad_one_is_one_line(display, tmp_path, known_pack):
+def test_a_session_is_opened_at_the_command_line_and_a_bad_one_is_one_line(display, tmp_path, known_folder):
     app = App()
-    app.show(load_pack(known_pack), known_pack)
+    app.show(load_pack(known_folder), known_folder)
     app.set(crop=((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)))
     app.interface.page = "crop"
     file = tmp_path / "a.snerg"
     app.sessions.save(app, file)
-    whole, cut = picture_of(display, tmp_path, known_pack, "--page", "crop"), picture_of(display, tmp_path, file)
+    whole, cut = (
+        picture_of_view(tmp_path, *words, DISPLAY=display) for words in ((known_folder, "--page", "crop"), (file,))
+    )
     assert np.abs(whole - cut)[60:490, 10:400].mean() > 2
     file.write_text("{}")
-    done = run_view(file, "--frames", 2, display=display)
+    done = run_view(file, "--frames", 2, DISPLAY=display)
     assert done.returncode == 2 and len(told(done.stderr)) == 1 and "is not a session" in done.stderr
 
 
@@ -158,10 +131,7 @@ def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Wayland is Linux's")
 @pytest.mark.parametrize("words", [(), ("--frames", "1", "--screenshot", "window.png")])
-def test_wayland_alone_is_refused_in_one_line_that_names_xwayland(pack_folder, monkeypatch, words):
+def test_wayland_alone_is_refused_in_one_line_that_names_xwayland(pack_folder, words):
     """Nobody looks for pictures in out/ who started the viewer from a desktop."""
-    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
-    monkeypatch.delenv("DISPLAY", raising=False)
-    command = [sys.executable, "-m", "viewer.commands.view", str(pack_folder), *words]
-    done = subprocess.run(command, cwd=HERE.parents[2], capture_output=True, text=True, timeout=120)
+    done = run_view(pack_folder, *words, WAYLAND_DISPLAY="wayland-0")
     assert done.returncode == 2 and len(told(done.stderr)) == 1 and "XWayland" in done.stderr

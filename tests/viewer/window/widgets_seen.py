@@ -45,6 +45,8 @@ class Seen:
     scrolling: tuple[Rect, ...]
     disabled: bool
     pressed: bool
+    focused: bool = False  # by the keyboard
+    modal: bool = False  # of a dialog that keeps everything else waiting
 
     @property
     def name(self) -> tuple[str, str]:
@@ -97,7 +99,10 @@ class Watch:
             if around.scroll_max.y > 0:
                 scrolling.append(_rect(around.inner_clip_rect))
             around = around.parent_window
-        self._drawing[name] = Seen(*name, kind, rect, clip, tuple(reversed(scrolling)), disabled, pressed)
+        focused = imgui.is_item_active() or (imgui.is_item_focused() and imgui.get_io().nav_visible)
+        modal = bool(window.root_window.flags & imgui.WindowFlags_.modal)
+        seen = Seen(*name, kind, rect, clip, tuple(reversed(scrolling)), disabled, pressed, focused, modal)
+        self._drawing[name] = seen
         if pressed:
             self.pressed.add(name)
 

@@ -1,9 +1,9 @@
 """Another X client, as a file manager or a window manager is one: drops files on a window, or asks it to close.
 
 python x11_client.py drop WINDOW FILE...: the whole of XDND's protocol, version 5, as its source (freedesktop.org).
-python x11_client.py paste WINDOW FILE: asks who owns the clipboard for image/png, as a program does in which somebody pastes.
+python x11_client.py paste WINDOW FILE: saves the picture on the clipboard.
 python x11_client.py close WINDOW: WM_DELETE_WINDOW, which is what the cross in a window's frame sends.
-Talks to libX11 through ctypes; ends with status 0 once the window says that it is done.
+Talks to libX11 through ctypes but for the clipboard; ends with status 0 once the window says that it is done.
 """
 
 from __future__ import annotations
@@ -14,6 +14,9 @@ import sys
 import time
 from ctypes import POINTER, Structure, Union, byref, c_char_p, c_int, c_long, c_ulong, c_void_p
 from pathlib import Path
+
+import copykitten
+from PIL import Image
 
 CLIENT_MESSAGE, SELECTION_NOTIFY, SELECTION_REQUEST = 33, 31, 30
 ANY_TIME, PROP_MODE_REPLACE, XDND_VERSION, PATIENCE_S = 0, 0, 5, 15.0
@@ -57,8 +60,6 @@ def libx11() -> ctypes.CDLL:
     x11.XSetSelectionOwner.argtypes = [c_void_p, c_ulong, c_ulong, c_ulong]
     x11.XSendEvent.argtypes = [c_void_p, c_ulong, c_int, c_long, POINTER(Event)]
     x11.XChangeProperty.argtypes = [c_void_p, c_ulong, c_ulong, c_ulong, c_int, c_int, c_char_p, c_int]
-    x11.XConvertSelection.argtypes = [c_void_p, *[c_ulong] * 5]
-    x11.XGetWindowProperty.argtypes = [c_void_p, c_ulong, c_ulong, c_long, c_long, c_int, c_ulong, *[c_void_p] * 5]
     x11.XNextEvent.argtypes = [c_void_p, POINTER(Event)]
     x11.XPending.argtypes = x11.XFlush.argtypes = [c_void_p]
     return x11
@@ -126,35 +127,16 @@ class Client:
         if not self.wait_for(CLIENT_MESSAGE, "XdndFinished").client.data[1]:  # GLFW sends a length for the flag
             raise SystemExit("the window did not take them")
 
-    def paste(self, kind: str) -> bytes:
-        """What the clipboard's owner answers, after it has said that it has that kind."""
-        assert self.atom(kind).to_bytes(8, "little") in self._ask("TARGETS")
-        return self._ask(kind)
-
-    def _ask(self, target: str) -> bytes:
-        place = self.atom("PASTED")
-        self.x11.XConvertSelection(
-            self.display, self.atom("CLIPBOARD"), self.atom(target), place, self.window, ANY_TIME
-        )
-        self.x11.XFlush(self.display)
-        if not self.wait_for(SELECTION_NOTIFY).notify.property:
-            raise SystemExit(f"the clipboard has no {target}")
-        kind, left, count, bits, data = c_ulong(), c_ulong(), c_ulong(), c_int(), c_void_p()
-        words = (byref(each) for each in (kind, bits, count, left, data))
-        self.x11.XGetWindowProperty(self.display, self.window, place, 0, 1 << 24, 1, 0, *words)
-        size = count.value * (8 if bits.value == 32 else 1)  # longs, whatever their name says
-        return ctypes.string_at(data, size)
-
 
 def main() -> None:
     what, window, *files = sys.argv[1:]
-    client = Client(int(window))
     if what == "paste":
-        Path(files[0]).write_bytes(client.paste("image/png"))
+        pixels, width, height = copykitten.paste_image()
+        Image.frombytes("RGBA", (width, height), bytes(pixels)).save(files[0])
     elif what == "drop":
-        client.drop([Path(file) for file in files])
+        Client(int(window)).drop([Path(file) for file in files])
     else:
-        client.close()
+        Client(int(window)).close()
 
 
 if __name__ == "__main__":

@@ -7,16 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 
 from console import UserError
-from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core.annotations import worded
 from viewer.core.pose import Pose
 from viewer.core.state import Viewport
 from viewer.features.bookmarks import bookmarks
-from viewer.features.bookmarks.bookmarks import SIZE, pose_of
+from viewer.features.bookmarks.bookmarks import pose_of
+
+BALL = (0.0, -0.25, 0.4)  # its front
 
 
 @pytest.fixture(params=["around", "forward-facing"])
@@ -63,8 +65,8 @@ def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orth
     monkeypatch.setattr(bookmarks, "PAUSE_S", 0.0)
     app = App()
     app.show(pack, Path("toy"))
-    rig, ball, post = app.scene.rig, (0.0, -0.25, 0.4), (0.5, 0.39, 0.0)
-    for point in (ball, post):
+    rig = app.scene.rig
+    for point in (BALL, (0.5, 0.39, 0.0)):
         app.bookmarks.add(app, point)
     rig.set_orthographic(orthographic)
     hidden = []
@@ -75,12 +77,12 @@ def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orth
         for _ in range(9):  # a place a frame, where one takes long
             app.bookmarks.covered(app)
         hidden.append(app.bookmarks.covered(app))
-    assert hidden == [set(), {ball}]
+    assert hidden == [set(), {BALL}]
     app.bookmarks.edit(app, 0, text=worded("A ball\n\x1b[31mred"))
     app.bookmarks.edit(app, 0, name="Ball")
     app.bookmarks.update(app, 0)
     first = app.annotations.current.bookmarks[0]
-    assert (first.name, first.text, first.point) == ("Ball", "A ball\n\ufffd[31mred", ball)
+    assert (first.name, first.text, first.point) == ("Ball", "A ball\n\ufffd[31mred", BALL)
     assert first.eye != app.annotations.current.bookmarks[1].eye
     for _ in range(3):
         run(app, "undo")
@@ -141,7 +143,8 @@ def test_a_photographs_camera_is_bookmarked_level_from_its_place(app):
 
 
 @pytest.fixture
-def ui(offscreen, app, pack, pack_folder):
+def ui(offscreen, pack, pack_folder):
+    app = App()
     ui = offscreen(app, size=(900, 640))
     app.resolution.rest_scale = 0.25
     app.show(pack, pack_folder)
@@ -151,16 +154,8 @@ def ui(offscreen, app, pack, pack_folder):
         app.scene.rig.orbit(turn, 0.0)
         app.scene.rig.shown = app.scene.rig.goal
         run(app, "bookmark")
-    ui.settle()
+    app.interface.page = "bookmarks"
     return ui
-
-
-def rows_of(ui, page: str, name: str) -> list[tuple[float, float, float, float]]:
-    ui.app.interface.page = page
-    with watch() as seen:
-        ui.settle()
-        rows = {label: each.rect for (_, label), each in seen.seen.items() if label.startswith(f"##{name}")}
-    return [rows[label] for label in sorted(rows)]
 
 
 def thumbnail(ui, rect: tuple[float, float, float, float]) -> np.ndarray:
@@ -168,22 +163,38 @@ def thumbnail(ui, rect: tuple[float, float, float, float]) -> np.ndarray:
     return ui.picture()[round(y0) + 6 : round(y1) - 6, round(x0) + 10 : round(x0) + 64].astype(float)
 
 
-def test_each_view_has_its_own_picture(ui, app):
-    rows = rows_of(ui, "bookmarks", "bookmark")
-    assert len(rows) == 4
-    pictures = [thumbnail(ui, rect) for rect in rows]
+def test_each_view_has_its_own_picture_and_a_click_on_it_goes_there(ui):
+    app, rows = ui.app, [row for row in ui.widgets("##bookmark") if row.label.startswith("##")]
+    pictures = [thumbnail(ui, row.rect) for row in rows]
+    assert len(pictures) == 4
     for picture in pictures:
         assert picture.std(axis=(0, 1)).max() > 20  # something of the toy
     assert all(np.abs(a - b).max() > 60 for i, a in enumerate(pictures) for b in pictures[:i])
-    expected = app.views._pictures
-    assert len(expected) == 4 and all(picture.shape == (SIZE[1], SIZE[0], 3) for picture in expected.values())
-
-
-def test_a_click_on_a_row_goes_there(ui, app):
-    rows = rows_of(ui, "bookmarks", "bookmark")
-    x0, y0, x1, y1 = rows[1]
-    ui.click(0.5 * (x0 + x1), 0.5 * (y0 + y1))
+    ui.click(*rows[1].at)
     ui.settle()
-    view = app.annotations.current.bookmarks[1]
     assert app.bookmarks.selected == 1
-    assert np.allclose(app.scene.rig.matrix[:3, 3], view.eye, atol=1e-3)
+    assert np.allclose(app.scene.rig.matrix[:3, 3], app.annotations.current.bookmarks[1].eye, atol=1e-3)
+
+
+def test_a_click_annotates_a_place_and_one_on_its_number_goes_there_unless_it_is_covered(ui):
+    app, rig = ui.app, ui.app.scene.rig
+
+    def look_along(azimuth: float, elevation: float) -> None:
+        rig.look_along(azimuth, elevation)
+        rig.shown = rig.goal
+        ui.settle()
+
+    look_along(0, 10)
+    run(app, "annotate")
+    ui.click(*ui.place_of(BALL))
+    place, seen = app.annotations.current.bookmarks[4], rig.goal
+    assert place.name == "Place 1" and np.allclose(place.point, BALL, atol=0.05) and not app.bookmarks.placing
+    look_along(180, 10)
+    ui.click(*ui.place_of(place.point))
+    assert rig.goal.azimuth == 180 and app.bookmarks.covered(app) == {place.point}
+    look_along(40, 25)
+    ui.click(*ui.place_of(place.point))
+    assert np.allclose(rig.goal.matrix(rig.table), seen.matrix(rig.table), atol=1e-6)
+    run(app, "annotate")
+    ui.key(imgui.Key.escape)
+    assert not app.bookmarks.placing

@@ -10,6 +10,7 @@ from PIL import Image
 
 from scenepack import load_pack, save_pack
 from tests.viewer.rendering.test_depth_of_field import FAR_BAR, NEAR_BAR, bars
+from tests.viewer.waiting import live
 from viewer.app.application import App
 from viewer.commands import render
 from viewer.core.annotations import Annotations, Bookmark
@@ -46,17 +47,17 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_places_that_are_seen_are_numbered_and_titled_and_the_rest_is_as_it_was(folder: Path, tmp_path: Path) -> None:
-    pictures = {}
-    for name, more in (("plain", []), ("places", ["--places"]), ("stereo", ["--places", "--mode", "rgb,depth"])):
-        out = tmp_path / (f"{name}.png" if name != "stereo" else name)
-        assert render.main([str(folder), "--out", str(out), *WORDS, *more]) == 0
-        if name != "stereo":
-            pictures[name] = np.asarray(Image.open(out))
-    assert discs(pictures["places"]) == [True, True, False] and discs(pictures["plain"]) == [False] * 3
-    changed = (pictures["plain"] != pictures["places"]).any(axis=2)
+    def rendered(name: str, *more: str) -> Path:
+        assert render.main([str(folder), "--out", str(tmp_path / name), *WORDS, *more]) == 0
+        return tmp_path / name
+
+    plain, places = (np.asarray(Image.open(rendered(*words))) for words in (("a.png",), ("b.png", "--places")))
+    assert discs(places) == [True, True, False] and discs(plain) == [False] * 3
+    changed = (plain != places).any(axis=2)
     assert 200 < changed.sum() < 0.25 * changed.size
-    layers = [np.asarray(Image.open(tmp_path / "stereo" / f"view_{mode}.png")) for mode in ("rgb", "depth")]
-    assert discs(layers[0]) == [True, True, False] and discs(layers[1]) == [False] * 3
+    layers = rendered("layers", "--places", "--mode", "rgb,depth")
+    rgb, depth = (np.asarray(Image.open(layers / f"view_{mode}.png")) for mode in ("rgb", "depth"))
+    assert discs(rgb) == [True, True, False] and discs(depth) == [False] * 3
 
 
 def test_a_film_and_a_saved_view_of_the_window_have_them_where_that_is_wanted(
@@ -69,8 +70,7 @@ def test_a_film_and_a_saved_view_of_the_window_have_them_where_that_is_wanted(
     for wanted in (False, True):
         app.filming.annotated = wanted
         app.filming.still(app, tmp_path / "a.png", CAMERA)
-        while app.filming.export is not None:
-            app.tick(0.01)
+        live(app, lambda: app.filming.export is None)
         assert discs(np.asarray(Image.open(tmp_path / "a.png"))) == [wanted, wanted, False]
 
 

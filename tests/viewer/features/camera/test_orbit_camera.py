@@ -1,30 +1,26 @@
 """What hands do to the camera."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.viewer.conftest import toy_pack
-from viewer.core.pose import box_points, shortest_turn
-from viewer.core.pose import project as projected
-from viewer.features.camera.forward_facing import (
-    DISTANCES,
-    PAN_LIMIT,
-    TURN_LIMIT,
-    ForwardFacingCamera,
-    orbit_camera_for,
-)
+from tests.viewer.scenes import with_cameras
+from viewer.core.pose import box_points, project, shortest_turn
+from viewer.features.camera.forward_facing import DISTANCES, PAN_LIMIT, TURN_LIMIT, orbit_camera_for
 from viewer.features.camera.orbit_camera import OrbitCamera
 from viewer.rendering.camera import ViewCamera, content_box
 
 SIZE = (800, 600)
 
 
-def project(camera: ViewCamera, point: np.ndarray) -> tuple[float, float]:
-    """Pixel (x, y) at which `camera` sees a point of the grid frame."""
-    x, y, z = np.linalg.inv(camera.grid_T_camera)[:3] @ np.append(point, 1.0)
-    return camera.cx - camera.fx * x / z, camera.cy + camera.fy * y / z
+def pixel_of(camera: ViewCamera, point: Sequence[float]) -> tuple[float, float]:
+    """Where `camera` sees a point of the grid frame."""
+    x, y = project(camera, np.array([point]))[0][0]
+    return float(x), float(y)
 
 
 def under(camera: ViewCamera, x: float, y: float, depth: float) -> np.ndarray:
@@ -51,23 +47,18 @@ def rig(pack) -> OrbitCamera:
 
 
 def test_the_first_view_shows_all_of_the_content(rig, pack):
-    pixels, before = projected(rig.camera(SIZE), corners_of_voxels(pack))
+    pixels, before = project(rig.camera(SIZE), corners_of_voxels(pack))
     assert before.all() and pixels.min() > 0 and (pixels < SIZE).all()
 
 
-def test_turning_keeps_the_pivot_in_the_middle_and_the_distance(rig):
+def test_dragging_to_the_right_turns_the_scene_to_the_right_about_its_pivot_in_the_middle(rig):
     before = rig.goal
-    rig.orbit(0.3, 0.1)
+    near_side = under(rig.camera(SIZE), 400, 300, 0.7 * before.distance)
+    rig.orbit(0.02, 0.1)
     rig.shown = rig.goal
+    assert pixel_of(rig.camera(SIZE), near_side)[0] > 401
     assert rig.goal.distance == before.distance and rig.goal.pivot == before.pivot
-    assert project(rig.camera(SIZE), np.asarray(before.pivot)) == pytest.approx((400, 300))
-
-
-def test_dragging_to_the_right_turns_the_scene_to_the_right(rig):
-    near_side = under(rig.camera(SIZE), 400, 300, 0.7 * rig.goal.distance)
-    rig.orbit(0.02, 0.0)
-    rig.shown = rig.goal
-    assert project(rig.camera(SIZE), near_side)[0] > 401
+    assert pixel_of(rig.camera(SIZE), before.pivot) == pytest.approx((400, 300))
 
 
 @given(dx=st.floats(-0.4, 0.4), dy=st.floats(-0.4, 0.4))
@@ -76,7 +67,7 @@ def test_what_lies_at_the_pivots_depth_stays_under_the_cursor_while_it_is_slid(d
     point = under(rig.camera(SIZE), 250, 200, rig.goal.distance)
     rig.pan(dx, dy)
     rig.shown = rig.goal
-    assert project(rig.camera(SIZE), point) == pytest.approx((250 + 600 * dx, 200 + 600 * dy), abs=1e-3)
+    assert pixel_of(rig.camera(SIZE), point) == pytest.approx((250 + 600 * dx, 200 + 600 * dy), abs=1e-3)
 
 
 @given(x=st.floats(0, 800), y=st.floats(0, 600), notches=st.floats(-5, 5))
@@ -85,7 +76,7 @@ def test_the_wheel_keeps_what_lies_under_the_cursor(x, y, notches):
     point = under(rig.camera(SIZE), x, y, rig.goal.distance)
     rig.dolly(notches, ((2 * x - 800) / 600, (600 - 2 * y) / 600))
     rig.shown = rig.goal
-    assert project(rig.camera(SIZE), point) == pytest.approx((x, y), abs=1e-3)
+    assert pixel_of(rig.camera(SIZE), point) == pytest.approx((x, y), abs=1e-3)
 
 
 def test_damping_arrives_and_stops(rig):
@@ -138,7 +129,7 @@ def test_a_new_pivot_is_looked_at_from_the_same_place(rig):
     rig.set_pivot(np.array([0.5, 0.1, 0.0]))
     rig.shown = rig.goal
     np.testing.assert_allclose(rig.goal.eye(rig.table), eye, atol=1e-9)
-    assert project(rig.camera(SIZE), np.array([0.5, 0.1, 0.0])) == pytest.approx((400, 300), abs=1e-6)
+    assert pixel_of(rig.camera(SIZE), np.array([0.5, 0.1, 0.0])) == pytest.approx((400, 300), abs=1e-6)
 
 
 def test_another_up_axis_keeps_the_eye_and_levels_the_camera(rig):
@@ -168,14 +159,17 @@ moves = st.lists(
 )
 
 
+@pytest.mark.parametrize("ndc", [False, True])
 @settings(max_examples=40, deadline=None)
-@given(moves)
-def test_no_movement_leaves_the_bounds_of_a_forward_facing_pack(steps):
-    rig = ForwardFacingCamera(toy_pack(ndc=True))
+@given(steps=moves)
+def test_no_movement_breaks_the_camera_or_leaves_the_bounds_of_a_forward_facing_pack(ndc, steps):
+    rig = orbit_camera_for(toy_pack(ndc=ndc))
     for name, a, b in steps:
-        rig.dolly(5 * a) if name == "dolly" else getattr(rig, name)(a, b)
+        rig.dolly(5 * a, (b, a)) if name == "dolly" else getattr(rig, name)(a, b)
         rig.update(0.03)
-        for pose in (rig.goal, rig.shown):
+        assert np.isfinite(rig.matrix).all()
+        np.testing.assert_allclose(rig.matrix[:3, :3].T @ rig.matrix[:3, :3], np.eye(3), atol=1e-9)
+        for pose in (rig.goal, rig.shown) if ndc else ():
             assert max(abs(v) for v in pose.pivot) <= PAN_LIMIT + 1e-9
             assert DISTANCES[0] - 1e-9 <= pose.distance <= DISTANCES[1] + 1e-9
             assert abs(shortest_turn(180.0, pose.azimuth)) <= TURN_LIMIT + 1e-9
@@ -190,27 +184,11 @@ def test_a_forward_facing_pack_is_first_seen_as_in_the_published_viewer(ndc_pack
     np.testing.assert_allclose(training, np.eye(3), atol=1e-12)
 
 
-@settings(max_examples=40, deadline=None)
-@given(moves)
-def test_no_movement_breaks_the_camera(steps):
-    rig = OrbitCamera(toy_pack())
-    for name, a, b in steps:
-        rig.dolly(5 * a, (b, a)) if name == "dolly" else getattr(rig, name)(a, b)
-        rig.update(0.03)
-        assert np.isfinite(rig.matrix).all()
-        np.testing.assert_allclose(rig.matrix[:3, :3].T @ rig.matrix[:3, :3], np.eye(3), atol=1e-9)
-
-
 def seen_from(pack, distance: float):
     """The pack with cameras in its metadata, `distance` half sides of the toy from its middle, looking there."""
     half = 0.5 * pack.voxel_size * max(pack.grid_size)
-    cameras = []
-    for azimuth in (20.0, 50.0, 80.0):
-        view = ViewCamera.orbit(pack, azimuth, 5.0, distance * half, 60.0, (40, 60))
-        matrix = (pack.worldspace_T_opengl @ view.grid_T_camera).tolist()
-        numbers = {key: getattr(view, key) for key in ("width", "height", "fx", "fy", "cx", "cy")}
-        cameras.append({"name": str(azimuth), "split": "train", "world_T_camera": matrix, **numbers})
-    return pack.with_metadata(cameras=cameras)
+    azimuths = (20.0, 50.0, 80.0)
+    return with_cameras(pack, [ViewCamera.orbit(pack, each, 5.0, distance * half, 60.0, (40, 60)) for each in azimuths])
 
 
 def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them():
@@ -239,7 +217,7 @@ def test_without_perspective_the_pivot_keeps_its_size_and_moving_closer_only_enl
     for notches in (0, 40):  # to as close as can be: no corner is ever behind the camera
         rig.dolly(notches)
         rig.shown = rig.goal
-        pixels, before_it = projected(rig.camera(SIZE), corners)
+        pixels, before_it = project(rig.camera(SIZE), corners)
         assert before_it.all()
     assert np.ptp(pixels[:, 0]) > 20 * SIZE[0]
     rig.home()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 
 from scenepack.placement import Placement
 from tests.viewer.conftest import toy_pack
@@ -59,14 +60,31 @@ def test_from_outside_the_walk_begins_before_what_is_seen_and_level(walker):
     assert not walker.wants_frame  # who stands still costs nothing
 
 
-def test_it_stops_before_the_ball_and_looks_where_it_wants(walker):
+def test_keys_walk_up_to_the_ball_and_jump_and_the_mouse_looks_around(offscreen, walker):
+    walker.resolution.rest_scale = 0.1
+    ui = offscreen(walker, size=(480, 360))
     put(walker, 0.0, 0.7)
-    walker.scene.rig.orbit(0.0, -0.1)
-    settle(walker, 2.0, ahead=1.0)
-    x, y, z = eye(walker)
+
+    def hold(key: imgui.Key, seconds: float) -> float:
+        """The highest that the eye was while a key was held."""
+        ui.hold(key)
+        heights = [(ui.frame(1 / 30), eye(walker)[1])[1] for _ in range(round(30 * seconds))]
+        ui.let_go(key)
+        return max(heights)
+
+    assert hold(imgui.Key.e, 0.4) > PLATE + 0.25
+    settle(walker)
+    hold(imgui.Key.w, 2.0)
+    x, y, z = before_ball = eye(walker)
     assert 0.3 < z < 0.5 and abs(x) < 0.1 and y == pytest.approx(PLATE + 0.2, abs=0.03)
-    settle(walker, 0.5, ahead=-1.0)
+    azimuth = walker.scene.rig.goal.azimuth
+    ui.drag([(100, 200), (130, 200), (160, 200)])
+    assert walker.scene.rig.goal.azimuth != azimuth and np.allclose(eye(walker), before_ball, atol=0.02)
+    put(walker, *before_ball[[0, 2]])
+    hold(imgui.Key.s, 0.5)
     assert eye(walker)[2] > z + 0.1
+    ui.key(imgui.Key.g)
+    assert not walker.scene.rig.walking
 
 
 def test_off_the_plate_it_falls_to_the_bottom_of_the_content_and_stays_within_its_sides(walker):

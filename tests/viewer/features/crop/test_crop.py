@@ -37,22 +37,12 @@ def arrow(app, axis: int, share: float = 0.75) -> np.ndarray:
     return pixels[0] + (0, app.viewport.y) + 60 * share * direction
 
 
-def pull(ui, start: np.ndarray, by: tuple[float, float], steps: int = 4) -> None:
-    points = [tuple(float(v) for v in start + np.asarray(by) * i / steps) for i in range(steps + 1)]
-    ui.io.add_mouse_pos_event(*points[0])
-    for _ in range(3):  # hovered for a moment first, so that the picture lets go of the mouse
-        ui.frame()
-    ui.drag(points)
-    ui.app.scene.rig.shown = ui.app.scene.rig.goal
-    for _ in range(3):
-        ui.frame()
-
-
 def test_the_gizmo_moves_the_box_along_the_axis_that_is_dragged(ui, app):
     app.crop_tool = "move"
     ui.settle()
     before, rig = centre(app), app.scene.rig.goal
-    pull(ui, arrow(app, 1), (0, -50))
+    at = arrow(app, 1)
+    ui.pull(at, at + np.array([0, -50]), 4)
     moved = centre(app) - before
     assert moved[1] > 0.1 and np.abs(moved[[0, 2]]).max() < 1e-3
     np.testing.assert_allclose(size(app), 0.8, atol=1e-3)
@@ -63,7 +53,7 @@ def test_beside_the_gizmo_the_mouse_is_the_cameras(ui, app):
     app.crop_tool = "move"
     ui.settle()
     cut, goal = app.settings.crop, app.scene.rig.goal
-    pull(ui, np.array([120.0, 650.0]), (60, 20))
+    ui.pull((120.0, 650.0), (180.0, 670.0), 4)
     assert app.settings.crop == cut and app.scene.rig.goal != goal
 
 

@@ -53,13 +53,8 @@ def live(ui) -> None:
         ui.frame()
 
 
-def place_of(ui, point) -> tuple[float, float]:
-    (x, y), view = project(ui.app.camera(), np.array([point]))[0][0], ui.app.viewport
-    return view.x + x, view.y + y
-
-
 def around(ui, point, radius: float) -> list[tuple[float, float]]:
-    x, y = place_of(ui, point)
+    x, y = ui.place_of(point)
     turn = np.linspace(0, 2 * np.pi, 24)
     return list(zip(x + radius * np.cos(turn), y + radius * np.sin(turn), strict=True))
 
@@ -76,9 +71,9 @@ def selected(ui) -> np.ndarray:
 
 
 def test_the_brush_paints_on_the_surface_and_ctrl_takes_away(ui, app):
-    run(app, "erase")
+    ui.key(imgui.Key.x)
     assert app.interface.page == "erase" and app.erasing.tool == "brush"
-    goal, (x, y) = app.scene.rig.goal, place_of(ui, BALL)
+    goal, (x, y) = app.scene.rig.goal, ui.place_of(BALL)
     ui.drag([(x - 30, y), (x, y), (x + 30, y)])
     live(ui)
     painted = selected(ui)
@@ -102,6 +97,10 @@ def test_the_brush_paints_on_the_surface_and_ctrl_takes_away(ui, app):
     run(app, "redo")
     live(ui)
     assert len(selected(ui)) == len(painted)
+    ui.drag([(x, y), (x + 40, y + 10)], button=1)
+    assert app.scene.rig.goal != goal and len(selected(ui)) == len(painted)
+    ui.key(imgui.Key.escape)
+    assert not app.erasing.tool
 
 
 def test_the_lasso_takes_what_shows_or_all_behind_it(ui, app):
@@ -125,7 +124,7 @@ def test_the_lasso_takes_what_shows_or_all_behind_it(ui, app):
 
 def test_a_sphere_is_drawn_from_its_middle_and_reaches_as_far_as_the_drag(ui, app):
     run(app, "erase-sphere")
-    x, y = place_of(ui, BALL)
+    x, y = ui.place_of(BALL)
     ui.drag([(x, y), (x + 10, y), (x + 40, y)])
     live(ui)
     found, hit = selected(ui), app.erasing.cursor
@@ -187,7 +186,7 @@ def test_the_picture_after_erasing_is_that_of_the_saved_pack(ui, app, marcher):
     ui.settle()
     whole = ui.canvas.snapshot(app.camera(), app.settings)
     run(app, "erase-sphere")
-    x, y = place_of(ui, BALL)
+    x, y = ui.place_of(BALL)
     ui.drag([(x, y), (x + 10, y), (x + 50, y)])
     live(ui)
     marked = ui.canvas.snapshot(app.camera(), app.settings)

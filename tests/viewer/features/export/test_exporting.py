@@ -45,8 +45,9 @@ def test_the_scene_is_exported_as_a_web_page(shown: App, tmp_path: Path) -> None
     shown.exporting.ask(shown)
     shown.exporting.plan.kind = "page"
     shown.exporting.tick(shown)  # there is no preview of a page
-    shown.exporting.dismiss()
-    shown.exporting.begin(shown, tmp_path / "scene.html")
+    shown.exporting.choose_file(shown)
+    assert not shown.exporting.asking and shown.file_request is not None
+    shown.file_request.then(tmp_path / "scene.html")
     until(lambda: shown.exporting.tick(shown) or shown.exporting.writing is None)
     assert not shown.messages.dialogs
     assert (tmp_path / "scene.html").read_bytes().startswith(b"<!doctype html>")
@@ -68,10 +69,17 @@ def test_what_is_no_pack_on_disk_cannot_be_exported(shown: App, pack: Pack, tmp_
         shown.exporting.ask(shown)
 
 
-def test_the_end_of_the_program_ends_the_process(shown: App, tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", ["cancelled", "the program ends"])
+def test_an_export_that_is_ended_leaves_nothing(shown: App, tmp_path: Path, how: str) -> None:
     shown.exporting.begin(shown, tmp_path / "mesh.glb")
     child, folder = shown.exporting.writing.child, shown.exporting.writing.folder  # type: ignore[union-attr]
-    shown.exporting.end()
+    if how == "cancelled":
+        shown.exporting.cancel()
+        until(lambda: shown.exporting.tick(shown) or shown.exporting.writing is None)
+        assert "was cancelled" in shown.messages.toast and not shown.messages.dialogs
+    else:
+        shown.exporting.end()
+    assert not list(tmp_path.iterdir())
     assert child.poll() is not None and not folder.exists() and shown.exporting.writing is None
 
 

@@ -20,10 +20,11 @@ from console import UserError
 from scenepack import load_pack
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.offscreen_ui import OffscreenUi
-from tests.viewer.waiting import until
+from tests.viewer.waiting import live, until
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.commands.view import View
+from viewer.core.files import demo_pack
 from viewer.core.pose import Pose, Turntable
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
 from viewer.features.film.film_export import Export, films_possible, write_film
@@ -96,14 +97,6 @@ def filming_app(pack, tmp_path):
     return app
 
 
-def finish_export(app: App) -> None:
-    for _ in range(1000):
-        app.tick(0.01)
-        if app.filming.export is None:
-            return
-    pytest.fail("the export does not end")
-
-
 def test_keyframes_are_added_moved_changed_and_removed(filming_app):
     app, filming = filming_app, filming_app.filming
     for azimuth in (0, 60, 120):
@@ -168,7 +161,7 @@ def test_a_film_holds_every_frame(filming_app, tmp_path):
 
     run(filming_app, "turntable")
     filming_app.filming.film(filming_app, tmp_path / "film.mp4")
-    finish_export(filming_app)
+    live(filming_app, lambda: filming_app.filming.export is None)
     with av.open(str(tmp_path / "film.mp4")) as film:
         assert sum(1 for _ in film.decode(video=0)) == 32
 
@@ -200,7 +193,6 @@ def test_a_cancelled_export_leaves_nothing(filming_app, tmp_path):
 
 # Exports are of the whole pack and repeat, whatever the window's size, the machine's speed and its cores
 
-DEMO = Path(__file__).parents[4] / "viewer" / "demo" / "demo.zip"
 SIZE = (64, 64)  # x264 writes the same pictures of 48 × 32 in two ways, now and then
 needs_video = pytest.mark.skipif(not films_possible(), reason="PyAV is not installed")
 
@@ -238,7 +230,7 @@ def pictures_in(path: Path) -> list[np.ndarray]:
 def test_tiles_of_any_size_make_the_same_pixels_also_where_the_lens_is_off_the_middle(
     ctx: moderngl.Context, tmp_path: Path
 ) -> None:
-    pack = load_pack(DEMO)
+    pack = load_pack(demo_pack())
     canvas = Canvas(ctx)
     try:
         canvas.show(pack)

@@ -1,8 +1,8 @@
 """Stands in for snerg-make: says how far it is as the real commands do, and ends as it is told.
 
 python fake_make.py HOW FOLDER: "make" copies the pack FOLDER/source to FOLDER/pack; "fail" ends with a line and status 2;
-"wait" works until it is interrupted, then notes FOLDER/saved; "deaf" does not hear of interruptions; "die" kills itself;
-"bug" meets a bug; "until-told" works until there is FOLDER/go, then ends as "make".
+"wait" works until it is interrupted, then notes FOLDER/saved; "deaf" does not hear of interruptions;
+"until-told" works until there is FOLDER/go, then ends as "make".
 """
 
 import atexit
@@ -22,10 +22,6 @@ def work(how: str, folder: Path, /) -> None:
         bar.update(40, "PSNR 99 of the last run", metrics={"psnr": 21.5, "rays_per_second": 3000.0})
         if how == "fail":
             raise UserError("the folder is empty", where=folder, remedy="choose another")
-        if how == "bug":
-            raise KeyError("depths")
-        if how == "die":
-            os.kill(os.getpid(), signal.SIGKILL)
         if how == "deaf":
             signal.signal(signal.SIGINT, signal.SIG_IGN)
         try:

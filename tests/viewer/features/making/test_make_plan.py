@@ -9,10 +9,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import get_args
 
+import numpy as np
 import pytest
 from imgui_bundle import imgui
 from PIL import Image
 
+from tests.training.posing.conftest import COUNT, write_photographs
 from tests.training.reconstructions import around, ball, write_colmap
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.waiting import until
@@ -28,12 +30,18 @@ from viewer.features.making.panel import what_it_needs
 from viewer.features.making.survey import Survey
 
 
-def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
+def dropped(path: Path) -> App:
+    """An app that asks about what was dropped, and knows what is there."""
     app = App(canvas=FakeCanvas())
-    app.drop([scene])
+    app.drop([path])
+    until(lambda: app.making.plan.survey.finished)
+    return app
+
+
+def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
+    app = dropped(scene)
     plan = app.making.plan
     assert plan.subject == "scene" and plan.out == scene.parent / "still-snerg"
-    until(lambda: plan.survey.finished)
     assert plan.survey.text.startswith("5 photographs of 24 × 24") and "Blender" in plan.survey.text
     assert plan.problem() is None
     plan.downscale, plan.preset = 2, "full"
@@ -47,11 +55,8 @@ def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
 
 @pytest.mark.parametrize("folder", ["sparse/0", "sparse"])
 def test_a_reconstruction_of_colmap_is_a_scene(tmp_path, folder):
-    app = App(canvas=FakeCanvas())
-    app.drop([write_colmap(tmp_path / "shrine", around(), ball(), folder=folder)])
-    survey = app.making.plan.survey
-    until(lambda: survey.finished)
-    assert survey.text == "10 photographs of 48 × 36, 360°  (COLMAP)" and app.making.plan.problem() is None
+    plan = dropped(write_colmap(tmp_path / "shrine", around(), ball(), folder=folder)).making.plan
+    assert plan.survey.text == "10 photographs of 48 × 36, 360°  (COLMAP)" and plan.problem() is None
 
 
 def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monkeypatch):
@@ -75,9 +80,7 @@ def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monk
 
 def test_a_broken_scene_is_told_before_anything_is_begun(tmp_path):
     (tmp_path / "transforms_train.json").write_text('{"frames": []}')
-    app = App(canvas=FakeCanvas())
-    app.drop([tmp_path])
-    until(lambda: app.making.plan.survey.finished)
+    app = dropped(tmp_path)
     assert str(tmp_path) in app.making.plan.problem()
     app.making.start(app)
     assert app.making.job is None and app.making.plan is not None
@@ -98,10 +101,8 @@ def photographs(folder: Path, count: int = 8) -> Path:
 
 def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
     folder = photographs(tmp_path / "shed")
-    app = App(canvas=FakeCanvas())
-    app.drop([folder])
+    app = dropped(folder)
     plan = app.making.plan
-    until(lambda: plan.survey.finished)
     assert not app.messages.dialogs and plan.problem() is None
     assert plan.survey.text.startswith("8 photographs of 1200 × 900. Nothing says where the camera stood")
     assert plan.survey.size("quick", None) == (240, 180) and plan.survey.size("full", 2) == (600, 450)
@@ -109,21 +110,34 @@ def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
     assert plan.typed() == f"snerg-make {folder} --out {plan.out} --preset normal"
 
 
+def test_bare_photographs_are_shown_with_what_is_set_aside_and_the_time_it_takes(offscreen, app, tmp_path):
+    ui = offscreen(app)
+    write_photographs(tmp_path / "attic")
+    (tmp_path / "attic" / "p0b.jpg").write_bytes((tmp_path / "attic" / "p0.jpg").read_bytes())
+    app.drop([tmp_path / "attic"])
+    until(lambda: ui.frame() or not app.making.busy)
+    ui.settle()
+    preview = app.making.plan.survey.preview
+    assert len(preview.boxes) == COUNT + 1 and preview.aside == {"p0b.jpg": "the same as p0.jpg"}
+    assert set(preview.seconds) == {"pictures", "features", "matches", "poses"} and preview.seconds["features"] > 0
+    red, green, blue = np.moveaxis(ui.picture().astype(int), -1, 0)
+    assert (blue > np.maximum(red, green) + 40).sum() > 300  # of the photographs; nothing else there is blue
+    ui.key(imgui.Key.escape)
+    assert app.making.plan is None
+    until(lambda: preview.finished)
+
+
 def test_a_film_is_asked_about_and_too_few_photographs_are_refused(tmp_path):
     film = tmp_path / "walk.MOV"
     film.write_bytes(bytes(3_000_000))
-    app = App(canvas=FakeCanvas())
-    app.drop([film])
+    app = dropped(film)
     plan = app.making.plan
-    until(lambda: plan.survey.finished)
     assert plan.survey.text.startswith("A film of 3 MB")
     assert plan.out == tmp_path / "walk-snerg" and plan.command()[4] == str(film)
     if plan.survey.preview is not None:
         until(lambda: not plan.survey.busy)
         assert "not a film that can be read" in plan.problem()
-    app.drop([photographs(tmp_path / "shed", 2)])
-    until(lambda: app.making.plan.survey.finished)
-    assert "at least 8, found 2" in app.making.plan.problem()
+    assert "at least 8, found 2" in dropped(photographs(tmp_path / "shed", 2)).making.plan.problem()
 
 
 def unfinished(folder: Path, scene: Path) -> Path:
@@ -156,10 +170,8 @@ def test_found_poses_are_gone_on_with_where_the_folder_of_the_results_is_dropped
     out = tmp_path / "shed-snerg"
     write_colmap(out / "scene", around(), ball())
     (out / "scene" / "poses.json").write_text(json.dumps({"photographs": str(folder if there else tmp_path / "gone")}))
-    app = App(canvas=FakeCanvas())
-    app.drop([out])
+    app = dropped(out)
     plan = app.making.plan
-    until(lambda: plan.survey.finished)
     assert not app.messages.dialogs and plan.out == out and plan.problem() is None
     assert plan.source == (folder if there else out / "scene") and plan.posed == out / "scene"
     assert plan.has_points and ("camera poses in this folder are used" in plan.attempt_text()) == there
@@ -183,27 +195,13 @@ def test_a_folder_that_cannot_be_written_is_told_before_anything_begins(offscree
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-@pytest.fixture
-def masked(tmp_path) -> Path:
-    """A capture with a mask for each photograph."""
+def test_cut_out_is_on_where_there_is_a_mask_for_each_photograph(tmp_path):
     scene = write_colmap(tmp_path / "shrine", around(), ball())
-    (scene / "masks").mkdir()
     for picture in (scene / "images").rglob("*.png"):
         mask = scene / "masks" / picture.relative_to(scene / "images")
         mask.parent.mkdir(parents=True, exist_ok=True)
         Image.new("L", Image.open(picture).size, 255).save(mask)
-    return scene
-
-
-def surveyed(path: Path) -> Plan:
-    app = App(canvas=FakeCanvas())
-    app.drop([path])
-    until(lambda: app.making.plan.survey.finished)
-    return app.making.plan
-
-
-def test_cut_out_is_on_where_there_is_a_mask_for_each_photograph(masked):
-    plan = surveyed(masked)
+    plan = dropped(scene).making.plan
     assert plan.masked and plan.cut_out and "--masks" in plan.command()
     plan.masks = False
     assert "--masks" not in plan.command()

@@ -1,51 +1,18 @@
 """Making a scene from the window: what the child process does, what is shown of it, and that it never outlives us."""
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
-import time
-from pathlib import Path
 
-import pytest
 from PIL import Image
 
 from console import child_process
 from tests.viewer.app.test_application import FakeCanvas
+from tests.viewer.features.making.conftest import FAKE, ROOT
+from tests.viewer.waiting import live, until
 from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.features.making.make_plan import Plan
-
-FAKE = Path(__file__).with_name("fake_make.py")
-ROOT = FAKE.parents[4]
-
-
-@pytest.fixture
-def making(monkeypatch, tmp_path, pack_folder):
-    """An app whose plan runs the stand-in: making("wait") begins it."""
-    shutil.copytree(pack_folder, tmp_path / "source")
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    app = App(canvas=FakeCanvas())
-
-    def begin(how: str) -> App:
-        command = [sys.executable, str(FAKE), how, str(tmp_path)]
-        monkeypatch.setattr(Plan, "command", lambda plan: command)
-        app.making.plan = Plan("scene", tmp_path / "photographs", tmp_path)
-        app.making.start(app)
-        return app
-
-    yield begin
-    app.making.end()
-
-
-def live(app: App, until, seconds: float = 30.0) -> None:
-    """Lets time pass for the app until something is so."""
-    end = time.monotonic() + seconds
-    while not until():
-        assert time.monotonic() < end, "it takes too long"
-        app.tick(0.02)
-        time.sleep(0.02)
 
 
 def working(app: App):
@@ -83,7 +50,7 @@ def test_progress_is_shown_while_the_child_works(making, tmp_path):
 
 def test_stopping_lets_the_child_save_and_a_later_attempt_goes_on(making, tmp_path):
     app = making("wait")
-    live(app, lambda: (tmp_path / "pid").exists())
+    live(app, (tmp_path / "pid").exists)
     pid = int((tmp_path / "pid").read_text())
     app.making.stop(app)
     assert app.making.job.child.stopping
@@ -95,7 +62,7 @@ def test_stopping_lets_the_child_save_and_a_later_attempt_goes_on(making, tmp_pa
 
 def test_a_child_that_does_not_hear_is_ended_all_the_same(making, tmp_path, monkeypatch):
     app = making("deaf")
-    live(app, lambda: (tmp_path / "pid").exists())
+    live(app, (tmp_path / "pid").exists)
     pid = int((tmp_path / "pid").read_text())
     app.making.stop(app)
     app.making.stop(app)  # in a hurry
@@ -116,7 +83,7 @@ def test_a_failure_is_a_dialog_with_its_line_and_its_log_and_can_be_tried_again(
 
 def test_quitting_asks_first_and_leaves_no_child(making, tmp_path):
     app = making("wait")
-    live(app, lambda: (tmp_path / "pid").exists())
+    live(app, (tmp_path / "pid").exists)
     pid = int((tmp_path / "pid").read_text())
     run(app, "quit")
     run(app, "quit")
@@ -135,14 +102,10 @@ def test_a_viewer_that_is_killed_leaves_no_child(tmp_path):
         "time.sleep(60)"
     )
     viewer = subprocess.Popen([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)})
-    end = time.monotonic() + 30
-    while not (tmp_path / "pid").exists() and time.monotonic() < end:
-        time.sleep(0.05)
+    until((tmp_path / "pid").exists)
     viewer.send_signal(signal.SIGKILL)
     viewer.wait()
-    while not (tmp_path / "saved").exists() and time.monotonic() < end:
-        time.sleep(0.05)
-    assert (tmp_path / "saved").exists()
+    until((tmp_path / "saved").exists)
 
 
 def told_stage(job) -> str:

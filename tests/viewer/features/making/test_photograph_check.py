@@ -11,7 +11,8 @@ from PIL import Image
 
 from tests.training.posing.rooms import cameras, photograph
 from tests.viewer.app.test_application import FakeCanvas
-from tests.viewer.features.making.test_making import gone, live
+from tests.viewer.features.making.test_making import gone
+from tests.viewer.waiting import live
 from viewer.app.application import App
 from viewer.features.making import survey
 from viewer.features.making.survey import result_lines
@@ -32,7 +33,7 @@ def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         picture.save(tmp_path / "shed" / f"p{i}.png")
     app = App(canvas=FakeCanvas())
     app.drop([tmp_path / "shed"])
-    live(app, lambda: app.making.plan.survey.finished, 120.0)
+    live(app, lambda: app.making.plan.survey.finished)
     yield app
     app.making.end()
 
@@ -42,9 +43,9 @@ def test_a_check_shows_its_progress_and_then_what_it_found(asked: App, tmp_path:
     making.check_photographs(asked)
     check = making.check
     assert check is not None and check.running and making.busy
-    live(asked, lambda: check.report is not None, 120.0)
+    live(asked, lambda: check.report is not None)
     assert check.report.stage == "check"
-    live(asked, lambda: not check.running, 120.0)
+    live(asked, lambda: not check.running)
     assert not check.error and check.result is not None
     assert list(check.result["differently_exposed"]) == [f"p{DARK}.png"] and not check.result["set_aside"]
     assert check.page == tmp_path / "shed-snerg" / "check.html" and check.page.is_file()
@@ -64,17 +65,17 @@ def test_a_check_that_is_stopped_or_whose_dialog_is_closed_leaves_nothing(asked:
     for stop in (asked.making.end_check, asked.making.dismiss):
         asked.making.check_photographs(asked)
         pid = asked.making.check._process.child._child.pid
-        live(asked, lambda: asked.making.check.report is not None, 120.0)
+        live(asked, lambda: asked.making.check.report is not None)
         stop()
         assert asked.making.check is None
-        live(asked, lambda pid=pid: gone(pid) and not list((tmp_path / "temporary").glob("snerg-ch*")), 60.0)
+        live(asked, lambda pid=pid: gone(pid) and not list((tmp_path / "temporary").glob("snerg-ch*")))
     assert not (tmp_path / "shed-snerg").exists() and not asked.messages.dialogs
 
 
 def test_a_check_that_fails_says_why_in_one_line(asked: App, tmp_path: Path):
     shutil.rmtree(tmp_path / "shed")
     asked.making.check_photographs(asked)
-    live(asked, lambda: not asked.making.check.running, 120.0)
+    live(asked, lambda: not asked.making.check.running)
     assert asked.making.check.result is None
     assert asked.making.check.error.startswith(f"{tmp_path / 'shed'}: no such file or folder")
 

@@ -13,7 +13,7 @@ from PIL import Image
 from scenepack.blocks import dense_from_pack
 from tests.training.reconstructions import around, ball, side_by_side, write_colmap
 from tests.viewer.app.test_application import FakeCanvas
-from tests.viewer.waiting import until
+from tests.viewer.waiting import live, until
 from training.scenes import load_scene
 from training.scenes.colmap import sparse_points
 from training.scenes.sources import Source
@@ -21,7 +21,6 @@ from viewer.app.application import App
 from viewer.core.pose import project
 from viewer.features.making import make_plan
 from viewer.features.making import review as review_module
-from viewer.features.making.make_job import RejectedPhotographs
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.review import Review, SparsePreview, normal_at, read_sparse_preview
 
@@ -120,14 +119,6 @@ def bare(monkeypatch, tmp_path, posed) -> App:
     app.making.end()
 
 
-def live(app: App, condition) -> None:
-    def lived() -> bool:
-        app.tick(0.02)
-        return condition()
-
-    until(lived)
-
-
 def test_the_points_are_shown_and_training_begins_by_itself_after_a_while(bare):
     assert bare.making.job.plan.poses_only
     live(bare, lambda: bare.making.review is not None)
@@ -140,17 +131,23 @@ def test_the_points_are_shown_and_training_begins_by_itself_after_a_while(bare):
     assert not bare.making.job.plan.poses_only and bare.making.review is None and bare.making.sparse_preview_shown(bare)
 
 
-def test_who_touches_something_decides_when_training_begins(bare, monkeypatch):
+@pytest.mark.parametrize("trained", [True, False])
+def test_who_touches_something_decides_when_training_begins_and_of_which_box(bare, monkeypatch, trained):
     monkeypatch.setattr(review_module, "WAIT_S", 0.0)
     live(bare, lambda: bare.making.review is not None)
     review = bare.making.review
     assert review.due
-    review.hold()
+    review.show_box(bare)
     for _ in range(3):
         bare.tick(0.1)
     assert bare.making.review is review and bare.making.job is None
-    bare.making.leave(bare)
-    assert bare.making.review is None and not bare.making.busy
+    low, (x1, y1, z1) = bare.settings.crop
+    bare.set(crop=(low, (x1, 0.5 * y1, z1)))
+    bare.making.train(bare) if trained else bare.making.leave(bare)
+    assert bare.making.review is None and bare.making.busy == trained and bare.settings.crop is None
+    if trained:
+        assert bare.making.job.plan.aabb[5] == pytest.approx(0.5 * y1, abs=2e-3)
+        assert bare.making.sparse_preview_shown(bare)  # while the field trains
 
 
 def tilted_ground() -> np.ndarray:
@@ -204,29 +201,20 @@ def leave_out(folder: Path, out: Path, file: Path) -> None:
     Image.new("RGB", (400, 200), (200, 30, 30)).save(folder / "a.jpg", exif=sideways)
     Image.new("RGB", (400, 200), (30, 30, 200)).save(out / "kept.png")
     why = {"a.jpg": "matches no other", "walk.mp4 at 1.00 s": "blurred", "gone.jpg": "blurred"}
-    said = {
-        "photographs": str(folder),
-        "left_out": why,
-        "files": {"walk.mp4 at 1.00 s": str(out / "kept.png")},
-    }
+    said = {"photographs": str(folder), "left_out": why, "files": {"walk.mp4 at 1.00 s": str(out / "kept.png")}}
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(json.dumps(said))
-
-
-def assert_pictured(found: RejectedPhotographs) -> None:
-    until(lambda: found.finished)
-    assert list(found.why) == ["a.jpg", "walk.mp4 at 1.00 s", "gone.jpg"] and list(found.boxes) == list(found.why)[:2]
-    assert found.sheet is not None
-    (x, y, width, height), landscape = found.boxes.values()
-    assert width < height and landscape[2] > landscape[3], "as the camera was held"
-    assert found.sheet[y + height // 2, x + width // 2, 0] > 180 and found.sheet[5, landscape[0] + 5, 2] > 180
 
 
 def test_photographs_without_a_pose_are_shown_before_training(bare, tmp_path, offscreen):
     leave_out(tmp_path / "shed", tmp_path / "out", tmp_path / "out" / "scene" / "poses.json")
     live(bare, lambda: bare.making.review is not None)
     review = bare.making.review
-    assert_pictured(review.rejected)
+    found = review.rejected
+    until(lambda: found.finished)
+    assert list(found.why) == ["a.jpg", "walk.mp4 at 1.00 s", "gone.jpg"] and list(found.boxes) == list(found.why)[:2]
+    (_, _, width, height), landscape = found.boxes.values()
+    assert width < height and landscape[2] > landscape[3], "as the camera was held"
     live(bare, lambda: bare.making._rejected is None)
     app = App(canvas=FakeCanvas())
     app.making.review = review

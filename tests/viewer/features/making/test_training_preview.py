@@ -2,29 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
-import sys
-
 import pytest
 
 from scenepack import save_pack
-from tests.viewer.app.test_application import FakeCanvas
-from tests.viewer.features.making.test_making import FAKE, ROOT, live
+from tests.viewer.waiting import live
 from viewer.app.application import App
-from viewer.features.making.make_plan import Plan
-
-
-@pytest.fixture
-def training(monkeypatch, tmp_path, pack_folder):
-    """An app that makes a scene, by a stand-in that works until it is told to stop."""
-    shutil.copytree(pack_folder, tmp_path / "source")
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    monkeypatch.setattr(Plan, "command", lambda plan: [sys.executable, str(FAKE), "until-told", str(tmp_path)])
-    app = App(canvas=FakeCanvas())
-    app.making.plan = Plan("scene", tmp_path / "photographs", tmp_path)
-    app.making.start(app)
-    yield app
-    app.making.end()
 
 
 @pytest.fixture
@@ -42,8 +24,8 @@ def came(app: App, steps: int) -> bool:
     return app.making.job.preview is not None and app.making.job.preview.steps == steps
 
 
-def test_what_is_trained_so_far_is_shown_by_itself_and_says_how_far_it_is(training, write):
-    app = training
+def test_what_is_trained_so_far_is_shown_by_itself_and_says_how_far_it_is(making, write):
+    app = making("until-told")
     live(app, lambda: app.making.job.report is not None)
     assert app.scene is None
     write(1200)
@@ -52,8 +34,8 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_says_how_far_it_is(traini
     assert app.canvas.shown == [app.making.job.preview.pack] and app.preferences.recent == []
 
 
-def test_the_camera_stays_while_states_are_exchanged_and_when_the_pack_is_done(training, write, tmp_path):
-    app = training
+def test_the_camera_stays_while_states_are_exchanged_and_when_the_pack_is_done(making, write, tmp_path):
+    app = making("until-told")
     write(1200)
     live(app, lambda: came(app, 1200))
     untouched = app.scene.rig.goal
@@ -72,8 +54,8 @@ def test_the_camera_stays_while_states_are_exchanged_and_when_the_pack_is_done(t
     assert app.scene.rig.goal == chosen and app.fov == fov
 
 
-def test_a_scene_that_is_open_is_not_taken_away(training, write, pack, pack_folder):
-    app = training
+def test_a_scene_that_is_open_is_not_taken_away(making, write, pack, pack_folder):
+    app = making("until-told")
     app.show(pack, pack_folder)
     write(1200)
     live(app, lambda: came(app, 1200))

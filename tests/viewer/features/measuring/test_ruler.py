@@ -14,10 +14,8 @@ from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.viewer.conftest import BLENDER
 from tests.viewer.features.measuring.test_surface import BLOCK, SIDE, VOXEL, block_pack
 from tests.viewer.features.measuring.test_surface import corner as known_corner
-from tests.viewer.window.widgets_seen import watch
-from viewer.app.application import App
 from viewer.app.commands import run
-from viewer.core.pose import Pose, project, triple
+from viewer.core.pose import Pose, triple
 
 TILE = 8  # voxels
 FLOOR, WALL = 20, 12  # voxels: the floor's upper face and the wall's front
@@ -66,13 +64,6 @@ def look_from(ui, azimuth: float, elevation: float, distance: float = 3.0) -> No
     ui.settle()
 
 
-def place_of(app: App, point: np.ndarray) -> tuple[float, float]:
-    """Where a point of the scene is in the window."""
-    (x, y), ahead = project(app.camera(), point[None])[0][0], project(app.camera(), point[None])[1][0]
-    assert ahead
-    return app.viewport.x + float(x), app.viewport.y + float(y)
-
-
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0, 40), (35, 25), (-30, 55)])
 def test_lengths_between_known_corners_are_right_to_half_a_voxel(ui, app, azimuth, elevation):
     app.show(tiled_pack(), Path("tiles"))
@@ -81,7 +72,7 @@ def test_lengths_between_known_corners_are_right_to_half_a_voxel(ui, app, azimut
     assert app.measure_tool.tool == "line" and app.interface.page == "measure"
     for ends in TILES:
         for voxel in ends:
-            ui.click(*place_of(app, -1.0 + VOXEL * np.array(voxel)))
+            ui.click(*ui.place_of(-1.0 + VOXEL * np.array(voxel)))
         ui.key(imgui.Key.enter)
     measurements = app.annotations.current.measurements
     assert [len(m.points) for m in measurements] == [2] * len(TILES)
@@ -95,14 +86,21 @@ def test_a_double_click_ends_a_line_and_an_angle_ends_by_itself(ui, app):
     pivot = app.scene.rig.goal.pivot
     corners = [corner(0, 0, 1), corner(1, 0, 1), corner(1, 1, 1)]
     for point in corners:
-        ui.click(*place_of(app, point))
-    ui.click(*place_of(app, corners[-1]))  # so soon that the two are one double click
+        ui.click(*ui.place_of(point))
+    ui.click(*ui.place_of(corners[-1]))  # so soon that the two are one double click
     (line,) = app.annotations.current.measurements
     assert len(line.points) == 3 and app.scene.rig.goal.pivot == pivot
     assert not app.measure_tool.draft
+    ui.key(imgui.Key.mod_ctrl, imgui.Key.mod_shift, imgui.Key.c)
+    assert app.clipboard.get().startswith("line 1: ")
+    (x, y), goal = ui.place_of(line.points[0]), app.scene.rig.goal
+    ui.drag([(x, y), (x, y - 12), (x, y - 25)])
+    assert app.annotations.current.measurements[0].points[0] != line.points[0] and app.scene.rig.goal == goal
+    run(app, "undo")
+    assert app.annotations.current.measurements == (line,)
     app.measure_tool.choose(app, "angle")
     for point in corners:
-        ui.click(*place_of(app, point))
+        ui.click(*ui.place_of(point))
     turn = app.annotations.current.measurements[1]
     assert turn.kind == "angle" and not app.measure_tool.draft
     words = app.measure_tool.length_format(app)
@@ -113,7 +111,7 @@ def test_backspace_takes_points_back_escape_stops_and_undo_brings_back(ui, app):
     look_from(ui, 0, 0)
     run(app, "measure")
     for point in (corner(0, 0, 1), corner(1, 0, 1)):
-        ui.click(*place_of(app, point))
+        ui.click(*ui.place_of(point))
     ui.key(imgui.Key.backspace)
     assert len(app.measure_tool.draft) == 1
     ui.key(imgui.Key.mod_ctrl, imgui.Key.z)
@@ -124,7 +122,7 @@ def test_backspace_takes_points_back_escape_stops_and_undo_brings_back(ui, app):
     assert not app.annotations.current.measurements
     ui.key(imgui.Key.mod_ctrl, imgui.Key.z)
     assert len(app.annotations.current.measurements) == 1
-    ui.click(*place_of(app, corner(1, 1, 1)))
+    ui.click(*ui.place_of(corner(1, 1, 1)))
     ui.key(imgui.Key.escape)
     assert not app.measure_tool.draft and app.measure_tool.tool == "line"
     ui.key(imgui.Key.escape)
@@ -134,22 +132,14 @@ def test_backspace_takes_points_back_escape_stops_and_undo_brings_back(ui, app):
 def test_a_known_distance_gives_lengths_a_unit(ui, app):
     look_from(ui, 0, 0)
     app.interface.page = "measure"
-    with watch() as seen:
-        ui.settle()
-
-        def press(text: str) -> None:
-            ui.settle()
-            (at,) = {each.at for (_, label), each in seen.seen.items() if label.endswith(text) and not each.disabled}
-            ui.click(*at)
-
-        press("Set by two points")
-        for point in (corner(0, 0, 1), corner(1, 0, 1)):
-            ui.click(*place_of(app, point))
-        press("##known")
-        ui.key(imgui.Key.mod_ctrl, imgui.Key.a)
-        ui.io.add_input_characters_utf8("8.2")
-        ui.frame()
-        press("Set the scale")
+    ui.press("Set by two points")
+    for point in (corner(0, 0, 1), corner(1, 0, 1)):
+        ui.click(*ui.place_of(point))
+    ui.press("##known")
+    ui.key(imgui.Key.mod_ctrl, imgui.Key.a)
+    ui.io.add_input_characters_utf8("8.2")
+    ui.frame()
+    ui.press("Set the scale")
     scale = app.annotations.current.scale
     assert scale.unit == "m" and abs(scale.factor * 41 * VOXEL - 8.2) < 8.2 * 0.5 / 41
     assert app.measure_tool.tool == "line"

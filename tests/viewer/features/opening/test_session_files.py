@@ -11,6 +11,7 @@ import pytest
 
 from console import UserError
 from scenepack import Pack, load_pack, save_pack
+from scenepack.placement import NOT_MOVED
 from tests.viewer.conftest import toy_pack
 from tests.viewer.core.test_annotations import ANNOTATIONS, LINE, VIEW
 from tests.viewer.waiting import until
@@ -19,6 +20,7 @@ from viewer.app.commands import run
 from viewer.core.annotations import Annotations, Scale
 from viewer.features.crop import crop
 from viewer.features.opening import session
+from viewer.features.opening.open_prompt import choose
 from viewer.features.opening.session import joined, load_session
 
 
@@ -53,11 +55,15 @@ def arranged(packs: list[Path]) -> App:
 def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
     before = arranged(packs)
     file = packs[0].parent / f"a{session.SESSION_SUFFIX}"
-    before.sessions.save(before, file)
+    run(before, "save-session")
+    assert before.file_request is not None
+    before.file_request.then(file)
     assert [entry["path"] for entry in json.loads(file.read_text())["packs"]] == ["third", "first", "second"]
     moved = packs[0].parent.rename(tmp_path / "moved")
     app = App()
-    app.drop([moved / file.name])
+    run(app, "open")
+    app.open_prompt.type(str(moved / file.name))
+    choose(app)
     settle(app)
     assert not app.messages.dialogs
     assert app.scene.path == moved / "third" and app.interface.page == "measure"
@@ -74,9 +80,10 @@ def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
 
 
 def test_marks_are_added_and_none_is_lost():
-    own = Annotations(Scale(3.0, "ft"), (LINE,), (replace(VIEW, name="Mine"),))
+    moved = NOT_MOVED.levelled((0.1, 0.9, 0.0), (0.0, 0.0, 0.0))
+    own = Annotations(Scale(3.0, "ft"), (LINE,), (replace(VIEW, name="Mine"),), placement=moved)
     both = joined(own, ANNOTATIONS)
-    assert both.scale == own.scale and both.measurements == ANNOTATIONS.measurements
+    assert both.scale == own.scale and both.placement == moved and both.measurements == ANNOTATIONS.measurements
     assert both.bookmarks == (*own.bookmarks, *ANNOTATIONS.bookmarks)
     assert joined(both, ANNOTATIONS) == both and joined(Annotations(), ANNOTATIONS) == ANNOTATIONS
 

@@ -1,11 +1,8 @@
 """What the performance page tells: both clocks, what rays cost, and texture memory by use."""
 
 import numpy as np
-import pytest
 
-from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.conftest import toy_pack
-from viewer.app.application import App
 from viewer.features.performance.frame_stats import LONGEST_SIDE, RayCosts
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
@@ -35,49 +32,24 @@ def test_exact_marching_fetches_far_fewer_samples_than_brute_for_the_same_opacit
     assert exact[..., 1].max() > 0 and brute[..., 1].max() == 0
 
 
-class CountingCanvas(FakeCanvas):
-    asked = 0
-
-    def raw(self, camera, settings):
-        self.asked += 1
-        assert settings.counts and max(camera.width, camera.height) == LONGEST_SIDE
-        return np.ones((camera.height, camera.width, 3), np.float32)
-
-
-@pytest.fixture
-def counting(pack, pack_folder) -> App:
-    app = App(canvas=CountingCanvas())
-    app.show(pack, pack_folder)
-    app.viewport.width, app.viewport.height = 640, 480
-    return app
-
-
-def test_rays_are_counted_once_a_view_and_not_at_all_when_off(counting):
-    costs, canvas = counting.costs, counting.canvas
-    costs.measure(counting)
-    assert canvas.asked == 0 and costs.costs is None
-    costs.switch(True)
-    for _ in range(3):
-        costs.measure(counting)
-    assert canvas.asked == 1 and costs.costs.samples_mean == 1.0 and costs.costs.size == (192, 144)
-    counting.scene.rig.orbit(0.2, 0.0)
-    counting.scene.rig.shown = counting.scene.rig.goal
-    costs.measure(counting)
-    assert canvas.asked == 2
-    costs.switch(False)
-    costs.measure(counting)
-    assert canvas.asked == 2 and costs.costs is None
-
-
-def test_the_page_counts_while_the_camera_rests(offscreen, app, pack, pack_folder):
+def test_the_page_counts_while_the_camera_rests_once_a_view_and_not_at_all_when_off(offscreen, app, pack, pack_folder):
     ui = offscreen(app)
     app.show(pack, pack_folder)
     app.interface.page = "performance"
+    ui.settle()
+    assert app.costs.costs is None
     app.costs.switch(True)
     ui.settle()
+    counted = app.costs.costs
+    app.touch()
+    ui.settle()
+    assert app.costs.costs is counted and max(counted.size) == LONGEST_SIDE
     assert app.costs.costs.samples_mean > 1 and 0 < app.costs.costs.hit < 1
     assert len(app.times.gpu_ms) == len(app.times.frame_ms) > 0
     assert set(ui.canvas.gpu_bytes_by_use) == {"Pack", "Pictures"}
     app.compare_with(toy_pack(seed=1), pack_folder)
     ui.settle()
     assert ui.canvas.gpu_bytes_by_use["Other pack"] > 0 and ui.ctx.error == "GL_NO_ERROR"
+    app.costs.switch(False)
+    ui.settle()
+    assert app.costs.costs is None

@@ -16,15 +16,12 @@ from scenepack import load_pack, save_pack
 from scenepack.placement import NOT_MOVED, placed_T_grid
 from tests.scenepack.test_placement import AT, SLOPE, UP, sloping_pack
 from tests.viewer.conftest import toy_pack
-from tests.viewer.features.measuring.test_ruler import place_of
-from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.commands import render
 from viewer.core.annotations import Scale
 from viewer.core.pose import Pose
 from viewer.features.bookmarks.bookmarks import bookmark_of
-from viewer.features.opening.session import joined
 from viewer.features.placing import placing
 from viewer.rendering.framing import filling_orbit
 from viewer.web.description import PageContent, describe
@@ -58,35 +55,25 @@ def steepness(app: App) -> float:
     return degrees(np.arccos(np.clip(app.annotations.current.placement.up @ UP, -1, 1)))
 
 
-def press(ui, seen, text: str) -> None:
-    ui.settle()
-    (at,) = {each.at for (_, label), each in seen.seen.items() if text in label and not each.disabled}
-    ui.click(*at)
-
-
 def test_clicks_level_the_ground_set_the_origin_and_the_scale_and_undo_takes_each_back(ui, app) -> None:
     eye, before = app.scene.rig.matrix[:3, 3].copy(), steepness(app)
-    with watch() as seen:
-        press(ui, seen, "By three points")
-        for x, z in ((-0.5, 0.7), (0.7, 0.6), (-0.2, -0.3)):
-            ui.click(*place_of(app, on_slope(x, z)))
-        assert before > 10 and steepness(app) < 1.0 and app.measure_tool.tool == ""
-        rig = app.scene.rig
-        assert (
-            np.allclose(rig.matrix[:3, 3], eye) and abs(rig.matrix[:3, 0] @ app.annotations.current.placement.up) < 1e-9
-        )
-        words = app.measure_tool.length_format(app)
-        assert abs(words.placed(on_slope(0.4, 0.5))[1]) < 0.05  # its height
-        levelled = app.annotations.current
-        press(ui, seen, "By a point")
-        ui.click(*place_of(app, on_slope(0.4, 0.5)))
-        assert np.allclose(app.annotations.current.placement.origin, on_slope(0.4, 0.5), atol=0.04)
-        origin = app.annotations.current
-        press(ui, seen, "Set by two points")
-        for x in (-0.4, 0.6):
-            ui.click(*place_of(app, on_slope(x, 0.5)))
-        app.measure_tool.known = 2.0
-        press(ui, seen, "Set the scale")
+    ui.press("By three points")
+    for x, z in ((-0.5, 0.7), (0.7, 0.6), (-0.2, -0.3)):
+        ui.click(*ui.place_of(on_slope(x, z)))
+    assert before > 10 and steepness(app) < 1.0 and app.measure_tool.tool == ""
+    rig, levelled = app.scene.rig, app.annotations.current
+    assert np.allclose(rig.matrix[:3, 3], eye) and abs(rig.matrix[:3, 0] @ levelled.placement.up) < 1e-9
+    words = app.measure_tool.length_format(app)
+    assert abs(words.placed(on_slope(0.4, 0.5))[1]) < 0.05  # its height
+    ui.press("By a point")
+    ui.click(*ui.place_of(on_slope(0.4, 0.5)))
+    assert np.allclose(app.annotations.current.placement.origin, on_slope(0.4, 0.5), atol=0.04)
+    origin = app.annotations.current
+    ui.press("Set by two points")
+    for x in (-0.4, 0.6):
+        ui.click(*ui.place_of(on_slope(x, 0.5)))
+    app.measure_tool.known = 2.0
+    ui.press("Set the scale")
     scale = app.annotations.current.scale
     assert scale.unit == "m" and scale.factor == pytest.approx(2.0 / np.hypot(1.0, SLOPE), rel=0.05)
     assert app.measure_tool.tool == ""  # the ruler is of another page
@@ -107,7 +94,7 @@ def test_the_ground_is_found_and_a_line_of_points_is_no_ground(ui, app) -> None:
     run(app, "move-reset")
     run(app, "move-ground")
     for x in (-0.5, 0.0, 0.5):
-        ui.click(*place_of(app, on_slope(x, 0.8)))
+        ui.click(*ui.place_of(on_slope(x, 0.8)))
     assert app.annotations.current.placement == NOT_MOVED and "line" in app.messages.toast
     assert app.measure_tool.tool == "ground"  # for another try
     ui.key(imgui.Key.escape)
@@ -115,10 +102,9 @@ def test_the_ground_is_found_and_a_line_of_points_is_no_ground(ui, app) -> None:
 
 
 def test_a_slider_turns_the_scene_in_one_step(ui, app) -> None:
-    with watch() as seen:
-        ui.settle()
-        (at,) = {each.at for (_, label), each in seen.seen.items() if label == "##Turn"}
-        ui.drag([at, (at[0] + 20, at[1]), (at[0] + 40, at[1])])
+    (slider,) = ui.widgets("##Turn")
+    x, y = slider.at
+    ui.drag([(x, y), (x + 20, y), (x + 40, y)])
     turn = app.annotations.current.placement.angles[0]
     assert turn != 0 and app.scene.rig.table.placed == app.annotations.current.placement.rotation
     run(app, "undo")
@@ -139,14 +125,16 @@ def test_views_poses_and_bookmarks_are_of_the_placed_frame(ui, app) -> None:
         run(app, command)
         ui.settle()
         assert np.allclose(rig.matrix[:3, 2], app.annotations.current.placement.rotation[axis], atol=1e-6), command
-    before, text = rig.matrix.copy(), app.pose_text()
-    values = json.loads(text)
+    before = rig.matrix.copy()
+    app.copy_pose()
+    values = json.loads(app.clipboard.get())
+    assert set(values) == {"eye", "target", "up", "fov"}
     assert np.allclose(values["eye"], (app.annotations.current.placed_T_grid @ [*before[:3, 3], 1.0])[:3], atol=1e-5)
     view = bookmark_of(rig, rig.fov, "right")
     run(app, "home")
     ui.settle()
     assert not np.allclose(rig.matrix, before)
-    app.paste_pose(text)
+    app.paste()
     assert np.allclose(rig.matrix, before, atol=1e-5)
     assert view.up == "y" and np.allclose(view.eye, before[:3, 3])
 
@@ -181,28 +169,10 @@ def test_the_pack_keeps_it_and_pages_and_pictures_follow(ui, app, slope, tmp_pat
     assert np.allclose(ahead / np.linalg.norm(ahead), -app.scene.rig.matrix[:3, 2], atol=1e-4)
 
 
-def test_a_pack_that_is_not_changed_is_placed_all_the_same(slope, tmp_path) -> None:
-    save_pack(load_pack(slope), tmp_path / "slope.zip")
-    app = App()
-    app.annotations.folder = tmp_path / "user"
-    app.show(load_pack(tmp_path / "slope.zip"), tmp_path / "slope.zip")
-    placed(app)
-    app.annotations.save_now()
-    again = App()
-    again.annotations.folder = tmp_path / "user"
-    again.show(load_pack(tmp_path / "slope.zip"), tmp_path / "slope.zip")
-    assert np.allclose(again.scene.rig.table.axes[1], UP)
-    other = joined(again.annotations.current, replace(app.annotations.current, placement=NOT_MOVED))
-    assert other.placement == app.annotations.current.placement
-
-
 def test_a_forward_facing_scene_has_an_origin_and_is_not_turned(offscreen, app, tmp_path) -> None:
     ui = offscreen(app, size=(1280, 800))
     app.interface.page = placing.PAGE
     app.show(toy_pack(ndc=True), Path("ndc"))
-    with watch() as seen:
-        ui.settle()
-        labels = {label for _, label in seen.seen}
-    assert any("By a point" in label for label in labels) and not any("three points" in label for label in labels)
+    assert ui.widgets("By a point") and not ui.widgets("By three points")
     run(app, "move-find-ground")
     assert app.annotations.current.placement == NOT_MOVED and app.messages.dialogs

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.features.preferences import preferences
-from viewer.features.preferences.preferences import Preferences, PreferencesAutosave, load, opened_since, save
+from viewer.features.preferences.preferences import Preferences, PreferencesAutosave, load, save
 
 
 @pytest.fixture
@@ -23,24 +24,16 @@ def autosave(file: Path, monkeypatch: pytest.MonkeyPatch) -> PreferencesAutosave
     return PreferencesAutosave(App(), file, lambda: (640, 480), lambda: "a layout")
 
 
-def poll_until(autosave: PreferencesAutosave, condition) -> None:
-    end = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < end
-        autosave.poll()
-        time.sleep(0.005)
-
-
 def test_a_change_is_saved_by_a_thread_once_it_has_stayed_for_a_look(autosave, file, monkeypatch):
     threads = []
     monkeypatch.setattr(preferences, "save", lambda *words: threads.append(threading.current_thread()) or save(*words))
     autosave.app.interface.page = "film"
     autosave.poll()  # sees it for the first time
     assert not file.exists()
-    poll_until(autosave, file.exists)
+    until(lambda: autosave.poll() or file.exists())
     assert load(file).page == "film" and load(file).window == (640, 480) and load(file).layout == "a layout"
     assert threads and threading.main_thread() not in threads
-    poll_until(autosave, lambda: not autosave._autosave.writing)
+    until(lambda: autosave.poll() or not autosave._autosave.writing)
     count = len(threads)
     for _ in range(5):
         autosave.poll()
@@ -51,7 +44,7 @@ def test_a_failure_is_told_once_and_the_next_change_is_tried_again(autosave, fil
     file.parent.write_text("in the way")
     app = autosave.app
     app.interface.page = "film"
-    poll_until(autosave, lambda: app.messages.toast)
+    until(lambda: autosave.poll() or app.messages.toast)
     assert "not saved" in app.messages.toast and len(app.messages.lines) == 1 and not app.messages.dialogs
     app.interface.page = "crop"
     for _ in range(20):
@@ -60,7 +53,7 @@ def test_a_failure_is_told_once_and_the_next_change_is_tried_again(autosave, fil
     assert len(app.messages.lines) == 1 and autosave.finish() is None
     file.parent.unlink()
     app.interface.page = "log"
-    poll_until(autosave, file.exists)
+    until(lambda: autosave.poll() or file.exists())
     assert load(file).page == "log"
 
 
@@ -80,18 +73,3 @@ def test_only_what_was_changed_here_is_written_and_unknown_keys_stay(file):
         ["/d", "/c", "/b"],
     ) and mine.recent == found.recent
     assert json.loads(file.read_text())["from a newer version"] == 3
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "opened"),
-    [
-        ([], ["a"], ["a"]),
-        (["a", "b"], ["a", "b"], []),
-        (["a", "b"], ["b", "a"], ["b"]),
-        (["a", "b"], ["c", "b", "a"], ["c", "b"]),
-        (["a", "b", "c"], ["d", "a", "b"], ["d"]),
-        (["a", "b"], ["a"], []),
-    ],
-)
-def test_what_was_opened_since_is_told_by_the_two_lists(before, after, opened):
-    assert opened_since(before, after) == opened
