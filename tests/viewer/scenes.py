@@ -24,10 +24,12 @@ ANGLE = 0.7  # radians, horizontal
 Render = Callable[[ViewCamera], np.ndarray]
 
 
-def photographed(pack: Pack, folder: Path, per_split: int = 3, render: Render | None = None) -> Pack:
+def photographed(
+    pack: Pack, folder: Path, per_split: int = 3, render: Render | None = None, distance: float | None = None
+) -> Pack:
     """Renders photographs of `pack` into a Blender scene at `folder`; the pack with its cameras in the metadata.
 
-    render: what draws them, uint8 [h, w, 3]; by default a context of their own.
+    render: what draws them, uint8 [h, w, 3]; by default a context of their own. distance: as of ViewCamera.orbit.
     """
     with ExitStack() as stack:
         render = render or stack.enter_context(OffscreenRenderer(pack)).render
@@ -36,7 +38,7 @@ def photographed(pack: Pack, folder: Path, per_split: int = 3, render: Render | 
             (folder / split).mkdir(parents=True)
             for i in range(per_split):
                 azimuth = 360 * i / per_split + (30 if split == "test" else 0)
-                view = ViewCamera.orbit(pack, azimuth, 25, size=(SIDE, SIDE))
+                view = ViewCamera.orbit(pack, azimuth, 25, distance, size=(SIDE, SIDE))
                 focal = 0.5 * SIDE / np.tan(0.5 * ANGLE)
                 view = replace(view, fx=focal, fy=focal)
                 picture = np.dstack([render(view), np.full((SIDE, SIDE), 255, np.uint8)])

@@ -58,10 +58,7 @@ def wait_for_dialog(ui) -> str:
     app = ui.app
     if app.loading is not None:
         until(lambda: app.loading.finished)
-    for _ in range(400):
-        ui.frame()
-        if app.messages.dialogs:
-            break
+    until(lambda: ui.frame() or app.messages.dialogs)
     assert len(app.messages.dialogs) == 1
     dialog = app.messages.dialogs[0]
     for word in ("Errno", "Traceback", "Error", "<"):

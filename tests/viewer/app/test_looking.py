@@ -1,4 +1,4 @@
-"""Photographs, comparisons, the crop box, what is remembered, and dropping things on the window."""
+"""Photographs, comparisons, the crop box, and dropping things on the window."""
 
 import numpy as np
 import pytest

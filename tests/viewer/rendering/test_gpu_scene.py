@@ -58,9 +58,6 @@ def arrived(scene: GpuScene, pack: Pack) -> np.ndarray:
     return indirection[1:-1, 1:-1, 1:-1, 3][pack.occupied] == 0
 
 
-# The skip grid never hides content and its distances are the largest that are safe
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_chebyshev_distances_are_those_of_a_plain_search(seed: int) -> None:
     rng = np.random.default_rng(seed)

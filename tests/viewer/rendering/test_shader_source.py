@@ -1,4 +1,4 @@
-"""Includes, injected constants, and shader errors that name the real file and line."""
+"""Injected numbers, and shader errors that name the real file and line."""
 
 from __future__ import annotations
 

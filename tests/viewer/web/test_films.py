@@ -19,13 +19,9 @@ def avif() -> bytes:
     return AvifCodec().film(frames, "rgb", 60)
 
 
-def test_a_film_is_the_samples_of_its_file(avif: bytes) -> None:
-    film = film_in(avif, FRAMES)
-    assert film is not None and len(film.sizes) == FRAMES and sum(film.sizes) == len(film.data)
-    assert avif.endswith(film.data) and film.codec.startswith("av01.1.")  # profile 1: 4:4:4
-
-
 def test_files_whose_samples_lie_otherwise_are_not_taken(avif: bytes) -> None:
+    film = film_in(avif, FRAMES)
+    assert film is not None and len(film.sizes) == FRAMES and film.codec.startswith("av01.1.")  # profile 1: 4:4:4
     assert film_in(avif, FRAMES + 1) is None and film_in(avif[:-1], FRAMES) is None and film_in(b"", FRAMES) is None
 
     def with_word(box: bytes, number: int, value: int) -> bytes:

@@ -6,7 +6,6 @@ is opened while another test's EGL context is current in the same thread.
 
 import sys
 import time
-from pathlib import Path
 
 import glfw
 import numpy as np
@@ -14,13 +13,12 @@ import pytest
 
 from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
+from tests.viewer.features.making.conftest import FAKE
 from tests.viewer.screen import SCREEN
 from tests.viewer.window.living import SIZE, pump, wait
 from viewer.app.application import App
 from viewer.features.making.make_plan import Plan
 from viewer.window.window import Window
-
-FAKE = Path(__file__).parents[1] / "features" / "making" / "fake_make.py"
 
 
 def test_real_events_move_the_camera_and_run_commands(window, act):
@@ -78,13 +76,13 @@ def test_a_pack_that_another_program_drops_is_opened(window, other_client, tmp_p
 
 def test_f11_fills_the_screen_and_gives_it_back(window, xdotool):
     xdotool("key", "F11")
-    pump(window, 0.6)
-    assert window.app.interface.full_screen
-    assert glfw.get_window_size(window.handle) == SCREEN and window.screenshot().shape[:2] == SCREEN[::-1]
+    wait(window, lambda: glfw.get_window_size(window.handle) == SCREEN)
+    pump(window)
+    assert window.app.interface.full_screen and window.screenshot().shape[:2] == SCREEN[::-1]
     assert window.size == SIZE  # what is remembered
     xdotool("key", "Escape")
-    pump(window, 0.6)
-    assert not window.app.interface.full_screen and glfw.get_window_size(window.handle) == SIZE
+    wait(window, lambda: glfw.get_window_size(window.handle) == SIZE)
+    assert not window.app.interface.full_screen
     assert window.ctx.error == "GL_NO_ERROR"
 
 

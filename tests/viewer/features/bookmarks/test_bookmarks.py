@@ -188,6 +188,14 @@ def test_a_click_annotates_a_place_and_one_on_its_number_goes_there_unless_it_is
     run(app, "annotate")
     ui.click(*ui.place_of(BALL))
     place, seen = app.annotations.current.bookmarks[4], rig.goal
+    for field, words in (("##text", "A ball <b>"), ("##name", "Ball")):
+        ui.press(field)
+        ui.key(imgui.Key.mod_ctrl, imgui.Key.a)
+        ui.io.add_input_characters_utf8(words)
+        ui.frame()
+    ui.key(imgui.Key.enter)
+    named = app.annotations.current.bookmarks[4]
+    assert (named.name, named.text) == ("Ball", "A ball <b>") and rig.goal == seen
     assert place.name == "Place 1" and np.allclose(place.point, BALL, atol=0.05) and not app.bookmarks.placing
     look_along(180, 10)
     ui.click(*ui.place_of(place.point))

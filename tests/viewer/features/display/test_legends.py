@@ -1,4 +1,4 @@
-"""What is said about colours and sides is what the picture shows."""
+"""What legends say about colours is what the picture shows."""
 
 from dataclasses import replace
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from scenepack.blocks import dense_from_pack
 from scenepack.editing import Voxels, without
 from tests.scenepack.volumes import atlas_from_dense
 from tests.viewer.conftest import toy_pack
+from tests.viewer.waiting import until
 from viewer.app.commands import COMMANDS, run
 from viewer.core.pose import project
 from viewer.features.editing.erasing import CHANGES, RULES, TOOLS
@@ -46,11 +46,7 @@ def ui(offscreen, app, tmp_path):
 
 def live(ui) -> None:
     """Frames until all is selected and shown."""
-    end = time.monotonic() + 60
-    ui.frame()
-    while ui.app.erasing.busy(ui.app):
-        assert time.monotonic() < end
-        ui.frame()
+    until(lambda: ui.frame() or not ui.app.erasing.busy(ui.app))
 
 
 def around(ui, point, radius: float) -> list[tuple[float, float]]:
@@ -251,11 +247,8 @@ def test_save_as_writes_a_pack_of_what_is_left_and_opens_it_from_where_one_was(u
     assert app.file_request.suggestion == "toy-edited" and app.file_request.start == tmp_path
     request, app.file_request = app.file_request, None
     request.then(tmp_path / "new.zip")
-    end = time.monotonic() + 120
-    while app.scene.path != tmp_path / "new.zip" or app.loading is not None:
-        assert time.monotonic() < end and not app.messages.dialogs, [each.text for each in app.messages.dialogs]
-        ui.frame()
-        time.sleep(0.02)
+    until(lambda: ui.frame() or (app.scene.path == tmp_path / "new.zip" and app.loading is None))
+    assert not app.messages.dialogs
     assert np.allclose(app.scene.rig.matrix, seen) and app.scene.edits.removed.count == 0
     before, after = dense_from_pack(specked()), dense_from_pack(app.scene.pack)
     for old, new in zip(before, after, strict=True):

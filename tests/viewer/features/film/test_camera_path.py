@@ -34,6 +34,7 @@ from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
 
+needs_video = pytest.mark.skipif(not films_possible(), reason="PyAV is not installed: pip install 'snerg[video]'")
 poses = st.builds(Pose, st.tuples(*[st.floats(-2, 2)] * 3), st.floats(-180, 180), st.floats(-80, 80), st.floats(0.5, 5))
 
 
@@ -155,7 +156,7 @@ def test_a_kiosk_plays_what_there_is_without_an_end(pack, ndc_pack, tmp_path, sh
     assert app.filming.playing and app.scene.rig.held is not None
 
 
-@pytest.mark.skipif(not films_possible(), reason="PyAV is not installed: pip install 'snerg[video]'")
+@needs_video
 def test_a_film_holds_every_frame(filming_app, tmp_path):
     import av
 
@@ -166,7 +167,7 @@ def test_a_film_holds_every_frame(filming_app, tmp_path):
         assert sum(1 for _ in film.decode(video=0)) == 32
 
 
-@pytest.mark.skipif(not films_possible(), reason="PyAV is not installed: pip install 'snerg[video]'")
+@needs_video
 @pytest.mark.parametrize(("suffix", "worst"), [(".webp", 12), (".gif", 30)])
 def test_an_animation_shows_the_pictures_for_their_time_and_repeats(tmp_path, suffix, worst):
     y, x = np.mgrid[:45, :63] / 64.0
@@ -194,7 +195,6 @@ def test_a_cancelled_export_leaves_nothing(filming_app, tmp_path):
 # Exports are of the whole pack and repeat, whatever the window's size, the machine's speed and its cores
 
 SIZE = (64, 64)  # x264 writes the same pictures of 48 × 32 in two ways, now and then
-needs_video = pytest.mark.skipif(not films_possible(), reason="PyAV is not installed")
 
 
 @pytest.mark.parametrize("name", [pytest.param("film.mp4", marks=needs_video), "still.png"])

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 from PIL import Image
 
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.test_depth_of_field import CAMERA, FAR_BAR, bars, edge_widths
+from tests.viewer.waiting import live
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.core.pose import Pose
@@ -18,14 +20,17 @@ from viewer.features.film.filming import Filming
 from viewer.features.film.pictures import exr_possible
 
 
-def saved(app: App, path: Path) -> Path:
-    """The path of a still, once Ctrl+S and the path given have made it."""
-    run(app, "save")
-    request, app.file_request = app.file_request, None
-    request.then(path)
-    while app.filming.export is not None:
-        app.tick(0.01)
-    assert not app.messages.dialogs, app.messages.dialogs
+def saved(ui: OffscreenUi, path: Path) -> Path:
+    """The path of a still, once Ctrl+S and the path that is typed have made it."""
+    ui.key(imgui.Key.mod_ctrl, imgui.Key.s)
+    ui.settle()
+    ui.key(imgui.Key.mod_ctrl, imgui.Key.a)
+    ui.io.add_input_characters_utf8(str(path))
+    ui.frame()
+    ui.key(imgui.Key.enter)
+    assert ui.app.file_request is None
+    live(ui.app, lambda: ui.app.filming.export is None)
+    assert not ui.app.messages.dialogs, ui.app.messages.dialogs
     return path
 
 
@@ -40,7 +45,7 @@ def test_a_still_is_blurred_and_a_click_chooses_the_focus(offscreen, app: App, t
     filming.size, filming.aperture, filming.lens_rays = (240, 120), 0.3, 64
 
     def widths(name: str) -> tuple[float, float]:
-        return edge_widths(np.asarray(Image.open(saved(app, tmp_path / name)))[60, :, 0] / 255.0)
+        return edge_widths(np.asarray(Image.open(saved(ui, tmp_path / name)))[60, :, 0] / 255.0)
 
     middle = widths("middle.png")
     filming.focusing = True
@@ -66,7 +71,7 @@ def ui(offscreen: Callable[..., OffscreenUi], app: App, pack, pack_folder: Path)
 
 def test_a_view_is_saved_in_several_modes_without_background_and_as_exr(ui: OffscreenUi, app: App, tmp_path: Path):
     app.filming.transparent, app.filming.besides = True, ("depth", "normals")
-    saved(app, tmp_path / "view.png")
+    saved(ui, tmp_path / "view.png")
     assert {path.name for path in tmp_path.iterdir()} == {"view_rgb.png", "view_depth.png", "view_normals.png"}
     picture = Image.open(tmp_path / "view_rgb.png")
     assert picture.mode == "RGBA" and picture.size == (96, 64)
@@ -75,7 +80,7 @@ def test_a_view_is_saved_in_several_modes_without_background_and_as_exr(ui: Offs
         pytest.skip("OpenEXR is not installed: pip install 'snerg[export]'")
     import OpenEXR
 
-    file = OpenEXR.File(str(saved(app, tmp_path / "view.exr")), separate_channels=True)
+    file = OpenEXR.File(str(saved(ui, tmp_path / "view.exr")), separate_channels=True)
     assert set(file.channels()) == {"R", "G", "B", "A", "Z", "N.X", "N.Y", "N.Z"}
     depth = file.channels()["Z"].pixels
     assert 0.3 < np.median(depth[depth > 0]) / app.scene.rig.goal.distance < 1.5
@@ -86,20 +91,20 @@ def test_a_view_is_saved_as_a_360_picture(ui: OffscreenUi, app: App, tmp_path: P
     assert app.filming.size == (4096, 2048)
     app.filming.set_size(128, 2048)
     around = app.scene.rig.camera((128, 64)).as_panorama((128, 64))
-    picture = np.asarray(Image.open(saved(app, tmp_path / "around.png")))
+    picture = np.asarray(Image.open(saved(ui, tmp_path / "around.png")))
     assert np.array_equal(picture, ui.canvas.snapshot(around, app.settings))
     app.filming.set_panorama(False)
     assert app.filming.size == (1920, 1080)
 
 
 def test_colours_are_changed_in_one_step_and_saved_pictures_have_them(ui: OffscreenUi, app: App, tmp_path: Path):
-    before = np.asarray(Image.open(saved(app, tmp_path / "before.png"))).astype(int)
+    before = np.asarray(Image.open(saved(ui, tmp_path / "before.png"))).astype(int)
     (slider,) = ui.widgets("##exposure")
     (x, y), right = slider.at, slider.rect[2]
     ui.drag([(x, y), (0.5 * (x + right), y), (right - 9, y)])
     look = app.annotations.current.look
     assert look.exposure > 0.5 and app.settings.look is None
-    assert np.asarray(Image.open(saved(app, tmp_path / "bright.png"))).mean() > before.mean() + 1
+    assert np.asarray(Image.open(saved(ui, tmp_path / "bright.png"))).mean() > before.mean() + 1
     run(app, "undo")
     assert app.annotations.current.look is None
     run(app, "redo")

@@ -13,6 +13,7 @@ from PIL import Image
 from scenepack.blocks import dense_from_pack
 from tests.training.reconstructions import around, ball, side_by_side, write_colmap
 from tests.viewer.app.test_application import FakeCanvas
+from tests.viewer.features.making.conftest import FAKE, ROOT
 from tests.viewer.waiting import live, until
 from training.scenes import load_scene
 from training.scenes.colmap import sparse_points
@@ -23,8 +24,6 @@ from viewer.features.making import make_plan
 from viewer.features.making import review as review_module
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.review import Review, SparsePreview, normal_at, read_sparse_preview
-
-FAKE = Path(__file__).with_name("fake_make.py")
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +110,7 @@ def bare(monkeypatch, tmp_path, posed) -> App:
     monkeypatch.setattr(Plan, "command", command)
     monkeypatch.setattr(Plan, "bare", property(lambda plan: Source("photographs", photographs, ())))
     monkeypatch.setattr(make_plan, "poser_missing", lambda source: None)
-    monkeypatch.setenv("PYTHONPATH", str(FAKE.parents[4]))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     app = App(canvas=FakeCanvas())
     app.making.plan = Plan("scene", photographs, tmp_path / "out")
     app.making.start(app)

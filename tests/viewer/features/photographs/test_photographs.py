@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from tests.viewer.waiting import until
 from training.scenes import load_scene
 from viewer.app.application import App
 from viewer.app.commands import run
+from viewer.core.files import demo_pack
 from viewer.features.photographs import photographs as thumbnails_module
 from viewer.features.photographs.photographs import Photographs, Thumbnails, psnr
 
@@ -104,7 +104,6 @@ def test_what_was_chosen_stays_chosen_and_steps_keep_to_the_split(ui, app):
 
 # Photographs that travel with the pack, small; and packs whose photographs are elsewhere offer nothing that is not there
 
-DEMO = Path(__file__).parents[4] / "viewer" / "demo" / "demo.zip"
 ELSEWHERE = {"scene": "/home/ann/captures/shelf"}
 
 
@@ -164,12 +163,13 @@ def test_copies_never_outgrow_what_was_asked():
 
 
 def test_the_demo_brings_all_its_photographs_and_stays_small(offscreen):
-    pack = load_pack(DEMO)
+    demo = demo_pack()
+    pack = load_pack(demo)
     assert len(pack.metadata["cameras"]) == 112 and all(has_picture(entry) for entry in pack.metadata["cameras"])
-    assert DEMO.stat().st_size < 8e6
+    assert demo.stat().st_size < 8e6
     app = App()
     ui = offscreen(app, size=(1180, 800))
-    app.show(pack, DEMO)
+    app.show(pack, demo)
     app.interface.page = "photographs"
     ui.settle()
     assert len(app.gallery.thumbnails.boxes) == 112 and not app.gallery.thumbnails.problem
