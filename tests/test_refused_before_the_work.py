@@ -112,8 +112,9 @@ def test_so_does_the_report_of_a_card(words: str, refused: Refused, tmp_path: Pa
     ("command", "words"), [(snerg_eval, "--scene {scene}"), (snerg_bench, "--frames 1 --size 48x36")]
 )
 def test_a_pack_that_does_not_fit_is_measured_at_half_resolution_only_where_that_is_allowed(
-    command: Main, words: str, places: dict[str, str], tmp_path: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    command: Main, words: str, places: dict[str, str], tmp_path: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
     save_pack(shapes_pack(70), tmp_path / "pack")
     out = tmp_path / "figures.json"
     line = [str(tmp_path / "pack"), *words.format(**places).split(), "--json", str(out)]

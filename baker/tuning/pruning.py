@@ -153,7 +153,7 @@ def prune(
         if score(thinner) >= least:
             return thinner, pruned
         del thinner  # before the next takes its place
-    count = sum(np.count_nonzero(_alpha(pack, block)) for block in _blocks(pack))
+    count = sum(int(np.count_nonzero(_alpha(pack, block))) for block in _blocks(pack))
     return pack, Pruned(count, count, 0, 0.0)
 
 
@@ -173,8 +173,8 @@ def _thinner(pack: Pack, arriving: ArrivingTransmittance, tau_weight: float) -> 
     before = after = 0
     kept = np.zeros(pack.occupied.shape, bool)
     for block in _blocks(pack):
-        stay = np.count_nonzero(gains[_alpha(pack, block), arriving.at(block)])
-        before, after = before + np.count_nonzero(_alpha(pack, block)), after + stay
+        stay = int(np.count_nonzero(gains[_alpha(pack, block), arriving.at(block)]))
+        before, after = before + int(np.count_nonzero(_alpha(pack, block))), after + stay
         kept[block] = stay > 0
     left = [block for block in _blocks(pack) if kept[block]]
     indices, rgba, features = fill_atlas(map(thinned, left), kept, pack.block_size)

@@ -17,12 +17,12 @@ import numpy as np
 
 from scenepack.constants import ALPHA_CONTRIBUTES, EMPTY_BLOCK, NDC_NEAR
 from scenepack.contraction import Path, path_of, piece_at
-from scenepack.exports.field import ExportFrame
+from scenepack.exports.field import ExportFrame, ndc_camera
 from scenepack.pack import Pack
 from training.scenes.lens import image_of
 from training.scenes.scene import ndc_rays
 from viewer.rendering.camera import ViewCamera, ray_through
-from viewer.rendering.ray_frame import RayFrame, ndc_input
+from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import RenderSettings
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def _warped(frame: RayFrame, origin: np.ndarray, direction: np.ndarray, near: fl
     eye = frame.training_T_grid[:3, :3] @ origin + frame.training_T_grid[:3, 3]
     if ahead[2] > -1e-8:
         return None
-    start, way = ndc_rays(eye, ahead, *ndc_input(frame.pack))
+    start, way = ndc_rays(eye, ahead, *ndc_camera(frame.pack))
     voxel_R_ndc = frame.ndc["voxel_R_ndc"]
     start, way = voxel_R_ndc @ start + frame.ndc["voxel_t_ndc"], voxel_R_ndc @ way
     length = float(np.linalg.norm(way))

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 
+import pytest
 from PIL import Image
 
 from console import child_process
