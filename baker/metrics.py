@@ -4,8 +4,6 @@ Notation: a, b [H, W, 3] pictures in [0, 1]. SSIM (Wang et al. 2004) as tf.image
 sigma 1.5, K1 = 0.01, K2 = 0.03, peak 1, only windows that lie wholly inside ("valid"), the mean over channels.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 WINDOW, SIGMA = 11, 1.5

@@ -1,7 +1,5 @@
 """Words of the command line that several commands understand."""
 
-from __future__ import annotations
-
 import re
 
 from console.errors import UserError

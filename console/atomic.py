@@ -11,8 +11,6 @@ that it is alive by its id and by a lock (flock) on what it writes, which counts
 that share the folder; where the file system knows no locks, what is less than an hour old is left alone.
 """
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import os

@@ -4,8 +4,6 @@ The child's standard input is a pipe of ours. The child ends when the pipe close
 Ctrl-C does not reach it: it has a session of its own. The user's current folder is not on its module path (module_command).
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

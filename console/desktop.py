@@ -4,8 +4,6 @@ What the system has for that is used: Windows' and macOS' own, on other systems 
 nothing, a text file on the desktop. It is waited for until the person has answered.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import stat

@@ -1,7 +1,5 @@
 """File signatures: the type of a file from its first bytes, for the "found" of an error. Names of files prove nothing."""
 
-from __future__ import annotations
-
 HEAD_BYTES = 64  # enough for sniff_type
 # Where a signature stands, the signature or several, and the type.
 _SIGNATURES = (

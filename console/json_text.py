@@ -4,8 +4,6 @@ Numbers come out as they are written, but whole ones that no float64 holds exact
 range), so that whoever asks whether a number is finite need not know of integers with a thousand digits.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 from pathlib import Path

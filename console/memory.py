@@ -1,7 +1,5 @@
 """How much memory is free."""
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 

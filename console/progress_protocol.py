@@ -10,8 +10,6 @@ Two variables of the environment, for every command:
                              command by closing it, and so does that program's own end, however it comes about
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

@@ -3,8 +3,6 @@
 Commands ask `check_results` before work that takes minutes, so that a place where nothing can be written is reported first.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """The frame around every command: arguments in, exit status out (docs/commands.md)."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import inspect

@@ -1,7 +1,5 @@
 """What a command prints: characters that any terminal takes, to readers that may go away."""
 
-from __future__ import annotations
-
 import errno
 import io
 import os

@@ -9,8 +9,6 @@ copy. Slots are handed out x fastest, then y, then z, both in the grid and in th
 (z, y, x), each -1, 0 or 1, in which a neighbour lies; its shell is the part of the padded copy that lies in that neighbour.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product

@@ -1,7 +1,5 @@
 """Cameras of the photographs that a pack was made from: "cameras" of its metadata (docs/format.md, "Additional keys")."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

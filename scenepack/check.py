@@ -5,8 +5,6 @@ without the outermost voxels, and these, the shell, copy the neighbours' data, o
 is empty or outside of the grid.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal

@@ -7,8 +7,6 @@ f-th data voxel and the outermost padding, and for a plane that is missing the n
 many samples, so that each must do the work of f: a becomes 1 - (1 - a)^f, and colour and features grow likewise.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -8,8 +8,6 @@ A path is a ray after the contraction. Its length s is measured in contracted sp
 Functions take NumPy arrays, or others by their module `xp`.
 """
 
-from __future__ import annotations
-
 from types import ModuleType
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@ It reads a line of JSON and the files' bytes from standard input and writes `{}`
 the decoded bytes, whose number both sides know, to standard output. It ends when its input ends.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import queue

@@ -4,8 +4,6 @@ room than its bytes explain.
 A zip may hold the files at its root or inside one top folder. Nothing is ever extracted to disk.
 """
 
-from __future__ import annotations
-
 import lzma
 import math
 import struct

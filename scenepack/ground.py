@@ -3,8 +3,6 @@
 Planes through three random points of the surface are tried (RANSAC), and the best one is fitted to all points that lie in it.
 """
 
-from __future__ import annotations
-
 from math import radians, sin
 
 import numpy as np

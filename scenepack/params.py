@@ -4,8 +4,6 @@ Sizes are triples (x, y, z) = (width, height, depth). Reading keeps the whole JS
 keys and the exact spelling of unchanged numbers survive a load and a save.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -5,8 +5,6 @@ scene's background, in the shape of the camera's width and height but as small a
 pack wherever that goes, as a folder, in a .zip, or into another codec; who does not know it reads past it.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Mapping

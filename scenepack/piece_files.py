@@ -12,8 +12,6 @@ Under "snerg" such a pack keeps "codec_settings": layout ("atlas" or "grid") and
 counted in where they are coarse, without which it cannot be read, and the quality it was encoded with.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress

@@ -4,8 +4,6 @@ Sizes are triples (x, y, z). On a terminal the page is coloured and boxed; elsew
 value" lines.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any

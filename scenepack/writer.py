@@ -1,7 +1,5 @@
 """Writes packs, and changes what a pack on disk says of itself."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

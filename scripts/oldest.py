@@ -5,8 +5,6 @@
 "numpy>=2.0" becomes "numpy==2.0.*"; where three numbers are given, that very release. Developers' tools are left out.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

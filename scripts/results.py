@@ -13,8 +13,6 @@ No figure is typed into the page. page.md names them:
 `python scripts/results.py --check` exits with status 1 where a page is not what it would write.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import sys

@@ -3,8 +3,6 @@
 The texts are written for readers of the repository; nothing of them is copied by hand.
 """
 
-from __future__ import annotations
-
 import posixpath
 import re
 import sys

@@ -1,7 +1,5 @@
 """Installs DIST/snerg-*.whl in a fresh environment, and runs the README's example there beside modules named like ours."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Says the version of pyproject.toml; exit status 2 where a tag, CITATION.cff or CHANGELOG.md has another."""
 
-from __future__ import annotations
-
 import re
 import sys
 import tomllib

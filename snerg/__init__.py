@@ -15,8 +15,6 @@ of length. Cameras have OpenGL axes: x right, y up, z back. Pixel (x, y) is seen
 Whatever a user can correct raises `SnergError`. Importing snerg loads neither JAX nor OpenGL; the functions that need them do.
 """
 
-from __future__ import annotations
-
 from snerg._camera import Camera
 from snerg._errors import SnergError
 from snerg._making import Photographs, Progress, Run, Scores, ViewScores, bake, evaluate, read_photographs, train

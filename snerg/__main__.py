@@ -1,7 +1,5 @@
 """`python -m snerg COMMAND …`: the commands, where no console scripts are on the PATH."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """SnergError, and the decorator that turns what the packages below raise into it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path

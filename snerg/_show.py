@@ -1,7 +1,5 @@
 """show: a scene in a window of its own, or in the notebook."""
 
-from __future__ import annotations
-
 import html
 import importlib
 import os

@@ -3,8 +3,6 @@
 Compiling was more than half of the tests' time. XLA's usual optimisations are for programs that run for minutes.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Options and caches that all tests share."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import gc

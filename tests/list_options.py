@@ -4,8 +4,6 @@
 modules are run as programs, but their commands are caught, and asked for their --help in this one process.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

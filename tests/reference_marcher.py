@@ -7,8 +7,6 @@ pack it is at 0.5 + k along the whole path, from where the ray begins.
 Like merf's `baked_render.py`, it is kept beside the fast renderer for as long as that one changes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

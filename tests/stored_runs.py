@@ -1,7 +1,5 @@
 """Runs that are kept (tests/data/runs), for tests that need a run but no training."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 STORED = Path(__file__).parent / "data" / "runs"

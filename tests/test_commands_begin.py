@@ -1,7 +1,5 @@
 """The console scripts of pyproject.toml: each leads to its command, and Ctrl-C in its first moment is no traceback."""
 
-from __future__ import annotations
-
 import importlib
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """What the documents name is there: links, anchors, pictures, paths, modules, commands, options, values, the tree."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re

@@ -1,7 +1,5 @@
 """Photographs to pictures through the real commands, on a tiny scene; and what each command says of bad input."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -5,8 +5,6 @@ What the viewer needs comes from the running environment, by links to all of its
 nothing is fetched.
 """
 
-from __future__ import annotations
-
 import configparser
 import os
 import re

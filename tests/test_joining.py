@@ -1,7 +1,5 @@
 """What others find who join: workflows that call make alone, templates, and a version that is the same everywhere."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """macOS and Windows, as far as Linux can stand in for them: OpenGL 3.3 and 4.1 alone, Cmd, contexts without EGL, consoles."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

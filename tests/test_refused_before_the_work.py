@@ -1,7 +1,5 @@
 """What cannot end well is refused in one line before the work: results that cannot be written, options of which nothing comes."""
 
-from __future__ import annotations
-
 import json
 import os
 import threading

@@ -1,7 +1,5 @@
 """What a command told a person, however long it took."""
 
-from __future__ import annotations
-
 import re
 
 _PROGRESS = re.compile(r"[^:]+: \d+ %  \d")  # "comparing: 100 %  4 s": printed where work takes more than two seconds

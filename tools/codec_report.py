@@ -3,8 +3,6 @@
 Writes Markdown to stdout and to --out, and JSON beside it.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Sequence

@@ -5,8 +5,6 @@
 Renders the procedural island (tools.procedural), trains on it with the preset `quick`, bakes, writes the zip.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 import sys

@@ -6,8 +6,6 @@ FILE is a mesh, points or Gaussians in the frame `grid`. Prints, for each camera
 silhouette with the pack's (opacity above a half).
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

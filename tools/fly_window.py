@@ -2,8 +2,6 @@
 and prints how well frames held their target by the real clock. A figure for a quiet machine; nothing is asserted.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Every 8th photograph, which is held out, is taken through a pinhole, whatever le
 measured on the same pictures. Each lens is written as transforms.json and as files of COLMAP, each in a folder of OUT.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

@@ -3,8 +3,6 @@ and prints when what of it was seen, and which frames took long. Without a PACK,
 for a quiet machine; nothing is asserted.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

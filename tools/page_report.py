@@ -4,8 +4,6 @@ PAGE is what `snerg-pack export` made of PACK, one file. Needs Chromium. Opening
 processor time of all their processes as well, which other work changes less.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -4,8 +4,6 @@ The two frames are aligned by the similarity (scale, rotation, translation) that
 (Umeyama, Least-squares estimation of transformation parameters between two point patterns, PAMI 1991).
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path

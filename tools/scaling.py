@@ -6,8 +6,6 @@ machines are not equally busy all the time; the medians are plotted, scaled by t
 Notation: opacity is that of one voxel inside of a surface, which is SHELL voxels thick at every resolution.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterator, Sequence

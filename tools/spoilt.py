@@ -4,8 +4,6 @@ Versions, each a scene in a folder of OUT: whole; blurred; third, every third ph
 brighter. All are tested on the same photographs, which are held out, as sharp and as bright as they were.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

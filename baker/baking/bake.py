@@ -7,8 +7,6 @@ It works macroblock by macroblock, and keeps on disk what is done: no array of N
 was killed goes on where it was (baker.baking.work_folder).
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 import zlib

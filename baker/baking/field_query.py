@@ -3,8 +3,6 @@
 Local devices take batches in turn, each with a copy of the field; they work at the same time, since JAX does not wait.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import jax

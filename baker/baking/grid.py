@@ -7,8 +7,6 @@ FloatGrid is the paper's "SNeRG (Float)" (table 3), which is never written to di
 of the same layout. Only voxels with opacity are held, of 32 bytes each: `rows` says where which of them lies.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import ceil

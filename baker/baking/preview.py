@@ -4,8 +4,6 @@ A field of voxels is asked at a grid of few voxels, without visibility, pruning 
 minutes. The pack is one file, so that whoever reads the one before still can while the next takes its place.
 """
 
-from __future__ import annotations
-
 import time
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A run baked into a pack on disk: resumable, alone or with other processes, with a summary on stdout."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import replace

@@ -8,8 +8,6 @@ Hosts share a bake through its work folder and nothing else: each makes the piec
 is still missing. So none waits for another, and one that dies costs the others time, not the bake.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """`snerg-bake RUN --out PACK`: a trained run becomes a pack (docs/commands.md)."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from dataclasses import replace

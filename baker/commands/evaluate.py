@@ -1,7 +1,5 @@
 """`snerg-eval (RUN|PACK) --scene SCENE`: image quality against photographs (docs/commands.md)."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path

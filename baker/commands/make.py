@@ -1,7 +1,5 @@
 """`snerg-make PHOTOS --out DIR`: photographs or a film to fly-through in one line (docs/commands.md)."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import subprocess

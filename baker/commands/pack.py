@@ -1,7 +1,5 @@
 """`snerg-pack info|check|convert|edit|move|export|compare`: all about packs (docs/commands.md). Nothing here needs JAX."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict

@@ -5,8 +5,6 @@ lie in DIR/scores and DIR/pictures. Typed again, the line goes on: what is there
 for this time. Given the folders of several reports instead of a run, it puts their scenes side by side, with their mean.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from pathlib import Path

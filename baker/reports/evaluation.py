@@ -9,8 +9,6 @@ psnr_matched, of pictures whose colours were matched to the photograph first (ba
 compare what is shown as it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The multi-resolution field shares the deferred head and the Cauchy term of the s
 nothing else: tables never call it that.
 """
 
-from __future__ import annotations
-
 import shlex
 from dataclasses import replace
 from pathlib import Path

@@ -9,8 +9,6 @@ go from top to bottom, columns from left to right: across x (y up, z to the righ
 across z an elevation (y up, x to the right).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -2,8 +2,6 @@
 
 # pyright: reportCallIssue=false
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any, Literal, NamedTuple
 

@@ -1,7 +1,5 @@
 """Options of snerg-report, and what they ask for. No JAX here, so that --help is quick."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

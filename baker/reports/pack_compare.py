@@ -4,8 +4,6 @@ Needs neither JAX nor photographs. Cameras go once around the first pack's conte
 for forward-facing packs), in the OpenGL grid frame that both packs are taken to share.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

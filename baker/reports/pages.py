@@ -1,7 +1,5 @@
 """A report as Markdown: what the other modules here measured, for people to read, beside what the paper and the release print."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 paper_figures.json holds them. In each row the mean over a kind's scenes comes first, then its SCENES; null: not printed.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

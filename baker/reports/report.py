@@ -1,7 +1,5 @@
 """The SNeRG paper's tables of one run (section 7), measured one after another and kept in the report's folder."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

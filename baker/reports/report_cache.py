@@ -4,8 +4,6 @@ Beside the pack NAME lies NAME.json: what it was baked from and how (`key`), and
 its scores, and of what. A pack or a score whose key is another one (the run went on, other options) is made anew.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Several scenes side by side and their mean, from the reports of each: the appendix's tables of single scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ disk, unless they say GPU); or `command`, which would make what it needs. `paper
 baker.reports.paper_figures. What is not known is None. Times are seconds or, of frames, milliseconds.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 import time

@@ -5,8 +5,6 @@ shading      accumulated rays as pictures    fine_tune                  the view
 pruning      voxels that no photograph shows
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from training.multires import fused

@@ -7,8 +7,6 @@ contribute.
 
 # pyright: reportCallIssue=false
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

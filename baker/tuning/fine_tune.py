@@ -5,8 +5,6 @@ grid held fixed. So every training pixel is marched once, and an epoch is a pass
 whole photograph a step. The paper does not say how many pixels: here as many as a photograph has, of all photographs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """The loop around baker.tuning.tuner.Tuner: which rays, how many at once, for how long, which state is kept."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple

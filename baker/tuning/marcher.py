@@ -9,8 +9,6 @@ whether all are empty: rays cross such a block in one jump.
 
 # pyright: reportCallIssue=false
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -1,8 +1,6 @@
 """Accumulated rays as the viewer shows them (docs/rendering.md, "Shading"), and how far that is from the photographs; the view
 MLP on its way between a pack (NumPy) and the trainer (JAX)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import jax

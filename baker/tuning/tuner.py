@@ -18,8 +18,6 @@ Notation: R rays of a step, in chunks of CHUNK; K cells, numbered from 1 in the 
 cells stands for what is empty.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple

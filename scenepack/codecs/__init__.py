@@ -9,8 +9,6 @@ atlas as compresses best (`pieces`), and keep what they need to know under "sner
 To add one, implement PieceCodec and list it in CODECS; docs/results.md has the figures.
 """
 
-from __future__ import annotations
-
 from console import UserError
 from console.arguments import require_in_range
 from scenepack.codecs.avif import AvifCodec

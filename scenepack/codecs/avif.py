@@ -3,8 +3,6 @@
 imagecodecs has encoder (libaom) and decoder (dav1d), so every install can open these packs, without PyAV.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import imagecodecs

@@ -4,8 +4,6 @@ PNG stores image by image in the published layout (scenepack.codecs.png). All ot
 of the atlas in a layout of their own choice (scenepack.piece_files).
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -10,8 +10,6 @@ Macroblocks of 32 voxels lie on H.264's own of 16, so no coded block mixes two o
 premultiplied and 4:4:4.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ exact. Colours are premultiplied as they are in the atlas, without subsampled ch
 channels as if they were colours, and the fourth as a grey picture.
 """
 
-from __future__ import annotations
-
 import io
 
 import imagecodecs

@@ -6,8 +6,6 @@ columns along x (docs/format.md, "Atlas images"). So the atlas array [D, H, W, 4
 group is a view of it.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 from dataclasses import dataclass

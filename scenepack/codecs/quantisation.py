@@ -4,8 +4,6 @@ Colours, features or alphas are in steps of s if each is a multiple of s or its 
 min(n s, 255) for alphas. The counts n are stored, and s. Packs tuned in steps of 4 and 16 take a tenth fewer bytes.
 """
 
-from __future__ import annotations
-
 from math import gcd
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ codecs). Files of piece N: occupied_NNN.xz, which voxels have any alpha, exactly
 three channels; feature_w, the fourth, grey. What was empty decodes to zero, what was not to an alpha of at least 1.
 """
 
-from __future__ import annotations
-
 import lzma
 from math import prod
 from typing import ClassVar

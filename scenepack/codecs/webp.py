@@ -1,7 +1,5 @@
 """WebP, lossless: each piece's planes one below another, RGBA, in as few pictures as WebP's size limit allows."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import imagecodecs

@@ -11,8 +11,6 @@ forward-facing pack positions are those before the NDC warp (NeRF, appendix C):
 In a contracted pack they are those of space (scenepack.contraction), and u is a grid position in units of R.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 from typing import Literal

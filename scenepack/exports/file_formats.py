@@ -9,8 +9,6 @@ voxels of opacity a must let as much pass as the pack does, so that o is chosen 
 pierces the plane, of the product of 1 - o g over the plane's voxels.
 """
 
-from __future__ import annotations
-
 import gzip
 import json
 import struct

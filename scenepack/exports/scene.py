@@ -1,7 +1,5 @@
 """A pack as a file for other programs: what to write, and writing it in one step (docs/commands.md, "snerg-pack")."""
 
-from __future__ import annotations
-
 import importlib.util
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """A field that can be written down: a solid, opaque, coloured ball. Baking it has known answers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from baker.baking.culling import Culling, opaque_macroblocks, seen_macroblocks

@@ -1,7 +1,5 @@
 """The trainer's test scene, and its rays."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.training.conftest import procedural_path, procedural_scene

@@ -1,7 +1,5 @@
 """PSNR and SSIM as the field computes them."""
 
-from __future__ import annotations
-
 import os
 import pickle
 from pathlib import Path

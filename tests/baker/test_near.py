@@ -3,8 +3,6 @@
 Notation: a speck hangs before the first camera, nearer than `near`, and hides an opaque ball from it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Read in the programs themselves, so that no card is needed.
 """
 
-from __future__ import annotations
-
 import re
 from types import ModuleType
 

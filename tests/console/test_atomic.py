@@ -1,7 +1,5 @@
 """Files and folders take their place in one step, and are on the disk before they do."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Failures are shown in a box where nobody reads what is printed, and only there."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Plots: every line is seen in its colour, where its numbers are, below one another in one PNG."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Progress without a terminal: plain lines, rarely, with the time left once it can be told."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Programs that start our commands, and those that we start: progress in a file, odd JSON, an end that comes with theirs."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """run_command: arguments in, exit status out, one line on stderr."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Not a kind of file: code that breaks, by which tests know that the fuzzer sees it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from console import UserError

@@ -4,8 +4,6 @@ It reads one recipe a line from stdin and answers with one line of JSON. Memory 
 and LEEWAY; the parent (tests.fuzz.workers) watches over the time.
 """
 
-from __future__ import annotations
-
 import faulthandler
 import importlib
 import json

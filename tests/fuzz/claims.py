@@ -2,8 +2,6 @@
 compares before it makes room for them.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 import zlib

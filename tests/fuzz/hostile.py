@@ -1,7 +1,5 @@
 """What nobody writes by mistake: numbers and values that break readers, and files that are something else."""
 
-from __future__ import annotations
-
 import io
 import json
 import random

@@ -4,8 +4,6 @@ A step is a list: the name of a function below, then its arguments, all JSON. A 
 (its file is gone, its JSON spoilt) does nothing, so that steps may be left out to find those that matter.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import struct

@@ -1,7 +1,5 @@
 """Packs: what is spoilt, and all that opening one does short of drawing it."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

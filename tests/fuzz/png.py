@@ -1,7 +1,5 @@
 """PNG as chunks, with checksums that are right whatever they hold."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 

@@ -4,8 +4,6 @@ A recipe is JSON: {"subject": "packs", "base": "avif", "steps": [["cut", "rgb_00
 finding is a recipe with "found", what was wrong.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import json

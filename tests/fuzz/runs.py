@@ -3,8 +3,6 @@
 Needs JAX, so its workers are never forked from one another.
 """
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Scenes of the four layouts: what is spoilt, and all that reading one does."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small files of the viewer: preferences, camera paths, poses, progress of a program that it started."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

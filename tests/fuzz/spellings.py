@@ -2,8 +2,6 @@
 and numbers as programs on other systems write them. All must have the same rays, to 1e-5; tests/fuzz/test_fuzz.py tries some.
 """
 
-from __future__ import annotations
-
 import json
 import unicodedata
 import warnings

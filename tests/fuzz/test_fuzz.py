@@ -3,8 +3,6 @@
 `make fuzz` tries more of them. The seed is fixed, so that a failure here comes again; a new one belongs under findings.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

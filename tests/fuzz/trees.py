@@ -4,8 +4,6 @@ A Tree has the content of each file by its name ("train/r_0.png"); in place of a
 (SPECIAL), named by a string. ARCHIVE stands for a whole tree as one .zip.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import shutil

@@ -1,7 +1,5 @@
 """What a person may be shown: one line, of characters that neither move a cursor nor turn a text around."""
 
-from __future__ import annotations
-
 LONGEST_REFUSAL = 700  # characters; some 500 and the path of a temporary folder
 
 

@@ -4,8 +4,6 @@ Usage: python -m tests.scenepack.crashing_writer TARGET SWAP
 SWAP: "exchange" or "renames" (as where the system cannot exchange).
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Packs on disk for tests: small, and easy to spoil."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable

@@ -5,8 +5,6 @@ thick, content that touches macroblock borders and the edges of the grid, grids 
 block size.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A killed or failing writer leaves the old pack or the new one, and never deletes what is not a pack."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What cannot be opened says so in one clear line that names the file or the key."""
 
-from __future__ import annotations
-
 import shutil
 import struct
 import tracemalloc

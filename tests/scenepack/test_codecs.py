@@ -1,7 +1,5 @@
 """Every codec: lossless ones exactly, lossy ones closely, and what is empty stays exactly empty in all."""
 
-from __future__ import annotations
-
 import builtins
 import json
 import sys

@@ -1,7 +1,5 @@
 """snerg-pack: what it prints, what it writes, and its exit status."""
 
-from __future__ import annotations
-
 import json
 import sys
 import zipfile

@@ -1,7 +1,5 @@
 """The contraction of unbounded scenes, and the straight pieces of contracted rays."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A decoder that takes more time or memory than what it decodes explains is ended, and whoever asked goes on."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """What lies under the name of a film is opened as H.264 in an MP4 or not at all: FFmpeg can do much more than decode."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any

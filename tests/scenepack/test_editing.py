@@ -1,7 +1,5 @@
 """Choosing voxels and taking them away: each selector against the same on a dense grid, and packs without what was chosen."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import inf
 

@@ -1,7 +1,5 @@
 """The placed frame: rotations, what is written of it, the ground that is found, and exports in it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from math import degrees

@@ -4,8 +4,6 @@ What follows is written from the description of the layout (docs/format.md), not
 code with it; only `save_pack` makes the pack.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

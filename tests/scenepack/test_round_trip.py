@@ -1,7 +1,5 @@
 """What is saved is what is loaded, in pixels and key for key."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Untidy packs open, with one warning line for each thing that was mended (docs/format.md, "Untidy packs")."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import struct

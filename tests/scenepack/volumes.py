@@ -1,7 +1,5 @@
 """Packs of small volumes held in full, for tests: macroblocks are cut out one by one, with the voxels around them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

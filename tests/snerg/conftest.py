@@ -1,7 +1,5 @@
 """A small pack on disk with the camera of one photograph."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """snerg.Camera: one view in the conventions of several programs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

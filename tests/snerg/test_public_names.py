@@ -1,7 +1,5 @@
 """What is public: documented, quick to import, and the choices that it offers are those of the commands."""
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import re

@@ -1,7 +1,5 @@
 """snerg.Scene: pictures are those of the renderer; geometry and files are those of the commands."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 from pathlib import Path

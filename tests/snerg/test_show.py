@@ -1,7 +1,5 @@
 """snerg.show: the page in a notebook's cell, a picture where the page is refused, and one line where there is no display."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace

@@ -1,7 +1,5 @@
 """Reports draw the renderer's own test packs; profiles train the trainer's test scene."""
 
-from __future__ import annotations
-
 from tests.training.conftest import procedural_path, procedural_scene
 from tests.viewer.rendering.conftest import ctx, ndc_shapes, shapes
 

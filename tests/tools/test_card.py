@@ -1,7 +1,5 @@
 """A card's figures in one command. A card may be at hand only once: whatever can be tried without one is tried here."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

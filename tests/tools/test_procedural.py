@@ -1,7 +1,5 @@
 """Procedural scenes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

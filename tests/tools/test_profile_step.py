@@ -1,7 +1,5 @@
 """python -m tools.profile_step: the parts of a step add up to it, and profiling is training."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

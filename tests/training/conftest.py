@@ -1,7 +1,5 @@
 """Scenes and configurations that the trainer's tests share."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Reconstructions as COLMAP would write them, of known points seen by known cameras. pycolmap itself writes them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

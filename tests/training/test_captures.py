@@ -1,7 +1,5 @@
 """Captures of the real world: LLFF (forward-facing and from all around), transforms.json, masks, held-out views."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from types import MappingProxyType

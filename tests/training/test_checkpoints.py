@@ -1,7 +1,5 @@
 """Checkpoints survive kills, damage and full disks."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """COLMAP scenes: the geometry of what pycolmap wrote, which pictures are taken, and what is wrong with the files."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Exposures of photographs: gains fitted from what photographs and field show, and pictures that are matched to compare."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Variables of the environment that keep JAX or Numba from starting, and places where no compiled code can be kept."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

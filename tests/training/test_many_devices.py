@@ -1,7 +1,5 @@
 """One device, and two processes of two devices each: the same losses, and one set of files."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket

@@ -1,7 +1,5 @@
 """Pixels of photographs that are too many or too big to be careless with."""
 
-from __future__ import annotations
-
 import dataclasses
 import mmap
 import tracemalloc

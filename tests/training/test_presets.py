@@ -1,7 +1,5 @@
 """Presets: one table of names, which commands, trainer and viewer share; and settings that make no sense."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import get_args
 

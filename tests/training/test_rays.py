@@ -1,7 +1,5 @@
 """Rays of cameras: NumPy and JAX agree, lenses are undone, the NDC warp is NeRF's."""
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 from pathlib import Path

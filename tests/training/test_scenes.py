@@ -1,7 +1,5 @@
 """Reading Blender scenes, and what a person is told when a scene is bad."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Runs: resumed, interrupted, damaged, diverged; and the command around them."""
 
-from __future__ import annotations
-
 import dataclasses
 import errno
 import json

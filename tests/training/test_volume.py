@@ -1,7 +1,5 @@
 """Volume rendering: opacity, transmittance and the deferred end of a ray."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

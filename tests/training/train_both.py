@@ -7,8 +7,6 @@ states/K.npz, its state before step K, for each K of SHARED. Each OUT gets after
 makes of that.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from pathlib import Path

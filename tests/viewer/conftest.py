@@ -1,7 +1,5 @@
 """A toy pack, the interface in a framebuffer, and a display of our own for the window's tests."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The interface in a framebuffer, without a window: for pictures of it and for tests that press its buttons."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Sequence
 

@@ -1,7 +1,5 @@
 """A pack that knows its photographs: a tiny Blender scene on disk, its pictures rendered from the toy itself."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack

@@ -1,7 +1,5 @@
 """A display of our own, that nobody sees."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Panels nobody looks at: all is handed to OpenGL as always, but no pixel is filled. In software, that is most of a frame."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from imgui_bundle import ImVec2, imgui

@@ -1,7 +1,5 @@
 """Waiting for threads, without a guess at how long they take."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """`python -m tools.card --out DIR`: measures all figures of a graphics card, and writes a report (docs/card.md)."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil

@@ -1,7 +1,5 @@
 """What OpenGL does here: which card it is, and of each pack whether its picture is exact and how long it takes."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import platform

@@ -1,7 +1,5 @@
 """report.json as a page that can be read: what was measured on which card, and what was not, with the reason."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 report.json is written anew behind each part, so that whatever ends the program leaves what was measured before.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 import traceback

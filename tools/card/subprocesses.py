@@ -4,8 +4,6 @@ A child writes into out/work, and what it prints into out/NAME.log. One that tak
 killed where that does not help; what it has written until then still counts.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

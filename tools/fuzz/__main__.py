@@ -4,8 +4,6 @@ What breaks is made smaller and kept under tests/fuzz/findings, one for each cau
 draws the same files.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import sys

@@ -5,8 +5,6 @@ output or the new one must be there, whole, and the same command must end with t
 What falls short is printed; the exit status is then 1. Disks are tmpfs that is filled, where that can be mounted.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import os

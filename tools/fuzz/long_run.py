@@ -6,8 +6,6 @@ each lap held is printed, and kept as JSON where --json names a file. The exit s
 JAX forgets after each lap what it compiled, which it keeps for as long as a program runs: commands run once in a process.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import io

@@ -4,8 +4,6 @@ python -m tools.fuzz.making_window SCENE OUT STEPS RESOLUTION. Exit status 2 whe
 is no pack then, 1 where it does not.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What this process holds, so that it can be compared from one hour to the next."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os

@@ -3,8 +3,6 @@
 python -m tools.fuzz.sharing RUN ... --out PACK starts them. Its exit status is that of the process that writes the pack.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

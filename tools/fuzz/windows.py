@@ -1,7 +1,5 @@
 """The window among the programs that are interrupted: while it exports a film, and while it makes a scene."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

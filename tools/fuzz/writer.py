@@ -1,7 +1,5 @@
 """A command that is ended while it writes, and what its output is afterwards. See tools.fuzz.interruptions."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

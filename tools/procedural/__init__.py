@@ -6,8 +6,6 @@ Deterministic by seed, views and size. The still life and the scenes of `stress`
 tracing (how). The island is the bundled demo; see island.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Mapping

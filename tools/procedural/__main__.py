@@ -1,7 +1,5 @@
 """`python -m tools.procedural OUT`: writes a procedural scene."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -5,8 +5,6 @@ its mirror image; albedo [N, 3] linear; f0 reflectance at normal incidence (Schl
 until `display`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

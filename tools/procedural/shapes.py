@@ -5,8 +5,6 @@ none; p, n [N, 3] surface points and outward unit normals; l [3] unit direction 
 radius. float32 throughout; world units, z up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

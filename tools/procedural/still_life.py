@@ -5,8 +5,6 @@ Training frame, z up. The seed turns the hues, the tiles and the places of the s
 composition stays.
 """
 
-from __future__ import annotations
-
 import colorsys
 from collections.abc import Callable
 

@@ -5,8 +5,6 @@ glass: mirrors, panes and balls of tinted glass (not refracting) that stand behi
 wires: a cage of rods as thin as a pixel of 400 x 400 pictures, with rings, a coil, a net and beads on strings within.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tools.procedural.shading import Material, Thing

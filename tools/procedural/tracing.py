@@ -5,8 +5,6 @@ display-referred colour because NeRF composites there: edge pixels then agree wi
 trainer does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ Samples are spread over the devices of the dataset's mesh. Lists have a fixed le
 size: sizes are rounded up, and looked at again where the occupancy grid changes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache, partial
 from typing import Any, NamedTuple

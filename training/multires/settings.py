@@ -1,7 +1,5 @@
 """What a config means for one dataset: the constants of a step, and what happens between steps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

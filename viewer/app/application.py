@@ -4,8 +4,6 @@ Panels read it and call it; the window calls `tick` once a frame and draws while
 picture itself) is behind `viewer.rendering.canvas.Canvas`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import atan, degrees

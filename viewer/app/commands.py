@@ -3,8 +3,6 @@
 Keys have the names that imgui gives them ("R", "Home", "F11"), with "Ctrl+" (Cmd on macOS) and "Shift+" before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal

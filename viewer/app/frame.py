@@ -4,8 +4,6 @@ viewer.interface.viewport calls it while it builds the panels, so that picture, 
 and this frame's layout.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from console import UserError

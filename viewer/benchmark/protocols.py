@@ -6,8 +6,6 @@ scenes on a unit sphere. Packs that do not lie so (other scenes, parts of scenes
 content. Nor does the paper name the height: orbits are ORBIT_ELEVATION above the horizon.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite

@@ -1,7 +1,5 @@
 """snerg-bench: the paper's measurement of frame times (docs/commands.md; SNeRG paper, appendix B)."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

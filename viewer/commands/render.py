@@ -1,7 +1,5 @@
 """snerg-render: offscreen pictures of a pack (docs/commands.md)."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack

@@ -4,8 +4,6 @@ It stops cleanly when its standard input is closed (console.progress_protocol). 
 nothing of ours must read it.
 """
 
-from __future__ import annotations
-
 import shutil
 import signal
 import subprocess

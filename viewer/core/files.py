@@ -1,7 +1,5 @@
 """Files and folders that the viewer opens: what they hold, and requests for one."""
 
-from __future__ import annotations
-
 import os
 import zipfile
 from collections.abc import Callable

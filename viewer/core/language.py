@@ -5,8 +5,6 @@ translation needs another order. viewer.interface.ui looks up each text before i
 as a pack's name or a reader's complaint, is not translated.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Background work: functions in threads, and child processes that report lines of JSON to them."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence

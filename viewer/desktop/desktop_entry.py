@@ -4,8 +4,6 @@ Sources: freedesktop.org's Desktop Entry, Icon Theme and Shared MIME-info specif
 ($XDG_DATA_HOME, by default ~/.local/share); nothing outside of it is touched.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Failures in plain words, one at a time, in the middle of the window."""
 
-from __future__ import annotations
-
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 

@@ -5,8 +5,6 @@ given. A press is therefore only looked at once imgui has taken all events befor
 after a click into a field belongs to the field, however slow the frames are.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from itertools import groupby
 from typing import NamedTuple

@@ -5,8 +5,6 @@ picture, and `home` is the node at the right where pages are shown unless they w
 text: a line with the number of the home node, then what Dear ImGui writes into its .ini files.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

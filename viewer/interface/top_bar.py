@@ -1,7 +1,5 @@
 """The bar on top: what is open, how fast it is drawn, and what is wanted often."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 

@@ -3,8 +3,6 @@
 The renderer's and imgui's OpenGL calls share a context, so the caller binds the target framebuffer before `draw`.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """The picture, and the mouse over it: turns drags, wheel and double clicks into movements of the camera."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -20,8 +20,6 @@ frame. So only as much of it counts as makes frames late: this share grows while
 At rest the full picture is drawn tile by tile, some each frame, so that the window answers on slow GPUs too.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import ceil, exp, inf, log, sqrt

@@ -4,8 +4,6 @@ Measured is the convex hull around what can be seen: in the outer macroblocks, t
 pieces apart from the rest, as training leaves in empty space, would push the camera far away; they are not counted.
 """
 
-from __future__ import annotations
-
 from math import radians, tan
 
 import numpy as np

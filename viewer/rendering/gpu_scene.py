@@ -10,8 +10,6 @@ no empty slots. Two layouts of textures, for the marchers that need them:
 Textures are allocated at once and may be filled bit by bit: macroblocks that have not arrived count as empty.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress

@@ -7,8 +7,6 @@ opacity A, so that a mean over rays stays a mean over light (viewer.rendering.su
   all others    the colour times A, nothing of the background in it: premultiplied
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from scenepack.constants import TRANSMITTANCE_STOP

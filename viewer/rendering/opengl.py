@@ -10,8 +10,6 @@ A software rasteriser draws on the processor after the query has ended, or not a
 that its timer queries tell little of what a picture costs; there they are not used.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import re

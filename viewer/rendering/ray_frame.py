@@ -4,8 +4,6 @@ Notation: "voxel" coordinates are (grid - min_xyz) / voxel_size; "training" is t
 NDC packs before the warp; "ndc" after it. Source: docs/rendering.md and docs/format.md; NeRF, appendix C.
 """
 
-from __future__ import annotations
-
 from math import atan, degrees
 from typing import Any
 

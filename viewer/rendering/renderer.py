@@ -3,8 +3,6 @@
 Every GL state that drawing relies on is set in each call, since imgui shares the context.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a picture shall show: one frozen dataclass, from a command line or from sliders."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 

@@ -8,8 +8,6 @@ Only numbers that went through `glsl_float` reach the text. Weights are input-ma
 are filled column by column and a column holds the weights of one input, so rows of the array are columns of the matrix.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

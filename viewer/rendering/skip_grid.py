@@ -11,8 +11,6 @@ some itself) says that the cube of (2 D - 1)^3 cells around it is empty. An *eig
 Source: distance-field skipping after Cohen and Sheffer, "Proximity clouds" (1994), on cells chosen for docs/rendering.md.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

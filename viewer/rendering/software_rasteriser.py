@@ -9,8 +9,6 @@ Huge pages: a ray meets another page of a 3D texture at almost every sample, and
 pages are: with pages of 4 KiB that is 6 MB of textures, with pages of 2 MiB all of them. Needs Linux 6.1 or later.
 """
 
-from __future__ import annotations
-
 import ctypes
 import sys
 from collections.abc import Iterator

@@ -9,8 +9,6 @@ With an aperture, the same is drawn from points that lie evenly in the opening o
 focus at the same pixels, and the mean of all is taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from math import cos, pi, sin, sqrt

@@ -11,8 +11,6 @@ Colours are premultiplied, so it is the colour S[c] / S[3] that continues from v
 fewer bytes than lossless WebP. zlib compresses both; every browser brings the inflater, and no picture decoder can change a byte.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 A level is the pack at one resolution. The page shows the coarsest first, and stays at one where the device cannot hold the next.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ stands in the page as base64: JSON, numbers of shaders (viewer.rendering.shader_
 names as text, never as markup.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

@@ -3,8 +3,6 @@
 It is for who has its address, of which a random token is part. Nothing is served but the page's files, from memory.
 """
 
-from __future__ import annotations
-
 import hashlib
 import hmac
 import secrets

@@ -4,8 +4,6 @@ They end the program like Quit: preferences are saved, and a running job is aske
 may be there to answer.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal

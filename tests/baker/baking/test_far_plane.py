@@ -1,7 +1,5 @@
 """The paper's MLP keeps its opacity when captures are baked: forward-facing ones, up to the far plane, and others."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

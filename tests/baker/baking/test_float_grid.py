@@ -1,7 +1,5 @@
 """A bake before it is quantised: rounded it is the pack, and it is drawn by the pack's rules."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Where voxels lie, and which macroblocks are dropped."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

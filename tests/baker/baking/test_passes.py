@@ -1,7 +1,5 @@
 """The passes over a bake's voxels: what each is given, and what it leaves to the next."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any

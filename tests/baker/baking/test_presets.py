@@ -1,7 +1,5 @@
 """snerg-bake --preset paper: what the paper writes (sections 5.3 to 5.5 and 6), setting by setting."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a run has so far as a small pack: it looks like the field, is written now and then, and never stops a training."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A bake shared by several processes through its work folder: the same voxels, whoever made which piece."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

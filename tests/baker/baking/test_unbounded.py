@@ -1,7 +1,5 @@
 """A bake of an unbounded scene: one grid over all of contracted space, or a plain pack of a box in its inner cube."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

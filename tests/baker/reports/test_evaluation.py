@@ -1,7 +1,5 @@
 """snerg-eval: masked by the subject's own opacity as the paper does, and reading a scene as its run or pack did."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ The field is that of tests/data/runs/multires, a checkpoint, so that its figures
 tests/data/report.json holds what they were: SNERG_RECORD_REPORT=1 writes it anew. Look at each figure before you commit that.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

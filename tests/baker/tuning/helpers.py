@@ -1,7 +1,5 @@
 """Packs to tune."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

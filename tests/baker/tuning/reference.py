@@ -1,7 +1,5 @@
 """A pack's voxels and training rays in float64, without Numba and JAX: what the marcher and the tuner are held to."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import jax.numpy as jnp

@@ -1,7 +1,5 @@
 """Voxels and view MLP tuned together: which rays, for how long, and which state is kept."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

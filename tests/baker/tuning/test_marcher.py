@@ -1,7 +1,5 @@
 """The marcher of a pack finds along training rays what the slow reference finds, taking every sample."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which voxels are emptied because no training view shows enough of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

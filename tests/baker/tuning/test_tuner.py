@@ -1,7 +1,5 @@
 """A step of the tuner: the gradient past the rounding, what is stored in every copy, and that threads change nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """A small software rasteriser, compiled by Numba: meshes and points as a camera of ours sees them, whatever wrote them."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -1,7 +1,5 @@
 """`snerg-pack export`: files that a second library opens, and that are the scene which was known by formula."""
 
-from __future__ import annotations
-
 import json
 import struct
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Rays through the occupancy grid: where they begin and bend, that no sample is left out, and each is done once."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import NamedTuple
 

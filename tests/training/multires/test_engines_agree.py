@@ -1,7 +1,5 @@
 """The fused step against the field's definition in JAX and against finite differences, for every kind of scene."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path

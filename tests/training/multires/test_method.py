@@ -1,7 +1,5 @@
 """The field in training: it learns, repeats itself, goes on from a checkpoint to the byte, and grows by levels."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

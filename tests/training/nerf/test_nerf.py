@@ -1,7 +1,5 @@
 """The paper's field and method: its structure, and that it learns."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import jax

@@ -1,7 +1,5 @@
 """Photographs of the room as different cameras write them, and the scene that comes of them, found once for all tests."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Photographs of a textured corner of a room, by cameras that are known: what finds poses must find these."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

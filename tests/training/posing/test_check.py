@@ -1,7 +1,5 @@
 """The check of photographs: spoilt versions of a capture come out worse, and what to take again is named."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from math import comb

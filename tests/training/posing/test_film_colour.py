@@ -1,7 +1,5 @@
 """Colours of films: HLG, PQ and wide gamuts come as sRGB, and films without tags as players show them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

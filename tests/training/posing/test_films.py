@@ -1,7 +1,5 @@
 """Films as photographs: the sharpest frame of each interval, upright; and what is no film is refused."""
 
-from __future__ import annotations
-
 import io
 from fractions import Fraction
 from pathlib import Path

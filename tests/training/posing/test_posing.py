@@ -1,7 +1,5 @@
 """Poses of bare photographs: the cameras that took them are found, and what cannot be used is told by name."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

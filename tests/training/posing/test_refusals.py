@@ -1,7 +1,5 @@
 """Why no poses are found, told in one plain line; and masks, which remedy one of the reasons."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Lens models: COLMAP's show points where pycolmap does; transforms.json names the same; all engines cast the same rays."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Photographs of every format become the same pictures: also of 16 bits, of floats, turned by EXIF; or are refused by name."""
 
-from __future__ import annotations
-
 import io
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Exports of other programs: known cameras are read to 1e-4, points are found where they were seen, damage is one line."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

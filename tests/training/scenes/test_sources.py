@@ -1,7 +1,5 @@
 """What lies at a path without poses: photographs or a film, and in plain words what is neither."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """transforms.json in the two layouts: one camera model, space from cameras and points, splits, and what is refused by name."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

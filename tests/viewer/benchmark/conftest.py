@@ -1,7 +1,5 @@
 """Reports draw the renderer's own test packs."""
 
-from __future__ import annotations
-
 from tests.viewer.rendering.conftest import ctx, ndc_shapes, shapes
 
 __all__ = ["ctx", "ndc_shapes", "shapes"]

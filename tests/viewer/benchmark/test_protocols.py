@@ -1,7 +1,5 @@
 """The orbit of snerg-bench is the paper's: at the distance of its photographs, about the origin of the scene."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

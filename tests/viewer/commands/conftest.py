@@ -1,7 +1,5 @@
 """The commands draw the renderer's own test packs, under the same watch for OpenGL errors."""
 
-from __future__ import annotations
-
 import pytest
 
 from scenepack import Pack, save_pack

@@ -1,7 +1,5 @@
 """snerg-render and snerg-bench as a person or a script runs them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

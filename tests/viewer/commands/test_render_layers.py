@@ -1,7 +1,5 @@
 """snerg-render's transparent pictures, OpenEXR files and several modes at once, opened with other libraries than the writer's."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Scale, measurements and bookmarks: what they say, and how they are kept with a pack and read back."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

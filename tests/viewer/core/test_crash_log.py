@@ -1,7 +1,5 @@
 """What is left of a viewer that crashes, and that nothing is left of one that ends as it should."""
 
-from __future__ import annotations
-
 import errno
 import os
 import sys

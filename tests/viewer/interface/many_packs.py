@@ -7,8 +7,6 @@ open descriptors. A round in which no more than the share TOLERATED is added is 
 every round.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

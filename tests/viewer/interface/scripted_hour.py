@@ -7,8 +7,6 @@ OpenGL is asked for errors, and what the dialogs say is read. Every so often all
 trained: a scene that shall be made is declined. Prints JSON; status 1 for anything found. A seed's events are always the same.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """From the quick picture of a movement to the full one at rest: nothing jumps, and soon nothing is drawn any more."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

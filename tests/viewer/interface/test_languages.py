@@ -1,7 +1,5 @@
 """Languages of the interface: catalogues are whole, agree with the code, and reach everything that is drawn."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

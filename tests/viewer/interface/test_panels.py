@@ -1,7 +1,5 @@
 """The interface drawn offscreen through EGL: buttons, keys and the mouse do what they say."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

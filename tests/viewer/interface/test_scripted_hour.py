@@ -1,7 +1,5 @@
 """A few minutes of the hour that `make events` plays."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

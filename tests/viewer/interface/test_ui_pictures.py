@@ -4,8 +4,6 @@ After a wanted change, run this file with --regenerate-golden, and look at each 
 from run to run (times, paths, frame rates) is set by hand before a picture is taken.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One offscreen context for all of the renderer's tests, asserted clean around each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import moderngl

@@ -1,7 +1,5 @@
 """A camera path that asks much of the adaptive resolution: far away, close by, through the middle, and out again."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from scenepack.pack import Pack

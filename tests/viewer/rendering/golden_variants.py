@@ -2,8 +2,6 @@
 there, prints JSON, and leaves in FOLDER those that are beyond the tolerance. Needs nothing that only tests need.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable

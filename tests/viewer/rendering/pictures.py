@@ -1,7 +1,5 @@
 """How two pictures are compared: the tolerance of docs/rendering.md, and golden pictures with what a failure leaves behind."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import replace

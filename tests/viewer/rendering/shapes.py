@@ -3,8 +3,6 @@
 Everything comes from formulas, so that golden pictures do not depend on a random generator's version.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Cameras: axes, pixels, mirrored packs, and paths that keep the content in the picture."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

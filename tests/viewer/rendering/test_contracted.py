@@ -1,7 +1,5 @@
 """Contracted packs (docs/rendering.md): every marcher against the reference, and depth, normals and framing of known things."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

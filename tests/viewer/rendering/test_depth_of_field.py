@@ -1,7 +1,5 @@
 """Depth of field: the plane in focus is sharp, and everything else is blurred as by a thin lens."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How many pixels are drawn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

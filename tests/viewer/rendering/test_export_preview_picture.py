@@ -1,7 +1,5 @@
 """The picture of an export before it is written: where the pack is, in its colours, seen by the same camera."""
 
-from __future__ import annotations
-
 import moderngl
 import numpy as np
 import pytest

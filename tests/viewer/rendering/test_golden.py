@@ -2,8 +2,6 @@
 --regenerate-golden, and look at each picture that git shows as changed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

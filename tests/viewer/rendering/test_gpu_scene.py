@@ -1,7 +1,5 @@
 """What is uploaded: little more than the content, in textures that the driver really made."""
 
-from __future__ import annotations
-
 import moderngl
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Packs that are too large for the card: half the resolution, the same place, a warning with both sizes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

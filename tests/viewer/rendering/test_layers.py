@@ -1,7 +1,5 @@
 """Depth, normals and opacity as numbers, measured on scenes whose geometry is known by formula."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

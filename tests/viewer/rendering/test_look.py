@@ -1,7 +1,5 @@
 """A look changes the scene's colours as the formulas say, and nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

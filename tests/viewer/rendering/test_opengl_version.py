@@ -1,7 +1,5 @@
 """An OpenGL that is too old, or none, is told with what is there, what is needed and what to do."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

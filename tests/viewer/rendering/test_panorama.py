@@ -1,7 +1,5 @@
 """360° pictures: all directions from one place, and, for two eyes, from beside it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Drawing: independent of what others left in OpenGL, of the viewport's place, and of what was drawn before."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The numbers that Python and GLSL share: shaders see Python's values."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import moderngl

@@ -1,7 +1,5 @@
 """Injected numbers, and shader errors that name the real file and line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import moderngl

@@ -1,7 +1,5 @@
 """Work-arounds for software rasterisers: huge pages, and waiting without Python's lock."""
 
-from __future__ import annotations
-
 import platform
 import re
 import threading

@@ -1,7 +1,5 @@
 """A browser for all tests of the page, and pages of packs on disk."""
 
-from __future__ import annotations
-
 import base64
 import io
 import os

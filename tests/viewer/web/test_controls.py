@@ -1,7 +1,5 @@
 """Real mouse, touch and key events move the page's camera as the desktop's moves; nothing is drawn while nothing moves."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The page's worker brings back the bytes that the desktop has on its card."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Callable
 from dataclasses import replace

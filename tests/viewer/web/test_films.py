@@ -1,7 +1,5 @@
 """Films for the page, out of AVIF packs."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

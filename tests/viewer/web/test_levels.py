@@ -1,7 +1,5 @@
 """The page shows a coarse picture first, from files beside it, too, and stays at it where there can be no more."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from functools import partial

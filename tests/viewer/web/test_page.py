@@ -1,7 +1,5 @@
 """What stands in the page: small, closed to the network, and with nothing of a pack's text as markup or as shader."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

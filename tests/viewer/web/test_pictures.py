@@ -1,7 +1,5 @@
 """The page draws what the desktop draws, in every mode, of packs of every kind."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """snerg-view --serve: one page at one address, and nothing else."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

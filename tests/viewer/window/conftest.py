@@ -1,7 +1,5 @@
 """The window that all live tests share, on a display of our own, with its mouse and keyboard."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@ The buttons are found, not listed: tests.viewer.window.widgets_seen sees each wi
 scrolled to with the wheel. Not collected by itself; see live_window.py.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Iterator

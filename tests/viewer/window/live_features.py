@@ -1,7 +1,5 @@
 """What only real events show, on the window itself: keys of all layouts, the clipboard, the kiosk. See live_window.py."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import time

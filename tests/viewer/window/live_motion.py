@@ -5,8 +5,6 @@ held against a full picture of the frame's camera: nothing of the object may be 
 Not collected by itself; see live_window.py.
 """
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 import itertools

@@ -1,7 +1,5 @@
 """What the live scripts share: a window that lives on while something happens, and another program on its display."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What live_clicks.py puts on the screen, by name: every page, dialog and overlay."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What was changed is kept however the program ends: killed, asked by a signal, left without a display, closed."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

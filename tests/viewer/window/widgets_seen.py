@@ -4,8 +4,6 @@
 is seen as well. Nothing is pressed here, and no widget behaves otherwise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

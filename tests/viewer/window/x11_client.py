@@ -6,8 +6,6 @@ python x11_client.py close WINDOW: WM_DELETE_WINDOW, which is what the cross in 
 Talks to libX11 through ctypes but for the clipboard; ends with status 0 once the window says that it is done.
 """
 
-from __future__ import annotations
-
 import ctypes
 import ctypes.util
 import sys

@@ -3,8 +3,6 @@
 Deterministic by seed. shapes: what there is, as a signed distance field; light: how it is lit and seen.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -7,8 +7,6 @@ no field of this paper can tell from a real one.
 
 # pyright: reportCallIssue=false
 
-from __future__ import annotations
-
 from math import atan2, exp, floor, hypot, sqrt
 
 import numpy as np

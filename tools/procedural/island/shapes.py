@@ -7,8 +7,6 @@ compiled by numba; `Island` holds the arrays that say where things stand (island
 
 # pyright: reportCallIssue=false
 
-from __future__ import annotations
-
 from math import atan2, cos, floor, hypot, pi, sin, sqrt
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ Notation: n samples of a chunk, in blocks; I inputs of the decoder; CHUNK rays. 
 
 # pyright: reportCallIssue=false
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

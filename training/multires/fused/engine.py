@@ -6,8 +6,6 @@ So a run repeats itself to the last bit whatever the number of threads, and goes
 
 # pyright: reportCallIssue=false, reportArgumentType=false
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 

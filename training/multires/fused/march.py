@@ -22,9 +22,7 @@ CLOSE = 1e-3  # steps: a stretch that is skipped ends so much early, for roundin
 class Grid(NamedTuple):
     """The occupancy grid for compiled loops, by coarse cells, x fastest."""
 
-    distances: (
-        np.ndarray
-    )  # uint8: how many coarse cells, also diagonally, to the next that holds anything; 0 where it does
+    distances: np.ndarray  # uint8: coarse cells, also diagonally, to the next that holds anything; 0 where it does
     cells: np.ndarray  # uint64: a bit for each cell within, x fastest
     side: int  # cells along each axis
 

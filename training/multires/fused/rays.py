@@ -51,9 +51,7 @@ class Batch(NamedTuple):
     target: np.ndarray
     background: np.ndarray
     phase: np.ndarray  # [N]: of the samples, in steps
-    pairs: np.ndarray = np.zeros(
-        (0, 2, 3), np.float32
-    )  # [M, 2, 3]: neighbours in the unit cube, for the smoothness loss
+    pairs: np.ndarray = np.zeros((0, 2, 3), np.float32)  # [M, 2, 3]: neighbours in the unit cube, for smoothness
 
 
 def photographs_of(dataset: RayDataset) -> Photographs:

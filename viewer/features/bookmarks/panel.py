@@ -1,7 +1,5 @@
 """Bookmarks page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

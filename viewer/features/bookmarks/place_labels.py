@@ -1,7 +1,5 @@
 """Annotated places in saved pictures and films: a number at each place that is seen, and its title beside it."""
 
-from __future__ import annotations
-
 import importlib.util
 from functools import lru_cache
 from pathlib import Path

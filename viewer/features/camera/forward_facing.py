@@ -4,8 +4,6 @@ As in the published viewer, the camera starts 0.25 units behind the photographs'
 0.3, and the left button pans. We keep it near where photographs were taken, and let the right button turn a little.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import radians, tan
 

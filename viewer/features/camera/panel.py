@@ -1,7 +1,5 @@
 """Camera page, and the axes of the placed frame in a corner of the picture."""
 
-from __future__ import annotations
-
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa

@@ -4,8 +4,6 @@ Notation: lengths in eye heights, y up; time in seconds. feet: float64 [3], belo
 cylinder of RADIUS, tested at points from STEP above its feet to TOP: whatever is lower is stepped on. grain: the side of a voxel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import ceil, floor
 from typing import NamedTuple

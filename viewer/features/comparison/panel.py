@@ -1,7 +1,5 @@
 """Compare page, and two pictures in one: beside each other, in turn, or subtracted."""
 
-from __future__ import annotations
-
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 

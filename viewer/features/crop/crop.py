@@ -3,8 +3,6 @@
 Corners are in the grid frame; no box means that nothing is cut off.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

@@ -3,8 +3,6 @@
 ImGuizmo only takes hold of the mouse where no widget is under it, so that the picture must not be one while `over`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from imgui_bundle import icons_fontawesome_6 as fa
 from imgui_bundle import imgui, imguizmo

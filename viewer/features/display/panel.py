@@ -1,7 +1,5 @@
 """Picture page: mode, background, resolution; and the legend of false colours."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Erase page, and its tools in the picture."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -5,8 +5,6 @@ and rotations the same spline over unit quaternions, brought back to unit length
 matrices in the training frame, row-major, as nerfstudio writes them.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, field
 from pathlib import Path

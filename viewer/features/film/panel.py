@@ -1,7 +1,5 @@
 """Page of stills and films, and the camera path in the picture."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -3,8 +3,6 @@
 One view may be shown in several modes. As PNG each mode is a file of its own; one OpenEXR file holds all of them as channels.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Make job: the process that makes a scene, and what it leaves to look at: progress, previews, rejected photographs."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

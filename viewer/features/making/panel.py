@@ -1,7 +1,5 @@
 """Make dialog, and the cards of a scene that is being made: how far it is, and the review of its poses before the training."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

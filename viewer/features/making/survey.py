@@ -5,8 +5,6 @@ interrupted. Another (training.speed) tells how many samples a run takes, and ti
 photographs themselves.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib.util
 import math

@@ -1,7 +1,5 @@
 """Measure page, and the measurements in the picture."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import NamedTuple
 

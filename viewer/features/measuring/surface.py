@@ -141,9 +141,8 @@ def _warped(frame: RayFrame, origin: np.ndarray, direction: np.ndarray, near: fl
     voxel_R_ndc = frame.ndc["voxel_R_ndc"]
     start, way = voxel_R_ndc @ start + frame.ndc["voxel_t_ndc"], voxel_R_ndc @ way
     length = float(np.linalg.norm(way))
-    beyond = min(
-        float(eye[2] + near * ahead[2]) + NDC_NEAR, 0.0
-    )  # z of where the ray begins, from the NDC near plane on
+    # z of where the ray begins, from the NDC near plane on
+    beyond = min(float(eye[2] + near * ahead[2]) + NDC_NEAR, 0.0)
     return _Line(start, way / length, length * beyond / (beyond - NDC_NEAR), length * (1.0 - 1e-6))
 
 

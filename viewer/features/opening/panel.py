@@ -1,7 +1,5 @@
 """Dialogs that ask for files and folders, of the system where it has them, and the start page."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from pathlib import Path

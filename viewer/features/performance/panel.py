@@ -1,7 +1,5 @@
 """Performance page: the marcher, frame times and their plots, memory, samples per ray."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 

@@ -3,8 +3,6 @@
 What is near fades out, and nothing is drawn while a photograph is compared, so that the view stays free.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Move page, and the placed frame's ground in the picture."""
 
-from __future__ import annotations
-
 from math import floor, log10
 
 import numpy as np

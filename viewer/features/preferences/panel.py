@@ -1,7 +1,5 @@
 """Settings page and log page."""
 
-from __future__ import annotations
-
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App

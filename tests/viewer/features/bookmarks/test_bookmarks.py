@@ -1,7 +1,5 @@
 """Bookmarks: views that are come back to, in their order, and flown through as a film."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Annotated places in saved pictures: their numbers and titles, where they are seen and only there."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The Erase page in a framebuffer: its tools and rules, undo, what the GPU shows, and the pack that is saved."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The export of the scene as a feature of the viewer: what it asks of the command, and what it says when that fails."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Sharing serves the open pack as a page, with the view, the crop and the camera path of the moment, until it is stopped."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

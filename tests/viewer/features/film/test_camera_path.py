@@ -1,7 +1,5 @@
 """Camera paths: the spline, nerfstudio's file, playback, stills and films."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable

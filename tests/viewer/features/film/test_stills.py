@@ -1,7 +1,5 @@
 """Stills that the window saves: depth of field, layers, panoramas and changed colours."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -87,13 +85,15 @@ def test_a_view_is_saved_in_several_modes_without_background_and_as_exr(ui: Offs
 
 
 def test_a_view_is_saved_as_a_360_picture(ui: OffscreenUi, app: App, tmp_path: Path) -> None:
-    app.filming.set_panorama(True)
+    app.interface.page = "film"
+    ui.settle()
+    ui.press("##panorama")
     assert app.filming.size == (4096, 2048)
     app.filming.set_size(128, 2048)
     around = app.scene.rig.camera((128, 64)).as_panorama((128, 64))
     picture = np.asarray(Image.open(saved(ui, tmp_path / "around.png")))
     assert np.array_equal(picture, ui.canvas.snapshot(around, app.settings))
-    app.filming.set_panorama(False)
+    ui.press("##panorama")
     assert app.filming.size == (1920, 1080)
 
 

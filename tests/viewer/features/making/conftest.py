@@ -1,7 +1,5 @@
 """Photographs and a stand-in for snerg-make that the tests of making a scene share."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from pathlib import Path

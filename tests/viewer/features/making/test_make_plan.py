@@ -15,7 +15,8 @@ from imgui_bundle import imgui
 from PIL import Image
 
 from tests.training.posing.conftest import COUNT, write_photographs
-from tests.training.reconstructions import around, ball, write_colmap
+from tests.training.reconstructions import ball, write_colmap
+from tests.training.test_captures import circle
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.waiting import until
 from tools.procedural import write_procedural_scene
@@ -55,7 +56,7 @@ def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
 
 @pytest.mark.parametrize("folder", ["sparse/0", "sparse"])
 def test_a_reconstruction_of_colmap_is_a_scene(tmp_path, folder):
-    plan = dropped(write_colmap(tmp_path / "shrine", around(), ball(), folder=folder)).making.plan
+    plan = dropped(write_colmap(tmp_path / "shrine", circle(10), ball(), folder=folder)).making.plan
     assert plan.survey.text == "10 photographs of 48 × 36, 360°  (COLMAP)" and plan.problem() is None
 
 
@@ -168,7 +169,7 @@ def test_found_poses_are_gone_on_with_where_the_folder_of_the_results_is_dropped
     assert (POSED, REPORT) == (find.SCENE, find.REPORT)
     folder = photographs(tmp_path / "shed")
     out = tmp_path / "shed-snerg"
-    write_colmap(out / "scene", around(), ball())
+    write_colmap(out / "scene", circle(10), ball())
     (out / "scene" / "poses.json").write_text(json.dumps({"photographs": str(folder if there else tmp_path / "gone")}))
     app = dropped(out)
     plan = app.making.plan
@@ -196,7 +197,7 @@ def test_a_folder_that_cannot_be_written_is_told_before_anything_begins(offscree
 
 
 def test_cut_out_is_on_where_there_is_a_mask_for_each_photograph(tmp_path):
-    scene = write_colmap(tmp_path / "shrine", around(), ball())
+    scene = write_colmap(tmp_path / "shrine", circle(10), ball())
     for picture in (scene / "images").rglob("*.png"):
         mask = scene / "masks" / picture.relative_to(scene / "images")
         mask.parent.mkdir(parents=True, exist_ok=True)

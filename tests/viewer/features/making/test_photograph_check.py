@@ -1,7 +1,5 @@
 """The check of photographs in the make dialog: the real command as a child process, and what is shown of it."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from pathlib import Path

@@ -11,7 +11,8 @@ import pytest
 from PIL import Image
 
 from scenepack.blocks import dense_from_pack
-from tests.training.reconstructions import around, ball, side_by_side, write_colmap
+from tests.training.reconstructions import ball, side_by_side, write_colmap
+from tests.training.test_captures import circle
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.features.making.conftest import FAKE, ROOT
 from tests.viewer.waiting import live, until
@@ -28,7 +29,7 @@ from viewer.features.making.review import Review, SparsePreview, normal_at, read
 
 @pytest.fixture(scope="module")
 def posed(tmp_path_factory) -> Path:
-    return write_colmap(tmp_path_factory.mktemp("first") / "scene", around(), ball(radius=1.0))
+    return write_colmap(tmp_path_factory.mktemp("first") / "scene", circle(10), ball(radius=1.0))
 
 
 def look_at(folder: Path, **options: bool) -> SparsePreview:
@@ -53,7 +54,7 @@ def test_each_point_is_a_voxel_where_the_cameras_see_it(posed):
     assert [entry["name"] for entry in pack.metadata["cameras"]]
 
 
-@pytest.mark.parametrize(("poses", "kind"), [(around, "subject"), (side_by_side, "forward")])
+@pytest.mark.parametrize(("poses", "kind"), [(circle, "subject"), (side_by_side, "forward")])
 def test_the_kind_is_found_and_forward_facing_scenes_are_shown_as_seen_from_outside(poses, kind, tmp_path):
     sparse_preview = look_at(write_colmap(tmp_path / "scene", poses(), ball()))
     assert sparse_preview.kind == kind and not sparse_preview.scene.ndc and not sparse_preview.pack.ndc
@@ -101,7 +102,7 @@ def test_what_a_scene_is_taken_for_decides_its_box_and_its_frame(tmp_path):
 def bare(monkeypatch, tmp_path, posed) -> App:
     """An app that finds the poses of bare photographs: a stand-in has them at once, and trains for as long as it is let."""
     photographs = tmp_path / "shed"
-    write_colmap(tmp_path / "out" / "scene", around(), ball())
+    write_colmap(tmp_path / "out" / "scene", circle(10), ball())
     (photographs).mkdir()
 
     def command(plan: Plan) -> list[str]:
@@ -160,7 +161,7 @@ def tilted_ground() -> np.ndarray:
 
 
 def test_a_click_on_the_ground_makes_it_level(offscreen, tmp_path):
-    app, review = reviewed(write_colmap(tmp_path / "scene", around(), tilted_ground()))
+    app, review = reviewed(write_colmap(tmp_path / "scene", circle(10), tilted_ground()))
     review.plan.out = tmp_path / "out"
     ui = offscreen(app, size=(900, 800))
     ui.settle()

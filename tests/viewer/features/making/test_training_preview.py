@@ -1,7 +1,5 @@
 """What is trained so far: shown as it comes, with the camera where the hands put it, and never in place of something else."""
 
-from __future__ import annotations
-
 import pytest
 
 from scenepack import save_pack

@@ -1,7 +1,5 @@
 """The ruler in the picture: clicks measure between known corners, and what was measured can be moved, removed and undone."""
 
-from __future__ import annotations
-
 from math import dist
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Points on surfaces: on a scene of known sizes they lie where the sizes say, to a fraction of a voxel."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Sessions: what was open comes back, with cameras, cuts and marks, wherever the file and its packs are moved together."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

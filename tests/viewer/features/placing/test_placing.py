@@ -1,7 +1,5 @@
 """The Move page: clicks level the ground and set the origin, and everything that names a place follows."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from math import degrees
