@@ -15,7 +15,7 @@ import pytest
 from hypothesis import settings
 
 from tests.compiling import as_users_have_it, compile_once_and_quickly
-from tests.told import told
+from tests.messages import without_progress
 
 settings.register_profile("busy machine", deadline=None)  # how long an example takes says nothing there
 settings.load_profile("busy machine")
@@ -102,7 +102,7 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     def line_of(main: Callable[[list[str]], int], *words: object) -> str:
         capsys.readouterr()
         assert main([str(word) for word in words]) == 2
-        [line] = told(capsys.readouterr().err)
+        [line] = without_progress(capsys.readouterr().err)
         return line
 
     return line_of

@@ -340,8 +340,8 @@ def test_the_pages_are_what_their_figures_give(results: ModuleType) -> None:
     assert results.main(["--check"]) == 0, "make results"
     for path, text in results.pages().items():
         assert path.read_text(encoding="utf-8") == text
-    told = {path.stem for path in results.pages()} - {"results"}
-    assert told == {path.stem for path in (ROOT / "docs/results/reports").glob("*.json")}
+    listed = {path.stem for path in results.pages()} - {"results"}
+    assert listed == {path.stem for path in (ROOT / "docs/results/reports").glob("*.json")}
 
 
 def test_every_figure_of_the_files_is_on_the_page_and_each_file_says_how_it_was_made(results: ModuleType) -> None:

@@ -21,7 +21,7 @@ import pytest
 from PIL import Image
 
 from console.errors import missing_extra
-from tests.told import told
+from tests.messages import without_progress
 from tests.viewer.conftest import display
 from tools.procedural import write_procedural_scene
 
@@ -138,8 +138,8 @@ def test_whatever_an_extra_brings_is_told_with_its_name() -> None:
     for extra in ("train", "video", "poses"):
         for requirement in extras[extra]:
             name = re.split(r"[<>=\[]", requirement)[0]
-            told = missing_extra(ModuleNotFoundError(f"No module named {name!r}", name=name))
-            assert told is not None and f"'snerg[{extra}]'" in told, requirement
+            message = missing_extra(ModuleNotFoundError(f"No module named {name!r}", name=name))
+            assert message is not None and f"'snerg[{extra}]'" in message, requirement
             assert name.startswith(OF_EXTRAS)  # hidden from the fresh environment
 
 
@@ -151,7 +151,7 @@ def test_a_command_of_the_trainer_says_in_one_line_what_to_install(
     words = [demo, "--scene", scene] if name == "snerg-eval" else [scene, "--out", tmp_path / "out"]
     done = call(installed, name, *words, cwd=tmp_path)
     assert done.returncode == 2, done.stderr
-    assert len(told(done.stderr)) == 1 and "pip install 'snerg[train]'" in done.stderr
+    assert len(without_progress(done.stderr)) == 1 and "pip install 'snerg[train]'" in done.stderr
     assert "bug" not in done.stderr and not (tmp_path / "out").exists()
 
 
@@ -164,7 +164,9 @@ def test_a_pack_is_told_drawn_and_measured(installed: Path, demo: Path, tmp_path
     done = call(installed, "snerg-bench", demo, "--frames", "2", "--size", "32x32", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     done = call(installed, "snerg-render", demo, "--out", "a.mp4", "--orbit", "2", cwd=tmp_path)
-    assert done.returncode == 2 and "pip install 'snerg[video]'" in done.stderr and len(told(done.stderr)) == 1
+    assert (
+        done.returncode == 2 and "pip install 'snerg[video]'" in done.stderr and len(without_progress(done.stderr)) == 1
+    )
 
 
 def test_the_window_opens_with_its_fonts(installed: Path, display: str, tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ WORK = ("viewer.commands.render.load_pack", "viewer.commands.bench.load_pack", "
 
 
 @pytest.mark.parametrize(
-    ("command", "words", "told_of"),
+    ("command", "words", "expected"),
     [
         (snerg_pack, "info {pack} --json {below}.json", "cannot be written"),
         (snerg_pack, "convert {pack} --out {below}", "cannot be written"),
@@ -61,19 +61,19 @@ WORK = ("viewer.commands.render.load_pack", "viewer.commands.bench.load_pack", "
     ],
 )
 def test_what_cannot_end_well_is_refused_before_the_work(
-    command: Main, words: str, told_of: str, places: dict[str, str], refused: Refused, monkeypatch: pytest.MonkeyPatch
+    command: Main, words: str, expected: str, places: dict[str, str], refused: Refused, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def begin(*_: object, **__: object) -> None:
         raise AssertionError("the work has begun")
 
     for work in WORK:
         monkeypatch.setattr(work, begin)
-    assert told_of in refused(command, *words.format(**places).split())
+    assert expected in refused(command, *words.format(**places).split())
     assert not Path(places["out"]).exists() and not Path(places["out"] + ".mp4").exists()
 
 
 @pytest.mark.parametrize(
-    ("words", "told_of"),
+    ("words", "expected"),
     [
         ("convert --codec gif", "image format is not known"), ("convert --codec webp --quality 5", "has no quality"),
         ("convert --codec avif --quality 0", "expected 1 to 100"), ("convert --codec png --png-level 12", "expected 0 to 9"),
@@ -92,11 +92,11 @@ def test_what_cannot_end_well_is_refused_before_the_work(
     ],
 )  # fmt: skip
 def test_snerg_pack_refuses_what_cannot_be_and_writes_nothing(
-    words: str, told_of: str, places: dict[str, str], refused: Refused, tmp_path: Path
+    words: str, expected: str, places: dict[str, str], refused: Refused, tmp_path: Path
 ) -> None:
     command, *options = words.split()
     out = ["--to", tmp_path / options.pop(0)] if command == "export" else ["--out", tmp_path / "new"]
-    assert told_of in refused(snerg_pack, command, places["pack"], *out, *options)
+    assert expected in refused(snerg_pack, command, places["pack"], *out, *options)
     assert not list(tmp_path.iterdir())
 
 

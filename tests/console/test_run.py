@@ -163,19 +163,19 @@ def test_a_reader_that_goes_away_does_not_stop_the_work(stream: str, tmp_path: P
     other.close()
 
 
-@pytest.mark.parametrize("told", ["error", "warning"])
+@pytest.mark.parametrize("kind", ["error", "warning"])
 def test_no_control_character_reaches_the_terminal_and_no_line_is_endless(
-    told: str, capsys: pytest.CaptureFixture[str]
+    kind: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     name = "\x1b[31m\x1b]0;title\x07\x9b2J" + "a" * 1_000_000 + "end"
 
     def command() -> None:
         """Tells of a name that somebody else chose."""
-        if told == "error":
+        if kind == "error":
             raise UserError("is not a pack", where=name)
         warnings.warn(Notice(f"{name}: is not a pack"), stacklevel=1)
 
-    assert run_command(command, prog="p", args=[]) == (2 if told == "error" else 0)
+    assert run_command(command, prog="p", args=[]) == (2 if kind == "error" else 0)
     err = capsys.readouterr().err
     assert err.endswith("is not a pack\n") and len(err) < 3000 and "a … a" in err
     assert not [character for character in err[:-1] if not character.isprintable()]

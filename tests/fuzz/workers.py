@@ -58,9 +58,9 @@ class Worker:
             answer = ""
         if answer:
             return Outcome(**json.loads(answer))
-        told = Outcome(FINDING, "hang", f"{SECONDS:.0f} s") if answer is None else self._death()
+        outcome = Outcome(FINDING, "hang", f"{SECONDS:.0f} s") if answer is None else self._death()
         self._end()
-        return told
+        return outcome
 
     def _start(self) -> subprocess.Popen[str]:
         self._complaints = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115
@@ -96,9 +96,9 @@ class Worker:
         assert child is not None
         code = child.wait(timeout=60)
         self._complaints.seek(0)
-        told = self._complaints.read()
+        complaint = self._complaints.read()
         name = signal.Signals(-code).name if code < 0 else f"status {code}"
-        return Outcome(FINDING, f"death {name}", told.strip()[-400:])
+        return Outcome(FINDING, f"death {name}", complaint.strip()[-400:])
 
     def _end(self) -> None:
         if self._child is not None:

@@ -243,11 +243,11 @@ def test_the_coarse_pack_lies_where_the_whole_does():
 
 
 def test_previews_come_before_the_end_and_the_pack_is_the_same(tmp_path):
-    pack, seen, told = toy_pack(), [], []
+    pack, seen, shares = toy_pack(), [], []
     save_pack(pack, tmp_path / "toy")
-    read = load_pack(tmp_path / "toy", on_progress=lambda done, _: told.append(done),
-                     on_preview=lambda preview: seen.append((len(told), preview)))  # fmt: skip
-    assert seen and seen[0][0] < told[-1]
+    read = load_pack(tmp_path / "toy", on_progress=lambda done, _: shares.append(done),
+                     on_preview=lambda preview: seen.append((len(shares), preview)))  # fmt: skip
+    assert seen and seen[0][0] < shares[-1]
     assert all(preview.atlas_rgba[..., 3].any() for _, preview in seen)
     np.testing.assert_array_equal(read.atlas_rgba, pack.atlas_rgba)
     np.testing.assert_array_equal(read.atlas_features, pack.atlas_features)

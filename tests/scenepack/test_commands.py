@@ -18,10 +18,10 @@ from scenepack import Finding, Pack, check_pack, load_pack, open_pack, report, s
 from scenepack.blocks import block_copy
 from scenepack.editing import Voxels, without
 from scenepack.placement import NOT_MOVED, placement_of
+from tests.messages import without_progress
 from tests.scenepack.helpers import read_image, same_pack, small_pack, write_image, written
 from tests.scenepack.random_packs import packs
 from tests.scenepack.test_placement import UP, sloping_pack
-from tests.told import told
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -32,7 +32,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
         monkeypatch.setattr(sys, "argv", ["snerg-pack", *map(str, words)])
         status = commands.main()
         out, err = capsys.readouterr()
-        return status, out, "".join(f"{line}\n" for line in told(err))
+        return status, out, "".join(f"{line}\n" for line in without_progress(err))
 
     return call
 

@@ -23,10 +23,10 @@ def opened(folder: Path, *lines: str) -> Pack:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         pack = load_pack(folder)
-    told = [str(w.message) for w in caught]
+    warned = [str(w.message) for w in caught]
     assert all(issubclass(w.category, PackWarning) for w in caught)
-    assert len(told) == len(lines), told
-    for line, text in zip(lines, told, strict=True):
+    assert len(warned) == len(lines), warned
+    for line, text in zip(lines, warned, strict=True):
         assert line in text and "\n" not in text
     return pack
 

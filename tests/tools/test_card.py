@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from scenepack import Pack, save_pack
-from tests.told import told
+from tests.messages import without_progress
 from tools.card import __main__ as card_report
 from tools.card import subprocesses
 from tools.card.__main__ import packs_at_hand, scene_at_hand
@@ -80,7 +80,7 @@ def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(
     out = tmp_path / "card"
     words = ["--out", str(out), "--only", "--pack", str(folder), *QUICK, "--train-minutes", "0"]
     assert card_report.main(words) == 2
-    assert "1 of 3 parts failed" in told(capsys.readouterr().err)[-1]
+    assert "1 of 3 parts failed" in without_progress(capsys.readouterr().err)[-1]
     parts = read(out)
     assert parts["device"]["status"] == "failed" and "broken" in parts["device"]["traceback"]
     assert parts["pack shapes"]["status"] == "done" and "the driver is moody" in (out / "report.md").read_text()

@@ -131,10 +131,10 @@ def test_what_is_left_out_is_told_in_one_line_each(tmp_path):
     path = write_colmap(tmp_path, circle(10), ball(), unposed=2)
     (path / "images/right/04.png").unlink()
     shutil.copytree(path / "sparse/0", path / "sparse/1")
-    with pytest.warns(Notice) as told:
+    with pytest.warns(Notice) as warned:
         assert len(everyone(load_scene(path))) == 9
-    lines = "\n".join(str(one.message) for one in told)
-    assert len(told) == 3 and "2 of 11 pictures have no pose" in lines and "lost_0.png" in lines
+    lines = "\n".join(str(one.message) for one in warned)
+    assert len(warned) == 3 and "2 of 11 pictures have no pose" in lines and "lost_0.png" in lines
     assert "1 of 10 images" in lines and "right/04.png" in lines and "2 parts" in lines
 
 

@@ -31,9 +31,9 @@ def test_those_that_snerg_make_offers_are_those_that_a_pack_can_hold() -> None:
 def test_help_explains_every_preset(command, kind, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
     monkeypatch.setenv("COLUMNS", "100")
     assert command.main(["--help"]) == 0
-    told = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    help_text = " ".join(capsys.readouterr().out.replace("│", " ").split())
     for name in get_args(kind):
-        assert f"{name} ({PRESETS[name].about})" in told
+        assert f"{name} ({PRESETS[name].about})" in help_text
 
 
 def test_the_viewer_offers_the_presets_that_have_a_title() -> None:

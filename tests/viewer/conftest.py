@@ -33,10 +33,10 @@ def installed(what: str) -> str:
     """The path of a program. Without it, skips and names what to install; fails in CI, where nothing may be skipped silently."""
     if (path := shutil.which(what)) is not None:
         return path
-    told = f"{what} is not installed: apt-get install {PACKAGES[what]}"
+    message = f"{what} is not installed: apt-get install {PACKAGES[what]}"
     if os.environ.get("CI"):
-        pytest.fail(f"{told}; CI may not skip")
-    pytest.skip(told)
+        pytest.fail(f"{message}; CI may not skip")
+    pytest.skip(message)
 
 
 def toy_pack(*, ndc: bool = False, view_mlp: bool = True, seed: int = 0) -> Pack:

@@ -16,7 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tests.told import told
+from tests.messages import without_progress
 
 ROOT = Path(__file__).parents[2]
 MODULES = {
@@ -109,7 +109,7 @@ class Writer:
         told_of = f"with {free} bytes free"
         with filled(place, free):
             status, said = self.run(place / self.out)
-            lines = [line for line in told(said) if line.startswith("snerg-") and ": warning: " not in line]
+            lines = [line for line in without_progress(said) if line.startswith("snerg-") and ": warning: " not in line]
             if status not in (0, 2) or "Traceback" in said or (status == 2 and not 1 <= len(lines) <= self.voices):
                 self.problems.append(f"{self.name} {told_of}: status {status}: {said[-600:]}")
             found = self._found(place, old, told_of)

@@ -106,7 +106,7 @@ def check(source: Source, page: Path, most_frames: int) -> Verdict:
 
 def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, Any]], is_static: bool) -> Verdict:
     """The verdict on pictures, by the pairs that match: see mapping.matching_pairs."""
-    names = [picture.told_as for picture in prepared.pictures]
+    names = [picture.display_name for picture in prepared.pictures]
     row = {file.name: index for index, file in enumerate(files)}
     previews = [np.asarray(small_picture(file, PREVIEW_SIDE, "L", at_least=1), np.float32) / 255 for file in files]
     matches, turned, moving = np.zeros((len(files),) * 2), [], []

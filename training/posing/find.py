@@ -100,10 +100,10 @@ def _find(source: Source, out: Path, key: Mapping[str, Any]) -> Path:
     found = _reconstructed(prepared, work, key["seed"])
     left_out = report_rejections(source, work, prepared, found)
     unposed = [name for name in left_out if name not in prepared.aside]
-    told_as = {picture.name: picture.told_as for picture in prepared.pictures}
+    display_name = {picture.name: picture.display_name for picture in prepared.pictures}
     report = {
         "format": FORMAT, "key": {name: key[name] for name in ("files", "frames")}, "photographs": str(source.path.resolve()),
-        "names": {name: told_as[name] for name in found["registered"]}, "unposed": unposed, "left_out": left_out,
+        "names": {name: display_name[name] for name in found["registered"]}, "unposed": unposed, "left_out": left_out,
         "aside": dict(prepared.aside), "points": found["points"], "error_pixels": round(found["error"], 3),
         "seconds": _seconds(work), "seed": key["seed"],
     }  # fmt: skip

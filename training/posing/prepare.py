@@ -33,7 +33,7 @@ MOST_BLURRED = 0.25  # of all pictures; where more seem so, they differ in what 
 @dataclass(frozen=True)
 class Picture:
     name: str  # of its file in the folder
-    told_as: str  # how the user knows it
+    display_name: str  # how the user knows it
     camera: str  # the same for pictures of one camera with one focal length
     focal: float | None = None  # in pixels, None where it is not known
 
@@ -203,11 +203,11 @@ def _frames(source: Source, work: Path, most: int, bar: Progress) -> Prepared:
     frames = ask("take_frames", request, work / LOG, on_progress)
     pictures, aside = [], {}
     for frame, bad in zip(frames, blurred([frame["sharpness"] for frame in frames]), strict=True):
-        told_as = f"{source.name_of(film)} at {frame['seconds']:.2f} s"
+        display_name = f"{source.name_of(film)} at {frame['seconds']:.2f} s"
         if bad:
-            aside[told_as] = "blurred"
+            aside[display_name] = "blurred"
             (work / IMAGES / frame["name"]).unlink()
         else:
             width, height = frame["size"]
-            pictures.append(Picture(frame["name"], told_as, f"{width}x{height}"))
+            pictures.append(Picture(frame["name"], display_name, f"{width}x{height}"))
     return Prepared(tuple(pictures), aside)

@@ -27,7 +27,7 @@ def warn_of_prepared(source: Source, prepared: Prepared, masked: Sequence[str]) 
         by_reason.setdefault(reason, []).append(name)
     for reason, names in by_reason.items():
         warn_left_out(source, names, reason)
-    without = [picture.told_as for picture in prepared.pictures if masked and picture.name not in set(masked)]
+    without = [picture.display_name for picture in prepared.pictures if masked and picture.name not in set(masked)]
     count = f"{len(without)} photographs have no mask" if len(without) > 1 else "1 photograph has no mask"
     notice(source.path, f"{count}, all of it is used", without)
 
@@ -58,10 +58,12 @@ def report_rejections(source: Source, work: Path, prepared: Prepared, found: Map
     for picture in prepared.pictures:
         if picture.name not in registered:
             alone = "matches too few others" if found["matched"].get(picture.name, 0) else "matches no other"
-            why[picture.told_as] = "matches others, but not the rest" if picture.name in others else alone
+            why[picture.display_name] = "matches others, but not the rest" if picture.name in others else alone
     unposed = list(why)
     why |= prepared.aside
-    files = {p.told_as: str((work / IMAGES / p.name).resolve()) for p in prepared.pictures if p.told_as in why}
+    files = {
+        p.display_name: str((work / IMAGES / p.name).resolve()) for p in prepared.pictures if p.display_name in why
+    }
     left_out = {"photographs": str(source.path.resolve()), "left_out": why, "files": files}
     table = _table(prepared, found)
     write_file(work / TABLE, table)
@@ -93,7 +95,7 @@ def _too_few_poses(
             remedy=remedy,
         )  # fmt: skip
     if not registered:
-        alone = [picture.told_as for picture in prepared.pictures if found["matched"].get(picture.name) == 0]
+        alone = [picture.display_name for picture in prepared.pictures if found["matched"].get(picture.name) == 0]
         text = f"{len(alone)} of {total} match no other: {few(alone)}"
         return UserError("the photographs do not overlap enough to find camera poses", where=source.path,
                          found=text if alone else "no two show one thing from two places",
@@ -112,7 +114,7 @@ def _table(prepared: Prepared, found: Mapping[str, Any]) -> str:
     pose_of |= dict.fromkeys(found["registered"], "yes")
     rows = [("features", "matches", "pose", "photograph")]
     rows += [(str(found["features"].get(p.name, 0)), str(found["matched"].get(p.name, 0)),
-              pose_of.get(p.name, "no"), p.told_as) for p in prepared.pictures]  # fmt: skip
+              pose_of.get(p.name, "no"), p.display_name) for p in prepared.pictures]  # fmt: skip
     rows += [("", "", reason, name) for name, reason in prepared.aside.items()]
     wide = max(len(pose) for _, _, pose, _ in rows)
     return "".join(f"{features:>8}  {matches:>7}  {pose:<{wide}}  {name}\n" for features, matches, pose, name in rows)

@@ -142,23 +142,23 @@ def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, t
         return ball(points)
 
     limit, times, last = 0, 0, None
-    told: list[tuple[int, int]] = []  # macroblocks, samples
+    reported: list[tuple[int, int]] = []  # macroblocks, samples
     while last is None:
         times += 1
         assert times < 60, "each try must get further"
         asked, limit = 0, 2_500_000 + 10 * times  # points before the next kill
-        told.clear()
+        reported.clear()
         work = WorkFolder(tmp_path / "work", {"bake": 1})
         try:
             culling = culled(mortal, grid, dataset, work)
-            blocks = supersample(Sampler.of(mortal, grid, culling), lambda *now: told.append(now), work)
+            blocks = supersample(Sampler.of(mortal, grid, culling), lambda *now: reported.append(now), work)
             last = fill_atlas(blocks, culling.kept, 30)
         except KeyboardInterrupt:
             pass
         work.close()
     assert times >= 3
-    begun, samples = told[0]  # progress goes on from its place in the whole
-    assert samples == 0 and 0 < begun < told[-1][0] == culling.kept.sum()
+    begun, samples = reported[0]  # progress goes on from its place in the whole
+    assert samples == 0 and 0 < begun < reported[-1][0] == culling.kept.sum()
     assert np.array_equal(last[0], whole.atlas_indices)
     for part, expected in zip(last[1:], (whole.atlas_rgba, whole.atlas_features), strict=True):
         restore_padding(part, whole.atlas_indices, whole.block_size)

@@ -61,13 +61,13 @@ def test_a_picture_of_another_exposure_has_a_second_figure_and_the_first_is_not_
         return np.where(subject, right * np.float32([0.8, 0.7, 0.75]) + np.float32(0.02), right)
 
     monkeypatch.setattr(evaluation, "shown_by", showing(scene, lambda name: 48, dimmed))
-    told = evaluate(Path("pack"), scene, "test", by_alpha=True)
-    assert told["psnr"] < 30 and told["psnr_matched"] > told["psnr"] + 3
-    assert told["psnr_matched"] == pytest.approx(np.mean([view["psnr_matched"] for view in told["views"]]))
+    scores = evaluate(Path("pack"), scene, "test", by_alpha=True)
+    assert scores["psnr"] < 30 and scores["psnr_matched"] > scores["psnr"] + 3
+    assert scores["psnr_matched"] == pytest.approx(np.mean([view["psnr_matched"] for view in scores["views"]]))
     right = showing(scene, lambda name: 24)
     monkeypatch.setattr(evaluation, "shown_by", right)
-    told = evaluate(Path("pack"), scene, "test", by_alpha=True)
-    assert told["psnr_matched"] == pytest.approx(told["psnr"], abs=1), "as it was: nothing is to be matched"
+    scores = evaluate(Path("pack"), scene, "test", by_alpha=True)
+    assert scores["psnr_matched"] == pytest.approx(scores["psnr"], abs=1), "as it was: nothing is to be matched"
 
 
 def test_a_scene_is_read_as_the_run_or_the_pack_read_it(tmp_path: Path) -> None:

@@ -98,10 +98,10 @@ def test_films_of_every_container_give_the_same_frames(
     for _, picture in found:
         assert picture.shape == (HEIGHT, WIDTH, 3)
         assert min(np.abs(picture.astype(float) - frame).mean() for frame in frames) < 12
-    told: list[int] = []
+    counts: list[int] = []
     shown: list[float] = []
-    glimpse(film, 4, 3, told.append, lambda _, at, __: shown.append(at))
-    assert told == [4] and shown and shown == sorted(shown)
+    glimpse(film, 4, 3, counts.append, lambda _, at, __: shown.append(at))
+    assert counts == [4] and shown and shown == sorted(shown)
 
 
 def test_the_sharpest_frame_of_each_interval_is_taken(tmp_path: Path):
@@ -112,10 +112,10 @@ def test_the_sharpest_frame_of_each_interval_is_taken(tmp_path: Path):
 
 def test_a_glimpse_of_a_film_counts_its_frames_and_shows_some_of_them_in_their_order(tmp_path: Path):
     film = write_film(tmp_path / "walk.mp4", frames_of_film(), [100 * i for i in range(24)], matrix=PORTRAIT)
-    told: list[int] = []
+    counts: list[int] = []
     shown: list[tuple[float, tuple[int, int]]] = []
-    count, seconds = glimpse(film, 6, 8, told.append, lambda _, at, picture: shown.append((at, picture.size)))
-    assert told == [count] == [6] and seconds > 0
+    count, seconds = glimpse(film, 6, 8, counts.append, lambda _, at, picture: shown.append((at, picture.size)))
+    assert counts == [count] == [6] and seconds > 0
     assert len(shown) == 8 and [at for at, _ in shown] == sorted({at for at, _ in shown}) and shown[-1][0] > 1.8
     assert {size for _, size in shown} == {(HEIGHT, WIDTH)}  # upright
 

@@ -38,8 +38,8 @@ def test_the_cameras_of_bare_photographs_are_found(found: Found):
     focals = {name: one.camera.fx / one.camera.width for name, one in photographs_of(scene).items()}
     assert np.allclose(list(focals.values()), 268.8 / 256, rtol=0.02)
     assert all(one.camera.fx == one.camera.fy for one in photographs_of(scene).values()), "square pixels"
-    told = "\n".join(found.notices)
-    assert "p0b.jpg = p0.jpg" in told and "p6b.jpg" in told and STRANGER in told
+    notices = "\n".join(found.notices)
+    assert "p0b.jpg = p0.jpg" in notices and "p6b.jpg" in notices and STRANGER in notices
 
 
 @pytest.mark.slow
@@ -135,9 +135,9 @@ def test_one_ctrl_c_ends_it_in_one_line(found: Found, tmp_path: Path):
         if (out / find.WORK / "database.db").exists():
             break
     process.send_signal(signal.SIGINT)
-    told = process.communicate(timeout=60)[1].splitlines()
+    lines = process.communicate(timeout=60)[1].splitlines()
     assert process.returncode == 130
-    assert told[-1].startswith("go: interrupted; ") and not [line for line in told if "Traceback" in line]
+    assert lines[-1].startswith("go: interrupted; ") and not [line for line in lines if "Traceback" in line]
 
 
 @pytest.mark.slow

@@ -76,8 +76,8 @@ def test_a_turntable_before_a_still_background_is_told_and_its_masks_mend_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     write_turntable(tmp_path / "bare")
-    told = refusal(tmp_path / "bare", tmp_path / "out")
-    assert "the camera stands still" in told and "put a folder masks with t0.png" in told
+    message = refusal(tmp_path / "bare", tmp_path / "out")
+    assert "the camera stands still" in message and "put a folder masks with t0.png" in message
     assert capsys.readouterr().out.count(" no ") == COUNT  # the table
     write_turntable(tmp_path / "masked", lambda name: f"{name}.png" if name != "t1.png" else "t1_mask.png")
     scene = load_quietly(posed_scene(tmp_path / "masked", tmp_path / "out"), masks=True)
@@ -97,8 +97,8 @@ def test_masks_that_do_not_fit_or_are_missing_are_told(tmp_path: Path):
     source = find_source(tmp_path / "photographs")
     assert source is not None and len(source.files) == COUNT  # the masks are none
     Image.new("L", (64, 64)).save(tmp_path / "photographs" / "masks" / "t3.png.png")
-    told = refusal(tmp_path / "photographs", tmp_path / "out")
-    assert "t3.png.png: the mask is of another size than its photograph (expected 320x240, found 64x64)" in told
+    message = refusal(tmp_path / "photographs", tmp_path / "out")
+    assert "t3.png.png: the mask is of another size than its photograph (expected 320x240, found 64x64)" in message
     (tmp_path / "photographs" / "masks" / "t3.png.png").unlink()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -112,7 +112,7 @@ def test_masks_that_do_not_fit_or_are_missing_are_told(tmp_path: Path):
 
 @pytest.mark.parametrize("more", [["--poses-only"], ["--no-view"]])
 @pytest.mark.parametrize(
-    ("name", "content", "told"),
+    ("name", "content", "message"),
     [
         ("none", None, "no such file or folder"),
         ("n\udce4", {}, "the folder is empty"),
@@ -128,7 +128,7 @@ def test_masks_that_do_not_fit_or_are_missing_are_told(tmp_path: Path):
     ],
 )
 def test_snerg_make_of_nothing_is_refused_in_one_line_and_writes_nothing(
-    name: str, content: Any, told: str, more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, content: Any, message: str, more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     path, out = tmp_path / name, tmp_path / "out"
     if isinstance(content, dict):
@@ -139,7 +139,7 @@ def test_snerg_make_of_nothing_is_refused_in_one_line_and_writes_nothing(
         path.write_bytes(content)
     assert snerg_make([str(path), "--out", str(out), *more]) == 2
     said = capsys.readouterr()
-    assert not said.out and len(said.err.splitlines()) == 1 and told in said.err and str(tmp_path) in said.err
+    assert not said.out and len(said.err.splitlines()) == 1 and message in said.err and str(tmp_path) in said.err
     assert name == "scene" or all(kind in said.err for kind in ("JPEG", "HEIC", "MP4", "AVI", "Matroska"))
     assert not out.exists()
 
@@ -190,9 +190,9 @@ def test_of_two_places_the_larger_is_made_and_blurred_and_repeated_pictures_are_
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         scene = posed_scene(photographs, tmp_path / "out")
-    told = "\n".join(str(warning.message) for warning in caught)
-    assert "twice.jpg = fern04.jpg" in told and "blurred (shaken.jpg)" in told
-    assert "mary_rose00.jpg, mary_rose30.jpg" in told
+    message = "\n".join(str(warning.message) for warning in caught)
+    assert "twice.jpg = fern04.jpg" in message and "blurred (shaken.jpg)" in message
+    assert "mary_rose00.jpg, mary_rose30.jpg" in message
     names = {view.name for views in load_quietly(scene).splits.values() for view in views}
     assert {Path(name).stem for name in names} == {f"fern{i:02d}" for i in range(9)}
 

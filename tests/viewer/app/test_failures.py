@@ -161,8 +161,8 @@ def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_writte
     else:
         run(app, "turntable")
         app.filming.film(app, small_disk / target)
-    told = wait_for_dialog(ui)
-    assert "The export stopped" in told and "the disk is full" in told and str(small_disk) in told
+    dialog = wait_for_dialog(ui)
+    assert "The export stopped" in dialog and "the disk is full" in dialog and str(small_disk) in dialog
     assert app.filming.export is None
     assert [path.name for path in small_disk.iterdir()] == ["mine.txt"]
     del app.canvas.snapshot
@@ -177,8 +177,8 @@ def test_a_card_with_too_little_room_shows_half_and_says_so_with_both_sizes(ui, 
     scene = app.scene
     monkeypatch.setattr(Limits, "of", classmethod(lambda cls, ctx: Limits(2048, 1_000_000)))
     app.open(shapes_folder)
-    told = wait_for_dialog(ui)
-    assert "70x70x70 voxels" in told and "35x35x35 voxels" in told and "half" in told and "MiB" in told
+    dialog = wait_for_dialog(ui)
+    assert "70x70x70 voxels" in dialog and "35x35x35 voxels" in dialog and "half" in dialog and "MiB" in dialog
     assert app.scene is not scene and max(ui.canvas.renderer.pack.grid_size) == 35
     assert not app.messages.dialogs[0].failed
     still_alive(ui)
@@ -197,8 +197,8 @@ def test_dropping_what_is_no_pack_is_a_dialog_and_the_scene_stays(ui, tmp_path, 
     (tmp_path / "half" / "run").mkdir(parents=True)
     (tmp_path / "half" / "run" / "config.json").write_text("{")
     app.drop([tmp_path / name])
-    told = wait_for_dialog(ui)
-    assert name in told and app.scene is scene and app.making.plan is None
+    dialog = wait_for_dialog(ui)
+    assert name in dialog and app.scene is scene and app.making.plan is None
     still_alive(ui)
 
 

@@ -33,9 +33,9 @@ def opened(app: App, path: Path) -> str:
 
 def test_what_was_mended_is_shown_once_and_stays_in_the_log(untidy):
     app = App(canvas=FakeCanvas())
-    told = opened(app, untidy)
-    assert "atlas_blocks" in told and "feature_000.png is missing" in told and app.messages.toast_level == "warning"
-    assert str(untidy) not in told and app.messages.toast_left > 5
+    notice = opened(app, untidy)
+    assert "atlas_blocks" in notice and "feature_000.png is missing" in notice and app.messages.toast_level == "warning"
+    assert str(untidy) not in notice and app.messages.toast_left > 5
     assert opened(app, untidy) == ""
     assert sum("feature_000.png" in line.text for line in app.messages.lines) == 2
     params = json.loads((untidy / "scene_params.json").read_text())

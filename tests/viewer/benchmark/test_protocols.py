@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from scenepack import Pack, save_pack
+from tests.messages import without_progress
 from tests.scenepack.random_packs import BLENDER_FRAME
-from tests.told import told
 from viewer.benchmark.protocols import PROTOCOLS, flight, protocol_for
 from viewer.commands.bench import main as snerg_bench
 from viewer.rendering.camera import content_box, orbit_path
@@ -70,5 +70,5 @@ def test_the_json_says_which_distance(aside: Pack, tmp_path: Path, capsys: pytes
         assert (told_by["distance"], told_by["distance_from"]) == (distance, of)
         assert f"orbit at {distance:.4g}" in capsys.readouterr().out
     assert snerg_bench([*words, "--distance", "far"]) == 2
-    [line] = told(capsys.readouterr().err)
+    [line] = without_progress(capsys.readouterr().err)
     assert "--distance" in line

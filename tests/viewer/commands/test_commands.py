@@ -9,8 +9,8 @@ from PIL import Image
 
 from scenepack import Pack, load_pack, save_pack
 from scenepack.blocks import dense_from_pack
+from tests.messages import without_progress
 from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
-from tests.told import told
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.scenes import SIDE, photographed
 from tools import scaling
@@ -139,7 +139,7 @@ def test_bad_arguments_are_status_2_and_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert render.main([folder, "--out", *words.split()]) == 2
-    [line] = told(capsys.readouterr().err)
+    [line] = without_progress(capsys.readouterr().err)
     assert complaint in line
     assert not list(tmp_path.iterdir())
 
@@ -233,7 +233,7 @@ def test_systems_that_cannot_be_compared_are_refused_in_one_line(
     places = {"PACK": folder, "NDC": ndc_folder, "SCENE": scene}
     words = [places.get(word, word) for word in words]
     assert bench.main([folder, *words, "--frames", "1", "--json", str(tmp_path / "a.json"), *SMALL]) == 2
-    assert len(told(capsys.readouterr().err)) == 1 and not list(tmp_path.iterdir())
+    assert len(without_progress(capsys.readouterr().err)) == 1 and not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

@@ -74,7 +74,7 @@ def test_a_folder_gets_a_file_for_each_mode_of_each_view_or_one_exr_for_each_vie
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["--out", "a.png", "--mode", "rgb,depth"], "several modes"),
         (["--out", "a.mp4", "--background", "transparent"], "transparent"),
@@ -85,12 +85,12 @@ def test_a_folder_gets_a_file_for_each_mode_of_each_view_or_one_exr_for_each_vie
     ],
 )
 def test_what_files_cannot_hold_is_told_in_one_line(
-    folder: str, words: list[str], told: str, capsys: pytest.CaptureFixture[str], monkeypatch, tmp_path: Path
+    folder: str, words: list[str], message: str, capsys: pytest.CaptureFixture[str], monkeypatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert render.main([folder, *words, *SMALL]) == 2
     line = capsys.readouterr().err.strip()
-    assert told in line and "\n" not in line
+    assert message in line and "\n" not in line
     assert not list(tmp_path.iterdir())
 
 

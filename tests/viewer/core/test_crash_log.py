@@ -49,7 +49,7 @@ def test_no_temporary_folder_is_told_with_the_remedy(tmp_path: Path, monkeypatch
     monkeypatch.setattr(tempfile, "_candidate_tempdir_list", lambda: [str(tmp_path / "none")])
     with pytest.raises(UserError, match=r"no temporary folder can be written.*TMPDIR"):
         CommandProcess([sys.executable, "-c", ""], tmp_path / "log")
-    with pytest.raises(FileNotFoundError) as told:
+    with pytest.raises(FileNotFoundError) as raised:
         tempfile.gettempdir()
-    assert "TMPDIR" in (refusal(told.value) or "")
+    assert "TMPDIR" in (refusal(raised.value) or "")
     assert refusal(FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), "scene.json")) is None

@@ -254,11 +254,11 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # where files are saved that are given no folder
         hour = Hour(ctx, Path(folder), wanted.seed)
-        told = hour.play(wanted.events)
+        played = hour.play(wanted.events)
         hour.ui.release()
         os.chdir("/")
-    print(json.dumps(told), flush=True)
-    return 1 if told["found"] else 0
+    print(json.dumps(played), flush=True)
+    return 1 if played["found"] else 0
 
 
 if __name__ == "__main__":

@@ -22,8 +22,8 @@ def test_random_use_of_everything_at_once_finds_nothing() -> None:
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     run = subprocess.run(command, cwd=REPOSITORY, env=environment, capture_output=True, text=True, timeout=600)
     assert run.returncode == 0, run.stdout + run.stderr
-    told = json.loads(run.stdout.splitlines()[-1])
-    assert told["found"] == [] and sum(told["done"].values()) == 90 and len(told["done"]) >= 12
+    played = json.loads(run.stdout.splitlines()[-1])
+    assert played["found"] == [] and sum(played["done"].values()) == 90 and len(played["done"]) >= 12
 
 
 # Opening many packs leaves nothing behind: neither in our memory nor on the card

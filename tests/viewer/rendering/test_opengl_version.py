@@ -1,4 +1,4 @@
-"""An OpenGL that is too old, or none, is told with what is there, what is needed and what to do."""
+"""An OpenGL that is too old, or none, is message_of with what is there, what is needed and what to do."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ from viewer.rendering.opengl import DRIVER_CHOICES, OVERRIDE, opengl_refusal
 OLD = "OpenGL 2.1 Mesa 20.0, drawn by Mesa Intel 965GM"
 
 
-def told(version: str, complaint: str = "", platform: str = "linux", monkeypatch=None, **options) -> str:
+def message_of(version: str, complaint: str = "", platform: str = "linux", monkeypatch=None, **options) -> str:
     monkeypatch.setattr(sys, "platform", platform)
     for name in (OVERRIDE, *DRIVER_CHOICES):
         monkeypatch.delenv(name, raising=False)
@@ -32,14 +32,14 @@ def told(version: str, complaint: str = "", platform: str = "linux", monkeypatch
     ],
 )
 def test_what_is_there_what_is_needed_and_what_to_do(version, complaint, platform, words, monkeypatch) -> None:
-    line = told(version, complaint, platform, monkeypatch)
+    line = message_of(version, complaint, platform, monkeypatch)
     assert all(word in line for word in [*words, "OpenGL 3.3 or later"]), line
     assert "\n" not in line
 
 
 @pytest.mark.parametrize("name", DRIVER_CHOICES)
 def test_a_variable_that_chooses_the_driver_is_named_with_its_value(name, monkeypatch) -> None:
-    told("", "", "linux", monkeypatch)
+    message_of("", "", "linux", monkeypatch)
     monkeypatch.setenv(name, "1")
     line = str(opengl_refusal("", "GLX: Failed to create context", window=True))
     assert f"{name}=1 is set" in line and f"unset {name}" in line and "install a graphics driver" in line

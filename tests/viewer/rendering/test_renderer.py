@@ -70,17 +70,17 @@ def test_every_mode_of_every_kind_of_pack_draws_something_finite(
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only EGL tells which context is current")
 def test_a_program_has_its_own_context_back_when_a_renderer_is_released(shapes: Pack, camera: ViewCamera) -> None:
-    told = bytes(range(16))
+    pixels = bytes(range(16))
     for refused in (False, True):
         own = create_context()
-        texture = own.texture((2, 2), 4, told)
+        texture = own.texture((2, 2), 4, pixels)
         if refused:
             with pytest.raises(UserError):
                 OffscreenRenderer(shapes, limits=Limits(16), allow_half=False)
         else:
             with OffscreenRenderer(shapes) as one, OffscreenRenderer(shapes) as other:
                 assert np.array_equal(one.render(camera), other.render(camera))
-        assert texture.read() == told and own.error == "GL_NO_ERROR"
+        assert texture.read() == pixels and own.error == "GL_NO_ERROR"
         own.release()
 
 

@@ -99,8 +99,8 @@ def hold_against_camera(window: Window, shown: np.ndarray) -> None:
         FAILURES.mkdir(exist_ok=True)
         for name, pixels in (("actual", shown), ("expected", expected), ("difference", np.abs(shown - expected))):
             Image.fromarray(pixels.astype(np.uint8)).save(FAILURES / f"motion-{name}.png")
-        told = f"{missing.sum()} pixels are missing, {added.sum()} are too many"
-        pytest.fail(f"not the picture of the frame's camera: {told}; see {FAILURES}/motion-*.png")
+        message = f"{missing.sum()} pixels are missing, {added.sum()} are too many"
+        pytest.fail(f"not the picture of the frame's camera: {message}; see {FAILURES}/motion-*.png")
 
 
 def slide(window: Window, xdotool, grab, check: Check, button: int = 3, far: float = 0.45) -> None:

@@ -60,8 +60,8 @@ def test_a_display_that_goes_away_ends_it_and_nothing_is_lost(
         until(lambda: viewer.saved.get("recent"))
         server.kill()
         assert viewer.process.wait(60) == 129
-        told = viewer.process.stderr.read()
-        assert "the connection to the display is lost" in told and "Traceback" not in told
+        errors = viewer.process.stderr.read()
+        assert "the connection to the display is lost" in errors and "Traceback" not in errors
         assert viewer.saved["recent"] == [str(pack_folder)]
 
 
@@ -117,8 +117,8 @@ def test_a_crash_leaves_a_log_with_the_last_commands_and_the_next_start_says_whe
     assert "OpenGL" in text and "llvmpipe" in text and "Segmentation fault" in text and "Current thread" in text
     with RunningViewer(display, viewer.home, pack_folder) as again:
         (crashed,) = until(lambda: list(logs.glob("crash-*.log")))
-        told = logs / f"running-{again.process.pid}.log"
-        until(lambda: told.exists() and f"Its log: {crashed}" in told.read_text())
+        log = logs / f"running-{again.process.pid}.log"
+        until(lambda: log.exists() and f"Its log: {crashed}" in log.read_text())
         assert crashed.read_text() == text
         again.xdotool("windowfocus", "--sync", again.window, "key", "ctrl+q")
         assert again.process.wait(60) == 0

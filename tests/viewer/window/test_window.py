@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from scenepack import load_pack, save_pack
-from tests.told import told
+from tests.messages import without_progress
 from tests.viewer.window.running import ROOT, picture_of_view, run_view
 from viewer.app.application import App
 from viewer.window.window import NoDisplay, Window, require_display
@@ -83,7 +83,7 @@ def test_a_bad_pack_is_a_dialog_on_a_display(display, tmp_path):
     picture = tmp_path / "window.png"
     done = run_view(tmp_path, "--frames", 5, "--screenshot", picture, "--size", "800x500", DISPLAY=display)
     assert done.returncode == 2
-    assert len(told(done.stderr)) == 1 and "scene_params.json" in done.stderr
+    assert len(without_progress(done.stderr)) == 1 and "scene_params.json" in done.stderr
     pixels = np.asarray(Image.open(picture)).astype(int)
     assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[150:300, 200:600].mean() > 0.5  # a card, in the middle
 
@@ -94,13 +94,13 @@ def test_photographs_are_asked_about_on_a_display_and_told_without_one(display, 
     pixels = picture_of_view(tmp_path, scene, DISPLAY=display)
     assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[120:380, 130:670].mean() > 0.4  # a card, in the middle
     done = run_view(scene)
-    assert done.returncode == 2 and "snerg-make" in done.stderr and len(told(done.stderr)) == 1
+    assert done.returncode == 2 and "snerg-make" in done.stderr and len(without_progress(done.stderr)) == 1
 
 
 @pytest.mark.parametrize("words", [["--size", "big"], ["--frames", "3"], ["--photograph", "r_0", "--mode", "sepia"]])
 def test_bad_arguments_are_one_line_and_status_2(pack_folder, words):
     done = run_view(pack_folder, *words)
-    assert done.returncode == 2 and len(told(done.stderr)) == 1
+    assert done.returncode == 2 and len(without_progress(done.stderr)) == 1
 
 
 @pytest.mark.slow
@@ -117,7 +117,7 @@ def test_a_session_is_opened_at_the_command_line_and_a_bad_one_is_one_line(displ
     assert np.abs(whole - cut)[60:490, 10:400].mean() > 2
     file.write_text("{}")
     done = run_view(file, "--frames", 2, DISPLAY=display)
-    assert done.returncode == 2 and len(told(done.stderr)) == 1 and "is not a session" in done.stderr
+    assert done.returncode == 2 and len(without_progress(done.stderr)) == 1 and "is not a session" in done.stderr
 
 
 def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
@@ -134,4 +134,4 @@ def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
 def test_wayland_alone_is_refused_in_one_line_that_names_xwayland(pack_folder, words):
     """Nobody looks for pictures in out/ who started the viewer from a desktop."""
     done = run_view(pack_folder, *words, WAYLAND_DISPLAY="wayland-0")
-    assert done.returncode == 2 and len(told(done.stderr)) == 1 and "XWayland" in done.stderr
+    assert done.returncode == 2 and len(without_progress(done.stderr)) == 1 and "XWayland" in done.stderr

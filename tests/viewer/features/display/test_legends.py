@@ -18,8 +18,8 @@ def ui(known_pack, offscreen, app, pack_folder):
 
 def test_the_numbers_of_the_depths_are_distances(ui, app):
     app.set(mode="depth")
-    told = display_panel.legend_of(app)
-    near, far = float(told.low), float(told.high)
+    legend = display_panel.legend_of(app)
+    near, far = float(legend.low), float(legend.high)
     camera = app.camera()
     shades = ui.canvas.raw(camera, replace(app.settings, mode="depth"))[..., 0]
     opacity = ui.canvas.raw(camera, replace(app.settings, mode="alpha"))[..., 0]
@@ -29,18 +29,18 @@ def test_the_numbers_of_the_depths_are_distances(ui, app):
     )
     by_legend = near + (1 - shades[y, x] / opacity[y, x]) * (far - near)  # white is near
     assert len(x) > 20 and np.abs(by_legend - distances).max() < 0.02
-    assert float(told.middle) == pytest.approx((near + far) / 2, abs=0.01) and "units" in told.unit
+    assert float(legend.middle) == pytest.approx((near + far) / 2, abs=0.01) and "units" in legend.unit
 
 
 @pytest.mark.parametrize("mode", ["samples", "jumps"])
 def test_the_costs_have_a_scale_that_follows_the_slider(ui, app, mode):
     app.set(mode=mode, cost_scale=32.0)
-    told = display_panel.legend_of(app)
-    assert (told.low, told.middle, told.high) == ("0", "16", "≥ 32") and "ray" in told.unit
+    legend = display_panel.legend_of(app)
+    assert (legend.low, legend.middle, legend.high) == ("0", "16", "≥ 32") and "ray" in legend.unit
     counted = ui.canvas.raw(app.camera(), replace(app.settings, mode="normal", counts=True))
     shown = ui.canvas.raw(app.camera(), app.settings)[..., :3]
     count = counted[..., 0 if mode == "samples" else 1]
-    stops = np.array(told.stops)
+    stops = np.array(legend.stops)
     x = np.clip(count / 32.0, 0, 1) * (len(stops) - 1)
     wanted = np.stack([np.interp(x, np.arange(len(stops)), stops[:, i]) for i in range(3)], axis=-1)
     assert count.max() > 3 and np.abs(shown - wanted).mean() < 2e-3

@@ -230,14 +230,14 @@ def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_
 
 
 @pytest.mark.parametrize(
-    ("seconds", "finished", "told"),
+    ("seconds", "finished", "line"),
     [
         (None, False, "Measuring how long it takes on this computer… It needs up to 2.9 GB"),
         (None, True, "It needs up to 2.9 GB of memory and 0.5 GB on the disk."),
         (437.0, True, "Takes about 7 min as measured on this computer, up to 2.9 GB"),
     ],
 )
-def test_the_dialog_says_what_is_known(seconds, finished, told):
+def test_the_dialog_says_what_is_known(seconds, finished, line):
     known = SimpleNamespace(seconds=lambda *_: seconds, disk=lambda *_: 0.51e9, finished=finished)
-    assert what_it_needs(SimpleNamespace(preset="quick", survey=SimpleNamespace(time=known)), 200).startswith(told)
+    assert what_it_needs(SimpleNamespace(preset="quick", survey=SimpleNamespace(time=known)), 200).startswith(line)
     assert what_it_needs(SimpleNamespace(preset="quick", survey=SimpleNamespace(time=None)), 200) == ""
