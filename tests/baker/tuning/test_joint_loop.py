@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune
+from baker.tuning.marcher import PackMarcher
 from scenepack import check_pack
 from scenepack.codecs.quantisation import Steps
 from tests.baker.tuning.helpers import copied, pack_of
@@ -46,6 +48,18 @@ def test_tuning_that_makes_held_out_views_worse_leaves_the_pack_as_it_was(datase
     spoilt, worse = joint_tune(copied(pack), dataset, replace(wild, held_out=0))
     assert worse["held_out_psnr_after"] < figures["held_out_psnr_after"], "without held-out views the last state counts"
     assert not np.array_equal(spoilt.atlas_rgba, pack.atlas_rgba)
+
+
+@pytest.mark.slow
+def test_tuning_that_spoils_a_pack_which_shows_its_photographs_ends_soon_and_leaves_it(dataset: RayDataset) -> None:
+    pack = pack_of(diffuse=True)
+    sums = PackMarcher(pack, dataset).accumulate(np.arange(dataset.count, dtype=np.int32))
+    colours = sums.colour + np.asarray(sums.transmittance)[:, None] * np.asarray(dataset.background)
+    shown = replace(dataset, pixels=jnp.asarray(np.round(255 * colours), jnp.uint8))
+    tuned, figures = joint_tune(copied(pack), shown, replace(QUICK, passes=20.0))
+    assert figures["held_out_psnr_before"] == figures["held_out_psnr_after"] > 40
+    assert figures["passes"] < 10, "it ends at the first of three checks"
+    assert np.array_equal(tuned.atlas_rgba, pack.atlas_rgba)
 
 
 @pytest.mark.slow
