@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from console import run_command
 from scenepack import Pack, load_pack, save_pack
 from scenepack.blocks import dense_from_pack
 from tests.messages import without_progress
 from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.scenes import SIDE, photographed
-from tools import scaling
+from tools.scaling import scaling
 from viewer.benchmark.frames import same_view
 from viewer.commands import bench, render
 from viewer.rendering import offscreen
@@ -258,19 +259,21 @@ def test_the_benchmarks_table_is_written_as_markdown_and_its_times_as_a_plot(fol
 
 @pytest.mark.slow
 def test_the_scaling_script_plots_all_three(tmp_path: Path) -> None:
-    words = ["--out", str(tmp_path), "--frames", "1", "--resolutions", "40,64", "--sizes", "16,32"]
-    assert scaling.main(words) == 0
+    def run(*words: str) -> int:
+        return run_command(scaling, prog="scaling", args=["--out", *words])
+
+    assert run(str(tmp_path), "--frames", "1", "--resolutions", "40,64", "--sizes", "16,32") == 0
     result = json.loads((tmp_path / "scaling.json").read_text())
     assert [point["voxels"] for point in result["resolution"]] == [40, 64] and len(result["size"]) == 2
     assert all(point["exact"] > 0 and point["paper"] > 0 for points in result.values() for point in points)
     assert {path.name for path in tmp_path.glob("*.png")} == {
         f"scaling-{what}.png" for what in ("resolution", "size", "opacity")
     }
-    assert scaling.main(["--out", str(tmp_path), "--resolutions", "5"]) == 2
+    assert run(str(tmp_path), "--resolutions", "5") == 2
     for path in tmp_path.glob("*.png"):
         path.unlink()
-    assert scaling.main(["--out", str(tmp_path), "--redraw"]) == 0 and len(list(tmp_path.glob("*.png"))) == 3
-    assert scaling.main(["--out", str(tmp_path / "none"), "--redraw"]) == 2
+    assert run(str(tmp_path), "--redraw") == 0 and len(list(tmp_path.glob("*.png"))) == 3
+    assert run(str(tmp_path / "none"), "--redraw") == 2
 
 
 def test_a_context_that_is_lost_is_one_line(

@@ -222,7 +222,7 @@ def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_
     assert not survey.busy and survey.news() and not survey.news()
     seconds = needed.seconds("quick", 32)
     assert seconds is not None and 1.0 < seconds < 1e6
-    assert needed.seconds("full", 32) == pytest.approx(18 / 5 * seconds)
+    assert needed.seconds("full", 32) == pytest.approx(18 / 4 * seconds)
     assert needed.seconds("paper", 32) is None and needed.disk("paper", 32) is None
     disk = needed.disk("quick", 32)
     assert disk is not None and 1e8 < disk < 1e9
