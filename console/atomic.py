@@ -194,7 +194,7 @@ def exchange(first: Path, second: Path) -> bool:
 
 
 def _flush(path: Path) -> None:
-    """Onto the disk: a file, or a folder with the files in it."""
+    """Flushes a file, or a folder and the files in it, to the disk."""
     for file in path.iterdir() if path.is_dir() else [path]:
         if file.is_file():
             with _opened(file) as handle:

@@ -125,20 +125,20 @@ class Notice(UserWarning):
 
 def plain_notices(prog: str) -> AbstractContextManager[None]:
     """Prints each Notice as "PROG: warning: ..." on stderr; other warnings stay as Python shows them."""
-    return notices_heard(lambda text: print(f"{prog}: warning: {text}", file=sys.stderr))
+    return handle_notices(lambda text: print(f"{prog}: warning: {text}", file=sys.stderr))
 
 
 @contextmanager
-def notices_heard(hear: Callable[[str], object], *, still_shown: bool = False) -> Iterator[None]:
-    """Calls `hear` with each Notice, which is shown as before only if `still_shown`; other warnings stay as they are."""
+def handle_notices(on_notice: Callable[[str], object], *, show_too: bool = False) -> Iterator[None]:
+    """Calls `on_notice` with the text of each Notice. show_too: Python also shows it. Other warnings are shown as always."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", Notice)
         usual = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
             if issubclass(category, Notice):
-                hear(str(message))
-            if still_shown or not issubclass(category, Notice):
+                on_notice(str(message))
+            if show_too or not issubclass(category, Notice):
                 usual(message, category, *rest, **named)
 
         warnings.showwarning = show

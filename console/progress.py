@@ -161,7 +161,7 @@ class _Live(Progress):
 
 
 class _TimeLeft(ProgressColumn):
-    """Of each bar, where it is known."""
+    """The time left of each bar, where it is known."""
 
     def render(self, task: Task) -> Text:
         left = task.fields["work"].seconds_left
@@ -169,7 +169,7 @@ class _TimeLeft(ProgressColumn):
 
 
 class _Plain(Progress):
-    """Lines."""
+    """Progress as plain lines."""
 
     _printed: float | None = None  # when the last line was
     _finished = False

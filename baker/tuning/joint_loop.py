@@ -45,8 +45,8 @@ class JointConfig:
     """The rates fall log-linearly to this share."""
     held_out: int = 10
     """One training view in so many tells which state is best, and is not trained on; 0 trains on all, to the end."""
-    hopeless: float = 0.4
-    """Ends so many dB below the best state. From a check to the end, lego, bear, mary_rose and fox gained at most 0.31 dB."""
+    stop_below_db: float = 0.4
+    """Ends where held-out views are so much below their best. From a check to the end, four captures gained at most 0.31 dB."""
     steps: Steps = EXACT
     """What is stored in multiples of."""
     checks: int = 8
@@ -97,7 +97,7 @@ def joint_tune(
             now = tuner.score(held_out)
             if now[0] >= best[0] or not config.held_out:
                 best, kept = now, tuner.snapshot()
-            elif now[0] < best[0] - config.hopeless:
+            elif now[0] < best[0] - config.stop_below_db:
                 break
         on_share(
             CHOOSING + (1 - CHOOSING) * done / steps,

@@ -25,7 +25,7 @@ INITIAL = 1e-4  # features begin between plus and minus this
 
 
 class Levels(NamedTuple):
-    """L levels."""
+    """The L levels of a feature table."""
 
     resolution: np.ndarray  # int64 [L], as the next three
     offset: np.ndarray  # the first of its rows, -1 while it has none

@@ -69,7 +69,7 @@ def _compared(app: App, canvas: Canvas) -> tuple[Layer, Layer] | None:
 
 
 def _other_pack(app: App, canvas: Canvas) -> Canvas | None:
-    """Of the pack that the picture is compared with, if it is with one."""
+    """The canvas of the pack that the picture is compared with; None where there is none."""
     return canvas.other if app.comparison.against == "pack" else None
 
 

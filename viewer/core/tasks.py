@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class Cancelled(Exception):
-    """What a task worked on is not wanted any more."""
+    """Raised within a task whose result is no longer wanted."""
 
 
 class Task(Generic[T]):

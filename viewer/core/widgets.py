@@ -113,7 +113,7 @@ def label(text: str, width: float = LABEL_WIDTH) -> None:
 
 
 def labelled(name: str, width: float = LABEL_WIDTH) -> str:
-    """Draws the label of a control called "Label##id" or "Label", at its left; "##id" has none. imgui's name of the control."""
+    """Draws the label of a control named "Label##id" or "Label" at its left; none for "##id". Returns imgui's name of it."""
     text, _, id = name.partition("##")
     if text:
         label(text, width)

@@ -20,7 +20,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError
-from console.errors import notices_heard
+from console.errors import handle_notices
 from console.streams import printable
 from viewer.app.application import App
 from viewer.app.commands import run
@@ -139,7 +139,7 @@ class Window:
 
     def run(self, each: Callable[[], None] = lambda: None) -> None:
         """Until the window is closed or the app quits. each: called in every turn of the loop, at least once a second."""
-        with notices_heard(lambda text: self.app.messages.log(text, "warning"), still_shown=True):
+        with handle_notices(lambda text: self.app.messages.log(text, "warning"), show_too=True):
             while not self.app.quitting:
                 self.step()
                 each()

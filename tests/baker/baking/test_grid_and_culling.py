@@ -157,7 +157,7 @@ def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, t
             pass
         work.close()
     assert times >= 3
-    begun, samples = reported[0]  # progress goes on from its place in the whole
+    begun, samples = reported[0]  # the first progress counts what was made before
     assert samples == 0 and 0 < begun < reported[-1][0] == culling.kept.sum()
     assert np.array_equal(last[0], whole.atlas_indices)
     for part, expected in zip(last[1:], (whole.atlas_rgba, whole.atlas_features), strict=True):

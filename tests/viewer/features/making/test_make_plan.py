@@ -32,7 +32,7 @@ from viewer.features.making.survey import Survey
 
 
 def dropped(path: Path) -> App:
-    """An app that asks about what was dropped, and knows what is there."""
+    """An app whose dialog asks about `path`, once the survey of its photographs is finished."""
     app = App(canvas=FakeCanvas())
     app.drop([path])
     until(lambda: app.making.plan.survey.finished)
