@@ -94,7 +94,7 @@ FilmedPiece = tuple[GridPiece, bytes, list[Film]]
 
 
 def films_of(path: Path) -> list[FilmedPiece] | None:
-    """The pieces of the pack at `path` as films; None where it is not AVIF in the usual layout. UserError where it is unreadable."""
+    """The pieces of the pack at `path` as films; None where it is not AVIF in the usual layout. UserError: unreadable."""
     with open_pack(path) as reader:
         pieces = reader.pieces
         if pieces is None or not isinstance(pieces.codec, AvifCodec) or pieces.steps != EXACT:
