@@ -2,8 +2,8 @@
 
 The paper takes the intrinsics of its photographs, and names fields of view and sizes. It does not name the distance: here it is
 that of the photographs, too. Cameras of NeRF-synthetic stand 4.0311 from the origin and look at it; those of spherified 360°
-scenes on a unit sphere. Packs that do not lie so (other scenes, parts of scenes) are orbited as close as shows all of their
-content. Nor does the paper name the height: orbits are ORBIT_ELEVATION above the horizon.
+scenes on a unit sphere; those of unbounded scenes (no scenes of the paper) near it. Packs that do not lie so (other scenes,
+parts of scenes) are orbited as close as shows all of their content. Nor does the paper name the height: orbits are ORBIT_ELEVATION above the horizon.
 """
 
 from collections.abc import Mapping, Sequence
@@ -53,7 +53,8 @@ def protocol_for(pack: Pack, asked: str = "auto") -> str:
     if asked == "auto":
         made = pack.metadata.get("provenance")
         spherified = isinstance(made, dict) and made.get("spherify") is True
-        return "forward-facing" if pack.ndc else "real360" if spherified else "synthetic"
+        around = spherified or pack.contraction is not None
+        return "forward-facing" if pack.ndc else "real360" if around else "synthetic"
     if (asked == "forward-facing") != pack.ndc:
         kind = "forward-facing (NDC)" if pack.ndc else "not forward-facing"
         raise UserError(f"does not suit this pack, which is {kind}", where=f"--protocol {asked}")
@@ -67,7 +68,7 @@ def flight(
     """The cameras of a protocol for a pack.
 
     distance: "paper"; "content"; a number, in grid units, from the origin of the training frame; or "auto": the paper's where the
-    pack lies within its cameras' orbit, as its scenes do. UserError for anything else.
+    pack lies within its cameras' orbit, as its scenes do, or is unbounded. UserError for anything else.
     """
     chosen = PROTOCOLS[protocol]
     fov, size = fov or chosen.fov, size or chosen.size
@@ -77,7 +78,8 @@ def flight(
         return Flight(cameras, {**facts, "distance": None, "distance_from": None})
     assert chosen.distance is not None, "only forward-facing cameras do not orbit"
     number, named = given_distance(distance), "given"
-    if number is None and (distance == "paper" or (distance == "auto" and _within(pack, chosen.distance))):
+    as_in_paper = pack.contraction is not None or _within(pack, chosen.distance)
+    if number is None and (distance == "paper" or (distance == "auto" and as_in_paper)):
         number, named = chosen.distance, "paper"
     if number is not None:  # about the grid's y axis, so far from the training frame's origin, which is looked at
         turns, origin = (360.0 * i / frames for i in range(frames)), _origin(pack)

@@ -173,11 +173,11 @@ def bench(
     Args:
         pack: Folder or .zip of a baked scene.
         protocol: synthetic (39 degrees, 800x800, orbit), forward-facing (53 degrees, 1006x756, in the camera plane), real360
-            (53 degrees, 990x773, orbit), or auto (forward-facing for such packs, real360 for spherified scenes, otherwise
-            synthetic).
+            (53 degrees, 990x773, orbit), or auto (forward-facing for such packs, real360 for spherified and unbounded
+            scenes, otherwise synthetic).
         distance: How far the orbit is from the origin of the scene: paper (4.0311 for synthetic, 1 for real360, as its
             photographs), content (around the content, just far enough to show all of it), a number in units of the grid, or auto
-            (paper if the content lies within that orbit, otherwise content).
+            (paper if the content lies within that orbit or the scene is unbounded, otherwise content).
         frames: Number of frames to measure, after a warm-up.
         size: Picture size, WIDTHxHEIGHT in pixels. The default is the protocol's.
         fov: Vertical field of view in degrees. The default is the protocol's.
@@ -192,7 +192,7 @@ def bench(
         dense_pack: Pack of the same scene trained without the sparsity loss, for the last row of that table.
         allow_half: Measure a pack that does not fit on the graphics card at half its resolution. Without this option, such a
             pack is refused.
-        surroundings: Show what lies beyond the inner cube of an unbounded scene.
+        surroundings: Whether to show what lies beyond the inner cube of an unbounded scene.
         json: Also write the figures to this file; "-" prints them instead of the table.
         markdown: Also write the table to this file, as Markdown.
         plot: Plot the frame times into this PNG, with the median and the 95th percentile.

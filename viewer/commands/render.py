@@ -116,7 +116,7 @@ def render(
         focus: Distance in focus, along the optical axis, in these units. The default is that of the surface in the middle.
         lens_rays: Rays through the opening of the lens, 4 ... 4096. More take longer, and are smoother.
         crop: Show only the box x0,y0,z0,x1,y1,z1 of the grid frame.
-        surroundings: Show what lies beyond the inner cube of an unbounded scene.
+        surroundings: Whether to show what lies beyond the inner cube of an unbounded scene.
         look: Show colours with the exposure, white balance and saturation that the viewer keeps with the pack.
         places: Draw the numbers and titles of the places that were annotated in the viewer.
         samples: Rays along each side of a pixel: 4 averages 4 x 4 rays per pixel (anti-aliasing).

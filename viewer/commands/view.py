@@ -60,7 +60,7 @@ class View:
         mode: What to show first. "normal" is the picture.
         marcher: How rays skip empty space: exact (the default), paper (the paper's algorithm), or brute (takes every sample). The
             Performance page has it, too.
-        surroundings: Show what lies beyond the inner cube of an unbounded scene.
+        surroundings: Whether to show what lies beyond the inner cube of an unbounded scene.
         pose: First camera: a pose copied from the viewer, or x,y,z,x,y,z of eye and target in the grid frame (y up).
         compare: Another pack, shown under the same camera.
         photographs: Folder of the scene that the pack was made from. The default is the folder that the pack names.
