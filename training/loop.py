@@ -12,7 +12,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Protocol
 
 import jax
 import numpy as np
@@ -34,24 +33,16 @@ from training.scenes.scene_options import box_line, box_text
 AGREE_EVERY = 10  # steps between asking the other processes whether one is to stop, and process 0 for the time
 
 
-class Watcher(Protocol):
-    """Reads a run during training and does not change it. Its time is not counted as training time."""
-
-    def due(self, run: Run) -> bool: ...  # asked after each step: whether to look
-
-    def look(self, run: Run) -> None: ...
-
-
 def train(
     scene_path: str | Path, out: str | Path, config: TrainConfig, options: SceneOptions = AS_IT_IS, *,
-    resume: RunDescription | None = None, watcher: Watcher | None = None,
+    resume: RunDescription | None = None, after_step: Callable[[Run], None] | None = None,
 ) -> Run:  # fmt: skip
     """Trains into the folder `out` until config.steps, and returns the finished run.
 
     options: how the photographs are read. resume: the description of the run in `out`, to continue from its newest checkpoint,
-    its photographs read as before. watcher: asked after each step, in a single process. Ctrl-C saves a checkpoint and raises a
-    KeyboardInterrupt that says how to go on. UserError for bad scenes, divergence, a full disk, and an `out` that exists
-    already or that another process trains into.
+    its photographs read as before. after_step: called after each step but the last, in a single process; it does not change the
+    run, and its time is not counted as training time. Ctrl-C saves a checkpoint and raises a KeyboardInterrupt that says how to
+    go on. UserError for bad scenes, divergence, a full disk, and an `out` that exists already or is being trained into.
     """
     scene_path, out = Path(scene_path), Path(out)
     with ExitStack() as held:
@@ -59,11 +50,11 @@ def train(
             if is_writer():
                 held.enter_context(only_one_trains(out))
         if resume is None:
-            return _train(start_run(out, scene_path, config, options), watcher)
-        return _train(resume_run(out, resume, scene_path, config), watcher)
+            return _train(start_run(out, scene_path, config, options), after_step)
+        return _train(resume_run(out, resume, scene_path, config), after_step)
 
 
-def _train(run: Run, watcher: Watcher | None) -> Run:
+def _train(run: Run, after_step: Callable[[Run], None] | None) -> Run:
     config = run.config
     if config.engine != "fused":  # whose loops keep their memory themselves, and leave the rest to the system
         keep_freed_memory()
@@ -106,9 +97,9 @@ def _train(run: Run, watcher: Watcher | None) -> Run:
             if (last or _is_pictured(run)) and not stopping:
                 with together():
                     recorder.validate()
-            if watcher is not None and not (last or stopping) and jax.process_count() == 1 and watcher.due(run):
+            if after_step is not None and not (last or stopping) and jax.process_count() == 1:
                 with recorder.paused():
-                    watcher.look(run)
+                    after_step(run)
             if stopping and run.step < config.steps:
                 command = shlex.join(["snerg-train", str(run.scene.path), "--out", str(run.path), "--resume"])
                 raise KeyboardInterrupt(f"saved at step {run.step}; continue with: {command}")

@@ -53,17 +53,22 @@ def preview_pack(run: Run, resolution: int = RESOLUTION) -> Pack | None:
 
 
 class Previews:
-    """Keeps the file `out` up to date while a run trains (training.loop.Watcher). every: seconds between two, at least."""
+    """Keeps the file `out` up to date while a run trains. every: seconds between two, at least."""
 
     def __init__(self, out: Path, every: float) -> None:
         self.out, self.every = out, every
         self._due = time.monotonic() + every
 
+    def update(self, run: Run) -> None:
+        """Writes another where it is time; for training.loop.train, after each step."""
+        if self.due(run):
+            self.write(run)
+
     def due(self, run: Run) -> bool:
         """Whether it is time for another."""
         return run.config.method == "multires" and run.step >= FIRST_STEP and time.monotonic() >= self._due
 
-    def look(self, run: Run) -> None:
+    def write(self, run: Run) -> None:
         """Writes one. What it fails at is no reason to stop the training: the next may be written."""
         began = time.monotonic()
         try:

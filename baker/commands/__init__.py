@@ -1,1 +1,1 @@
-"""Console commands of this room, and those that join rooms: snerg-bake, snerg-make, snerg-eval."""
+"""Console commands of baking and of several packages together: snerg-bake, snerg-make, snerg-eval, snerg-pack, snerg-report."""

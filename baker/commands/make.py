@@ -143,7 +143,7 @@ def snerg_make(
         downscale = downscale or suggested_downscale(scene, PRESETS[preset].longest_side)
     options = SceneOptions(downscale or 1, spherify or None, masks, box, upwards)
     shown = Previews(out / NAME, previews)
-    run = train(scene, run_path, config, options, resume=stored, watcher=shown if previews > 0 else None)
+    run = train(scene, run_path, config, options, resume=stored, after_step=shown.update if previews > 0 else None)
     trained = time.monotonic()
     if resolution is None:
         baking = dataclasses.replace(baking, resolution=default_resolution(baking.preset, run))

@@ -3,7 +3,8 @@
 The paper takes the intrinsics of its photographs, and names fields of view and sizes. It does not name the distance: here it is
 that of the photographs, too. Cameras of NeRF-synthetic stand 4.0311 from the origin and look at it; those of spherified 360°
 scenes on a unit sphere; those of unbounded scenes (no scenes of the paper) near it. Packs that do not lie so (other scenes,
-parts of scenes) are orbited as close as shows all of their content. Nor does the paper name the height: orbits are ORBIT_ELEVATION above the horizon.
+parts of scenes) are orbited as close as shows all of their content. Nor does the paper name the height: orbits are
+ORBIT_ELEVATION above the horizon.
 """
 
 from collections.abc import Mapping, Sequence

@@ -33,40 +33,40 @@ class Noting(Previews):
         self.asked.append(run.step)
         return run.step in (FIRST_STEP, 120)
 
-    def look(self, run: Run) -> None:
-        super().look(run)
+    def write(self, run: Run) -> None:
+        super().write(run)
         self.seen.append(load_pack(self.out).metadata["provenance"]["steps"])
 
 
 @pytest.fixture(scope="module")
 def trained(procedural_path: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Noting]:
     folder = tmp_path_factory.mktemp("previewed")
-    watcher = Noting(folder / "preview.zip")
-    return train(procedural_path, folder / "run", CONFIG, watcher=watcher), watcher
+    previews = Noting(folder / "preview.zip")
+    return train(procedural_path, folder / "run", CONFIG, after_step=previews.update), previews
 
 
-def test_a_watcher_is_asked_after_each_step_and_what_it_does_leaves_the_run_as_it_is(
+def test_previews_are_asked_for_after_each_step_and_leave_the_run_as_it_is(
     trained: tuple[Run, Noting], procedural_path: Path, tmp_path: Path
 ) -> None:
-    run, watcher = trained
-    assert watcher.asked == list(range(1, CONFIG.steps)) and watcher.seen == [FIRST_STEP, 120]
+    run, previews = trained
+    assert previews.asked == list(range(1, CONFIG.steps)) and previews.seen == [FIRST_STEP, 120]
     alone = train(procedural_path, tmp_path / "run", CONFIG)
     for name, array in alone.method.save(alone.state).items():
         np.testing.assert_array_equal(array, run.method.save(run.state)[name], err_msg=name)
 
 
 def test_a_preview_looks_like_the_field_and_says_after_how_many_steps(trained: tuple[Run, Noting]) -> None:
-    run, watcher = trained
+    run, previews = trained
     pack = preview_pack(run, 60)
     assert pack is not None and pack.view_mlp is not None and max(pack.grid_size) <= 3 * 30
     of_field = np.mean([r["psnr"] for r in read_metrics(run.path / "metrics.jsonl")[-5:] if "psnr" in r])
     assert shown_psnr(pack, run.dataset, 0) > of_field - 2.0
     assert pack.metadata["provenance"]["steps"] == CONFIG.steps
-    early = load_pack(watcher.out)
+    early = load_pack(previews.out)
     assert early.metadata["provenance"]["steps"] == 120 and early.metadata["cameras"]
-    watcher.remove()
-    watcher.remove()
-    assert not watcher.out.exists()
+    previews.remove()
+    previews.remove()
+    assert not previews.out.exists()
 
 
 @pytest.mark.parametrize("failure", [UserError("the disk is full"), OSError(28, "no space"), MemoryError()])
@@ -77,5 +77,5 @@ def test_a_preview_that_fails_does_not_stop_the_training(
         raise failure
 
     monkeypatch.setattr(preview, "preview_pack", fail)
-    Previews(tmp_path / "preview.zip", 0.0).look(trained[0])
+    Previews(tmp_path / "preview.zip", 0.0).write(trained[0])
     assert not (tmp_path / "preview.zip").exists()
