@@ -63,8 +63,9 @@ class MultiresConfig:
     """The same of colours and features."""
     least_views: int | None = None
     """Space that fewer training photographs see is empty; a quarter of all photographs always suffices."""
-    ndc_depth: float = 4.0
-    """Depth of a cell relative to its width, in forward-facing scenes, where depth is known less precisely."""
+    ndc_depth: float | None = None
+    """Depth of a cell relative to its width, in forward-facing scenes. None: as deep as the photographs can tell, at most four
+    times."""
     random_background: bool = True
     """Train what is cut out before random colours instead of the scene's own: mist of the background's colour costs nothing
     before it. Opaque photographs always have random colours behind them."""

@@ -40,8 +40,8 @@ def hull_codes(dataset: RayDataset, box: Box, side: int, least_views: int, worke
     return np.where((possible > 0) & inside, INITIAL, NEVER).astype(np.uint8)
 
 
-def box_around(dataset: RayDataset, side: int, ndc_depth: float, workers: Workers) -> Box:
-    """The cube around the scene's box, or around what alpha leaves over of it."""
+def box_around(dataset: RayDataset, side: int, depth: float, workers: Workers) -> Box:
+    """The cube around the scene's box, or around what alpha leaves over of it. depth: of a cell along z, by its width."""
     low, high = dataset.aabb.astype(np.float64)
     if dataset.kind == "object":
         rough = _cube(low, high, TIGHT, 1.0)
@@ -51,7 +51,7 @@ def box_around(dataset: RayDataset, side: int, ndc_depth: float, workers: Worker
         if len(places):
             within = rough.origin + (places.min(0) - 1) * rough.cell, rough.origin + (places.max(0) + 2) * rough.cell
             low, high = np.maximum(low, within[0]), np.minimum(high, within[1])
-    return _cube(low, high, side, ndc_depth if dataset.ndc else 1.0)
+    return _cube(low, high, side, depth)
 
 
 def _cube(low: np.ndarray, high: np.ndarray, side: int, depth: float) -> Box:

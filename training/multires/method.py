@@ -52,7 +52,7 @@ class MultiresMethod:
     def start(self, key: jax.Array) -> State:
         own, plan = self.config.multires, self.plan
         workers, side = Workers(), self.settings.resolution
-        box = box_around(self.dataset, side, own.ndc_depth, workers)
+        box = box_around(self.dataset, side, plan.ndc_depth, workers)
         codes = hull_codes(self.dataset, box, side, plan.least_views, workers)
         view_mlp = init_view_mlp(key)
         view_mlp = view_mlp._replace(biases=(*view_mlp.biases[:2], view_mlp.biases[2] + VIEW_BIAS))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from console import UserError
-from scenepack.constants import VIEW_FREQUENCIES
+from scenepack.constants import NDC_NEAR, VIEW_FREQUENCIES
 from training.config import TrainConfig
 from training.dataset import RayDataset
 from training.exposure import is_fitted
@@ -22,6 +22,9 @@ SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness l
 LARGEST_RAW = 12.0  # of density, before its exponential
 LEAST_LIGHT = 1e-3  # a ray ends where its transmittance falls below this
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
+PARALLAX = 0.6  # pixels, of a cell of NDC
+DEEPEST, SHALLOWEST = 4.0, 1.0  # cells of NDC, relative to their width
+WELL_SAMPLED = 2.0  # depth of a cell of NDC up to which samples lie apart in proportion to it
 NDC_DEPTH = 2.0  # length of NDC space along a ray, from the near plane to infinity
 FEWEST_RAYS, MOST_RAYS, RAYS_TOGETHER = 256, 131_072, 64  # of a step; a multiple of the last
 
@@ -69,11 +72,13 @@ class Settings(NamedTuple):
 class Plan:
     """What happens between steps.
 
-    resolutions: of the levels. joins: share of the run after which each joins. samples: of a step. steps_across, steps_from: see
-    MultiresConfig. least_views, occupancy_threshold: as there. gains: of the photographs are fitted (training.exposure).
+    resolutions: of the levels. ndc_depth: see MultiresConfig; 1 elsewhere. joins: share of the run after which each joins.
+    samples: of a step. steps_across, steps_from: see MultiresConfig. least_views, occupancy_threshold: as there. gains: of the
+    photographs are fitted (training.exposure).
     """
 
     resolutions: tuple[int, ...]
+    ndc_depth: float
     joins: tuple[float, ...]
     samples: int
     steps_across: tuple[int, ...]
@@ -102,12 +107,15 @@ def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
     """The plan of a run."""
     own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
     resolutions = own.resolutions or resolutions_for(longest_side(dataset), dataset.facts.contraction is not None)
+    depth = (own.ndc_depth or ndc_depth(dataset, resolutions[-1])) if dataset.ndc else 1.0
+    cells = resolutions[-1] * (min(depth / WELL_SAMPLED, 1.0) if dataset.ndc else 1.0)
     steps_across = own.steps_across or tuple(
-        max(int(n * resolutions[-1]), by_kind.occupancy // 2) for n in STEPS_ACROSS[dataset.kind]
+        max(int(n * cells), by_kind.occupancy // 2) for n in STEPS_ACROSS[dataset.kind]
     )
     _require_sensible(own, by_kind.occupancy, resolutions, steps_across)
     return Plan(
         resolutions=resolutions,
+        ndc_depth=depth,
         joins=(0.0,) * (len(resolutions) - 1) + (own.finest_from if len(resolutions) > 1 else 0.0,),
         samples=own.samples_per_step or samples_for(longest_side(dataset), dataset.kind),
         steps_across=steps_across,
@@ -125,7 +133,7 @@ def _require_sensible(
     for option, fits, expected, found in (
         ("occupancy", occupancy % 8 == 0 and 8 <= occupancy <= 512, "a multiple of 8, at most 512", occupancy),
         ("view-octaves", own.view_octaves <= VIEW_FREQUENCIES, f"at most {VIEW_FREQUENCIES}", own.view_octaves),
-        ("ndc-depth", 0.1 <= own.ndc_depth <= 100, "0.1 to 100", own.ndc_depth),
+        ("ndc-depth", own.ndc_depth is None or 0.1 <= own.ndc_depth <= 100, "0.1 to 100", own.ndc_depth),
         ("resolutions", min(resolutions) >= 4 and max(resolutions) <= 1024, "4 to 1024", list(resolutions)),
         (
             "steps-across", len(steps_across) == len(own.steps_from) + 1,
@@ -138,6 +146,17 @@ def _require_sensible(
     ):  # fmt: skip
         if not fits:
             raise UserError("makes no sense", where=f"--multires.{option}", expected=expected, found=found)
+
+
+def ndc_depth(dataset: RayDataset, finest: int) -> float:
+    """Depth of a cell of NDC relative to its width, of a level of `finest` cells: its back is PARALLAX pixels beside its front in
+    photographs taken as far from the middle of all cameras as they are on average."""
+    places = np.asarray(dataset.world_T_camera)[:, :2, 3]
+    spread = np.sqrt(np.square(places - places.mean(0)).sum(1).mean())
+    focal = np.median(np.asarray(dataset.intrinsics)[:, 0])
+    deep = 2 * NDC_NEAR * PARALLAX / max(focal * spread, 1e-6)  # parallax: focal · spread · dz / (2 NDC_NEAR)
+    wide = np.ptp(dataset.aabb[:, :2], axis=0).max() / finest
+    return float(np.clip(deep / wide, SHALLOWEST, DEEPEST))
 
 
 def longest_side(dataset: RayDataset) -> int:

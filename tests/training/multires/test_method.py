@@ -11,7 +11,8 @@ import pytest
 
 from console import UserError
 from scenepack.contraction import uncontract
-from tests.training.test_captures import circle, write_transforms
+from tests.training.reconstructions import ndc_points
+from tests.training.test_captures import circle, forward, write_llff, write_transforms
 from training.config import QUICK
 from training.dataset import RayDataset, make_dataset
 from training.exposure import FITTED_FROM
@@ -22,6 +23,7 @@ from training.multires.levels import ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.occupancy import INITIAL as INITIAL_CODE
 from training.multires.occupancy import NEVER, is_on
+from training.multires.settings import DEEPEST, PARALLAX, SHALLOWEST, ndc_depth
 from training.scenes import Scene, load_scene
 
 SMALL = MultiresConfig(
@@ -118,6 +120,22 @@ def test_the_wrong_mask_of_a_photograph_takes_nothing_away(dataset: RayDataset) 
     right = hull_codes(dataset, box, 32, 1, workers) != NEVER
     wrong = hull_codes(dataclasses.replace(dataset, pixels=blank), box, 32, 1, workers) != NEVER
     assert 0.8 * right.sum() < (right & wrong).sum() <= right.sum() < 0.7 * right.size
+
+
+def test_cells_of_ndc_are_as_deep_as_the_photographs_can_tell(tmp_path: Path) -> None:
+    scene = load_scene(write_llff(tmp_path, forward()))
+    dataset, finest = make_dataset(scene), 128
+    depth = ndc_depth(dataset, finest)
+    assert 1 < depth < DEEPEST
+    places = np.array([p.camera.world_T_camera[:2, 3] for p in scene.splits["train"]])
+    spread = np.sqrt(((places - places.mean(0)) ** 2).sum(1).mean())
+    near, far = np.array([0.0, 0.0, -3.0]), np.array([0.0, 0.0, -3.5])  # in front of the middle of the cameras
+    assert scene.ndc_camera is not None
+    apart = ndc_points(np.stack([near, far]), *scene.ndc_camera)[:, 2]
+    cells = np.ptp(apart) / (depth * np.ptp(scene.aabb[:, :2], axis=0).max() / finest)
+    parallax = scene.splits["train"][0].camera.fx * spread * abs(1 / near[2] - 1 / far[2])
+    assert parallax / cells == pytest.approx(PARALLAX, rel=1e-3)
+    assert ndc_depth(dataset, 16) == SHALLOWEST and ndc_depth(dataset, 4096) == DEEPEST
 
 
 @pytest.mark.slow
