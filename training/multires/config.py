@@ -34,7 +34,8 @@ class MultiresConfig:
     to 262,144 for those of 512 pixels and more, in contracted space of 1,024."""
     steps_across: tuple[int, ...] | None = None
     """Samples along the cube's side: at first, and after each of steps_from. None: half as many as the finest level has cells, as
-    many, at last twice as many; in contracted space an eighth, a quarter, at last as many."""
+    many, at last twice as many, of all of them fewer where ndc_depth is below 2; in contracted space an eighth, a quarter, at
+    last as many."""
     steps_from: tuple[float, ...] = (0.25, 0.85)
     """When samples lie closer, as fractions of all steps."""
     view_octaves: int = 1
@@ -64,8 +65,8 @@ class MultiresConfig:
     least_views: int | None = None
     """Space that fewer training photographs see is empty; a quarter of all photographs always suffices."""
     ndc_depth: float | None = None
-    """Depth of a cell relative to its width, in forward-facing scenes. None: as deep as the photographs can tell, at most four
-    times."""
+    """Depth of a cell relative to its width, in forward-facing scenes. None: from 1 to 4, so that front and back of a cell
+    of the finest level lie 0.6 pixels apart in photographs taken from other places."""
     random_background: bool = True
     """Train what is cut out before random colours instead of the scene's own: mist of the background's colour costs nothing
     before it. Opaque photographs always have random colours behind them."""

@@ -22,9 +22,9 @@ SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness l
 LARGEST_RAW = 12.0  # of density, before its exponential
 LEAST_LIGHT = 1e-3  # a ray ends where its transmittance falls below this
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
-PARALLAX = 0.6  # pixels, of a cell of NDC
-DEEPEST, SHALLOWEST = 4.0, 1.0  # cells of NDC, relative to their width
-WELL_SAMPLED = 2.0  # depth of a cell of NDC up to which samples lie apart in proportion to it
+PARALLAX = 0.6  # pixels between front and back of a cell of NDC; tried on fern alone, at three sizes (docs/notebook.md)
+DEEPEST, SHALLOWEST = 4.0, 1.0  # depth of a cell of NDC relative to its width
+SAMPLED_BY_DEPTH = 2.0  # below this depth, samples lie farther apart in cells, so that rays do not take more of them
 NDC_DEPTH = 2.0  # length of NDC space along a ray, from the near plane to infinity
 FEWEST_RAYS, MOST_RAYS, RAYS_TOGETHER = 256, 131_072, 64  # of a step; a multiple of the last
 
@@ -108,7 +108,7 @@ def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
     own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
     resolutions = own.resolutions or resolutions_for(longest_side(dataset), dataset.facts.contraction is not None)
     depth = (own.ndc_depth or ndc_depth(dataset, resolutions[-1])) if dataset.ndc else 1.0
-    cells = resolutions[-1] * (min(depth / WELL_SAMPLED, 1.0) if dataset.ndc else 1.0)
+    cells = resolutions[-1] * (min(depth / SAMPLED_BY_DEPTH, 1.0) if dataset.ndc else 1.0)
     steps_across = own.steps_across or tuple(
         max(int(n * cells), by_kind.occupancy // 2) for n in STEPS_ACROSS[dataset.kind]
     )
@@ -149,8 +149,8 @@ def _require_sensible(
 
 
 def ndc_depth(dataset: RayDataset, finest: int) -> float:
-    """Depth of a cell of NDC relative to its width, of a level of `finest` cells: its back is PARALLAX pixels beside its front in
-    photographs taken as far from the middle of all cameras as they are on average."""
+    """Depth relative to width of a cell of NDC, of a level with `finest` cells: from the mean of all cameras to one at their root
+    mean square distance from it, the parallax between front and back of the cell is PARALLAX."""
     places = np.asarray(dataset.world_T_camera)[:, :2, 3]
     spread = np.sqrt(np.square(places - places.mean(0)).sum(1).mean())
     focal = np.median(np.asarray(dataset.intrinsics)[:, 0])
