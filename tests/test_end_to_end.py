@@ -105,7 +105,7 @@ def test_a_box_can_be_baked_alone(made: Path, tmp_path: Path, refused: Callable[
     assert pack.voxel_size == pytest.approx(1.2 / 60), "as many voxels along the longest side of the box"
     assert pack.metadata["provenance"]["aabb"] == pytest.approx(box.ravel())
     tuned = pack.metadata["provenance"]["fine_tuning"]
-    assert tuned["quality"] == "compact" and tuned["held_out_psnr_after"] >= tuned["held_out_psnr_before"]
+    assert tuned["quality"] == "compact" and tuned["train_psnr_after"] >= tuned["train_psnr_before"]
     assert steps_of(pack.atlas_rgba, pack.atlas_features) == COMPACT
     z, y, x = np.nonzero(dense_from_pack(pack)[0][..., 3])
     content = (np.stack([x, y, z], -1) + 0.5) * pack.voxel_size + pack.min_xyz

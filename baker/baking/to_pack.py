@@ -109,9 +109,7 @@ def describe_pack(pack: Pack, out: Path) -> str:
     tuned = made.get("fine_tuning")
     counts, voxels, gain, thinned = made["macroblocks"], made.get("voxels"), "", ""
     if tuned:
-        prefix = "held_out" if "held_out_psnr_after" in tuned else "train"
-        where = "held-out training views" if prefix == "held_out" else "training pixels"
-        gain = f"; tuning {tuned[f'{prefix}_psnr_before']} -> {tuned[f'{prefix}_psnr_after']} dB on {where}"
+        gain = f"; tuning {tuned['train_psnr_before']} -> {tuned['train_psnr_after']} dB on training pixels"
     if voxels:
         millions = f"{voxels['after'] / 1e6:.1f} of {voxels['before'] / 1e6:.1f} million"
         thinned = f", {millions} voxels shown with tau_weight or more"

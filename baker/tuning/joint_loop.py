@@ -1,4 +1,8 @@
-"""The loop around baker.tuning.tuner.Tuner: which rays, how many at once, for how long, which state is kept."""
+"""The loop around baker.tuning.tuner.Tuner: which rays, how many at once, for how long.
+
+All photographs are tuned on, to the end. Some held back would not tell whether tuning helps: the field knows them by heart, and
+tuning on the others makes the pack forget them, while it shows views that nobody trained on better.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +18,7 @@ from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 
-HELD_OUT_RAYS = 65_536
+SCORED_RAYS = 65_536
 TILE, PROBED = 4, 16_384  # pixels a side; tiles that are looked at together
 # Small cells are sharper where enough rays meet each; cells of one voxel learn the training views by heart.
 RAYS_PER_CELL, NARROWEST, WIDEST = 6, 2, 4
@@ -43,14 +47,8 @@ class JointConfig:
     """Adam's learning rate of the view MLP at the start."""
     final_rate_factor: float = 0.05
     """The rates fall log-linearly to this share."""
-    held_out: int = 10
-    """One training view in so many tells which state is best, and is not trained on; 0 trains on all, to the end."""
-    stop_below_db: float = 0.4
-    """Ends where held-out views are so much below their best. From a check to the end, four captures gained at most 0.31 dB."""
     steps: Steps = EXACT
     """What is stored in multiples of."""
-    checks: int = 8
-    """How often the held-out views are looked at."""
     seed: int = 0
 
 
@@ -58,19 +56,16 @@ def joint_tune(
     pack: Pack, dataset: RayDataset, config: JointConfig, on_share: Callable[[float, str], None] = lambda share, text: None,
     by_opacity: bool = False,
 ) -> tuple[Pack, dict[str, Any]]:  # fmt: skip
-    """The pack with voxels and view MLP refined; figures, of held-out rays before and after. The arrays of `pack` are changed.
-    The state is kept in which held-out views look best.
+    """The pack with voxels and view MLP refined; figures, of training rays before and after. The arrays of `pack` are changed.
 
     by_opacity: see baker.tuning.shading.ErrorTerms. If no training ray meets the pack, it is returned unchanged, without figures.
     """
-    rng, away = np.random.default_rng(config.seed), held_out_views(dataset, config.held_out)
-    marcher, tiles = PackMarcher(pack, dataset), tiles_of(dataset, ~away, rng)
+    marcher, tiles = PackMarcher(pack, dataset), tiles_of(dataset, np.random.default_rng(config.seed))
     probed = tiles.rays(0, PROBED)
     probe = probed[marcher.meets(probed)]
     if not len(probe):
         return pack, {}
     meet = round(len(tiles.numbers) * TILE**2 * len(probe) / len(probed))  # about so many rays meet content
-    held_out = meeting(marcher, tiles_of(dataset, away if away.any() else ~away, rng), HELD_OUT_RAYS)
     tuner = Tuner(pack, dataset, config.cell or cell_for(pack, meet), by_opacity=by_opacity)
     tuner.fill(probe, config.samples, config.seed)
     steps = config.passes * meet / tuner.rays
@@ -80,39 +75,27 @@ def joint_tune(
     steps = min(max(int(steps), 1), config.most_steps)
     trained_on = meeting(marcher, tiles, steps * tuner.rays, lambda share: on_share(CHOOSING * share, "choosing rays"))
     on_share(CHOOSING, "compiling")
-    before = best = now = tuner.score(held_out)
+    before = tuner.score(trained_on[:SCORED_RAYS])
     if config.steps != EXACT:
         tuner.round_to(config.steps)
-        best = now = tuner.score(held_out)
-    kept, done = tuner.snapshot(), 0
     colour = config.rate / 255
     rates = np.array([*[colour] * 3, config.density_rate, *[colour] * 4, config.head_rate], np.float32)
-    check_every = max(steps // config.checks, 1)
     for step in range(steps):
         decay = config.final_rate_factor ** (step / steps)
         ids = trained_on.take(np.arange(step * tuner.rays, (step + 1) * tuner.rays), mode="wrap")
         tuner.update(ids, rates * np.float32(decay), step)
-        done = step + 1
-        if done % check_every == 0 or done == steps:
-            now = tuner.score(held_out)
-            if now[0] >= best[0] or not config.held_out:
-                best, kept = now, tuner.snapshot()
-            elif now[0] < best[0] - config.stop_below_db:
-                break
-        on_share(
-            CHOOSING + (1 - CHOOSING) * done / steps,
-            f"step {done} of {steps}, {'held-out ' if config.held_out else ''}{now[0]:.2f} dB",
-        )
-    return tuner.tuned(kept), {
-        "passes": round(done * tuner.rays / meet, 2),
-        "held_out_psnr_before": round(before[0], 3), "held_out_psnr_after": round(best[0], 3),
-        "samples_a_ray_before": round(before[1], 2), "samples_a_ray_after": round(best[1], 2),
+        on_share(CHOOSING + (1 - CHOOSING) * (step + 1) / steps, f"step {step + 1} of {steps}")
+    after = tuner.score(trained_on[:SCORED_RAYS])
+    return tuner.tuned(), {
+        "passes": round(steps * tuner.rays / meet, 2),
+        "train_psnr_before": round(before[0], 3), "train_psnr_after": round(after[0], 3),
+        "samples_a_ray_before": round(before[1], 2), "samples_a_ray_after": round(after[1], 2),
     }  # fmt: skip
 
 
 def shown_psnr(pack: Pack, dataset: RayDataset, seed: int, *, by_opacity: bool = False) -> float:
-    """PSNR (dB) of what the viewer shows of the pack, over a random HELD_OUT_RAYS of the training rays."""
-    ids = np.sort(np.random.default_rng(seed).permutation(dataset.count)[:HELD_OUT_RAYS]).astype(np.int32)
+    """PSNR (dB) of what the viewer shows of the pack, over a random SCORED_RAYS of the training rays."""
+    ids = np.sort(np.random.default_rng(seed).permutation(dataset.count)[:SCORED_RAYS]).astype(np.int32)
     marched = PackMarcher(pack, dataset).accumulate(ids)
     head, rays = pack.view_mlp and to_params(pack.view_mlp), jnp.asarray(ids)
     inputs = ShadingInputs(
@@ -128,12 +111,6 @@ def cell_for(pack: Pack, rays: int) -> int:
     voxels = int(np.count_nonzero(pack.atlas_rgba[..., 3]))
     cell = min(round(float(np.sqrt(RAYS_PER_CELL * voxels / max(rays, 1)))), WIDEST)
     return max(cell, NARROWEST, int(np.ceil((np.prod(pack.grid_size, dtype=float) / MOST_CELLS) ** (1 / 3))))
-
-
-def held_out_views(dataset: RayDataset, one_in: int) -> np.ndarray:
-    """bool [V]: every one_in-th view; none where there are fewer, or one_in is 0."""
-    views = np.arange(dataset.views)
-    return views % one_in == one_in // 2 if one_in and dataset.views >= one_in else np.zeros(dataset.views, bool)
 
 
 class Tiles(NamedTuple):
@@ -161,11 +138,10 @@ class Tiles(NamedTuple):
         return ids[(y < self.rows[view, None]) & (x < self.width[view, None])].astype(np.int32)
 
 
-def tiles_of(dataset: RayDataset, views: np.ndarray, rng: np.random.Generator) -> Tiles:
-    """All tiles of the photographs `views` bool [V], in random order."""
+def tiles_of(dataset: RayDataset, rng: np.random.Generator) -> Tiles:
+    """All tiles of the photographs, in random order."""
     first, width = (np.asarray(array, np.int64) for array in (dataset.first, dataset.width))
     rows = np.diff(first, append=dataset.count) // width
-    first, width, rows = first[views], width[views], rows[views]
     counts = -(-width // TILE) * -(-rows // TILE)
     return Tiles(first, width, rows, np.cumsum(counts) - counts, rng.permutation(counts.sum()))
 

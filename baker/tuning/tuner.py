@@ -20,7 +20,6 @@ cells stands for what is empty.
 
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -43,14 +42,6 @@ PROBED = 96  # mean number of contributing samples a ray that the probe allocate
 SPARE = 2.0  # allocated contributing samples over their mean, since chunks differ
 PART = 8192  # cells that a worker claims
 STORED = 512  # cells that a worker stores at once
-
-
-class Trained(NamedTuple):
-    """delta float32 [K + 1, 8]: what each cell adds to straight colours (0 … 2) and features (4 … 7), and to log density (3).
-    head: the view MLP, None for a diffuse pack. Of NumPy or of JAX."""
-
-    delta: jax.Array
-    head: ViewMlpParams | None
 
 
 class Tuner:
@@ -117,15 +108,9 @@ class Tuner:
             samples += np.diff(self.work.first, axis=1).ravel()[counts].sum()
         return psnr_of(error, weight), float(samples / max(rays, 1.0))
 
-    def snapshot(self) -> Trained:
-        """What is trained, as it is now; later steps leave it alone."""
-        return Trained(self.delta.copy(), jax.tree.map(np.asarray, self.head))  # type: ignore[arg-type]
-
-    def tuned(self, snapshot: Trained) -> Pack:
-        """The pack as a snapshot has it. The last that is asked of a tuner."""
-        self._store(np.asarray(snapshot.delta), np.arange(1, self.cells.count + 1, dtype=np.int32))
-        head = snapshot.head
-        return self.pack if head is None else replace(self.pack, view_mlp=from_params(head))
+    def tuned(self) -> Pack:
+        """The pack as it is now."""
+        return self.pack if self.head is None else replace(self.pack, view_mlp=from_params(self.head))
 
     def _gather(self, ids: np.ndarray) -> ShadingInputs:
         """Fills the work's samples and sums of rays `ids` [rays]; what shading them asks for."""

@@ -113,10 +113,11 @@ def test_what_has_moved_is_stored_by_the_formulas_in_every_copy_and_never_appear
 ) -> None:
     pack = pack_of(4, whole_blocks=True)
     tuner = Tuner(copied(pack), dataset, 4)
-    tuner.round_to(steps)
     delta = np.random.default_rng(0).normal(0, [0.2] * 3 + [1.5] + [0.2] * 4, tuner.delta.shape).astype(np.float32)
     delta[0] = 0
-    stored = tuner.tuned(tuner.snapshot()._replace(delta=delta))
+    tuner.delta[:] = delta
+    tuner.round_to(steps)
+    stored = tuner.tuned()
     cells = cells_of_atlas(pack, 4)
     exact = moved(pack, cells, delta.astype(float))
     alpha = exact.atlas_rgba[..., 3:]
@@ -151,7 +152,7 @@ def test_what_is_shown_scores_as_the_tuner_scores_it(dataset: RayDataset, monkey
     every = np.arange(dataset.count, dtype=np.int32)
     tuner = Tuner(copied(pack), dataset, 4)
     tuner.fill(every, SAMPLES, 0)
-    assert dataset.count <= joint_loop.HELD_OUT_RAYS, "so that all rays are looked at"
+    assert dataset.count <= joint_loop.SCORED_RAYS, "so that all rays are looked at"
     known = tuner.score(every)[0]
     assert tuner.work.whole[: len(every)].all(), "no ray is left out for want of room"
     assert joint_loop.shown_psnr(pack, dataset, 0) == pytest.approx(known, abs=0.005)
