@@ -19,7 +19,6 @@ from baker.commands.pack import main as snerg_pack
 from scenepack import check_pack, load_pack
 from scenepack.blocks import dense_from_pack
 from scenepack.codecs.quantisation import steps_of
-from tools.procedural import write_procedural_scene
 from training.commands.train import main as snerg_train
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
@@ -29,8 +28,8 @@ UNTUNED = ["--quality", "draft"]  # where it does not matter how good the pack i
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_procedural_scene(tmp_path_factory.mktemp("scene"), size=48, views=12, subpixels=2)
+def scene(procedural_path: Path) -> Path:
+    return procedural_path
 
 
 @pytest.fixture(scope="module")
