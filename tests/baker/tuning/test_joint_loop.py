@@ -6,13 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune
 from baker.tuning.marcher import PackMarcher
 from scenepack import check_pack
 from scenepack.codecs.quantisation import Steps
 from tests.baker.tuning.helpers import copied, pack_of
-from tests.scenepack.random_packs import random_pack, random_view_mlp
 from training.dataset import RayDataset
 
 pytestmark = pytest.mark.usefixtures("hardly_optimised")
@@ -38,19 +36,6 @@ def test_the_same_seed_gives_the_same_pack_so_that_a_bake_that_goes_on_ends_alik
 
 
 @pytest.mark.slow
-def test_tuning_that_makes_held_out_views_worse_leaves_the_pack_as_it_was(dataset: RayDataset) -> None:
-    pack = pack_of()
-    wild = replace(QUICK, rate=0.0, density_rate=50.0, head_rate=3.0)
-    tuned, figures = joint_tune(copied(pack), dataset, wild)
-    assert figures["held_out_psnr_after"] >= figures["held_out_psnr_before"]
-    if figures["held_out_psnr_after"] == figures["held_out_psnr_before"]:
-        assert np.array_equal(tuned.atlas_rgba, pack.atlas_rgba)
-    spoilt, worse = joint_tune(copied(pack), dataset, replace(wild, held_out=0))
-    assert worse["held_out_psnr_after"] < figures["held_out_psnr_after"], "without held-out views the last state counts"
-    assert not np.array_equal(spoilt.atlas_rgba, pack.atlas_rgba)
-
-
-@pytest.mark.slow
 def test_tuning_that_spoils_a_pack_which_shows_its_photographs_ends_soon_and_leaves_it(dataset: RayDataset) -> None:
     pack = pack_of(diffuse=True)
     sums = PackMarcher(pack, dataset).accumulate(np.arange(dataset.count, dtype=np.int32))
@@ -64,9 +49,7 @@ def test_tuning_that_spoils_a_pack_which_shows_its_photographs_ends_soon_and_lea
 
 @pytest.mark.slow
 @pytest.mark.parametrize("steps", [Steps(4, 16), Steps(4, 12, 8)])
-def test_in_coarse_steps_little_is_lost_and_all_that_is_stored_is_a_multiple_or_as_bright_as_can_be(
-    dataset: RayDataset, steps: Steps
-) -> None:
+def test_in_coarse_steps_little_is_lost_and_all_that_is_stored_is_a_multiple_or_as_bright_as_can_be(dataset, steps):
     pack = pack_of()
     empty = pack.atlas_rgba[..., 3] == 0
     coarse, figures = joint_tune(pack, dataset, replace(QUICK, held_out=0, steps=steps))
@@ -79,19 +62,3 @@ def test_in_coarse_steps_little_is_lost_and_all_that_is_stored_is_a_multiple_or_
     fine = joint_tune(pack_of(), dataset, replace(QUICK, held_out=0))[1]
     assert figures["held_out_psnr_after"] > fine["held_out_psnr_after"] - 0.5
     assert [f for f in check_pack(coarse) if f.severity in ("warning", "error")] == []
-
-
-# The view MLP alone
-
-
-def test_fine_tuning_brings_a_spoilt_view_mlp_closer_to_the_photographs(scene, dataset) -> None:
-    pack = random_pack(np.random.default_rng(7), block_size=14, grid_blocks=(3, 3, 3))
-    size = np.array(pack.grid_size) * 0.05
-    spoilt = random_view_mlp(np.random.default_rng(8))
-    pack = replace(pack, voxel_size=0.05, min_xyz=-0.5 * size, view_mlp=spoilt)
-    tuned, before, after = fine_tune(pack, dataset, epochs=500)
-    assert after > before + 0.5
-    assert tuned.view_mlp is not None and not np.array_equal(tuned.view_mlp.weights[0], spoilt.weights[0])
-    assert tuned.atlas_rgba is pack.atlas_rgba, "the grid is left as it is"
-    diffuse = replace(pack, view_mlp=None, atlas_features=None)
-    assert fine_tune(diffuse, dataset, epochs=3)[0] is diffuse, "which has nothing to tune"
