@@ -58,9 +58,7 @@ WORK = ("viewer.commands.render.load_pack", "viewer.commands.bench.load_pack", "
         (snerg_render, "{pack} --out {out}.mp4 --orbit 2 --fps 0", "--fps"),
     ],
 )
-def test_what_cannot_end_well_is_refused_before_the_work(
-    command: Main, words: str, expected: str, places: dict[str, str], refused: Refused, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_end_well_is_refused_before_the_work(command, words, expected, places, refused, monkeypatch):
     def begin(*_: object, **__: object) -> None:
         raise AssertionError("the work has begun")
 
@@ -89,9 +87,7 @@ def test_what_cannot_end_well_is_refused_before_the_work(
         ("export points.ply --spacing 0", "--spacing"),
     ],
 )  # fmt: skip
-def test_snerg_pack_refuses_what_cannot_be_and_writes_nothing(
-    words: str, expected: str, places: dict[str, str], refused: Refused, tmp_path: Path
-) -> None:
+def test_snerg_pack_refuses_what_cannot_be_and_writes_nothing(words, expected, places, refused, tmp_path):
     command, *options = words.split()
     out = ["--to", tmp_path / options.pop(0)] if command == "export" else ["--out", tmp_path / "new"]
     assert expected in refused(snerg_pack, command, places["pack"], *out, *options)

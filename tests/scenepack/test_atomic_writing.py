@@ -91,9 +91,7 @@ def test_a_pack_set_aside_by_a_killed_writer_is_put_back_by_the_next_reader(tmp_
 
 @pytest.mark.parametrize("name", ["pack", "pack.zip"])
 @pytest.mark.parametrize("kind", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_a_writer_that_fails_half_way_leaves_the_old_pack_and_nothing_else(
-    tmp_path: Path, name: str, kind: BaseException, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_writer_that_fails_half_way_leaves_the_old_pack_and_nothing_else(tmp_path, name, kind, monkeypatch):
     target = written(tmp_path / name, OLD)
     real, written_files = writer_module.encode_png, []
 

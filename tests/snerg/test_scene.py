@@ -69,9 +69,7 @@ def test_every_mode_gives_numbers_that_agree(toy: Path, camera: snerg.Camera) ->
     assert (rgba[seen][:, 3] >= 252).all() and (rgba[empty][:, 3] == 0).all() and features[seen].min() > 0
 
 
-def test_scenes_that_are_open_at_once_do_not_disturb_one_another(
-    toy: Path, camera: snerg.Camera, tmp_path: Path
-) -> None:
+def test_scenes_that_are_open_at_once_do_not_disturb_one_another(toy, camera, tmp_path):
     save_pack(toy_pack(view_mlp=False), tmp_path / "other.zip")
     with snerg.load(toy) as one:
         alone = one.render(camera)
@@ -185,9 +183,7 @@ def test_a_cell_shows_the_page_in_a_frame(toy: Path, cell: list) -> None:
     assert "<script" not in text  # it is text of an attribute
 
 
-def test_a_cell_shows_a_picture_where_there_can_be_no_page(
-    toy: Path, cell: list, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cell_shows_a_picture_where_there_can_be_no_page(toy, cell, monkeypatch):
     def refuse(*_: object) -> bytes:
         raise UserError("the pack is too large for a web page")
 

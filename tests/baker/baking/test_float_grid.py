@@ -47,9 +47,7 @@ def test_rounded_it_is_the_pack_in_every_copy(pack: Pack, floats: FloatGrid) -> 
         np.testing.assert_array_equal(mine[..., 4:], block_copy(pack, pack.atlas_features, block))
 
 
-def test_what_is_rounded_is_drawn_as_the_reference_draws_the_pack_and_what_is_not_differs(
-    run: Run, pack: Pack, floats: FloatGrid
-) -> None:
+def test_what_is_rounded_is_drawn_as_the_reference_draws_the_pack_and_what_is_not_differs(run, pack, floats):
     camera = run.scene.splits["test"][0].camera
     values = np.round(255 * floats.values) / np.float32(255)
     values[values[:, 3] == 0] = 0

@@ -11,14 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from baker.baking import bake as baking
 from baker.baking import passes
-from baker.baking.config import BakeConfig, BakePreset
+from baker.baking.config import BakeConfig
 from baker.baking.passes import passes_of, with_views_between
 from scenepack import Pack
 from scenepack.blocks import dense_from_pack
 from tests.scenepack.random_packs import random_pack
 from training.dataset import RayDataset
 from training.run import load_run
-from training.scenes import Scene
 
 STORED = Path(__file__).parents[2] / "data/runs"
 
@@ -28,9 +27,7 @@ class HandedOver(Exception):
 
 
 @pytest.mark.parametrize("preset", ["snerg", "paper"])
-def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(
-    scene: Scene, dataset: RayDataset, monkeypatch: pytest.MonkeyPatch, preset: BakePreset
-) -> None:
+def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(scene, dataset, monkeypatch, preset):
     gains = np.ones((dataset.views, 3), np.float32)
     gains[:, 0] = np.linspace(0.5, 1.5, dataset.views)
     seen: list[RayDataset] = []
