@@ -87,14 +87,6 @@ def test_work_that_says_nothing_still_shows_that_time_passes(clock, capsys, monk
 # The time that is left: no promise before it means something, and none that stands still
 
 
-def test_even_work_is_told_right_after_a_few_updates_and_seconds() -> None:
-    estimate = Estimate(100)
-    for second in range(1, 100):
-        estimate.update(second, second)
-        left = estimate.left(second)
-        assert left is None if second <= 5 else left == pytest.approx(100 - second, abs=1e-6)
-
-
 def test_a_first_step_that_compiles_makes_no_promise() -> None:
     """110 steps, of which the first takes five minutes and each other a second."""
     estimate, estimates = Estimate(110), []

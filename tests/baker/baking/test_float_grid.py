@@ -1,7 +1,6 @@
 """A bake before it is quantised: rounded it is the pack, and it is drawn by the pack's rules."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,17 +12,17 @@ from baker.reports.float_pictures import float_pictures
 from scenepack.blocks import block_copy
 from scenepack.pack import Pack
 from tests.reference_marcher import render_reference
+from tests.stored_runs import SCENE, STORED
 from training.run import Run, load_run
 from viewer.rendering.camera import ViewCamera
 
-STORED = Path(__file__).parents[2] / "data/runs"
 CONFIG = BakeConfig(resolution=45, preset="paper", quality="draft")
 
 
 @pytest.fixture(scope="module")
 def run() -> Run:
     """Of an older version, so that nothing is trained here."""
-    return load_run(STORED / "nerf", scene_path=STORED / "scene")
+    return load_run(STORED / "nerf", scene_path=SCENE)
 
 
 @pytest.fixture(scope="module")
