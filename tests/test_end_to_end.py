@@ -36,7 +36,7 @@ def scene(procedural_path: Path) -> Path:
 def made(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What snerg-make leaves: run/ and pack/."""
     out = tmp_path_factory.mktemp("made") / "out"
-    assert snerg_make([str(scene), "--out", str(out), "--preset", "tiny", "--resolution", "60", "--no-view"]) == 0
+    assert snerg_make([str(scene), "--out", str(out), "--preset", "tiny", "--resolution", "40", "--no-view"]) == 0
     return out
 
 
