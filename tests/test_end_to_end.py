@@ -19,7 +19,6 @@ from baker.commands.pack import main as snerg_pack
 from scenepack import check_pack, load_pack
 from scenepack.blocks import dense_from_pack
 from scenepack.codecs.quantisation import steps_of
-from tools.procedural import write_procedural_scene
 from training.commands.train import main as snerg_train
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
@@ -29,21 +28,19 @@ UNTUNED = ["--quality", "draft"]  # where it does not matter how good the pack i
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_procedural_scene(tmp_path_factory.mktemp("scene"), size=48, views=12, subpixels=2)
+def scene(procedural_path: Path) -> Path:
+    return procedural_path
 
 
 @pytest.fixture(scope="module")
 def made(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What snerg-make leaves: run/ and pack/."""
     out = tmp_path_factory.mktemp("made") / "out"
-    assert snerg_make([str(scene), "--out", str(out), "--preset", "tiny", "--resolution", "60", "--no-view"]) == 0
+    assert snerg_make([str(scene), "--out", str(out), "--preset", "tiny", "--resolution", "40", "--no-view"]) == 0
     return out
 
 
-def test_photographs_become_a_pack_whose_pictures_are_near_the_photographs(
-    made: Path, scene: Path, tmp_path: Path, capsys
-) -> None:
+def test_photographs_become_a_pack_whose_pictures_are_near_the_photographs(made, scene, tmp_path, capsys):
     scores = {}
     for subject in ("run", "pack"):
         report = tmp_path / f"{subject}.json"
@@ -130,9 +127,7 @@ def test_a_view_can_be_rendered_and_timed(made: Path, scene: Path, tmp_path: Pat
 
 
 @pytest.mark.parametrize("there", [False, True])
-def test_a_bad_scene_gives_one_line_from_every_command_that_reads_scenes(
-    there: bool, made: Path, scene: Path, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_a_bad_scene_gives_one_line_from_every_command_that_reads_scenes(there, made, scene, tmp_path, refused):
     bad = tmp_path / "bad"
     if there:
         shutil.copytree(scene, bad)
@@ -154,9 +149,7 @@ def cut_short(file: Path) -> None:
 
 
 @pytest.mark.parametrize("there", [False, True])
-def test_a_bad_pack_gives_one_line_from_every_command_that_reads_packs(
-    there: bool, made: Path, scene: Path, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_a_bad_pack_gives_one_line_from_every_command_that_reads_packs(there, made, scene, tmp_path, refused):
     bad = tmp_path / "bad"
     if there:
         shutil.copytree(made / "pack", bad)
@@ -182,9 +175,7 @@ def test_a_folder_that_is_no_run_cannot_be_baked(tmp_path: Path, scene: Path, re
 
 
 @pytest.mark.slow
-def test_a_run_that_is_no_deferred_model_cannot_be_baked_and_says_so(
-    scene: Path, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_a_run_that_is_no_deferred_model_cannot_be_baked_and_says_so(scene, tmp_path, refused):
     small = "--steps 2 --batch-size 32 --nerf.depth 1 --nerf.width 8 --nerf.coarse-samples 4 --nerf.fine-samples 4"
     line = [str(scene), "--out", str(tmp_path / "run"), "--preset", "jaxnerf", "--downscale", "6", *small.split()]
     assert snerg_train([*line, "--nerf.gradient-rays", "0"]) == 0
@@ -194,9 +185,7 @@ def test_a_run_that_is_no_deferred_model_cannot_be_baked_and_says_so(
 
 
 @pytest.mark.slow
-def test_a_field_with_nothing_in_it_cannot_be_baked(
-    made: Path, tmp_path: Path, refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_field_with_nothing_in_it_cannot_be_baked(made, tmp_path, refused, monkeypatch):
     monkeypatch.setattr(culling, "TAU_ALPHA", 1.0)  # fainter than this is all
     line = refused(snerg_bake, made / "run", "--out", tmp_path / "pack", "--resolution", "40")
     assert "contains nothing" in line and str(made / "run") in line
@@ -204,9 +193,7 @@ def test_a_field_with_nothing_in_it_cannot_be_baked(
 
 
 @pytest.mark.slow
-def test_a_disk_without_room_costs_one_line_and_the_old_pack_stays(
-    made: Path, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_a_disk_without_room_costs_one_line_and_the_old_pack_stays(made, tmp_path, refused):
     """Files beyond 20 kB are refused by the system, as they are by a full disk: of the bake's work, or of the pack."""
     resource = pytest.importorskip("resource")
     pack = Path(shutil.copytree(made / "pack", tmp_path / "pack"))

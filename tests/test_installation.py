@@ -108,9 +108,7 @@ def test_the_wheel_carries_shaders_demo_and_every_module(wheel: Path) -> None:
     assert {name.split("/")[0] for name in names if ".dist-info" not in name} == {"snerg", "snerg_commands.py"}
 
 
-def test_modules_of_the_current_folder_and_ours_do_not_shadow_one_another(
-    installed: Path, demo: Path, tmp_path: Path
-) -> None:
+def test_modules_of_the_current_folder_and_ours_do_not_shadow_one_another(installed, demo, tmp_path):
     for name in PACKAGES:
         (tmp_path / f"{name}.py").write_text("mine = True\n")
     (tmp_path / "viewer.py").unlink()
@@ -144,9 +142,7 @@ def test_whatever_an_extra_brings_is_told_with_its_name() -> None:
 
 
 @pytest.mark.parametrize("name", TRAINER)
-def test_a_command_of_the_trainer_says_in_one_line_what_to_install(
-    installed: Path, demo: Path, tmp_path: Path, name: str
-) -> None:
+def test_a_command_of_the_trainer_says_in_one_line_what_to_install(installed, demo, tmp_path, name):
     scene = write_procedural_scene(tmp_path / "scene", size=16, views=2, subpixels=1)
     words = [demo, "--scene", scene] if name == "snerg-eval" else [scene, "--out", tmp_path / "out"]
     done = call(installed, name, *words, cwd=tmp_path)

@@ -18,7 +18,6 @@ from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
 from tests.viewer.rendering.shapes import shapes_pack
 from tools.card.__main__ import main as card_report
-from tools.procedural import write_procedural_scene
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
 from viewer.rendering.gpu_memory import Limits
@@ -28,13 +27,12 @@ Refused = Callable[..., str]
 
 
 @pytest.fixture(scope="module")
-def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def places(tmp_path_factory: pytest.TempPathFactory, procedural_path: Path) -> dict[str, str]:
     """A pack, a scene, and places where no file can be: below a file, and in place of a folder."""
     folder = tmp_path_factory.mktemp("results")
     save_pack(small_pack(), folder / "pack")
-    write_procedural_scene(folder / "scene", size=48, views=2, subpixels=1)
     (folder / "file").write_text("in the way of a folder")
-    names = {"pack": "pack", "scene": "scene", "below": "file/deep/results", "folder": "scene", "out": "out"}
+    names = {"pack": "pack", "scene": procedural_path, "below": "file/deep/results", "folder": "pack", "out": "out"}
     return {name: str(folder / path) for name, path in names.items()}
 
 
@@ -60,9 +58,7 @@ WORK = ("viewer.commands.render.load_pack", "viewer.commands.bench.load_pack", "
         (snerg_render, "{pack} --out {out}.mp4 --orbit 2 --fps 0", "--fps"),
     ],
 )
-def test_what_cannot_end_well_is_refused_before_the_work(
-    command: Main, words: str, expected: str, places: dict[str, str], refused: Refused, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_end_well_is_refused_before_the_work(command, words, expected, places, refused, monkeypatch):
     def begin(*_: object, **__: object) -> None:
         raise AssertionError("the work has begun")
 
@@ -91,9 +87,7 @@ def test_what_cannot_end_well_is_refused_before_the_work(
         ("export points.ply --spacing 0", "--spacing"),
     ],
 )  # fmt: skip
-def test_snerg_pack_refuses_what_cannot_be_and_writes_nothing(
-    words: str, expected: str, places: dict[str, str], refused: Refused, tmp_path: Path
-) -> None:
+def test_snerg_pack_refuses_what_cannot_be_and_writes_nothing(words, expected, places, refused, tmp_path):
     command, *options = words.split()
     out = ["--to", tmp_path / options.pop(0)] if command == "export" else ["--out", tmp_path / "new"]
     assert expected in refused(snerg_pack, command, places["pack"], *out, *options)

@@ -69,10 +69,6 @@ class Stopwatch:
         self.laps.setdefault(name, []).append(Times(1000 * wall, 1000 * cpu))
         self.start()
 
-    def forget(self) -> None:
-        """Drops all laps: they were of a round that compiled."""
-        self.laps.clear()
-
     def medians(self) -> dict[str, Times]:
         """Of each name, over the rounds."""
         return {name: Times(*(float(v) for v in np.median(laps, axis=0))) for name, laps in self.laps.items()}
@@ -187,7 +183,7 @@ def profile(
             jax.block_until_ready(left)
             watch.lap(name)
         if not turn:  # the first compiles
-            watch.forget()
+            watch = Stopwatch()
         samples.append(float(left["samples"]))
         rays = int(left["rays"])
         on_share((turn + 1) / (rounds + 1))

@@ -9,7 +9,6 @@ Notation: opacity is that of one voxel inside of a surface, which is SHELL voxel
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +17,9 @@ from console import UserError, check_results, run_command, write_json
 from console.arguments import parse_numbers
 from console.plots import Line, Plot, draw_plots, require_plots
 from scenepack.blocks import atlas_from_volume, grid_block_counts
-from scenepack.constants import VIEW_MLP_WIDTHS
-from scenepack.pack import Pack, ViewMlp
+from scenepack.pack import Pack
 from tests.scenepack.volumes import pack_of_cube
+from tests.viewer.rendering.shapes import BLENDER_FRAME, glossy_mlp
 from viewer.benchmark.frames import Contender, measure
 from viewer.rendering.camera import orbit_path
 from viewer.rendering.settings import RenderSettings
@@ -28,7 +27,6 @@ from viewer.rendering.settings import RenderSettings
 BLOCK_SIZE = 30
 SHELL = 3.0  # voxels
 FOV = 39.0  # degrees, the synthetic protocol's
-BLENDER_FRAME = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 OPACITIES = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
 MIDDLE_SIDE = 200  # pixels, where something else varies
 VARIED = {"resolution": "voxels", "size": "pixels", "opacity": "opacity"}
@@ -67,12 +65,7 @@ def carved_pack(side: int, opacity: float = 1.0) -> Pack:
     reach = (np.sqrt(3.0) * (0.5 * BLOCK_SIZE + 1.0) + SHELL) * voxel
     occupied = surface_distance(*reversed(np.ix_(middles, middles, middles))) < reach
     atlas = atlas_from_volume(read_box, (side, side, side), BLOCK_SIZE, occupied)
-    rng = np.random.default_rng(0)
-    layers = list(pairwise(VIEW_MLP_WIDTHS))
-    w0, w1, w2 = (rng.normal(0, 1.2 / np.sqrt(n), (n, m)).astype(np.float32) for n, m in layers)
-    b0, b1, b2 = (np.full(m, -0.3, np.float32) for _, m in layers)
-    mlp = ViewMlp((w0, w1, w2), (b0, b1, b2))
-    return pack_of_cube(side, BLOCK_SIZE, atlas, mlp, BLENDER_FRAME)
+    return pack_of_cube(side, BLOCK_SIZE, atlas, glossy_mlp(), BLENDER_FRAME)
 
 
 def times(pack: Pack, side: int, frames: int, reference: Pack) -> dict[str, float]:

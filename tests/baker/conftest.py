@@ -2,11 +2,8 @@
 
 import pytest
 
-from tests.training.conftest import procedural_path, procedural_scene
 from training.dataset import RayDataset, make_dataset
 from training.scenes import Scene
-
-__all__ = ["procedural_path", "procedural_scene"]
 
 
 @pytest.fixture(scope="session")

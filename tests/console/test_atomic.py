@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -48,9 +48,7 @@ def film(path: Path) -> None:
         ("step_00000007.safetensors", lambda path: write_checkpoint(path.parent, 7, {"a": np.zeros(3, np.float32)})),
     ],
 )
-def test_what_a_person_keeps_is_flushed_before_it_takes_its_place(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, write: Callable[[Path], Any]
-) -> None:
+def test_what_a_person_keeps_is_flushed_before_it_takes_its_place(tmp_path, monkeypatch, name, write):
     steps: list[str] = []
     sync, replace = os.fsync, os.replace
 
@@ -157,9 +155,7 @@ def test_one_that_is_killed_stands_in_nobodys_way(tmp_path: Path) -> None:
      ("views", snerg_render, "{pack} --size 16x16 --orbit 2"), ("pack.zip", snerg_pack, "convert {pack} --codec png"),
      ("pack", snerg_pack, "convert {pack} --codec png")],
 )  # fmt: skip
-def test_a_command_says_that_another_one_writes_there(
-    tmp_path: Path, out: str, command: Callable[[list[str]], int], words: str, refused: Callable[..., str]
-) -> None:
+def test_a_command_says_that_another_one_writes_there(tmp_path, out, command, words, refused):
     save_pack(small_pack(), tmp_path / "source")
     line = [*words.format(pack=tmp_path / "source").split(), "--out", str(tmp_path / "new" / out)]
     (tmp_path / "new").mkdir()

@@ -20,9 +20,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
     return lambda seconds: now.__setitem__(0, 100.0 + seconds)
 
 
-def test_plain_lines_come_every_ten_seconds_and_at_the_end(
-    clock: Callable[[float], None], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_plain_lines_come_every_ten_seconds_and_at_the_end(clock, capsys):
     with progress("training", 100) as bar:
         for step in range(1, 101):
             clock(step / 2)
@@ -50,9 +48,7 @@ def test_durations_read_well(seconds: float, text: str) -> None:
     assert duration(seconds) == text
 
 
-def test_work_taken_up_again_counts_from_its_place_in_the_whole_and_its_time_from_now(
-    clock: Callable[[float], None], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_work_taken_up_again_counts_from_its_place_in_the_whole_and_its_time_from_now(clock, capsys):
     with progress("training", 1000, begun=600) as bar:
         assert bar.done == 600
         for second in (1, 5, 10):
@@ -67,9 +63,7 @@ def test_work_taken_up_again_counts_from_its_place_in_the_whole_and_its_time_fro
         assert bar.seconds_left == pytest.approx(30)
 
 
-def test_work_that_says_nothing_still_shows_that_time_passes(
-    clock: Callable[[float], None], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_work_that_says_nothing_still_shows_that_time_passes(clock, capsys, monkeypatch):
     monkeypatch.setattr(sys.modules["console.progress"], "BEAT_S", 0.01)
 
     def printed() -> str:
@@ -91,14 +85,6 @@ def test_work_that_says_nothing_still_shows_that_time_passes(
 
 
 # The time that is left: no promise before it means something, and none that stands still
-
-
-def test_even_work_is_told_right_after_a_few_updates_and_seconds() -> None:
-    estimate = Estimate(100)
-    for second in range(1, 100):
-        estimate.update(second, second)
-        left = estimate.left(second)
-        assert left is None if second <= 5 else left == pytest.approx(100 - second, abs=1e-6)
 
 
 def test_a_first_step_that_compiles_makes_no_promise() -> None:

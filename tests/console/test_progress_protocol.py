@@ -55,9 +55,7 @@ def test_a_program_reads_stage_and_metrics_not_text(tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize("bug", [False, True])
-def test_why_a_command_failed_is_data_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], bug: bool
-) -> None:
+def test_why_a_command_failed_is_data_too(tmp_path, monkeypatch, capsys, bug):
     file = tmp_path / "progress.json"
     monkeypatch.setenv(PROGRESS, str(file))
 

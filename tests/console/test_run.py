@@ -38,9 +38,7 @@ def raising(error: BaseException) -> Any:
     return command
 
 
-def test_parameters_become_options_and_flags_and_a_number_returned_the_status(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_parameters_become_options_and_flags_and_a_number_returned_the_status(capsys):
     assert run_command(train, prog="t", args=["S", "--out", "O", "--max-steps", "5", "--resume"]) == 0
     assert capsys.readouterr().out == "S O cpu 5 True\n"
     assert run_command({"train": train, "stop": lambda: None}, prog="t", args=["train", "S", "--out", "O"]) == 0
@@ -61,9 +59,7 @@ def test_parameters_become_options_and_flags_and_a_number_returned_the_status(
         ("S --out O --max-steps " + "9" * 100 + "x", ["9" * 100]),
     ],
 )
-def test_bad_arguments_are_status_two_and_one_line(
-    words: str, expected: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_arguments_are_status_two_and_one_line(words, expected, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "50")
     assert run_command(train, prog="snerg-t", args=words.split()) == 2
     out, err = capsys.readouterr()
@@ -81,9 +77,7 @@ def test_help_is_status_zero_with_defaults_and_no_negative_flags(capsys: pytest.
     assert err == ""
 
 
-def test_help_breaks_lines_where_the_terminal_ends_not_where_the_source_does(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_help_breaks_lines_where_the_terminal_ends_not_where_the_source_does(capsys, monkeypatch):
     def command(size: int = 3) -> None:
         """Does it.
 
@@ -164,9 +158,7 @@ def test_a_reader_that_goes_away_does_not_stop_the_work(stream: str, tmp_path: P
 
 
 @pytest.mark.parametrize("kind", ["error", "warning"])
-def test_no_control_character_reaches_the_terminal_and_no_line_is_endless(
-    kind: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_control_character_reaches_the_terminal_and_no_line_is_endless(kind, capsys):
     name = "\x1b[31m\x1b]0;title\x07\x9b2J" + "a" * 1_000_000 + "end"
 
     def command() -> None:

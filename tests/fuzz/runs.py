@@ -9,13 +9,12 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from tests.stored_runs import SCENE, STORED
 from training.commands.train import FREE, changed_settings
 from training.recorder import Recorder, draw_curves, read_metrics, write_report
 from training.run import Run, read_description, resume_run
 
-STORED = Path(__file__).parents[1] / "data" / "runs"
 BASES = ("nerf", "multires")
-SCENE = "scene"
 
 
 def write_base(name: str, folder: Path) -> None:
@@ -27,9 +26,7 @@ def write_base(name: str, folder: Path) -> None:
 
 def prepare(place: Path) -> Path:
     """The photographs of all runs; where they lie."""
-    if not (place / SCENE).is_dir():
-        shutil.copytree(STORED / SCENE, place / SCENE)
-    return place / SCENE
+    return shutil.copytree(SCENE, place / "scene", dirs_exist_ok=True)
 
 
 def open_it(path: Path, base: str, scene: Path) -> None:

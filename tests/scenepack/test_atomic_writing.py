@@ -1,28 +1,76 @@
-"""A killed or failing writer leaves the old pack or the new one, and never deletes what is not a pack."""
+"""A killed or failing writer leaves the old pack or the new one, and never deletes what is not a pack.
+
+`python -m tests.scenepack.test_atomic_writing TARGET SWAP` lets children die as if by kill -9 just before their first, second, …
+file system call. SWAP: "exchange", or "renames" (as where the system cannot exchange).
+"""
 
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from console import UserError
+from console import UserError, atomic
 from scenepack import check_target, load_pack, save_pack
 from scenepack import writer as writer_module
-from tests.scenepack.crashing_writer import DIED, PACKS
-from tests.scenepack.helpers import same_pack, written
+from tests.scenepack.helpers import same_pack, small_pack, written
 
-OLD, NEW = PACKS
 ROOT = Path(__file__).parents[2]
+DIED = 77
+# Of few files, since each is flushed to the disk.
+OLD, NEW = (small_pack(seed, block_size=2, grid_blocks=(2, 1, 1), occupancy=0.9) for seed in (1, 2))
+
+
+def die_at(step: int) -> None:
+    """Makes the process end, with no clean-up, before the given call."""
+    count = 0
+
+    def dying(function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            nonlocal count
+            count += 1
+            if count == step:
+                os._exit(DIED)
+            return function(*args, **kwargs)
+
+        return call
+
+    for owner, name in ((os, "rename"), (os, "replace"), (os, "fsync"), (os, "unlink"), (os, "rmdir"), (os, "mkdir")):
+        setattr(owner, name, dying(getattr(owner, name)))
+    setattr(atomic, "exchange", dying(atomic.exchange))  # noqa: B010
+    setattr(Path, "write_bytes", dying(Path.write_bytes))  # noqa: B010
+
+
+def die_at_each_step(target: Path) -> None:
+    """Prints a line for each step: the dead writer's status, which pack is found then, and whether all is
+    tidy after the next writer. Forks here, in a process without the threads of a whole test run.
+    """
+    for step in range(1, 200):
+        save_pack(OLD, target, png_level=0)
+        child = os.fork()
+        if child == 0:
+            die_at(step)
+            save_pack(NEW, target, png_level=0)
+            os._exit(0)
+        status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        pack = load_pack(target)
+        found = [name for name, known in (("old", OLD), ("new", NEW)) if same_pack(pack, known)]
+        save_pack(OLD, target, png_level=0)
+        tidy = not [name for name in os.listdir(target.parent) if name.startswith(".")]
+        print(status, *found, "tidy" if tidy else "untidy", flush=True)
+        if status == 0:
+            return
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs os.fork")
 @pytest.mark.parametrize(("swap", "name"), [("exchange", "pack"), ("renames", "pack"), ("exchange", "pack.zip")])
 def test_a_kill_before_any_single_step_leaves_the_old_pack_or_the_new_one(tmp_path: Path, swap: str, name: str) -> None:
-    words = [sys.executable, "-m", "tests.scenepack.crashing_writer", str(tmp_path / name), swap]
+    words = [sys.executable, "-m", "tests.scenepack.test_atomic_writing", str(tmp_path / name), swap]
     output = subprocess.run(words, capture_output=True, text=True, check=True, cwd=ROOT).stdout
     lines = [line.split() for line in output.splitlines()]
     assert [status for status, *_ in lines] == [str(DIED)] * (len(lines) - 1) + ["0"]
@@ -43,9 +91,7 @@ def test_a_pack_set_aside_by_a_killed_writer_is_put_back_by_the_next_reader(tmp_
 
 @pytest.mark.parametrize("name", ["pack", "pack.zip"])
 @pytest.mark.parametrize("kind", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_a_writer_that_fails_half_way_leaves_the_old_pack_and_nothing_else(
-    tmp_path: Path, name: str, kind: BaseException, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_writer_that_fails_half_way_leaves_the_old_pack_and_nothing_else(tmp_path, name, kind, monkeypatch):
     target = written(tmp_path / name, OLD)
     real, written_files = writer_module.encode_png, []
 
@@ -88,3 +134,9 @@ def test_files_of_the_wrong_kind_are_never_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / "file").read_bytes() == (tmp_path / "photos.zip").read_bytes() == b"dear"
     with pytest.raises(UserError):
         save_pack(NEW, Path("/"))
+
+
+if __name__ == "__main__":
+    if sys.argv[2] == "renames":
+        setattr(atomic, "exchange", lambda first, second: False)  # noqa: B010
+    die_at_each_step(Path(sys.argv[1]))

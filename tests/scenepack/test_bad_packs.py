@@ -5,7 +5,7 @@ import struct
 import tracemalloc
 import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -107,9 +107,7 @@ def test_a_forward_facing_pack_needs_a_usable_camera(tmp_path: Path) -> None:
         ("atlas_indices.png", None, ("is missing",)),
     ],
 )
-def test_images_that_do_not_fit_are_refused(
-    tmp_path: Path, name: str, change: Callable[[np.ndarray], np.ndarray] | None, words: tuple[str, ...]
-) -> None:
+def test_images_that_do_not_fit_are_refused(tmp_path, name, change, words):
     folder = written(tmp_path / "pack")
     if change is None:
         (folder / name).unlink()
@@ -188,9 +186,7 @@ def test_a_grid_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(tmp
 
 
 @pytest.mark.parametrize("codec", ["png", "webp"])
-def test_a_pack_for_which_memory_is_too_small_is_refused_with_both_sizes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, codec: str
-) -> None:
+def test_a_pack_for_which_memory_is_too_small_is_refused_with_both_sizes(tmp_path, monkeypatch, codec):
     folder = tmp_path / "pack"
     save_pack(small_pack(), folder, codec=codec)
     monkeypatch.setattr("scenepack.files.free_memory", lambda: 1000)

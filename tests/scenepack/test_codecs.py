@@ -102,21 +102,13 @@ def test_more_quality_is_more_bytes_and_less_error(codec: str, pack: Pack, tmp_p
             save_pack(pack, tmp_path / "pack", codec=codec, quality=quality)
 
 
-def spoilt(data: bytes, how: str) -> bytes:
-    half = len(data) // 2
-    noise = np.random.default_rng(1).integers(0, 256, len(data) - half, dtype=np.uint8).tobytes()
-    return {"empty": b"", "cut": data[:half], "noise": noise, "head cut": data[:20]}[how]
-
-
-@pytest.mark.parametrize("how", ["empty", "cut", "noise", "head cut"])
-def test_a_spoilt_file_of_any_kind_is_refused_in_one_line_that_names_it(
-    codec: str, pack: Pack, tmp_path: Path, how: str
-) -> None:
+def test_a_file_of_any_kind_that_is_cut_off_is_refused_in_one_line_that_names_it(codec, pack, tmp_path):
+    """Otherwise spoilt ones: tests.fuzz."""
     save_pack(pack, tmp_path / "pack", codec=codec)
     kinds = {file.name.rstrip("0123456789_.").split("_0")[0]: file for file in images(tmp_path / "pack")}
     for file in kinds.values():
         good = file.read_bytes()
-        file.write_bytes(spoilt(good, how))
+        file.write_bytes(good[: len(good) // 2])
         with pytest.raises(UserError, match=file.name) as caught:
             load_pack(tmp_path / "pack")
         assert "\n" not in str(caught.value)
@@ -142,9 +134,7 @@ def test_a_file_of_another_size_is_refused_before_it_is_decoded(codec: str, pack
     assert refused
 
 
-def test_without_pyav_h264_is_told_in_one_line_and_all_else_works(
-    pack: Pack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_pyav_h264_is_told_in_one_line_and_all_else_works(pack, tmp_path, monkeypatch):
     real = builtins.__import__
 
     def without(name: str, *rest: Any, **named: Any) -> Any:
@@ -165,9 +155,7 @@ def test_without_pyav_h264_is_told_in_one_line_and_all_else_works(
 # --- snerg-pack convert ---
 
 
-def test_converting_there_and_back_without_loss_gives_the_same_pack(
-    pack: Pack, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_converting_there_and_back_without_loss_gives_the_same_pack(pack, tmp_path, capsys):
     source = written(tmp_path / "a", pack.with_metadata(cameras=[1, 2]))
     assert main(["convert", str(source), "--out", str(tmp_path / "b.zip"), "--codec", "webp"]) == 0
     assert "% of" in capsys.readouterr().out
@@ -178,9 +166,7 @@ def test_converting_there_and_back_without_loss_gives_the_same_pack(
         assert (tmp_path / "c" / file.name).exists()
 
 
-def test_converting_in_place_replaces_the_pack_and_with_a_lossy_codec_only_by_force(
-    pack: Pack, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_converting_in_place_replaces_the_pack_and_with_a_lossy_codec_only_by_force(pack, tmp_path, capsys):
     source = written(tmp_path / "a", pack)
     before = {file.name: file.read_bytes() for file in source.iterdir()}
     (tmp_path / "link").symlink_to(source)
@@ -210,18 +196,14 @@ def in_steps(pack: Pack, colour: int, feature: int, opacity: int = 1) -> Pack:
 
 
 @pytest.mark.parametrize("steps", [(4, 16), (4, 1), (1, 16), (3, 100), (4, 16, 4), (1, 1, 7)])
-def test_webp_counts_in_the_steps_that_values_are_in_and_loses_nothing(
-    pack: Pack, tmp_path: Path, steps: tuple[int, ...]
-) -> None:
+def test_webp_counts_in_the_steps_that_values_are_in_and_loses_nothing(pack, tmp_path, steps):
     coarse = in_steps(pack, *steps)
     save_pack(coarse, tmp_path / "pack", codec="webp")
     assert read_json(tmp_path / "pack")["snerg"]["codec_settings"]["steps"] == list(steps)
     assert same_pack(load_pack(tmp_path / "pack"), coarse)
 
 
-def test_what_is_counted_in_steps_takes_fewer_bytes(
-    pack: Pack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_counted_in_steps_takes_fewer_bytes(pack, tmp_path, monkeypatch):
     sizes = []
     for found in (steps_of, lambda *_: EXACT):
         monkeypatch.setattr("scenepack.piece_files.steps_of", found)

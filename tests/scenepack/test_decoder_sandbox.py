@@ -73,9 +73,7 @@ def is_gone(process: Path) -> bool:
 
 
 @pytest.mark.parametrize("lines, message", [(HANGS, "did not come to an end within"), (CRASHES, "crashed")])
-def test_a_decoder_that_hangs_or_crashes_is_an_error_that_names_the_file(
-    pack: Path, decoder: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch, lines: str, message: str
-) -> None:
+def test_a_decoder_that_hangs_or_crashes_is_an_error_that_names_the_file(pack, decoder, monkeypatch, lines, message):
     monkeypatch.setattr(decoder_sandbox, "PATIENCE_S", 0.5)
     began = decoder(lines)
     with pytest.raises(UserError, match=rf"rgba_00\d_0\.webp: cannot be decoded: its decoder {message}"):

@@ -55,9 +55,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
 @pytest.mark.parametrize(
     "text", [SDP, SDP.replace("v=0\n", "v=0\nftyp\n"), "\0\0\0\x18ftypisom" + SDP], ids=["sdp", "ftyp line", "ftyp box"]
 )
-def test_text_that_reads_as_a_session_description_opens_no_socket(
-    tmp_path: Path, text: str, opened: list[bool], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_text_that_reads_as_a_session_description_opens_no_socket(tmp_path, text, opened, capsys):
     folder = tmp_path / "pack"
     save_pack(small_pack(), folder, codec="h264")
     opened.clear()

@@ -158,9 +158,7 @@ def as_pack(params: dict[str, Any]) -> dict[str, bytes]:
         ("empty.splat", b"", "a file of 3D Gaussians"),
     ],
 )
-def test_what_other_programs_wrote_is_named(
-    file: str, content: bytes | dict[str, bytes], name: str, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_what_other_programs_wrote_is_named(file, content, name, tmp_path, refused):
     path = tmp_path / file
     if isinstance(content, bytes):
         path.write_bytes(content)

@@ -1,8 +1,12 @@
-"""snerg.Scene: pictures are those of the renderer; geometry and files are those of the commands."""
+"""snerg.Scene and snerg.show: pictures are those of the renderer, geometry and files those of the commands; in a notebook's cell
+stands the page, or a picture where the page is refused.
+"""
 
+import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import moderngl
 import numpy as np
@@ -10,8 +14,8 @@ import pytest
 import trimesh
 
 import snerg
+from console import UserError
 from scenepack import load_pack, save_pack
-from tests.snerg.conftest import EYE, TARGET
 from tests.viewer.conftest import toy_pack
 from viewer.features.photographs.photographs import shots_of
 from viewer.rendering.camera import ViewCamera
@@ -19,6 +23,19 @@ from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.opengl import current_context
 
 SIZE = (48, 36)
+EYE, TARGET = (1.4, 0.9, 2.2), (0.0, -0.2, 0.0)
+
+
+@pytest.fixture(scope="module")
+def toy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small pack on disk with the camera of one photograph."""
+    pose = np.eye(4)
+    pose[:3, 3] = (0.1, 0.2, 4.0)
+    camera = {"name": "train/r_0", "split": "train", "world_T_camera": pose.tolist(), "width": 40, "height": 30}
+    lens = {"fx": 50.0, "fy": 52.0, "cx": 19.0, "cy": 16.0, "distortion": [0.05, 0.0, 0.0, 0.0]}
+    path = tmp_path_factory.mktemp("toy") / "toy.zip"
+    save_pack(toy_pack().with_metadata(cameras=[camera | lens], provenance={"scene": "nowhere"}), path)
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -52,9 +69,7 @@ def test_every_mode_gives_numbers_that_agree(toy: Path, camera: snerg.Camera) ->
     assert (rgba[seen][:, 3] >= 252).all() and (rgba[empty][:, 3] == 0).all() and features[seen].min() > 0
 
 
-def test_scenes_that_are_open_at_once_do_not_disturb_one_another(
-    toy: Path, camera: snerg.Camera, tmp_path: Path
-) -> None:
+def test_scenes_that_are_open_at_once_do_not_disturb_one_another(toy, camera, tmp_path):
     save_pack(toy_pack(view_mlp=False), tmp_path / "other.zip")
     with snerg.load(toy) as one:
         alone = one.render(camera)
@@ -144,3 +159,43 @@ def test_what_is_no_pack_is_refused_with_the_fields_of_the_commands(tmp_path: Pa
     with pytest.raises(snerg.SnergError) as refused:
         snerg.load(tmp_path / "none")
     assert refused.value.what and refused.value.where is not None and str(refused.value.where) in str(refused.value)
+
+
+# snerg.show
+
+
+@pytest.fixture
+def cell(monkeypatch: pytest.MonkeyPatch) -> list[object]:
+    """What a notebook's cell shows, in a notebook that is made up."""
+    shown: list[object] = []
+    ipython, display = ModuleType("IPython"), ModuleType("IPython.display")
+    ipython.get_ipython = lambda: SimpleNamespace(config={"IPKernelApp": {}})  # type: ignore[attr-defined]
+    display.display, display.HTML = shown.append, lambda text: ("html", text)  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "IPython", ipython)
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    return shown
+
+
+def test_a_cell_shows_the_page_in_a_frame(toy: Path, cell: list) -> None:
+    snerg.show(snerg.load(toy), size=(320, 200))
+    ((kind, text),) = cell
+    assert kind == "html" and text.startswith("<iframe srcdoc=") and 'width="320" height="200"' in text
+    assert "<script" not in text  # it is text of an attribute
+
+
+def test_a_cell_shows_a_picture_where_there_can_be_no_page(toy, cell, monkeypatch):
+    def refuse(*_: object) -> bytes:
+        raise UserError("the pack is too large for a web page")
+
+    monkeypatch.setattr("viewer.web.page.scene_page", refuse)
+    with snerg.load(toy) as scene:
+        snerg.show(scene, size=(64, 40))
+    assert [picture.size for picture in cell] == [(64, 40)]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems always have a display")
+def test_without_a_display_it_says_what_to_do(toy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(snerg.SnergError, match=r"scene\.render\(\)"):
+        snerg.show(snerg.load(toy))

@@ -31,9 +31,7 @@ def read(out: Path) -> dict:
 
 
 @pytest.mark.slow
-def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(
-    folder: Path, ndc_shapes: Pack, tmp_path: Path
-) -> None:
+def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(folder, ndc_shapes, tmp_path):
     out, other = tmp_path / "card", tmp_path / "packs" / "fern" / "pack"
     save_pack(ndc_shapes, other)
     words = ["--out", str(out), "--only", "--pack", str(folder), str(other), *QUICK, "--train-minutes", "0.1"]
@@ -66,9 +64,7 @@ def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(
 
 
 @pytest.mark.slow
-def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(folder, tmp_path, monkeypatch, capsys):
     def broken(*_: object) -> dict:
         raise RuntimeError("the driver is moody")
 

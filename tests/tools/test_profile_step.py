@@ -34,9 +34,7 @@ def test_profiling_trains_on_with_the_very_steps_of_training(procedural_scene: S
         np.testing.assert_allclose(ours, theirs, rtol=1e-3, atol=1e-5)
 
 
-def test_photographs_become_a_table_and_json(
-    procedural_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_photographs_become_a_table_and_json(procedural_path, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("training.config.PRESETS", {"quick": TINY})
     words = [str(procedural_path), "--steps", "3", "--rounds", "2"]
     assert main([*words, "--json", str(tmp_path / "p.json"), "--markdown", str(tmp_path / "p.md")]) == 0

@@ -1,23 +1,9 @@
-"""Scenes and configurations that the trainer's tests share."""
+"""Real scenes for the trainer's tests."""
 
 import os
 from pathlib import Path
 
 import pytest
-
-from tools.procedural import write_procedural_scene
-from training.scenes import Scene, load_scene
-
-
-@pytest.fixture(scope="session")
-def procedural_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The procedural scene, 12 + 2 views of 48 x 48 pixels, in Blender layout."""
-    return write_procedural_scene(tmp_path_factory.mktemp("procedural"), size=48, views=12, subpixels=2)
-
-
-@pytest.fixture(scope="session")
-def procedural_scene(procedural_path: Path) -> Scene:
-    return load_scene(procedural_path)
 
 
 @pytest.fixture

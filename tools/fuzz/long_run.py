@@ -11,6 +11,7 @@ import contextlib
 import io
 import json
 import os
+import shutil
 import sys
 import tempfile
 import threading
@@ -99,18 +100,10 @@ def lap_of(scene: Path, place: Path, training: list[str], look: Callable[[Path],
         if status != 0:
             raise RuntimeError(f"{command.__module__} {' '.join(words)}: status {status}: {said.getvalue()[-2000:]}")
     look(pack)
-    for made in (run, pack, picture, film):
-        _remove(made)
-
-
-def _remove(path: Path) -> None:
-    """A folder with all in it that we wrote, or a file."""
-    if path.is_dir():
-        for each in path.iterdir():
-            _remove(each)
-        path.rmdir()
-    else:
-        path.unlink()
+    shutil.rmtree(run)
+    shutil.rmtree(pack)
+    picture.unlink()
+    film.unlink()
 
 
 def run(minutes: float, base: Path, tell: Callable[[Lap], None]) -> list[Lap]:

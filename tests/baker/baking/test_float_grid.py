@@ -1,7 +1,6 @@
 """A bake before it is quantised: rounded it is the pack, and it is drawn by the pack's rules."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,17 +12,17 @@ from baker.reports.float_pictures import float_pictures
 from scenepack.blocks import block_copy
 from scenepack.pack import Pack
 from tests.reference_marcher import render_reference
+from tests.stored_runs import SCENE, STORED
 from training.run import Run, load_run
 from viewer.rendering.camera import ViewCamera
 
-STORED = Path(__file__).parents[2] / "data/runs"
 CONFIG = BakeConfig(resolution=45, preset="paper", quality="draft")
 
 
 @pytest.fixture(scope="module")
 def run() -> Run:
     """Of an older version, so that nothing is trained here."""
-    return load_run(STORED / "nerf", scene_path=STORED / "scene")
+    return load_run(STORED / "nerf", scene_path=SCENE)
 
 
 @pytest.fixture(scope="module")
@@ -47,9 +46,7 @@ def test_rounded_it_is_the_pack_in_every_copy(pack: Pack, floats: FloatGrid) -> 
         np.testing.assert_array_equal(mine[..., 4:], block_copy(pack, pack.atlas_features, block))
 
 
-def test_what_is_rounded_is_drawn_as_the_reference_draws_the_pack_and_what_is_not_differs(
-    run: Run, pack: Pack, floats: FloatGrid
-) -> None:
+def test_what_is_rounded_is_drawn_as_the_reference_draws_the_pack_and_what_is_not_differs(run, pack, floats):
     camera = run.scene.splits["test"][0].camera
     values = np.round(255 * floats.values) / np.float32(255)
     values[values[:, 3] == 0] = 0

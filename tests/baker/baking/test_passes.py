@@ -1,6 +1,5 @@
 """The passes over a bake's voxels: what each is given, and what it leaves to the next."""
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,16 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from baker.baking import bake as baking
 from baker.baking import passes
-from baker.baking.config import BakeConfig, BakePreset
+from baker.baking.config import BakeConfig
 from baker.baking.passes import passes_of, with_views_between
 from scenepack import Pack
 from scenepack.blocks import dense_from_pack
 from tests.scenepack.random_packs import random_pack
+from tests.stored_runs import SCENE, STORED
 from training.dataset import RayDataset
 from training.run import load_run
-from training.scenes import Scene
-
-STORED = Path(__file__).parents[2] / "data/runs"
 
 
 class HandedOver(Exception):
@@ -28,9 +25,7 @@ class HandedOver(Exception):
 
 
 @pytest.mark.parametrize("preset", ["snerg", "paper"])
-def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(
-    scene: Scene, dataset: RayDataset, monkeypatch: pytest.MonkeyPatch, preset: BakePreset
-) -> None:
+def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(scene, dataset, monkeypatch, preset):
     gains = np.ones((dataset.views, 3), np.float32)
     gains[:, 0] = np.linspace(0.5, 1.5, dataset.views)
     seen: list[RayDataset] = []
@@ -61,7 +56,7 @@ def voxels_in(pack: Pack) -> int:
 
 def test_a_bake_says_how_it_was_made_and_of_the_papers_nothing_is_emptied(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(passes, "MOST_LOST_PRUNED", 3.0)  # so coarse a grid of mist would keep all
-    loaded = load_run(STORED / "multires", scene_path=STORED / "scene")
+    loaded = load_run(STORED / "multires", scene_path=SCENE)
     ours, papers = (
         baking.bake(loaded, BakeConfig(resolution=31, preset=preset, quality="draft")) for preset in ("snerg", "paper")
     )

@@ -19,7 +19,6 @@ from baker.tuning import fine_tune as tuning
 from baker.tuning.fine_tune import shaded_pixels
 from tests.baker.analytic import ball, culled
 from tests.scenepack.random_packs import BLENDER_FRAME, random_pack
-from training.dataset import RayDataset
 from training.scenes import Scene
 
 
@@ -35,9 +34,7 @@ def config_of(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind:
     return configs[0]
 
 
-def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_single_options_change_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_single_options_change_it(tmp_path, monkeypatch):
     def asked(words: str, kind: str = "blender") -> BakeConfig:
         return config_of(words, tmp_path, monkeypatch, kind)
 
@@ -77,9 +74,7 @@ def test_each_preset_and_quality_has_its_passes_in_the_papers_order() -> None:
     assert names("paper", "draft") == ["padding"], "the paper's row of 8 bits: nothing is emptied, nothing tuned"
 
 
-def test_the_paper_takes_16_gaussian_samples_of_any_field_and_averages_colours_and_densities_apart(
-    dataset: RayDataset,
-) -> None:
+def test_the_paper_takes_16_gaussian_samples_of_any_field_and_averages_colours_and_densities_apart(dataset):
     grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 30, 30, BLENDER_FRAME)
     kept, asked = culled(ball, grid, dataset), []
 
@@ -102,9 +97,7 @@ def test_the_paper_takes_16_gaussian_samples_of_any_field_and_averages_colours_a
     assert ((alpha > 0.02) & (alpha < 0.9)).any(), "some voxels lie across the border"
 
 
-def test_the_paper_tunes_the_view_mlp_on_all_pixels_a_photographs_worth_a_step(
-    dataset: RayDataset, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_paper_tunes_the_view_mlp_on_all_pixels_a_photographs_worth_a_step(dataset, monkeypatch):
     pack = random_pack(np.random.default_rng(7), block_size=14, grid_blocks=(3, 3, 3))
     monkeypatch.setattr(tuning, "MARCHED_AT_ONCE", dataset.count // 3 + 1)
     every = shaded_pixels(pack, dataset)
@@ -123,7 +116,9 @@ def test_the_paper_tunes_the_view_mlp_on_all_pixels_a_photographs_worth_a_step(
     real = tuning._epoch
     monkeypatch.setattr(tuning, "_epoch", epoch)
     tuned, before, after = tuning.fine_tune(pack, dataset, epochs=2)
-    assert after > before and tuned.view_mlp is not pack.view_mlp
+    assert after > before and tuned.view_mlp is not pack.view_mlp and tuned.atlas_rgba is pack.atlas_rgba
+    diffuse = replace(pack, view_mlp=None, atlas_features=None)
+    assert tuning.fine_tune(diffuse, dataset, epochs=3)[0] is diffuse, "which has nothing to tune"
     count = len(every.diffuse)
     for order, batch in taken:
         assert batch == -(-count // dataset.views) and sorted(order) == list(range(-(-count // batch))), "each pixel"

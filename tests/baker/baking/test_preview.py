@@ -45,9 +45,7 @@ def trained(procedural_path: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     return train(procedural_path, folder / "run", CONFIG, after_step=previews.update), previews
 
 
-def test_previews_are_asked_for_after_each_step_and_leave_the_run_as_it_is(
-    trained: tuple[Run, Noting], procedural_path: Path, tmp_path: Path
-) -> None:
+def test_previews_are_asked_for_after_each_step_and_leave_the_run_as_it_is(trained, procedural_path, tmp_path):
     run, previews = trained
     assert previews.asked == list(range(1, CONFIG.steps)) and previews.seen == [FIRST_STEP, 120]
     alone = train(procedural_path, tmp_path / "run", CONFIG)
@@ -70,9 +68,7 @@ def test_a_preview_looks_like_the_field_and_says_after_how_many_steps(trained: t
 
 
 @pytest.mark.parametrize("failure", [UserError("the disk is full"), OSError(28, "no space"), MemoryError()])
-def test_a_preview_that_fails_does_not_stop_the_training(
-    trained: tuple[Run, Noting], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: Exception
-) -> None:
+def test_a_preview_that_fails_does_not_stop_the_training(trained, tmp_path, monkeypatch, failure):
     def fail(run: Run) -> None:
         raise failure
 

@@ -45,17 +45,13 @@ def showing(scene: Scene, width: Callable[[str], int], spoil: Spoil = lambda rig
     return shown_by
 
 
-def test_masked_by_alpha_what_lies_outside_of_the_subject_does_not_count(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_masked_by_alpha_what_lies_outside_of_the_subject_does_not_count(scene, monkeypatch):
     monkeypatch.setattr(evaluation, "shown_by", showing(scene, lambda name: 24))
     assert evaluate(Path("pack"), scene, "test", by_alpha=True)["psnr"] > 100
     assert evaluate(Path("pack"), scene, "test")["psnr"] < 40
 
 
-def test_a_picture_of_another_exposure_has_a_second_figure_and_the_first_is_not_flattered(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_picture_of_another_exposure_has_a_second_figure_and_the_first_is_not_flattered(scene, monkeypatch):
     def dimmed(right: np.ndarray) -> np.ndarray:
         subject = (right < 1).any(-1, keepdims=True)  # the background is nobody's photograph
         return np.where(subject, right * np.float32([0.8, 0.7, 0.75]) + np.float32(0.02), right)
@@ -86,9 +82,7 @@ def test_a_scene_is_read_as_the_run_or_the_pack_read_it(tmp_path: Path) -> None:
     assert reading_of(tmp_path / "leaning")["up"] == (0.0, 1.0, 2.0)
 
 
-def test_two_methods_are_scored_on_the_same_pixels_with_the_mask_of_one(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_methods_are_scored_on_the_same_pixels_with_the_mask_of_one(scene, monkeypatch):
     def wrong_in_the_right_half(right: np.ndarray) -> np.ndarray:
         return np.where((np.arange(48) >= 24)[None, :, None], 0.0, right)
 

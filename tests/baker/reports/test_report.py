@@ -7,7 +7,7 @@ tests/data/report.json holds what they were: SNERG_RECORD_REPORT=1 writes it ane
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -109,9 +109,7 @@ def test_the_tables_are_made_again_as_they_were_recorded(out: Path) -> None:
 
 
 @pytest.mark.slow
-def test_every_row_of_the_paper_is_there_measured_or_with_the_command_that_would_make_it(
-    tables: dict[str, Any],
-) -> None:
+def test_every_row_of_the_paper_is_there_measured_or_with_the_command_that_would_make_it(tables):
     quality = rows_of(tables["quality"])
     papers = ["jaxnerf-plus", "tinyview", "deferred", "float", "8-bit", "snerg", "no-sparsity", "diffuse"]
     assert set(papers) < set(quality)
@@ -206,9 +204,7 @@ def test_every_picture_that_the_report_shows_is_there(out: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_same_study_again_bakes_and_scores_nothing(
-    out: Path, runs: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_same_study_again_bakes_and_scores_nothing(out, runs, monkeypatch):
     def again(*_: Any, **__: Any) -> None:
         raise AssertionError("was made before")
 
@@ -221,9 +217,7 @@ def test_the_same_study_again_bakes_and_scores_nothing(
 
 
 @pytest.mark.slow
-def test_reports_of_several_scenes_stand_side_by_side_with_their_mean(
-    out: Path, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_reports_of_several_scenes_stand_side_by_side_with_their_mean(out, tmp_path, refused):
     document = json.loads((out / "report.json").read_text())
     for name, more in (("lego", 0.0), ("chair", 2.0)):
         document["about"]["name"] = name
@@ -263,9 +257,7 @@ def test_reports_of_several_scenes_stand_side_by_side_with_their_mean(
         (["--tables", "performance", "--distance", "far"], "--distance"),
     ],
 )
-def test_what_cannot_be_done_is_told_in_one_line_before_anything_is_baked(
-    runs: tuple[Path, Path], tmp_path: Path, refused: Callable[..., str], words: list[str], expected: str
-) -> None:
+def test_what_cannot_be_done_is_told_in_one_line_before_anything_is_baked(runs, tmp_path, refused, words, expected):
     words = [word.format(run=runs[0], foggy=runs[1]) for word in words]
     assert expected in refused(snerg_report, runs[0], "--scene", SCENE, "--out", tmp_path / "out", *words)
     assert not (tmp_path / "out").exists()

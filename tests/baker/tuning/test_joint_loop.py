@@ -6,13 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune
 from baker.tuning.marcher import PackMarcher
 from scenepack import check_pack
 from scenepack.codecs.quantisation import Steps
 from tests.baker.tuning.helpers import copied, pack_of
-from tests.scenepack.random_packs import random_pack, random_view_mlp
 from training.dataset import RayDataset
 
 pytestmark = pytest.mark.usefixtures("hardly_optimised")
@@ -49,9 +47,7 @@ def test_tuning_harms_no_pack_that_shows_its_photographs_already(dataset: RayDat
 
 @pytest.mark.slow
 @pytest.mark.parametrize("steps", [Steps(4, 16), Steps(4, 12, 8)])
-def test_in_coarse_steps_little_is_lost_and_all_that_is_stored_is_a_multiple_or_as_bright_as_can_be(
-    dataset: RayDataset, steps: Steps
-) -> None:
+def test_in_coarse_steps_little_is_lost_and_all_that_is_stored_is_a_multiple_or_as_bright_as_can_be(dataset, steps):
     pack = pack_of()
     empty = pack.atlas_rgba[..., 3] == 0
     coarse, figures = joint_tune(pack, dataset, replace(QUICK, steps=steps))
@@ -64,19 +60,3 @@ def test_in_coarse_steps_little_is_lost_and_all_that_is_stored_is_a_multiple_or_
     fine = joint_tune(pack_of(), dataset, QUICK)[1]
     assert figures["train_psnr_after"] > fine["train_psnr_after"] - 0.5
     assert [f for f in check_pack(coarse) if f.severity in ("warning", "error")] == []
-
-
-# The view MLP alone
-
-
-def test_fine_tuning_brings_a_spoilt_view_mlp_closer_to_the_photographs(scene, dataset) -> None:
-    pack = random_pack(np.random.default_rng(7), block_size=14, grid_blocks=(3, 3, 3))
-    size = np.array(pack.grid_size) * 0.05
-    spoilt = random_view_mlp(np.random.default_rng(8))
-    pack = replace(pack, voxel_size=0.05, min_xyz=-0.5 * size, view_mlp=spoilt)
-    tuned, before, after = fine_tune(pack, dataset, epochs=500)
-    assert after > before + 0.5
-    assert tuned.view_mlp is not None and not np.array_equal(tuned.view_mlp.weights[0], spoilt.weights[0])
-    assert tuned.atlas_rgba is pack.atlas_rgba, "the grid is left as it is"
-    diffuse = replace(pack, view_mlp=None, atlas_features=None)
-    assert fine_tune(diffuse, dataset, epochs=3)[0] is diffuse, "which has nothing to tune"

@@ -56,18 +56,14 @@ def rays(pack: Pack, dataset: RayDataset, ids: np.ndarray, away: np.ndarray) -> 
     return voxel_rays(pack, dataset, ids, away)
 
 
-def test_no_ray_that_meets_content_is_said_to_miss_it(
-    pack: Pack, marcher: PackMarcher, rays: VoxelRays, ids: np.ndarray, away: np.ndarray
-) -> None:
+def test_no_ray_that_meets_content_is_said_to_miss_it(pack, marcher, rays, ids, away):
     meets, found = marcher.meets(ids, away), (sampled(pack, rays)[1] > 0).any(1)
     assert np.mean(found & ~meets) < 1e-3, "but for rays that begin a step apart by rounding"
     assert 0.1 < meets.mean() < 1 and found.mean() > 0.5 * meets.mean()
     assert not (np.asarray(marcher.accumulate(ids).transmittance)[~marcher.meets(ids)] < 1).any()
 
 
-def test_what_a_ray_accumulates_is_what_the_reference_accumulates(
-    pack: Pack, marcher: PackMarcher, dataset: RayDataset, ids: np.ndarray
-) -> None:
+def test_what_a_ray_accumulates_is_what_the_reference_accumulates(pack, marcher, dataset, ids):
     found, known = marcher.accumulate(ids), accumulated(pack, voxel_rays(pack, dataset, ids))
     assert known[2].min() < 0.5
     for own, other in zip(found, known, strict=True):
@@ -91,9 +87,7 @@ def test_a_photograph_is_seen_as_the_reference_draws_the_pack(scene: Scene, near
     assert np.abs(1 - np.asarray(sums.transmittance).reshape(shape) - truth.alpha)[close].max() < 6e-3
 
 
-def test_the_light_of_every_sample_arrives_at_the_voxels_around_it(
-    pack: Pack, marcher: PackMarcher, rays: VoxelRays, ids: np.ndarray, away: np.ndarray
-) -> None:
+def test_the_light_of_every_sample_arrives_at_the_voxels_around_it(pack, marcher, rays, ids, away):
     t, alpha, before = sampled(pack, rays)
     ray, k = np.nonzero((alpha > 0) & (before > 0))
     at = rays.origins[ray] + t[ray, k, None] * rays.directions[ray]

@@ -73,17 +73,6 @@ def test_haze_and_the_hidden_middle_go_and_what_cameras_see_stays(dataset) -> No
     assert all(finding.severity in ("ok", "note") for finding in check_pack(thinner))
 
 
-def test_a_lower_threshold_keeps_the_haze_in_front_of_the_ball_and_none_goes_twice(dataset) -> None:
-    pack, distance = hazy_ball(dataset)
-    thin = emptied(pack, dataset, 0.001)[0]
-    stays = dense_from_pack(thin)[0][..., 3] > 0
-    assert stays[distance > RADIUS + 4 * pack.voxel_size].mean() > 0.1
-    once = emptied(thin, dataset, 0.02)[1]
-    again = emptied(emptied(hazy_ball(dataset)[0], dataset, 0.02)[0], dataset, 0.02)[1]
-    assert once.voxels_after < once.voxels_before
-    assert again.voxels_after > 0.85 * again.voxels_before, "a pack that was thinned has little left to lose"
-
-
 def test_no_more_is_emptied_than_the_score_allows(dataset) -> None:
     """Mist of many voxels that show little each: together they are what photographs show."""
     pack, _ = hazy_ball(dataset)

@@ -48,9 +48,7 @@ def slopes_of(tuner: Tuner) -> tuple[np.ndarray, list[np.ndarray]]:
 
 
 @pytest.mark.parametrize("style", ["object", "diffuse", "forward", "by opacity", "cells of 1"])
-def test_gradients_are_finite_differences_of_the_loss_as_if_nothing_were_rounded(
-    dataset: RayDataset, style: str
-) -> None:
+def test_gradients_are_finite_differences_of_the_loss_as_if_nothing_were_rounded(dataset, style):
     """The loss in float64, by the reference marcher: (L(x + h v) - L(x - h v)) / 2 h against the gradient along v."""
     pack = replace(pack_of(diffuse=style == "diffuse"), ndc=style == "forward")
     tuner, ids = tuner_of(copied(pack), dataset, 1 if style == "cells of 1" else 4, by_opacity=style == "by opacity")
@@ -108,9 +106,7 @@ def test_a_move_too_small_to_change_a_byte_has_a_gradient_all_the_same(dataset: 
 
 
 @pytest.mark.parametrize("steps", [EXACT, COARSE, ALL_COARSE])
-def test_what_has_moved_is_stored_by_the_formulas_in_every_copy_and_never_appears_or_vanishes(
-    dataset: RayDataset, steps: Steps
-) -> None:
+def test_what_has_moved_is_stored_by_the_formulas_in_every_copy_and_never_appears_or_vanishes(dataset, steps):
     pack = pack_of(4, whole_blocks=True)
     tuner = Tuner(copied(pack), dataset, 4)
     delta = np.random.default_rng(0).normal(0, [0.2] * 3 + [1.5] + [0.2] * 4, tuner.delta.shape).astype(np.float32)

@@ -13,7 +13,7 @@ from baker.commands.pack import main
 from console import UserError
 from scenepack import Pack, save_pack
 from scenepack.exports import scene
-from scenepack.exports.field import Field, Frame
+from scenepack.exports.field import Field
 from scenepack.exports.file_formats import COLUMNS, opacity_table
 from scenepack.exports.scene import KINDS, Export, coarseness, export_scene, preview_geometry
 from scenepack.exports.surface import components, decimated, extract, smoothed
@@ -81,9 +81,7 @@ def test_seams_between_macroblocks_are_closed_whatever_the_opacities(ball: Pack)
 
 
 @pytest.mark.parametrize("name", ["mesh.glb", "mesh.ply"])
-def test_a_mesh_is_the_closed_ball_that_the_pack_holds_in_another_library(
-    folder: str, tmp_path: Path, name: str
-) -> None:
+def test_a_mesh_is_the_closed_ball_that_the_pack_holds_in_another_library(folder, tmp_path, name):
     assert run(folder, tmp_path / name, "--level", "0.5", "--keep", "largest") == 0
     mesh = trimesh.load(tmp_path / name, force="mesh", process=False)
     assert mesh.is_watertight and mesh.is_winding_consistent and mesh.body_count == 1
@@ -162,9 +160,7 @@ def test_points_lie_on_the_surface_as_densely_as_asked_with_normals_and_colours(
     assert counts[0] == pytest.approx(4 * counts[1], rel=0.02)
 
 
-def test_gaussians_have_the_layout_of_splat_viewers_and_let_as_much_light_pass(
-    folder: str, ball: Pack, tmp_path: Path
-) -> None:
+def test_gaussians_have_the_layout_of_splat_viewers_and_let_as_much_light_pass(folder, ball, tmp_path):
     assert run(folder, tmp_path / "gaussians.ply") == 0
     header, _, body = (tmp_path / "gaussians.ply").read_bytes().partition(b"end_header\n")
     assert header.decode().split("property float ")[1:] == [f"{name}\n" for name, _ in COLUMNS]
@@ -180,9 +176,7 @@ def test_gaussians_have_the_layout_of_splat_viewers_and_let_as_much_light_pass(
 
 
 @pytest.mark.parametrize("words", [[], ["--frame", "world", "--scale", "30"]])
-def test_an_spz_holds_the_gaussians_of_the_ply_as_exactly_as_the_format_allows(
-    folder: str, tmp_path: Path, words: list[str]
-) -> None:
+def test_an_spz_holds_the_gaussians_of_the_ply_as_exactly_as_the_format_allows(folder, tmp_path, words):
     gsply = pytest.importorskip("gsply", reason="gsply is not installed: the extra dev")
     for name in ("gaussians.ply", "a.spz"):
         assert run(folder, tmp_path / name, *words) == 0
@@ -230,9 +224,7 @@ def test_frames_scale_and_crop(folder: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("ndc", [False, True])
 @pytest.mark.parametrize("frame", ["grid", "world"])
-def test_a_glb_has_the_photographs_cameras_which_see_a_point_where_the_viewer_does(
-    tmp_path: Path, frame: Frame, ndc: bool
-) -> None:
+def test_a_glb_has_the_photographs_cameras_which_see_a_point_where_the_viewer_does(tmp_path, frame, ndc):
     pose = ViewCamera.look_at((2.0, 3.0, 5.0), (0.3, -0.2, -1.0), (0.1, 1.0, 0.2)).grid_T_camera
     lens = {"width": 64, "height": 48, "fx": 70.0, "fy": 75.0, "cx": 32.0, "cy": 24.0}
     entry = {"name": "train/r_7", "split": "train", "world_T_camera": pose.tolist(), **lens}

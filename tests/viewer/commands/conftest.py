@@ -3,9 +3,9 @@
 import pytest
 
 from scenepack import Pack, save_pack
-from tests.viewer.rendering.conftest import ctx, ndc_shapes, no_opengl_error_is_left, shapes, surroundings
+from tests.viewer.rendering.conftest import ctx, no_opengl_error_is_left
 
-__all__ = ["ctx", "ndc_shapes", "no_opengl_error_is_left", "shapes", "surroundings"]
+__all__ = ["ctx", "no_opengl_error_is_left"]
 
 
 @pytest.fixture(scope="module")

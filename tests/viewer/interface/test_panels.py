@@ -135,16 +135,6 @@ def test_the_surroundings_of_a_contracted_pack_have_a_switch_that_is_remembered(
     assert app.settings.surroundings and np.abs(ui.scene_picture().astype(int) - whole).mean() < 1
 
 
-def test_a_dialog_waits_for_its_answer_and_keeps_the_keys(ui, app):
-    app.messages.fail("it cannot be opened", "the file is no pack")
-    ui.settle()
-    mode = app.settings.mode
-    ui.key(imgui.Key.space)
-    assert app.messages.dialogs and app.settings.mode == mode
-    ui.key(imgui.Key.enter)
-    assert not app.messages.dialogs
-
-
 def test_dense_displays_get_more_pixels_and_the_same_layout(offscreen, pack, pack_folder):
     app = App()
     ui = offscreen(app, size=(900, 600), density=2.0)

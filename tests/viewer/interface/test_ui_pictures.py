@@ -36,7 +36,8 @@ from viewer.interface.layout import PAGES
 
 FOLDER = GOLDEN / "ui"
 SIZE = (900, 640)
-WHOLE = (((800, 600), 1.0), ((1280, 800), 1.0), ((1920, 1080), 2.0))  # units, and pixels in each
+USUAL = ((800, 600), (1280, 800))
+WHOLE = [*((size, 1.0, theme) for size in USUAL for theme in THEMES), ((1920, 1080), 2.0, "dark")]
 FLIP_TOLERANCE = 0.01  # mean over the picture: a moved label gives 0.02 and more, another driver's rounding 0.003
 FADING_FRAMES = 15  # what lies behind a dialog dims within a sixth of a second
 Picture = Callable[[OffscreenUi, str], None]
@@ -258,10 +259,9 @@ def test_the_light_theme_looks_as_before(ui, app, compare):
     compare(ui, "light")
 
 
-@pytest.mark.parametrize("theme", THEMES)
-@pytest.mark.parametrize(("size", "density"), WHOLE)
+@pytest.mark.parametrize(("size", "density", "theme"), WHOLE)
 def test_whole_windows_look_as_before(known, offscreen, app, compare, size, density, theme):
-    """Of the sizes that people have, in each theme; a dense screen's picture is compared at half its pixels."""
+    """size: in units, of `density` pixels. A dense screen's picture is compared at half its pixels."""
     ui = offscreen(app, size=size, density=density)
     app.resolution.rest_scale = 0.5 / density
     app.show(known, Path("scenes/toy"), "toy")
@@ -279,7 +279,7 @@ def test_no_picture_is_left_over():
     names |= {"start", "photograph", "frusta", "crop-gizmo", "measure", "help", "dialog", "path"}
     names |= {f"make-{what}" for what in ("scene", "again", "run", "refused", "job")}
     names |= {"small-bar", "small-page", "small-keys", "light", "export", "legend-depth", "legend-samples"}
-    names |= {_whole_name(size, theme) for size, _ in WHOLE for theme in THEMES}
+    names |= {_whole_name(size, theme) for size, _, theme in WHOLE}
     assert {path.stem for path in FOLDER.glob("*.png")} == names
 
 

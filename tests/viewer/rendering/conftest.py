@@ -6,7 +6,6 @@ import moderngl
 import pytest
 
 from scenepack import Pack
-from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 
 
@@ -39,18 +38,3 @@ def offscreen(ctx: moderngl.Context) -> Iterator[Callable[..., OffscreenRenderer
     yield make
     for renderer in made:
         renderer.release()
-
-
-@pytest.fixture(scope="session")
-def shapes() -> Pack:
-    return shapes_pack()
-
-
-@pytest.fixture(scope="session")
-def ndc_shapes() -> Pack:
-    return shapes_pack(ndc=True)
-
-
-@pytest.fixture(scope="session")
-def surroundings() -> Pack:
-    return surroundings_pack()

@@ -27,7 +27,7 @@ FISHEYE = MODELS["THIN_PRISM_FISHEYE"].lens({"k1": -0.03, "k3": 0.0005, "p1": 0.
 PANORAMA = MODELS["EQUIRECTANGULAR"].lens({})
 RATIONAL = MODELS["FULL_OPENCV"].lens({"k1": 0.09, "k3": 0.01, "p2": -0.004, "q1": 0.03, "q2": -0.01, "q3": 0.002})
 OPENCV = (0.09, -0.03, 0.004, -0.006)
-FEW = settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck), print_blob=True)
+FEW = settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck), print_blob=True)
 
 
 def random_camera(rng: np.random.Generator, pack: Pack) -> ViewCamera:
@@ -87,7 +87,7 @@ def test_exact_is_every_sample_on_forward_facing_packs(offscreen: Make, pack: Pa
         assert_exact(renderer, forward_facing_camera(rng))
 
 
-@settings(FEW, max_examples=8)
+@settings(FEW, max_examples=5)
 @given(pack=packs(ndc=None), seed=st.integers(0, 2**32 - 1))
 def test_crop_box_near_plane_and_background_keep_it_exact(offscreen: Make, pack: Pack, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -101,7 +101,7 @@ def test_crop_box_near_plane_and_background_keep_it_exact(offscreen: Make, pack:
     assert_exact(offscreen(pack), replace(camera, ray_near=float(rng.uniform(0, 1.5))), replace(wanted, near=0.0))
 
 
-@pytest.mark.parametrize("block_size", [5, 14, 15, 30])
+@pytest.mark.parametrize("block_size", [5, 15])
 def test_block_sizes_that_cells_do_not_divide_lose_nothing(offscreen: Make, block_size: int) -> None:
     rng = np.random.default_rng(block_size)
     pack = random_pack(rng, block_size=block_size, grid_blocks=(3, 2, 3), style="borders", occupancy=0.05)

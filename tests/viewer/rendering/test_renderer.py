@@ -122,14 +122,13 @@ def box_filtered(picture: np.ndarray, n: int) -> np.ndarray:
     return picture.astype(np.float64).reshape(HEIGHT, n, WIDTH, n, 3).mean(axis=(1, 3))
 
 
-@pytest.mark.parametrize("samples", [2, 3])
 @pytest.mark.parametrize("mode", ["normal", "alpha"])
 @pytest.mark.parametrize("which", ["shapes", "ndc_shapes"])
 def test_a_picture_with_n_samples_is_the_box_filtered_picture_n_times_as_large(
-    request: pytest.FixtureRequest, offscreen: Make, which: str, mode: Mode, samples: int
+    request: pytest.FixtureRequest, offscreen: Make, which: str, mode: Mode
 ) -> None:
     pack: Pack = request.getfixturevalue(which)
-    renderer = offscreen(pack)
+    renderer, samples = offscreen(pack), 3
     mean = box_filtered(renderer.render_float(view(pack, samples), RenderSettings(mode=mode)), samples)
     smooth = renderer.render_float(view(pack), RenderSettings(mode=mode, samples=samples))
     np.testing.assert_allclose(smooth, mean, rtol=0, atol=1e-5)

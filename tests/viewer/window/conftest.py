@@ -12,7 +12,6 @@ from imgui_bundle import imgui
 from scenepack import Pack
 from tests.viewer.conftest import installed
 from tests.viewer.window.living import SIZE, draw_only_what_is_looked_at, other_program, pump
-from tests.viewer.window.widgets_seen import Watch, watch
 from viewer.app.application import App
 from viewer.window.window import Window
 
@@ -30,28 +29,27 @@ def xdotool(display: str) -> Callable[..., None]:
 
 
 @pytest.fixture(scope="session")
-def watched(display: str) -> Iterator[tuple[Window, Watch]]:
-    """The window, and the widgets that it draws. Opening one takes longer than most tests."""
-    with pytest.MonkeyPatch.context() as patch, watch() as seen:
+def opened(display: str) -> Iterator[Window]:
+    """The window. Opening one takes longer than most tests."""
+    with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DISPLAY", display)
         patch.delenv("WAYLAND_DISPLAY", raising=False)
         with Window(App(), SIZE) as window:
             window.ui.file_dialogs.native = False
-            yield window, seen
+            yield window
 
 
 @pytest.fixture
-def start_page(watched: tuple[Window, Watch], monkeypatch: pytest.MonkeyPatch) -> Iterator[Window]:
+def start_page(opened: Window, monkeypatch: pytest.MonkeyPatch) -> Iterator[Window]:
     """The window with a new app, at its start page; what is being made ends with it."""
     draw_only_what_is_looked_at(monkeypatch)
-    window, _ = watched
-    imgui.set_current_context(window.ui.context)
-    window.canvas.show(None)
-    app = App(canvas=window.canvas)
-    app.clipboard, window.app = window.app.clipboard, app
-    glfw.set_window_size(window.handle, *SIZE)
-    window.draw_frames(3)
-    yield window
+    imgui.set_current_context(opened.ui.context)
+    opened.canvas.show(None)
+    app = App(canvas=opened.canvas)
+    app.clipboard, opened.app = opened.app.clipboard, app
+    glfw.set_window_size(opened.handle, *SIZE)
+    opened.draw_frames(3)
+    yield opened
     app.making.end()
 
 

@@ -46,8 +46,7 @@ class Wavering(DynamicResolution):
 
 
 @pytest.fixture
-def window(watched, pack, pack_folder) -> Window:
-    opened, _ = watched
+def window(opened, pack, pack_folder) -> Window:
     app = opened.app = App(canvas=opened.canvas)
     app.resolution = Wavering()
     app.interface.page, app.interface.axes_shown = "", False

@@ -1,4 +1,4 @@
-"""What live_clicks.py puts on the screen, by name: every page, dialog and overlay."""
+"""What test_every_widget.py puts on the screen, by name: every page, dialog and overlay."""
 
 import os
 import threading

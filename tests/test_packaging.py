@@ -1,7 +1,11 @@
-"""What others find who join: workflows that call make alone, templates, and a version that is the same everywhere."""
+"""What is declared around the code: console scripts lead to their commands, workflows call make alone, and versions, packages and
+extras are the same everywhere.
+"""
 
+import importlib
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tomllib
@@ -10,12 +14,27 @@ from pathlib import Path
 
 import pytest
 
+import snerg_commands
 from viewer.features.making.survey import PARTS
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
+SCRIPTS: dict[str, str] = PROJECT["scripts"]
 WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
+# The first module that a command imports takes its time.
+SLOW = """
+import builtins, sys, time
+import snerg_commands
+real = builtins.__import__
+def slow(name, *rest):
+    if name.startswith("console"):
+        print("importing", flush=True)
+        time.sleep(60)
+    return real(name, *rest)
+builtins.__import__ = slow
+sys.exit(snerg_commands.pack())
+"""
 
 
 @pytest.mark.parametrize("workflow", WORKFLOWS, ids=lambda path: path.name)
@@ -70,3 +89,22 @@ def test_what_the_viewer_looks_for_is_what_the_extra_train_brings() -> None:
     brought = {re.split(r"[>=\[]", entry)[0] for entry in [*EXTRAS["train"], *PROJECT["dependencies"]]}
     assert set(PARTS) <= brought
     assert {re.split(r"[>=\[]", entry)[0] for entry in EXTRAS["train"]} <= set(PARTS)
+
+
+@pytest.mark.parametrize("name", sorted(SCRIPTS))
+def test_each_script_leads_to_its_command(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    module, function = SCRIPTS[name].split(":")
+    target = importlib.import_module(snerg_commands.MODULES[name])
+    monkeypatch.setattr(target, "main", lambda: 7)
+    assert module == "snerg_commands" and getattr(snerg_commands, function)() == 7
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signal")
+def test_ctrl_c_while_modules_are_imported_is_one_line() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None and process.stdout.readline() == "importing\n"
+    process.send_signal(signal.SIGINT)
+    _, words = process.communicate(timeout=60)
+    assert (process.returncode, words) == (snerg_commands.INTERRUPTED, "snerg-pack: interrupted\n")

@@ -1,0 +1,204 @@
+"""Every button of every page, dialog and overlay takes a click, in a small and a middling window.
+
+The buttons are found, not listed: tests.viewer.window.widgets_seen sees each widget as it is drawn. What is scrolled out is
+scrolled to with the wheel.
+"""
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+from imgui_bundle import imgui
+
+from scenepack import save_pack
+from tests.viewer.conftest import toy_pack
+from tests.viewer.interface.places import PLACES, WITHOUT_SCENE, Scenes, child
+from tests.viewer.offscreen_ui import OffscreenUi
+from tests.viewer.scenes import photographed
+from tests.viewer.waiting import until
+from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
+from viewer.app.application import App
+from viewer.core import command_process
+from viewer.features.making import make_plan, making, survey
+from viewer.features.making.make_plan import Plan
+from viewer.features.making.survey import Survey
+from viewer.features.opening import opening
+from viewer.interface.layout import NARROW
+from viewer.rendering.offscreen import create_context
+
+pytestmark = pytest.mark.slow
+SIZES = ((480, 360), (800, 600))
+Name = tuple[str, str]  # window, label
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory) -> Iterator[Scenes]:
+    """What is opened; whatever would start a program, or take its time, stands still."""
+    folder = tmp_path_factory.mktemp("clicks")
+    pack = photographed(toy_pack(), folder / "scene", 4)
+    (folder / "scene" / "masks").mkdir()  # there is one more thing to choose
+    save_pack(pack, folder / "toy")
+    plan = Plan("scene", folder / "scene", folder / "scene-snerg", survey=Survey(folder / "scene"))
+    until(lambda: plan.survey.finished)
+    plan.survey.forward = True
+    release, read = threading.Event(), opening.load_pack
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(making, "CommandProcess", lambda *_: child())
+        patch.setattr(command_process, "CommandProcess", lambda *_: child())
+        patch.setattr(survey.webbrowser, "open", lambda address: True)
+        patch.setattr(make_plan, "trainer_missing", lambda: False)
+        patch.setattr(opening, "load_pack", lambda path, **options: (release.wait(60), read(path, **options))[1])
+        yield Scenes(pack, toy_pack(seed=1), folder / "toy", folder / "scene", plan, release)
+        release.set()
+
+
+class Hand:
+    """The mouse over the interface."""
+
+    def __init__(self, ui: OffscreenUi, seen: Watch, scenes: Scenes) -> None:
+        self.ui, self.watch, self.scenes = ui, seen, scenes
+        self.asked = False
+
+    def arrange(self, size: tuple[int, int], place: str) -> None:
+        """A new app in the window, with that on the screen."""
+        ui, old = self.ui, self.ui.app
+        old.making.job = None
+        old.making.end_check()
+        old.sharing.end()
+        old.opening.cancel(old)
+        if old.filming.export is not None:
+            old.filming.cancel(old)
+        imgui.set_current_context(ui.ui.context)
+        if self.popup:
+            imgui.internal.close_popup_to_level(0, False)
+        imgui.internal.clear_active_id()
+        app = ui.app = App()
+        app.resolution.rest_scale = 0.1  # what the picture looks like is tested elsewhere
+        app.interface.layout_reset = True
+        ui.resize(*size)
+        if place in WITHOUT_SCENE:
+            ui.canvas.show(None)
+        else:
+            if ui.canvas.renderer is None or ui.canvas.renderer.pack is not self.scenes.pack:
+                ui.canvas.show(self.scenes.pack)
+            app.show(self.scenes.pack, self.scenes.path)  # without a canvas, for the card has it
+        app.canvas = ui.canvas
+        self.frames(2)  # the usual layout is there before a page is moved out of it
+        PLACES[place](app, self.scenes)
+        self.settle()
+        self.asked = self.popup
+
+    def frames(self, count: int) -> None:
+        for _ in range(count):
+            self.ui.frame()
+
+    def settle(self) -> None:
+        """Frames until every widget stays where it is."""
+        self.frames(3)
+        places = None
+        for _ in range(60):
+            before, places = places, {name: each.rect for name, each in self.watch.seen.items()}
+            if before == places:
+                return
+            self.frames(1)
+        pytest.fail("the widgets do not come to rest")
+
+    def finds(self, size: tuple[int, int], name: Name) -> bool:
+        """Whether a widget can be pressed as things are after the last click, without arranging them anew."""
+        self.settle()
+        app, each = self.ui.app, self.offered().get(name)
+        usual = app.loading is None and not app.interface.help_shown and self.popup == self.asked
+        return each is not None and not each.disabled and self.ui.size == size and usual
+
+    def offered(self) -> dict[Name, Seen]:
+        """What a person could press, scrolling included: where a question is asked, only what belongs to it."""
+        asked = any(each.modal for each in self.watch.seen.values())
+        return {name: each for name, each in self.watch.seen.items() if each.modal or not asked}
+
+    @property
+    def popup(self) -> bool:
+        """Whether a dialog or a list is open."""
+        return imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
+
+    def scroll_to(self, name: Name) -> Seen:
+        """Brings a widget into view with the wheel."""
+        for _ in range(60):
+            each = self.watch.seen.get(name)
+            assert each is not None, f"{name} is gone"
+            hiding = [rect for rect in each.scrolling if not inside(each.at, rect, 2.0)]
+            if not hiding:
+                assert each.in_view, f"{name} at {each.at} is cut off by its window, which shows {each.clip}"
+                assert inside(each.at, (0, 0, *self.ui.size)), f"{name} is outside of the window, at {each.at}"
+                return each
+            x0, y0, _, y1 = hiding[0]
+            far = each.at[1] - 0.5 * (y0 + y1)
+            notches = max(1, int(abs(far) / (5 * imgui.get_font_size())))
+            self.ui.wheel(-notches if far > 0 else notches, x0 + 1, 0.5 * (y0 + y1))
+            self.settle()
+        pytest.fail(f"{name} cannot be scrolled to")
+
+    def press(self, name: Name) -> None:
+        """Clicks a widget, which must say that it was pressed; once more where the click closed a list that was open, or the
+        widget moved from under the mouse."""
+        for _ in range(3):
+            self.ui.io.add_mouse_pos_event(*self.scroll_to(name).at)
+            self.settle()  # what appears under the mouse may move it
+            each, open_before = self.scroll_to(name), self.popup
+            self.watch.forget()
+            self.ui.click(*each.at)
+            if name in self.watch.pressed:
+                return
+            now = self.watch.seen.get(name)
+            if now is not None and now.rect == each.rect and self.popup == open_before:
+                break
+        under = imgui.get_current_context().hovered_window
+        pytest.fail(f"{name} at {each.at} takes no click; under the mouse is {under.name if under else 'nothing'}")
+
+
+@pytest.fixture(scope="module")
+def hand(scenes) -> Iterator[Hand]:
+    ctx = create_context()
+    ui = OffscreenUi(ctx, App(), size=SIZES[0])
+    ui.ui.file_dialogs.native = False
+    with watch() as seen:
+        yield Hand(ui, seen, scenes)
+    ui.release()
+    ctx.release()
+
+
+clicked: dict[tuple[int, int], set[Name]] = {size: set() for size in SIZES}
+greyed: dict[tuple[int, int], set[Name]] = {size: set() for size in SIZES}
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_every_widget_takes_a_click(hand, size, place):
+    hand.arrange(size, place)
+    offered = hand.offered()
+    assert offered, "nothing to press was found"
+    greyed[size] |= {name for name, each in offered.items() if each.disabled}
+    wanted = [name for name, each in offered.items() if not each.disabled and name not in clicked[size]]
+    for name in wanted:
+        if not hand.finds(size, name):
+            hand.arrange(size, place)
+        hand.press(name)
+        clicked[size].add(name)
+        if offered[name].kind == "begin_combo":
+            hand.settle()
+            for choice in [other for other in hand.watch.seen if other not in offered]:
+                hand.arrange(size, place)
+                hand.press(name)
+                hand.settle()
+                hand.press(choice)
+                clicked[size].add(choice)
+    assert hand.ui.ctx.error == "GL_NO_ERROR"
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_all_that_was_grey_somewhere_was_clicked_elsewhere(size):
+    """And the tests before did see the whole interface."""
+    if len(clicked[size]) < 20:
+        pytest.skip("the clicks of this size were not run")
+    missed = greyed[size] - clicked[size]
+    assert not missed
+    assert len(clicked[size]) > (120 if size[0] >= NARROW else 40)
