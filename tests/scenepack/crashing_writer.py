@@ -1,7 +1,6 @@
 """Run as a process by test_atomic_writing: children die as if by kill -9 just before their first, second, … file system call.
 
-Usage: python -m tests.scenepack.crashing_writer TARGET SWAP
-SWAP: "exchange" or "renames" (as where the system cannot exchange).
+Usage: python -m tests.scenepack.crashing_writer TARGET
 """
 
 import os
@@ -10,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import console.atomic as atomic
 from scenepack import load_pack, save_pack
 from tests.scenepack.helpers import same_pack, small_pack
 
@@ -35,7 +33,6 @@ def die_at(step: int) -> None:
 
     for owner, name in ((os, "rename"), (os, "replace"), (os, "fsync"), (os, "unlink"), (os, "rmdir"), (os, "mkdir")):
         setattr(owner, name, dying(getattr(owner, name)))
-    setattr(atomic, "exchange", dying(atomic.exchange))  # noqa: B010
     setattr(Path, "write_bytes", dying(Path.write_bytes))  # noqa: B010
 
 
@@ -60,11 +57,5 @@ def die_at_each_step(target: Path) -> None:
             return
 
 
-def main() -> None:
-    if sys.argv[2] == "renames":
-        setattr(atomic, "exchange", lambda first, second: False)  # noqa: B010
-    die_at_each_step(Path(sys.argv[1]))
-
-
 if __name__ == "__main__":
-    main()
+    die_at_each_step(Path(sys.argv[1]))

@@ -20,9 +20,9 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs os.fork")
-@pytest.mark.parametrize(("swap", "name"), [("exchange", "pack"), ("renames", "pack"), ("exchange", "pack.zip")])
-def test_a_kill_before_any_single_step_leaves_the_old_pack_or_the_new_one(tmp_path: Path, swap: str, name: str) -> None:
-    words = [sys.executable, "-m", "tests.scenepack.crashing_writer", str(tmp_path / name), swap]
+@pytest.mark.parametrize("name", ["pack", "pack.zip"])
+def test_a_kill_before_any_single_step_leaves_the_old_pack_or_the_new_one(tmp_path: Path, name: str) -> None:
+    words = [sys.executable, "-m", "tests.scenepack.crashing_writer", str(tmp_path / name)]
     output = subprocess.run(words, capture_output=True, text=True, check=True, cwd=ROOT).stdout
     lines = [line.split() for line in output.splitlines()]
     assert [status for status, *_ in lines] == [str(DIED)] * (len(lines) - 1) + ["0"]
