@@ -8,7 +8,6 @@ import zipfile
 from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -20,13 +19,13 @@ from console.atomic import recover_interrupted_write, replacing, write_file
 from console.json_text import read_json_file
 from console.results import try_folder
 from scenepack.blocks import grid_block_counts
-from scenepack.codecs import Codec, PngCodec, chosen_quality, codec_named
-from scenepack.codecs.png import encode_png, image_name
-from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
+from scenepack.codecs import Codec, chosen_quality, codec_named
+from scenepack.codecs.png import encode_png
+from scenepack.constants import EMPTY_BLOCK, VIEW_MLP_WIDTHS
 from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, open_files
 from scenepack.pack import Pack
 from scenepack.params import params_json
-from scenepack.piece_files import SETTINGS, cut, encoding_jobs, settings_for
+from scenepack.piece_files import SETTINGS, encoding_jobs, settings_for
 
 ENCODING_THREADS = min(8, os.cpu_count() or 1)
 # Names that a pack may hold, whatever its codec, and what file browsers drop beside them.
@@ -171,12 +170,8 @@ def _files(
 ) -> Generator[tuple[str, bytes], None, None]:
     """The pack's files in order, name and content; images are encoded ahead in threads."""
     metadata = {key: value for key, value in pack.metadata.items() if key != SETTINGS}
-    if isinstance(codec, PngCodec):
-        settings: dict[str, Any] = {}
-        jobs = _image_jobs(pack, level)
-    else:
-        settings = {SETTINGS: settings_for(pack, codec, quality)}
-        jobs = encoding_jobs(pack, codec, settings[SETTINGS])
+    how = settings_for(pack, codec, level if codec.name == "png" else quality)
+    jobs, settings = encoding_jobs(pack, codec, how), {} if codec.name == "png" else {SETTINGS: how}
     if metadata or settings or not pack.params:  # a pack made elsewhere keeps its keys as they are
         metadata = {"version": _version(), **metadata, "codec": codec.name, **settings}
     # The published web viewer takes RGBA and RGB alike; RGBA is what most packs in the wild have.
@@ -194,18 +189,6 @@ def _files(
             yield from files
             if on_progress is not None:
                 on_progress(done, len(jobs))
-
-
-def _image_jobs(pack: Pack, level: int) -> list[Callable[[], list[tuple[str, bytes]]]]:
-    """A call for each group of four planes that gives its files, name and content."""
-    groups = cut(pack, "atlas", PLANES_PER_IMAGE)
-
-    def encode(part: str, atlas: np.ndarray, group: int) -> list[tuple[str, bytes]]:
-        planes = groups[group].gather(atlas)
-        return [(image_name(part, group), encode_png(planes.reshape(-1, *planes.shape[2:]), level))]
-
-    parts = zip(("rgba", "feature"), pack.atlases, strict=False)
-    return [partial(encode, *part, group) for part in parts for group in range(len(groups))]
 
 
 def _write_zip(path: Path, files: Iterator[tuple[str, bytes]]) -> None:
