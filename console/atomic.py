@@ -2,8 +2,7 @@
 
 All is written under a hidden name beside the target, flushed to disk, and then takes the target's place:
 - a file, or a target that is absent or an empty folder: one rename.
-- a folder over a folder: on Linux one renameat2(RENAME_EXCHANGE), which swaps the two names in one step.
-  Elsewhere two renames, target → .NAME.old-…, new → target. A kill between them leaves no target but a
+- a folder over a folder: two renames, target → .NAME.old-…, new → target. A kill between them leaves no target but a
   complete .old; whoever next reads or writes that target puts it back (recover_interrupted_write).
 Hidden names are .NAME.KIND-PID-TOKEN: "new" being written, "old" complete and set aside, "gone" being
 deleted. Those whose process has died are cleaned up by the next writer of the same target. A process shows
@@ -11,13 +10,11 @@ that it is alive by its id and by a lock (flock) on what it writes, which counts
 that share the folder; where the file system knows no locks, what is less than an hour old is left alone.
 """
 
-import ctypes
 import errno
 import os
 import re
 import secrets
 import shutil
-import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -32,7 +29,6 @@ except ImportError:  # Windows
     fcntl = None
 
 NEW, OLD, GONE = "new", "old", "gone"
-_AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 _LEFTOVER_AGE_S = 3600.0  # a process id may have been given to another process since
 _SWAP_PATIENCE_S = 2.0
 _GIVE_WAY_S = 5.0
@@ -134,7 +130,7 @@ class Replacement:
         if self._lock >= 0:
             os.close(self._lock)
             self._lock = -1
-        _delete(self.path)  # what failed, or after an exchange the old one
+        _delete(self.path)  # what failed
 
 
 def recover_interrupted_write(target: Path) -> None:
@@ -176,23 +172,6 @@ def is_leftover(name: str) -> bool:
     return re.fullmatch(rf"\..+\.({NEW}|{OLD}|{GONE})-\d+-[0-9a-f]{{8}}", name) is not None
 
 
-def exchange(first: Path, second: Path) -> bool:
-    """Swaps two names in one step; False where the system or the file system cannot."""
-    if not sys.platform.startswith("linux"):
-        return False
-    try:
-        renameat2 = ctypes.CDLL(None, use_errno=True).renameat2
-    except (OSError, AttributeError):  # a C library before glibc 2.28 or musl 1.2.4
-        return False
-    renameat2.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint)
-    if renameat2(_AT_FDCWD, os.fsencode(first), _AT_FDCWD, os.fsencode(second), _RENAME_EXCHANGE) == 0:
-        return True
-    code = ctypes.get_errno()
-    if code in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EPERM):
-        return False
-    raise OSError(code, os.strerror(code), str(second))
-
-
 def _flush(path: Path) -> None:
     """Flushes a file, or a folder and the files in it, to the disk."""
     for file in path.iterdir() if path.is_dir() else [path]:
@@ -227,8 +206,6 @@ def _take_place(new: Path, target: Path) -> None:
                 raise
         with suppress(FileNotFoundError):
             shutil.copymode(target, new)
-            if exchange(new, target):
-                return
             old = _sibling(target, OLD)
             os.rename(target, old)
             try:

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from scenepack.codecs import CODECS, CodecError
-from scenepack.pictures import COPIES
+from scenepack.pictures import decode_picture
 
 
 def serve() -> None:
@@ -40,10 +40,10 @@ def serve() -> None:
 
 
 def _answer(question: dict[str, Any], files: dict[str, bytes], target: BinaryIO) -> None:
-    codec: Any = CODECS.get(question["codec"], COPIES)
+    decode = CODECS[question["codec"]].decode if question["codec"] in CODECS else decode_picture
     _limit_memory(question["memory"])
     try:
-        parts = codec.decode(files, tuple(question["names"]), tuple(question["shape"]), question["features"])
+        parts = decode(files, tuple(question["names"]), tuple(question["shape"]), question["features"])
         whole = (*question["shape"], 4)
         parts = [np.ascontiguousarray(part, np.uint8).reshape(whole) for part in parts if part is not None]
     except CodecError as error:

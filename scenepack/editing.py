@@ -194,8 +194,33 @@ class Voxels:
         return selection - self.grown(self.everything() - selection)
 
     def parts(self) -> Parts:
-        """How all voxels hang together."""
-        return _parts(self)
+        """How all voxels hang together.
+
+        Labels each padded copy by itself, then joins labels of voxels that two copies hold: pairs that touch lie in one copy.
+        """
+        pack, side, count = self.pack, self.pack.padded_block_size, len(self.places)
+        labels = np.zeros((count, side, side, side), np.uint16)  # at most (B / 2)^3 of them
+        found = np.zeros(count + 1, np.int64)
+        for number, place in enumerate(self.places):
+            opaque = block_copy(pack, pack.atlas_rgba, tuple(place))[..., 3] > 0
+            found[number + 1] = ndimage.label(opaque, TOUCHING, output=labels[number])
+        first = np.cumsum(found)  # of all labels, those of a macroblock begin there
+        pairs = [_joined(self, labels, first, i) for i in range(len(STEPS) // 2, len(STEPS))]  # the others say the same
+        one, other = np.concatenate(pairs, axis=1)
+        joined = coo_matrix((np.ones(len(one), bool), (one, other)), shape=(first[-1], first[-1]))
+        _, part = connected_components(joined, directed=False)
+        data = labels[:, 1:-1, 1:-1, 1:-1].reshape(count, -1)
+        held = [np.bincount(row, minlength=found[k + 1] + 1)[1:] for k, row in enumerate(data)]
+        size_of = np.bincount(part, np.concatenate([*held, []])).astype(np.int64)
+        if not len(size_of):
+            return Parts({}, pack.block_size)
+        largest, small = size_of.argmax(), {}
+        for number, row in enumerate(data):
+            of_label = np.concatenate([[largest], part[first[number] : first[number + 1]]])
+            some = np.flatnonzero((of_label != largest)[row])
+            if len(some):
+                small[number] = some, size_of[of_label[row[some]]]
+        return Parts(small, pack.block_size)
 
 
 def _spread(mask: np.ndarray) -> np.ndarray:
@@ -226,33 +251,6 @@ class Parts:
             if mask.any():
                 bits[number] = np.packbits(mask)
         return Selection(bits)
-
-
-def _parts(voxels: Voxels) -> Parts:
-    """Labels each padded copy by itself, then joins labels of voxels that two copies hold: pairs that touch lie in one copy."""
-    pack, side, count = voxels.pack, voxels.pack.padded_block_size, len(voxels.places)
-    labels = np.zeros((count, side, side, side), np.uint16)  # at most (B / 2)^3 of them
-    found = np.zeros(count + 1, np.int64)
-    for number, place in enumerate(voxels.places):
-        opaque = block_copy(pack, pack.atlas_rgba, tuple(place))[..., 3] > 0
-        found[number + 1] = ndimage.label(opaque, TOUCHING, output=labels[number])
-    first = np.cumsum(found)  # of all labels, those of a macroblock begin there
-    pairs = [_joined(voxels, labels, first, i) for i in range(len(STEPS) // 2, len(STEPS))]  # the others say the same
-    one, other = np.concatenate(pairs, axis=1)
-    joined = coo_matrix((np.ones(len(one), bool), (one, other)), shape=(first[-1], first[-1]))
-    _, part = connected_components(joined, directed=False)
-    data = labels[:, 1:-1, 1:-1, 1:-1].reshape(count, -1)
-    held = [np.bincount(row, minlength=found[k + 1] + 1)[1:] for k, row in enumerate(data)]
-    size_of = np.bincount(part, np.concatenate([*held, []])).astype(np.int64)
-    if not len(size_of):
-        return Parts({}, pack.block_size)
-    largest, small = size_of.argmax(), {}
-    for number, row in enumerate(data):
-        of_label = np.concatenate([[largest], part[first[number] : first[number + 1]]])
-        some = np.flatnonzero((of_label != largest)[row])
-        if len(some):
-            small[number] = some, size_of[of_label[row[some]]]
-    return Parts(small, pack.block_size)
 
 
 def _joined(voxels: Voxels, labels: np.ndarray, first: np.ndarray, direction: int) -> np.ndarray:

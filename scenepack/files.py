@@ -7,13 +7,12 @@ A zip may hold the files at its root or inside one top folder. Nothing is ever e
 import lzma
 import math
 import struct
-import threading
 import zipfile
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -110,9 +109,22 @@ class PackFiles(ABC):
         """The first `count` bytes of a file, or fewer where it ends."""
         return self._bytes(name, count, to_end=False)
 
-    @abstractmethod
     def _bytes(self, name: str, count: int, *, to_end: bool) -> bytes:
-        """The first `count` bytes. to_end: the file is read as a whole if it has no more."""
+        if name not in self.sizes:
+            raise UserError("is missing", where=self.where(name))
+        try:
+            with self._open(name) as file:
+                data = file.read(count)
+                if to_end:
+                    file.read(1)  # the checksum of a .zip is compared only once the end is reached
+                return data
+        except (*ZIP_ERRORS, OSError) as error:
+            found = (error.strerror if isinstance(error, OSError) else str(error)) or type(error).__name__
+            raise UserError("cannot be read", where=self.where(name), found=found,
+                            remedy="it may be damaged; copy it again") from error  # fmt: skip
+
+    @abstractmethod
+    def _open(self, name: str) -> IO[bytes]: ...
 
     def close(self) -> None:
         return
@@ -168,14 +180,8 @@ class FolderFiles(PackFiles):
         self.path = path
         self.sizes = {entry.name: entry.stat().st_size for entry in path.iterdir() if entry.is_file()}
 
-    def _bytes(self, name: str, count: int, *, to_end: bool) -> bytes:
-        try:
-            if name not in self.sizes or not (self.path / name).is_file():  # a pipe would be waited for
-                raise UserError("is missing", where=self.path / name)
-            with open(self.path / name, "rb") as file:
-                return file.read(count)
-        except OSError as error:
-            raise UserError(f"cannot be read: {error.strerror or error}", where=self.path / name) from error
+    def _open(self, name: str) -> IO[bytes]:
+        return open(self.path / name, "rb")
 
 
 class ZipFiles(PackFiles):
@@ -188,7 +194,6 @@ class ZipFiles(PackFiles):
         except ZIP_ERRORS as error:
             found, remedy = str(error) or type(error).__name__, "the file may be damaged or incomplete; copy it again"
             raise UserError("cannot be opened as a .zip", where=path, found=found, remedy=remedy) from error
-        self._lock = threading.Lock()  # one file handle, one reader at a time
         entries = {
             info.filename.replace("\\", "/").removeprefix("./"): info
             for info in self._zip.infolist()
@@ -209,20 +214,8 @@ class ZipFiles(PackFiles):
         }
         self.sizes = {name: info.file_size for name, info in self._entries.items()}
 
-    def _bytes(self, name: str, count: int, *, to_end: bool) -> bytes:
-        where = self.where(name)
-        if name not in self._entries:
-            raise UserError("is missing", where=where)
-        try:
-            with self._lock, self._zip.open(self._entries[name]) as file:
-                data = file.read(count)
-                # The checksum is compared only once the end is reached.
-                if to_end:
-                    file.read(1)
-                return data
-        except (*ZIP_ERRORS, OSError) as error:
-            found, remedy = str(error) or type(error).__name__, "the .zip may be damaged; copy it again"
-            raise UserError("cannot be read from the .zip", where=where, found=found, remedy=remedy) from error
+    def _open(self, name: str) -> IO[bytes]:
+        return self._zip.open(self._entries[name])
 
     def close(self) -> None:
         self._zip.close()

@@ -27,6 +27,16 @@ def number_in(value: Any, low: float, high: float) -> float | None:
     return float(value) if fits else None
 
 
+def number_array(value: Any, dtype: type = np.float64) -> np.ndarray | None:
+    """Nested lists of JSON's numbers as an array; None where they are ragged, or hold anything else."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        return None
+    with np.errstate(over="ignore"):
+        return array.astype(dtype) if array.dtype.kind in "iuf" else None
+
+
 @dataclass(frozen=True)
 class ViewMlp:
     """The view MLP: float32 weights [34, 16], [16, 16], [16, 3] (input-major) and biases [16], [16], [3]."""

@@ -14,7 +14,7 @@ from console import UserError
 from console.json_text import parse_json
 from scenepack.constants import PLANES_PER_IMAGE, PUBLISHED_NDC_CAMERA, VIEW_MLP_WIDTHS
 from scenepack.files import refuse_other_params
-from scenepack.pack import Pack, ViewMlp
+from scenepack.pack import Pack, ViewMlp, number_array
 
 MAX_GRID_SIDE = 32768  # voxels
 SMALLEST_VOXEL, LARGEST_VOXEL = 1e-9, 1e9  # world units, whatever these are; float32 squares such numbers
@@ -75,13 +75,11 @@ class _Checker:
 
     def array(self, key: str, shape: tuple[int, ...], dtype: type) -> np.ndarray:
         value = self.get(key)
-        expected = "".join(f"[{n}]" for n in shape) + " numbers"
-        found = _shape(value)
-        if found != shape:
-            text = _short(value) if found is None else "".join(f"[{n}]" for n in found)
-            raise UserError(f"{key} has the wrong shape", where=self.where, expected=expected, found=text)
-        with np.errstate(over="ignore"):
-            array = np.array(value, np.float64).astype(dtype)
+        array = number_array(value, dtype)
+        if array is None or array.shape != shape:
+            found = _short(value) if array is None else _sides(array.shape)
+            expected = f"{_sides(shape)} numbers"
+            raise UserError(f"{key} has the wrong shape", where=self.where, expected=expected, found=found)
         if not np.all(np.isfinite(array)):
             bad = int(np.sum(~np.isfinite(array)))
             raise UserError(f"{key} holds {bad} values that are NaN or infinite", where=self.where)
@@ -174,25 +172,17 @@ class _Checker:
 
 
 def _as_number(value: Any, *, text: bool = False) -> float | None:
-    """A JSON number as float (inf where it is too large for one), None for anything else."""
+    """A JSON number as float, None for anything else."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str) if text else (int, float)):
         return None
     try:
         return float(value)
-    except OverflowError:
-        return math.inf
     except ValueError:
         return None
 
 
-def _shape(value: Any) -> tuple[int, ...] | None:
-    """The shape of nested lists of numbers; None where they are ragged or hold anything else."""
-    if isinstance(value, list):
-        inner = {_shape(item) for item in value}
-        if len(inner) != 1 or None in inner:
-            return None
-        return (len(value), *(inner.pop() or ()))
-    return () if _as_number(value) is not None else None
+def _sides(shape: tuple[int, ...]) -> str:
+    return "".join(f"[{n}]" for n in shape)
 
 
 def _short(value: object) -> str:
@@ -250,17 +240,13 @@ def _reads_as_diffuse(raw: Mapping[str, Any], pack: Pack) -> bool:
     if all(bias is None for bias in biases) or pack.atlas_features is None:
         return True
     weights = [raw.get(f"{layer}_weights") for layer in LAYERS]
-    try:
-        return not any(np.any(np.array(array, np.float32)) for array in (*weights, *biases))
-    except (TypeError, ValueError):
-        return False
+    arrays = [number_array(values, np.float32) for values in (*weights, *biases)]
+    return all(array is not None and not array.any() for array in arrays)
 
 
 def _same(old: Any, new: Any) -> bool:
     """Whether `old`, from JSON, reads back as `new`; weights are compared as the float32 that they are."""
     if isinstance(new, np.ndarray):
-        if _shape(old) != new.shape:
-            return False
-        with np.errstate(over="ignore"):
-            return bool(np.array_equal(np.array(old, np.float64).astype(new.dtype), new))
+        array = number_array(old, new.dtype.type)
+        return array is not None and np.array_equal(array, new)
     return type(old) is type(new) and old == new if isinstance(new, bool) else old == new

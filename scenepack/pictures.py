@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from scenepack.codecs.base import Shape, decoding
+from scenepack.codecs.base import Decoded, Shape, decoding
 from scenepack.codecs.decoder_sandbox import Decoders
 
 PICTURE = "picture"
@@ -54,7 +54,7 @@ def picture_of(camera: Mapping[str, Any]) -> np.ndarray | None:
             return None
         decoders = Decoders()
         try:
-            rgba, _ = decoders.decode(COPIES.name, {PICTURE: content}, (PICTURE,), (1, height, width), False)
+            rgba, _ = decoders.decode(PICTURE, {PICTURE: content}, (PICTURE,), (1, height, width), False)
         finally:
             decoders.stop()
         return rgba[0, ..., :3]
@@ -64,16 +64,7 @@ def picture_of(camera: Mapping[str, Any]) -> np.ndarray | None:
         return None
 
 
-class _Copies:
-    """Decodes a picture, in a process of its own (scenepack.codecs.decoder_sandbox): AVIF and JPEG can ask for endless work."""
-
-    name = PICTURE
-
-    def decode(
-        self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        with decoding(names[0]), Image.open(io.BytesIO(files[names[0]]), formats=FORMATS) as opened:
-            return np.asarray(opened.convert("RGBA")).reshape(*shape, 4), None
-
-
-COPIES = _Copies()
+def decode_picture(files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
+    """As of a codec, in a process of its own (scenepack.codecs.decoder_sandbox): AVIF and JPEG can ask for endless work."""
+    with decoding(names[0]), Image.open(io.BytesIO(files[names[0]]), formats=FORMATS) as opened:
+        return np.asarray(opened.convert("RGBA")).reshape(*shape, 4), None

@@ -7,12 +7,14 @@ Notation: bs data voxels a side of a macroblock, B = bs + 2; a piece is uint8 [D
   atlas's patchwork; the padding, 18 % of the voxels at bs = 30, is left out and copied again by
   scenepack.blocks; what is empty costs next to nothing.
 A pack keeps the layout and the planes of a piece; all else follows from its indirection grid, in any reader.
+PNG, the published format, has four planes of the atlas to a piece.
 
 Under "snerg" such a pack keeps "codec_settings": layout ("atlas" or "grid") and planes of a piece, and the steps that values are
 counted in where they are coarse, without which it cannot be read, and the quality it was encoded with.
 """
 
 import multiprocessing
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -24,11 +26,14 @@ import numpy as np
 
 from console import UserError
 from scenepack.blocks import data_voxels, restore_padding
-from scenepack.codecs import CodecError, PieceCodec
-from scenepack.codecs.base import Layout, Shape
+from scenepack.coarse import order_of_groups
+from scenepack.codecs import Codec, CodecError, PngCodec
+from scenepack.codecs.base import Layout, Shape, decoding
 from scenepack.codecs.decoder_sandbox import Decoders
+from scenepack.codecs.png import decode_png, probe_png, require_room
 from scenepack.codecs.quantisation import EXACT, MOST_STEP, Steps, from_counts, steps_of, to_counts
-from scenepack.files import PARAMS_NAME, PackFiles, require_memory
+from scenepack.constants import PLANES_PER_IMAGE
+from scenepack.files import COPY_OR_BAKE, PARAMS_NAME, PackFiles, require_memory
 from scenepack.pack import Pack
 
 
@@ -39,12 +44,16 @@ class AtlasPiece:
     z0: int
     shape: Shape
 
+    @property
+    def planes(self) -> slice:
+        return slice(self.z0, self.z0 + self.shape[0])
+
     def gather(self, atlas: np.ndarray) -> np.ndarray:
-        planes = atlas[self.z0 : self.z0 + self.shape[0]]
+        planes = atlas[self.planes]
         return np.pad(planes, [(0, self.shape[0] - len(planes)), (0, 0), (0, 0), (0, 0)])
 
     def scatter(self, values: np.ndarray, atlas: np.ndarray) -> None:
-        target = atlas[self.z0 : self.z0 + self.shape[0]]
+        target = atlas[self.planes]
         target[...] = values[: len(target)]
 
 
@@ -110,17 +119,18 @@ def follows_grid(pack: Pack, atlas: np.ndarray) -> bool:
     return np.array_equal(atlas, again)
 
 
-# --- The atlas out of a pack whose codec stores pieces ---
+# --- The atlas out of the files of a pack ---
 
 SETTINGS, STEPS = "codec_settings", "steps"
 LIKED_PLANES = 128  # more than any codec of ours asks for, however shallow the atlas
 NOTICED_S = 0.2  # how long Ctrl-C may wait
+DECODING_THREADS = min(8, os.cpu_count() or 1)
 
 
-def settings_for(pack: Pack, codec: PieceCodec, quality: int | None) -> dict[str, Any]:
+def settings_for(pack: Pack, codec: Codec, quality: int | None) -> dict[str, Any]:
     """The codec_settings to write `pack` with."""
     layout, steps = codec.layout, EXACT
-    if codec.default_quality is None:
+    if codec.default_quality is None and not isinstance(codec, PngCodec):
         # Without loss means the atlas voxel by voxel, even where it is not as it should be.
         layout = "grid" if layout == "grid" and all(follows_grid(pack, part) for part in pack.atlases) else "atlas"
         steps = steps_of(pack.atlas_rgba, pack.atlas_features)
@@ -130,9 +140,7 @@ def settings_for(pack: Pack, codec: PieceCodec, quality: int | None) -> dict[str
     return settings if quality is None else {**settings, "quality": quality}
 
 
-def encoding_jobs(
-    pack: Pack, codec: PieceCodec, settings: Mapping[str, Any]
-) -> list[Callable[[], list[tuple[str, bytes]]]]:
+def encoding_jobs(pack: Pack, codec: Codec, settings: Mapping[str, Any]) -> list[Callable[[], list[tuple[str, bytes]]]]:
     """A call for each piece that gives its files, name and content."""
 
     def encode(number: int, piece: Piece) -> list[tuple[str, bytes]]:
@@ -153,67 +161,111 @@ def all_there(files: PackFiles, features: Sequence[str], outline: Pack, note: Ca
     return not missing
 
 
+def png_channels(files: PackFiles, name: str, width: int, height: int, entries: str, unit: str) -> str:
+    """The channels of a PNG. UserError where it is none of the size that `entries` of the JSON ask for."""
+    try:
+        head = files.head(name, PngCodec.header_bytes)
+        *found, channels = probe_png(head)
+        require_room(head, files.sizes.get(name, 0))
+    except CodecError as error:
+        raise files.undecodable(name, error) from error
+    if found != [width, height]:
+        raise UserError(f"its size disagrees with the JSON's {entries}", where=files.where(name),
+                        expected=f"{width}×{height} {unit}", found=f"{found[0]}×{found[1]}")  # fmt: skip
+    return channels
+
+
 class PieceFiles:
     """The pieces of an open pack, not decoded yet. has_features: whether all feature files are there.
 
     outline: its atlas arrays have their true shape and hold nothing. note(line) is called for what is untidy; UserError
     where files are missing or their headers disagree with the JSON.
+    previews: after how many pieces there is something new to see (scenepack.coarse). known: bool [D], planes of the atlas that
+    fill() has decoded; in the "grid" layout all, for there are zeros where nothing has arrived.
     """
 
-    def __init__(self, files: PackFiles, codec: PieceCodec, outline: Pack, note: Callable[[str], None]) -> None:
+    def __init__(self, files: PackFiles, codec: Codec, outline: Pack, note: Callable[[str], None]) -> None:
         self.files, self.codec, self.outline = files, codec, outline
         self._layout, planes, self.steps = read_settings(outline, codec, files.where(PARAMS_NAME))
         self.pieces = cut(outline, self._layout, planes)
         self.total = len(self.pieces)
+        depth = len(outline.atlas_rgba)
+        self._order, self.previews = list(range(self.total)), [1, self.total // 4, self.total // 2]
+        if self._layout == "atlas" and planes == PLANES_PER_IMAGE:
+            self._order, self.previews = order_of_groups(depth, outline.padded_block_size)
+        self.known = np.full(depth, self._layout == "grid")
         largest = max((int(np.prod(piece.shape)) * 4 for piece in self.pieces), default=0)
         require_memory(2 * largest, files.path)  # rgba and features of one piece, beside the atlas
-        always = [self.codec.names(i, piece.shape, False) for i, piece in enumerate(self.pieces)]
-        every = [self.codec.names(i, piece.shape, True) for i, piece in enumerate(self.pieces)]
-        missing = [name for names in always for name in names if name not in files.sizes]
+        always, every = (
+            [codec.names(i, piece.shape, features) for i, piece in enumerate(self.pieces)] for features in (False, True)
+        )
+        needed = [name for names in always for name in names]
+        missing = [name for name in needed if name not in files.sizes]
         if missing:
-            raise UserError("is missing", where=files.where(missing[0]), found=f"{len(missing)} missing",
-                            remedy="copy the pack again")  # fmt: skip
-        features = [name for names in every for name in names if name not in {n for group in always for n in group}]
-        # A pack without any macroblock has no files to tell by.
+            found = len(needed) - len(missing)
+            raise UserError("is missing", where=files.where(missing[0]), expected=f"{len(needed)} files of the atlas",
+                            found=found, remedy=COPY_OR_BAKE)  # fmt: skip
+        features = [name for names in every for name in names if name not in set(needed)]
+        # A pack without any macroblock may have no files to tell by.
         self.has_features = all_there(files, features, outline, note) if features else outline.view_mlp is not None
         self.names = every if self.has_features else always
+        self._check(note)
+
+    def _check(self, note: Callable[[str], None]) -> None:
+        other: dict[str, str] = {}
         for names, piece in zip(self.names, self.pieces, strict=True):
+            d, h, w = piece.shape
             for name in names:
+                if isinstance(self.codec, PngCodec):
+                    channels = png_channels(self.files, name, w, d * h, "atlas", f"pixels, {d} planes")
+                    other |= {} if channels == "RGBA" else {name: channels}
+                    continue
                 try:
-                    codec.check(name, files.head(name, codec.header_bytes), piece.shape)
+                    self.codec.check(name, self.files.head(name, self.codec.header_bytes), piece.shape)
                 except CodecError as error:
                     raise self.files.undecodable(name, error) from error
+        for name, channels in list(other.items())[:1]:
+            note(f"{self.files.where(name)} is {channels}, not RGBA ({len(other)} in all); read as the PNG standard has it, "
+                 "with alpha 255 where there is none")  # fmt: skip
 
-    def fill(self, rgba: np.ndarray, features: np.ndarray | None, threads: int) -> Iterator[int]:
-        """Decodes all pieces into zeroed atlases [D, H, W, 4]; yields how many are done."""
+    def fill(self, atlases: Sequence[np.ndarray]) -> Iterator[int]:
+        """Decodes all pieces into zeroed rgba and features [D, H, W, 4], D a multiple of four; yields how many are done."""
         decoders = Decoders()
 
-        def decode(number: int) -> None:
+        def decode(job: int) -> None:
+            number = self._order[job]
             piece, names = self.pieces[number], self.names[number]
             most = 2 * int(np.prod(piece.shape)) * 4 + (1 << 20)  # no format grows noise by more
             data = {name: self.files.read(name, most) for name in names}
             try:
-                decoded = decoders.decode(self.codec.name, data, names, piece.shape, self.has_features)
+                if isinstance(piece, AtlasPiece) and isinstance(self.codec, PngCodec):
+                    for name, atlas in zip(names, atlases, strict=True):
+                        with decoding(name):
+                            decode_png(data[name], atlas[piece.planes].reshape(-1, *atlas.shape[2:]))
+                else:
+                    decoded = decoders.decode(self.codec.name, data, names, piece.shape, self.has_features)
+                    for values, atlas in zip(from_counts(*decoded, self.steps), atlases, strict=False):
+                        if values is not None:
+                            piece.scatter(values, atlas)
             except CodecError as error:
                 raise self.files.undecodable(error.file or names[0], error) from error
-            decoded = from_counts(*decoded, self.steps)
-            for values, atlas in zip(decoded, (rgba, features), strict=True):
-                if values is not None and atlas is not None:
-                    piece.scatter(values, atlas)
+            if isinstance(piece, AtlasPiece):
+                self.known[piece.planes] = True
 
         try:
-            yield from in_threads(decode, self.total, threads)
+            yield from in_threads(decode, self.total)
         finally:
             decoders.stop()
         # Left out of the grid's planes; lossy codecs make a copy differ from its original, which shows as a seam.
         if self._layout == "grid" or self.codec.default_quality is not None:
-            for atlas in (rgba, features):
-                if atlas is not None:
-                    restore_padding(atlas, self.outline.atlas_indices, self.outline.block_size)
+            for atlas in atlases:
+                restore_padding(atlas, self.outline.atlas_indices, self.outline.block_size)
 
 
-def read_settings(outline: Pack, codec: PieceCodec, where: str) -> tuple[Layout, int, Steps]:
+def read_settings(outline: Pack, codec: Codec, where: str) -> tuple[Layout, int, Steps]:
     """Layout and planes of the pieces, and steps of their values, by the metadata of a pack. UserError where it lacks them."""
+    if isinstance(codec, PngCodec):
+        return codec.layout, PLANES_PER_IMAGE, EXACT
     settings = outline.metadata.get(SETTINGS)
     if not isinstance(settings, Mapping):
         what = f"snerg.{SETTINGS} is missing; {codec.name} cannot be decoded without it"
@@ -236,12 +288,12 @@ def read_settings(outline: Pack, codec: PieceCodec, where: str) -> tuple[Layout,
     return layout, planes, Steps(*steps)
 
 
-def in_threads(job: Callable[[int], None], count: int, threads: int) -> Iterator[int]:
+def in_threads(job: Callable[[int], None], count: int) -> Iterator[int]:
     """Calls job(0) … job(count - 1) in threads that do not keep the program from ending; yields how many are done.
 
     Raises what one of them raises; no other begins then, nor where the caller takes no more.
     """
-    with ThreadPool(max(min(threads, count), 1)) as pool:
+    with ThreadPool(max(min(DECODING_THREADS, count), 1)) as pool:
         ended = pool.imap_unordered(job, range(count))
         for done in range(1, count + 1):
             while True:  # asked again and again: Ctrl-C just before a wait begins would be noticed only after it

@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scenepack.pack import MOST_LENGTH, Pack, number_in
+from scenepack.pack import MOST_LENGTH, Pack, number_array, number_in
 
 Triple = tuple[float, float, float]
 Rows = tuple[Triple, Triple, Triple]
@@ -109,13 +109,10 @@ def placement_from_json(value: Any) -> Placement:
 
 
 def _array(value: Any, shape: tuple[int, ...], expected: str) -> np.ndarray:
-    try:
-        array = np.asarray(value)
-    except ValueError:  # lists of different lengths
-        raise ValueError(expected) from None
-    if array.shape != shape or array.dtype.kind not in "if" or not (np.abs(array) <= MOST_LENGTH).all():
+    array = number_array(value)
+    if array is None or array.shape != shape or not (np.abs(array) <= MOST_LENGTH).all():
         raise ValueError(expected)
-    return array.astype(np.float64)
+    return array
 
 
 def placement_of(pack: Pack) -> Placement:

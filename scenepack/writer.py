@@ -8,7 +8,6 @@ import zipfile
 from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -20,13 +19,12 @@ from console.atomic import recover_interrupted_write, replacing, write_file
 from console.json_text import read_json_file
 from console.results import try_folder
 from scenepack.blocks import grid_block_counts
-from scenepack.codecs import Codec, PngCodec, chosen_quality, codec_named
-from scenepack.codecs.png import encode_png, image_name
-from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE, VIEW_MLP_WIDTHS
+from scenepack.codecs import Codec, chosen_quality, codec_named
+from scenepack.codecs.png import encode_png
 from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, open_files
 from scenepack.pack import Pack
-from scenepack.params import params_json
-from scenepack.piece_files import SETTINGS, cut, encoding_jobs, settings_for
+from scenepack.params import params_json, parse_params
+from scenepack.piece_files import SETTINGS, encoding_jobs, settings_for
 
 ENCODING_THREADS = min(8, os.cpu_count() or 1)
 # Names that a pack may hold, whatever its codec, and what file browsers drop beside them.
@@ -55,9 +53,10 @@ def save_pack(
     quality: 1 (worst) to 100, of codecs that lose something; by default the codec's own. on_progress(done, total)
     is called after each image or piece.
     UserError where the disk is full or refuses, where `path` holds anything that is no pack, or where a library
-    that the codec needs is missing. ValueError for a pack that breaks its own rules, which is a bug of the caller.
+    that the codec needs is missing, or where a number would be refused when it is read. ValueError for arrays that do not fit
+    together, which is a bug of the caller.
     """
-    require_valid(pack)
+    _require_consistent(pack)
     chosen = codec_named(codec, "codec")
     _replace(path, _files(pack, chosen, chosen_quality(chosen, quality), png_level, on_progress))
 
@@ -107,37 +106,14 @@ def check_target(path: Path) -> None:
         raise UserError(f"cannot be written: {error.strerror or error}", where=path) from error
 
 
-def require_valid(pack: Pack) -> None:
-    """ValueError with the first thing that makes `pack` impossible to write or to render."""
-    depth, height, width = pack.atlas_rgba.shape[:3]
-    x, y, z = grid_block_counts(pack.grid_size, pack.block_size)
-    _require_array("atlas_rgba", pack.atlas_rgba, (depth, height, width, 4), np.uint8)
-    _require_array("atlas_indices", pack.atlas_indices, (z, y, x, 3), np.uint8)
-    _require_array("worldspace_T_opengl", pack.worldspace_T_opengl, (4, 4), np.floating)
-    _require_array("min_xyz", pack.min_xyz, (3,), np.floating)
-    if pack.atlas_features is not None:
-        _require_array("atlas_features", pack.atlas_features, (depth, height, width, 4), np.uint8)
-    if not (np.isfinite(pack.voxel_size) and pack.voxel_size > 0):
-        raise ValueError(f"voxel_size is {pack.voxel_size}, expected above 0")
-    used = pack.atlas_indices[pack.occupied]
-    if np.any(used == EMPTY_BLOCK) or np.any(used >= np.array(pack.atlas_blocks)):
-        raise ValueError(f"atlas_indices point outside of the atlas of {pack.atlas_blocks} macroblocks")
-    if pack.view_mlp is not None:
-        if pack.atlas_features is None:
-            raise ValueError("a view MLP needs atlas_features")
-        for i, (weights, bias) in enumerate(zip(pack.view_mlp.weights, pack.view_mlp.biases, strict=True)):
-            _require_array(f"{i}_weights", weights, VIEW_MLP_WIDTHS[i : i + 2], np.floating)
-            _require_array(f"{i}_bias", bias, VIEW_MLP_WIDTHS[i + 1 : i + 2], np.floating)
-    camera = (pack.input_width, pack.input_height, pack.input_focal)
-    if pack.ndc and not all(value is not None and value > 0 for value in camera):
-        raise ValueError(f"an ndc pack needs input_width, input_height and input_focal, found {camera}")
-
-
-def _require_array(name: str, array: np.ndarray, shape: tuple[int, ...], kind: type) -> None:
-    if array.shape != shape or not np.issubdtype(array.dtype, kind):
-        raise ValueError(f"{name} is {array.dtype} {array.shape}, expected {kind.__name__} {shape}")
-    if kind is np.floating and not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} holds NaN or infinite values")
+def _require_consistent(pack: Pack) -> None:
+    blocks, used = grid_block_counts(pack.grid_size, pack.block_size)[::-1], pack.atlas_indices[pack.occupied]
+    fit = {array.dtype for array in (*pack.atlases, pack.atlas_indices)} == {np.dtype(np.uint8)}
+    fit &= pack.atlas_indices.shape == (*blocks, 3) and len({atlas.shape for atlas in pack.atlases}) == 1
+    if not fit or np.any(used >= np.array(pack.atlas_blocks)):
+        raise ValueError(f"the arrays of a pack of {pack.grid_size} voxels do not fit together")
+    if (pack.view_mlp is not None and pack.atlas_features is None) or (pack.ndc and not pack.input_focal):
+        raise ValueError("a view MLP needs features, and a forward-facing pack a focal length")
 
 
 def _require_replaceable(path: Path, as_zip: bool) -> None:
@@ -171,20 +147,17 @@ def _files(
 ) -> Generator[tuple[str, bytes], None, None]:
     """The pack's files in order, name and content; images are encoded ahead in threads."""
     metadata = {key: value for key, value in pack.metadata.items() if key != SETTINGS}
-    if isinstance(codec, PngCodec):
-        settings: dict[str, Any] = {}
-        jobs = _image_jobs(pack, level)
-    else:
-        settings = {SETTINGS: settings_for(pack, codec, quality)}
-        jobs = encoding_jobs(pack, codec, settings[SETTINGS])
+    how = settings_for(pack, codec, level if codec.name == "png" else quality)
+    jobs, settings = encoding_jobs(pack, codec, how), {} if codec.name == "png" else {SETTINGS: how}
     if metadata or settings or not pack.params:  # a pack made elsewhere keeps its keys as they are
         metadata = {"version": _version(), **metadata, "codec": codec.name, **settings}
     # The published web viewer takes RGBA and RGB alike; RGBA is what most packs in the wild have.
     z, y, x = pack.atlas_indices.shape[:3]
     indices = np.full((z * y, x, 4), 255, np.uint8)
     indices[..., :3] = pack.atlas_indices.reshape(z * y, x, 3)
-    text = json.dumps(params_json(pack, codec.name, metadata), default=_plain)
-    yield PARAMS_NAME, text.encode()
+    text = json.dumps(params_json(pack, codec.name, metadata), default=_plain).encode()
+    parse_params(text, PARAMS_NAME, lambda note: None)  # what is written can be read
+    yield PARAMS_NAME, text
     yield INDICES_NAME, encode_png(indices, level)
     with (
         ThreadPoolExecutor(ENCODING_THREADS, "snerg-encode") as pool,
@@ -194,18 +167,6 @@ def _files(
             yield from files
             if on_progress is not None:
                 on_progress(done, len(jobs))
-
-
-def _image_jobs(pack: Pack, level: int) -> list[Callable[[], list[tuple[str, bytes]]]]:
-    """A call for each group of four planes that gives its files, name and content."""
-    groups = cut(pack, "atlas", PLANES_PER_IMAGE)
-
-    def encode(part: str, atlas: np.ndarray, group: int) -> list[tuple[str, bytes]]:
-        planes = groups[group].gather(atlas)
-        return [(image_name(part, group), encode_png(planes.reshape(-1, *planes.shape[2:]), level))]
-
-    parts = zip(("rgba", "feature"), pack.atlases, strict=False)
-    return [partial(encode, *part, group) for part in parts for group in range(len(groups))]
 
 
 def _write_zip(path: Path, files: Iterator[tuple[str, bytes]]) -> None:

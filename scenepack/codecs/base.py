@@ -1,8 +1,4 @@
-"""What the codecs have in common.
-
-PNG stores image by image in the published layout (scenepack.codecs.png). All others are PieceCodecs: they store pieces
-of the atlas in a layout of their own choice (scenepack.piece_files).
-"""
+"""What the codecs have in common: they store pieces of the atlas in a layout of their own choice (scenepack.piece_files)."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -41,7 +37,7 @@ def decoding(file: str) -> Iterator[None]:
         raise refused from error
 
 
-class PieceCodec(ABC):
+class Codec(ABC):
     """One way to store pieces, uint8 [D, H, W, 4] of rgba and of features. Its methods run in several threads."""
 
     name: ClassVar[str]  # the JSON's "format"
@@ -61,17 +57,17 @@ class PieceCodec(ABC):
     def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
         """The files of piece `number`; those without features come first."""
 
-    @abstractmethod
     def check(self, name: str, head: bytes, shape: Shape) -> None:
         """CodecError where a file's first header_bytes tell that it cannot hold this piece."""
+        raise NotImplementedError
 
     @abstractmethod
     def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
-        """The contents of `names`, in their order, for uint8 [D, H, W, 4] of each."""
+        """The contents of `names`, in their order, for uint8 [D, H, W, 4] of each. quality: of PNG, zlib's level."""
 
-    @abstractmethod
     def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
         """rgba and features (None without) uint8 [D, H, W, 4] from `files`. CodecError where it cannot."""
+        raise NotImplementedError
 
 
 def cut_off(data: bytes) -> CodecError:

@@ -44,7 +44,7 @@ class Decoders:
         """
         if self._stopped:
             raise CodecError("decoding was stopped")
-        process = _taken() or _Process()
+        process = _taken() or _Process(COMMAND, environment=ENVIRONMENT)
         with _lock:
             self._busy.add(process)
         try:
@@ -98,9 +98,6 @@ def _end_idle() -> None:
 
 class _Process(ChildProcess):
     """The caller's side of one subprocess."""
-
-    def __init__(self) -> None:
-        super().__init__(COMMAND, environment=ENVIRONMENT)
 
     def ask(
         self, codec: str, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool

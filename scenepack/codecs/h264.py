@@ -13,7 +13,6 @@ premultiplied and 4:4:4.
 import io
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
@@ -28,19 +27,10 @@ WAY = (b"mdia", b"minf", b"stbl")  # of boxes, from a track to its tables
 ENTRY = struct.Struct(">24xHH50x")  # of stsd: width and height; boxes follow
 
 
-@dataclass(frozen=True)
-class Film:
-    """width, height: pixels. setup: the decoder's (avcC). samples: the bytes of each frame."""
-
-    width: int
-    height: int
-    setup: bytes
-    samples: list[memoryview]
-
-
-def _film(data: memoryview, most: int) -> Film:
-    """The one H.264 film of an MP4, of at most so many frames, which all lie in it. CodecError, or what struct and dictionaries
-    raise, where it is none."""
+def _film(data: memoryview, most: int) -> tuple[tuple[int, int], bytes, list[memoryview]]:
+    """The one H.264 film of an MP4: (width, height), the decoder's setup (avcC) and the bytes of each frame. CodecError, or what
+    struct and dictionaries raise, where it is none, has more than `most` frames, or some that do not lie in it.
+    """
     tracks = [track for kind, track in _boxes(_only(data, b"moov")) if kind == b"trak"]
     tables = []
     for track in tracks:
@@ -54,7 +44,7 @@ def _film(data: memoryview, most: int) -> Film:
     [(_, entry)], [table] = entries, tables
     width, height = ENTRY.unpack_from(entry)
     setup = bytes(_only(entry[ENTRY.size :], b"avcC"))
-    return Film(width, height, setup, list(_samples(data, table, most)))
+    return (width, height), setup, list(_samples(data, table, most))
 
 
 def _only_entry(descriptions: memoryview) -> tuple[bytes, memoryview]:
@@ -167,15 +157,15 @@ class H264Codec(StreamCodec):
     def frames(self, data: bytes, shape: Shape, *, colour: bool) -> np.ndarray:
         self.check_film(data[: self.header_bytes], shape)
         try:
-            film = _film(memoryview(data), shape[0])
+            size, setup, samples = _film(memoryview(data), shape[0])
         except (struct.error, KeyError, IndexError) as error:
             raise CodecError("the film is damaged") from error
-        if (film.height, film.width) != shape[1:]:
-            raise CodecError(f"it is {film.width}×{film.height}, expected {shape[2]}×{shape[1]}")
+        if size[::-1] != shape[1:]:
+            raise CodecError(f"it is {size[0]}×{size[1]}, expected {shape[2]}×{shape[1]}")
         out = np.empty((*shape, 3) if colour else shape, np.uint8)
         done = 0
         try:
-            for frame in _decoded(film, shape):
+            for frame in _decoded(setup, samples, shape):
                 if done == shape[0]:
                     raise CodecError(f"it holds more than the {shape[0]} frames expected")
                 pixels = frame.to_ndarray()
@@ -203,15 +193,15 @@ def _av() -> ModuleType:
     return av
 
 
-def _decoded(film: Film, shape: Shape) -> Iterator[Any]:
+def _decoded(setup: bytes, samples: list[memoryview], shape: Shape) -> Iterator[Any]:
     """The frames, by a decoder alone: no container is opened, and so no file, no list and no socket."""
     av = _av()
     context = av.CodecContext.create("h264", "r")
-    context.extradata = film.setup
+    context.extradata = setup
     context.thread_count = THREADS
     # Whatever size the frames claim; FFmpeg counts rows filled up to whole vectors.
     context.options = {"max_pixels": str(shape[1] * (shape[2] + LARGEST_VECTOR))}
-    for sample in film.samples:
+    for sample in samples:
         yield from context.decode(av.Packet(bytes(sample)))
     yield from context.decode(None)
 

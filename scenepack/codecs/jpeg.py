@@ -11,14 +11,14 @@ import imagecodecs
 import numpy as np
 from PIL import Image
 
-from scenepack.codecs.base import CodecError, Decoded, Layout, PieceCodec, Shape, cut_off, decoding
+from scenepack.codecs.base import Codec, CodecError, Decoded, Layout, Shape, cut_off, decoding
 from scenepack.codecs.png import encode_png
 from scenepack.constants import PLANES_PER_IMAGE
 
 ALPHA_LEVEL = 6  # zlib's
 
 
-class JpegCodec(PieceCodec):
+class JpegCodec(Codec):
     """rgb_NNN.jpg, alpha_NNN.png, feature_NNN.jpg (first three channels), feature_w_NNN.jpg (the fourth)."""
 
     name = "jpeg"

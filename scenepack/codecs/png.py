@@ -8,14 +8,14 @@ group is a view of it.
 
 import io
 import struct
-from dataclasses import dataclass
 
 import imagecodecs
 import numpy as np
 from PIL import Image
 
 from console.file_signature import sniff_type
-from scenepack.codecs.base import CodecError, cut_off
+from scenepack.codecs.base import Codec, CodecError, Layout, Shape, cut_off
+from scenepack.constants import PLANES_PER_IMAGE
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_BYTES = 33  # signature and the IHDR chunk
@@ -23,28 +23,26 @@ MOST_DEFLATED = 1032  # bytes that DEFLATE can make of one
 _PNG_CHANNELS = {0: "grey", 2: "RGB", 3: "palette", 4: "grey and alpha", 6: "RGBA"}
 
 
-@dataclass(frozen=True)
-class ImageInfo:
-    """What an image file's header says: size in pixels, and how its pixels are stored ("RGBA", "RGB", …)."""
-
-    width: int
-    height: int
-    channels: str
-
-
-class PngCodec:
-    """The published format: 8 bit RGBA, image by image. All others are PieceCodecs."""
+class PngCodec(Codec):
+    """rgba_NNN.png and feature_NNN.png. Such a pack needs no settings; the reader decodes its images straight into the atlas."""
 
     name = "png"
+    layout = "atlas"
+    header_bytes = PNG_HEADER_BYTES
+
+    def planes(self, layout: Layout, block_size: int) -> int:
+        return PLANES_PER_IMAGE
+
+    def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
+        return tuple(f"{part}_{number:03d}.png" for part in (("rgba", "feature") if features else ("rgba",)))
+
+    def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
+        parts = [part.reshape(-1, *part.shape[2:]) for part in (rgba, features) if part is not None]
+        return tuple(encode_png(part, quality) for part in parts)
 
 
-def image_name(part: str, group: int) -> str:
-    """The file of group number `group` of "rgba" or "feature"."""
-    return f"{part}_{group:03d}.png"
-
-
-def probe_png(head: bytes) -> ImageInfo:
-    """Size and pixel layout from a PNG's first 33 bytes. CodecError for what is no PNG of 8 bits or fewer."""
+def probe_png(head: bytes) -> tuple[int, int, str]:
+    """Width, height and channels ("RGBA", "RGB", …) from a PNG's first 33 bytes. CodecError if it is none of 8 bits or fewer."""
     if len(head) < len(PNG_SIGNATURE):
         raise cut_off(head)
     if not head.startswith(PNG_SIGNATURE):
@@ -54,16 +52,15 @@ def probe_png(head: bytes) -> ImageInfo:
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
     if bits > 8 or colour not in _PNG_CHANNELS:
         raise CodecError(f"it has {bits} bits a channel, expected 8")
-    return ImageInfo(width, height, _PNG_CHANNELS[colour])
+    return width, height, _PNG_CHANNELS[colour]
 
 
 def require_room(head: bytes, size: int) -> None:
     """CodecError where a PNG of `size` bytes cannot hold the pixels that its header, first in `head`, claims."""
-    info = probe_png(head)
-    bits = head[24] * {"RGB": 3, "grey and alpha": 2, "RGBA": 4}.get(info.channels, 1)
-    raw = info.height * -(-info.width * bits // 8)
-    if raw > MOST_DEFLATED * size:
-        raise CodecError(f"its header claims {info.width}×{info.height} pixels, more than {size} bytes can hold")
+    width, height, channels = probe_png(head)
+    bits = head[24] * {"RGB": 3, "grey and alpha": 2, "RGBA": 4}.get(channels, 1)
+    if height * -(-width * bits // 8) > MOST_DEFLATED * size:
+        raise CodecError(f"its header claims {width}×{height} pixels, more than {size} bytes can hold")
 
 
 def _require_one_header(data: bytes) -> None:
@@ -90,12 +87,11 @@ def decode_png(data: bytes, out: np.ndarray) -> None:
     Layouts that optimisers leave behind are put back as the PNG standard has it: grey and palette become RGB,
     a missing alpha is 255. Releases the GIL while it decodes RGBA. CodecError where it cannot be decoded.
     """
-    info = probe_png(data[:PNG_HEADER_BYTES])
-    if (info.height, info.width) != out.shape[:2]:
-        raise CodecError(f"it is {info.width}×{info.height} pixels, expected {out.shape[1]}×{out.shape[0]}")
+    width, height, channels = probe_png(data[:PNG_HEADER_BYTES])
+    if (height, width) != out.shape[:2]:
+        raise CodecError(f"it is {width}×{height} pixels, expected {out.shape[1]}×{out.shape[0]}")
     require_room(data[:PNG_HEADER_BYTES], len(data))
     _require_one_header(data)
-    channels = info.channels
     try:
         if channels == "RGBA":
             imagecodecs.png_decode(data, out=out)

@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from scenepack.codecs.base import CodecError, Decoded, PieceCodec, Shape, cut_off, decoding
+from scenepack.codecs.base import Codec, CodecError, Decoded, Shape, cut_off, decoding
 
 CELL = 16  # voxels
 GREY = 128
@@ -106,7 +106,7 @@ FIRST_SMOOTHING, SMOOTHED_FROM = 8.0, 75.0  # in units of alpha, at this quality
 _XZ = b"\xfd7zXZ\x00"
 
 
-class StreamCodec(PieceCodec):
+class StreamCodec(Codec):
     """What h264 and avif share; see the module. straight: colours are stored straight, else premultiplied."""
 
     straight: ClassVar[bool]

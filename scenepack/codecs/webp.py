@@ -5,7 +5,7 @@ from functools import partial
 import imagecodecs
 import numpy as np
 
-from scenepack.codecs.base import CodecError, Decoded, Layout, PieceCodec, Shape, cut_off, decoding
+from scenepack.codecs.base import Codec, CodecError, Decoded, Layout, Shape, cut_off, decoding
 from scenepack.constants import PLANES_PER_IMAGE
 
 MAX_SIDE = 16383  # pixels of a WebP
@@ -13,7 +13,7 @@ METHOD = 4  # of 0 … 6; 6 takes four times as long for one per cent less
 EFFORT = 100  # 75 takes two thirds of the time and 0.3 % more bytes
 
 
-class WebpCodec(PieceCodec):
+class WebpCodec(Codec):
     """rgba_NNN_I.webp and feature_NNN_I.webp: picture I of piece N."""
 
     name = "webp"

@@ -14,13 +14,16 @@ import json
 import struct
 from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from math import atan
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from console import UserError
+from scenepack.cameras import photograph_cameras
 from scenepack.exports.field import ExportFrame, Field
+from scenepack.pack import Pack
 
 TYPES = {"f4": "float", "u1": "uchar"}
 Column = tuple[str, str]  # name and type, "f4" or "u1"
@@ -65,14 +68,22 @@ ARRAY, ELEMENTS = 34962, 34963
 MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 
-class GltfCamera(NamedTuple):
-    """A perspective camera of a glTF file. It looks along -z with y up; its principal point is the middle of the picture."""
+Camera = tuple[dict[str, Any], dict[str, Any]]  # its node and itself in the JSON of a file
 
-    name: str
-    frame_T_camera: np.ndarray  # float64 [4, 4], a rotation and a place
-    yfov: float  # radians, vertical
-    aspect_ratio: float  # width by height
-    near: float  # of the clipping plane
+
+def gltf_cameras(pack: Pack, export_frame: ExportFrame) -> list[Camera]:
+    """The cameras of the photographs, but for fisheyes and panoramas. Distortion of their lenses is left out, and the principal
+    point is the middle of the picture.
+    """
+    near = export_frame.stretch * (pack.near or pack.voxel_size)  # of the clipping plane
+    cameras: list[Camera] = []
+    for i, one in enumerate(camera for camera in photograph_cameras(pack) if camera.is_perspective):
+        lens = {"yfov": 2.0 * atan(0.5 * one.height / one.fy),
+                "aspectRatio": (one.width * one.fy) / (one.height * one.fx), "znear": near}  # fmt: skip
+        matrix = export_frame.pose(one.world_T_camera).T.ravel().tolist()  # by columns
+        node = {"name": one.name, "camera": i, "matrix": matrix}
+        cameras.append((node, {"name": one.name, "type": "perspective", "perspective": lens}))
+    return cameras
 
 
 def glb_parts(
@@ -81,7 +92,7 @@ def glb_parts(
     colours: np.ndarray,
     faces: np.ndarray,
     said: dict[str, Any],
-    cameras: Sequence[GltfCamera] = (),
+    cameras: Sequence[Camera] = (),
 ) -> list[bytes]:
     """The file in parts. vertices, normals float32 [v, 3]; colours uint8 [v, 3], sRGB; faces int [f, 3]. said: asset.extras."""
     colour = np.full((len(colours), 4), 65535, "<u2")
@@ -105,8 +116,7 @@ def glb_parts(
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
         "scenes": [{"nodes": list(range(1 + len(cameras)))}],
-        "nodes": [{"mesh": 0}, *({"name": camera.name, "camera": i, "matrix": camera.frame_T_camera.T.ravel().tolist()}
-                                 for i, camera in enumerate(cameras))],  # matrices by columns
+        "nodes": [{"mesh": 0}, *(node for node, _ in cameras)],
         "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0}]}],
         "materials": [{
             "doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0},
@@ -117,11 +127,7 @@ def glb_parts(
         "accessors": accessors,
     }  # fmt: skip
     if cameras:  # glTF forbids empty lists
-        document["cameras"] = [
-            {"name": camera.name, "type": "perspective",
-             "perspective": {"yfov": camera.yfov, "aspectRatio": camera.aspect_ratio, "znear": camera.near}}
-            for camera in cameras
-        ]  # fmt: skip
+        document["cameras"] = [camera for _, camera in cameras]
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     head = struct.pack("<III", MAGIC, 2, 12 + 8 + len(text) + 8 + offset)

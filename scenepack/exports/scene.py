@@ -3,7 +3,6 @@
 import importlib.util
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import atan
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -11,7 +10,6 @@ import numpy as np
 
 from console import UserError, write_result
 from console.arguments import require_in_range
-from scenepack.cameras import photograph_cameras
 from scenepack.exports import file_formats
 from scenepack.exports.field import Corners, ExportFrame, Field, Frame
 from scenepack.exports.surface import (
@@ -127,7 +125,7 @@ class Geometry:
     colours: np.ndarray  # uint8 [v, 3], diffuse, sRGB
     faces: np.ndarray  # int32 [f, 3], counter-clockwise from outside
     coarser: int = 1  # voxels a side that became one
-    cameras: Sequence[file_formats.GltfCamera] = ()  # of the photographs of a mesh
+    cameras: Sequence[file_formats.Camera] = ()  # of the photographs of a mesh
     point_size: float = 0.0  # of a preview, grid units
 
     def file_parts(self, file: Path, comments: Sequence[str] = ()) -> list[bytes]:
@@ -188,8 +186,9 @@ def _gaussian_voxels(field: Field, export: Export, export_frame: ExportFrame) ->
     return positions[near], rgba[near]
 
 
-def surface_of(field: Field, export: Export, export_frame: ExportFrame, on_progress: OnProgress) -> Surface:
-    """The surface without floaters, smoothed, in voxels of the pack's grid. UserError where nothing would be in it."""
+def geometry_of(pack: Pack, export: Export, on_progress: OnProgress = lambda share, note: None) -> Geometry:
+    """The points or the mesh (export.kind) of a pack. UserError where there would be none."""
+    field, export_frame = _field(pack, export, on_progress), ExportFrame(pack, export.frame, export.scale)
     surface = extract(field, export.level, lambda share: on_progress(0.6 * share, "finding the surface"))
     on_progress(0.6, "removing floaters")
     surface = without_floaters(surface, export.keep)
@@ -200,13 +199,7 @@ def surface_of(field: Field, export: Export, export_frame: ExportFrame, on_progr
         surface = surface.only(np.all(near[surface.faces], axis=1))
     require_some(len(surface.faces), export)
     on_progress(0.7, "smoothing")
-    return smoothed(surface, export.smooth)
-
-
-def geometry_of(pack: Pack, export: Export, on_progress: OnProgress = lambda share, note: None) -> Geometry:
-    """The points or the mesh (export.kind) of a pack. UserError where there would be none."""
-    field, export_frame = _field(pack, export, on_progress), ExportFrame(pack, export.frame, export.scale)
-    surface = surface_of(field, export, export_frame, on_progress)
+    surface = smoothed(surface, export.smooth)
     if export.kind == "points":
         return Geometry(*scattered(surface, export, export_frame), np.zeros((0, 3), np.int32), field.coarser)
     if export.faces is not None:
@@ -215,17 +208,7 @@ def geometry_of(pack: Pack, export: Export, on_progress: OnProgress = lambda sha
     on_progress(0.9, f"{len(surface.faces):,} triangles")
     surface = placed(surface, export_frame)
     arrays = (surface.vertices, vertex_normals(surface), surface.colours, surface.faces)
-    return Geometry(*arrays, field.coarser, _gltf_cameras(pack, export_frame))
-
-
-def _gltf_cameras(pack: Pack, export_frame: ExportFrame) -> list[file_formats.GltfCamera]:
-    """The cameras of the photographs, but for fisheyes and panoramas. Distortion of their lenses is left out."""
-    near = export_frame.stretch * (pack.near or pack.voxel_size)
-    return [
-        file_formats.GltfCamera(one.name, export_frame.pose(one.world_T_camera), 2.0 * atan(0.5 * one.height / one.fy),
-                   (one.width * one.fy) / (one.height * one.fx), near)
-        for one in photograph_cameras(pack) if one.is_perspective
-    ]  # fmt: skip
+    return Geometry(*arrays, field.coarser, file_formats.gltf_cameras(pack, export_frame))
 
 
 def placed(surface: Surface, export_frame: ExportFrame) -> Surface:

@@ -97,7 +97,7 @@ def films_of(path: Path) -> list[FilmedPiece] | None:
     """The pieces of the pack at `path` as films; None where it is not AVIF in the usual layout. UserError: unreadable."""
     with open_pack(path) as reader:
         pieces = reader.pieces
-        if pieces is None or not isinstance(pieces.codec, AvifCodec) or pieces.steps != EXACT:
+        if not isinstance(pieces.codec, AvifCodec) or pieces.steps != EXACT:
             return None
         made = []
         for piece, names in zip(pieces.pieces, pieces.names, strict=True):
