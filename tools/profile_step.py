@@ -150,7 +150,7 @@ def steps_in_parts(engine: Any, state: State, step: int, progress: float) -> Ite
         yield "scatter", gradient
         yield "adam", engine.move(state, output, gradient, marks, len(batch.start), progress)
         return
-    (cells, maps, absent, _), constants = engine._derived(state), engine._constants(state)
+    (cells, maps, absent, *_), constants = engine._derived(state), engine._constants(state)
     dataset, compiled = engine.dataset.in_average_look(state.gains), partial(jax.jit, static_argnames="constants")
     samples, target = compiled(jax_engine.draw)(cells, dataset, engine.key, np.int32(step), constants=constants)
     yield "draw", samples

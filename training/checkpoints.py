@@ -8,7 +8,6 @@ import errno
 import json
 import re
 import struct
-import warnings
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -21,16 +20,14 @@ import numpy as np
 from jax.tree_util import keystr, tree_leaves_with_path
 from safetensors import SafetensorError, safe_open
 
-from console import Notice, UserError
+from console import UserError
 from console.atomic import write_file
+from training.scenes.files import notice
 
 KEPT = 2
 FORMAT = "1"
 NAME = re.compile(r"step_(\d{8,})\.safetensors")
 Tree = TypeVar("Tree")
-
-
-# --- trees of arrays --------------------------------------------------------------------------------------------------
 
 
 def named_leaves(tree: Any) -> dict[str, Any]:
@@ -58,9 +55,6 @@ def from_arrays(template: Tree, arrays: Mapping[str, np.ndarray]) -> Tree:
     return jax.tree.unflatten(jax.tree.structure(template), leaves)
 
 
-# --- files ------------------------------------------------------------------------------------------------------------
-
-
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
     """Turns an OSError met while writing `path` into a UserError."""
@@ -82,7 +76,6 @@ def list_checkpoints(folder: Path) -> list[tuple[int, Path]]:
 
 def write_checkpoint(folder: Path, step: int, arrays: Mapping[str, np.ndarray]) -> Path:
     """Writes the state after `step` steps and drops all but the newest KEPT checkpoints. UserError where it cannot be written."""
-    arrays = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     metadata = {"format": FORMAT, "step": str(step), "crc32": _checksum(arrays)}
     path = folder / f"step_{step:08d}.safetensors"
     with writing(path):
@@ -118,7 +111,7 @@ def read_newest_checkpoint(folder: Path) -> tuple[int, dict[str, np.ndarray]]:
         try:
             return read_checkpoint(path)
         except UserError as error:
-            warnings.warn(Notice(f"{error}; going back to the checkpoint before it"), stacklevel=2)
+            notice(None, f"{error}; going back to the checkpoint before it")
             damage = damage or error
     remedy = "train the run again into another folder"
     raise UserError("no checkpoint can be read", where=folder, found=damage, remedy=remedy)

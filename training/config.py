@@ -154,8 +154,7 @@ AT_LEAST_ONE = {
 
 
 def from_json(cls: type, values: Mapping[str, Any], where: str) -> Any:
-    """The inverse of dataclasses.asdict; what is missing has its default. UserError for unknown keys and values without sense.
-    where: the file."""
+    """The inverse of dataclasses.asdict, with defaults. where: the file. UserError for unknown keys and values without sense."""
     if not isinstance(values, Mapping):
         raise UserError("settings are no object", where=where, expected="{…}", found=type(values).__name__)
     hints = typing.get_type_hints(cls)
@@ -179,7 +178,7 @@ def require_valid(config: Any, where: str | None = None, prefix: str = "") -> No
     hints = typing.get_type_hints(type(config))
     for setting in dataclasses.fields(config):
         value, hint, name = getattr(config, setting.name), hints[setting.name], prefix + setting.name
-        if dataclasses.is_dataclass(value) and dataclasses.is_dataclass(hint):
+        if dataclasses.is_dataclass(value):
             require_valid(value, where, f"{name}.")
             continue
         if expected := _expected_instead(value, hint, 1 if setting.name in AT_LEAST_ONE else 0):
@@ -191,8 +190,6 @@ def require_valid(config: Any, where: str | None = None, prefix: str = "") -> No
 def _expected_instead(value: Any, hint: Any, least: int) -> str | None:
     """What is expected in place of `value`; None where it will do."""
     origin, choices = typing.get_origin(hint), typing.get_args(hint)
-    if dataclasses.is_dataclass(hint):
-        return "an object"
     if origin is typing.Literal:
         return None if value in choices and isinstance(value, str) else f"one of {', '.join(choices)}"
     if origin in (types.UnionType, typing.Union):

@@ -14,7 +14,6 @@ hold, and a batch's colours are fetched from whichever device has them.
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -25,10 +24,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding
 
-from console import Notice, UserError
+from console import UserError
 from training.devices import AXIS, SPLIT, WHOLE, anywhere, every_device, here, own_rows, put_split, put_whole, together
 from training.method import Rays
 from training.scenes import Camera, Scene, load_pixels
+from training.scenes.files import notice
 from training.scenes.lens import PROJECTION, lens_functions, whole_lens
 from training.scenes.pixels import may_be_transparent, pixel_counts, without_alpha
 from training.scenes.scene import Kind, camera_rays, ndc_rays, shown_pixels
@@ -228,10 +228,10 @@ def row_step_for(scene: Scene) -> int:
             raise UserError("too many pixels", where=scene.path, expected=f"at most {MOST_RAYS:,}", found=f"{count:,}",
                             remedy="use --downscale")  # fmt: skip
     if step > 1:
-        problem = f"{scene.path}: {count:,} pixels are more than the {MOST_RAYS:,} rays that training can count"
+        problem = f"{count:,} pixels are more than the {MOST_RAYS:,} rays that training can count"
         shrink = math.ceil(math.sqrt(count / MOST_RAYS)) * int(str(scene.notes.get("downscale", 1)))
         remedy = f"it takes one row in {step} of each photograph (or use --downscale {shrink})"
-        warnings.warn(Notice(f"{problem}; {remedy}"), stacklevel=2)
+        notice(scene.path, f"{problem}; {remedy}")
     return step
 
 
@@ -258,7 +258,7 @@ def make_dataset(scene: Scene, *, folder: Path | None = None, contracted: bool =
         raise UserError(f"there is nothing to see: {why}", where=scene.path, found=f"{len(cameras)} photographs",
                         remedy="check the photographs' alpha, or their masks")  # fmt: skip
     if channels == 3 and scene.kind == "blender":
-        warnings.warn(Notice(f"{scene.path}: {OPAQUE}"), stacklevel=2)
+        notice(scene.path, OPAQUE)
     arrays = {
         "world_T_camera": np.stack([c.world_T_camera[:3] for c in cameras]).astype(np.float32),
         "intrinsics": np.array([[c.fx, c.fy, c.cx, c.cy] for c in cameras], np.float32),

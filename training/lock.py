@@ -1,7 +1,6 @@
-"""Locks (flock) on files and folders. They count on all hosts that share these, and end with their process."""
+"""A lock (flock) on a folder. It counts on all hosts that share the folder, and ends with its process."""
 
 import os
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -32,12 +31,3 @@ def only_one_trains(run: Path, doing: str = "training into this run") -> Iterato
         for folder in missing:
             with suppress(OSError):  # not empty: the run is in it
                 folder.rmdir()
-
-
-@contextmanager
-def one_at_a_time(file: Path) -> Iterator[None]:
-    """Waits until no other process is in such a block with the same file, which is made."""
-    with file.open("w") as opened:
-        while try_lock(opened.fileno()) is False:
-            time.sleep(0.1)
-        yield

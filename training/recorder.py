@@ -91,8 +91,7 @@ class Recorder:
         return shown
 
     def validate(self) -> None:
-        """Renders held-out photographs: their mean PSNR goes to the log; of the first "photograph | rendering" as a PNG, and
-        again as latest.png."""
+        """Renders held-out photographs: their mean PSNR to the log, the first beside its rendering to a PNG and latest.png."""
         if not is_writer():
             return
         run, when = self.run, self._when()
@@ -167,8 +166,7 @@ def render_photograph(
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
-    """The records of a metrics.jsonl, without values that cannot be drawn. Lines that are no record (a kill cuts one off) are
-    left out."""
+    """The records of a metrics.jsonl, without values that cannot be drawn, and without lines that a kill cut off."""
     records = []
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else ():
         try:

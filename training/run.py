@@ -61,10 +61,6 @@ class Run:
         return self.description.options
 
     @property
-    def downscale(self) -> int:
-        return self.options.downscale
-
-    @property
     def checkpoints(self) -> Path:
         return self.path / "checkpoints"
 

@@ -37,14 +37,12 @@ def whole_runs(sides: Sequence[int], kind: Kind = "object") -> dict[str, dict[in
     """Samples and bytes on the disk of a whole run, by preset and by the photographs' longer side in pixels."""
     from training.multires.settings import resolutions_for, samples_for
 
-    found: dict[str, dict[int, dict[str, int]]] = {}
-    for name in PRESETS:
-        config, found[name] = CONFIGS[name], {}
-        for side in sides:
-            samples = config.steps * (config.multires.samples_per_step or samples_for(side, kind))
-            finest = (config.multires.resolutions or resolutions_for(side))[-1]
-            found[name][side] = {"samples": samples, "disk": round(DISK_BY_FINENESS * finest**2)}
-    return found
+    disk = {side: round(DISK_BY_FINENESS * resolutions_for(side)[-1] ** 2) for side in sides}
+    steps = {name: CONFIGS[name].steps for name in PRESETS}
+    return {
+        name: {side: {"samples": steps[name] * samples_for(side, kind), "disk": disk[side]} for side in sides}
+        for name in PRESETS
+    }
 
 
 def _ball() -> Scene:

@@ -14,8 +14,6 @@ import jax.numpy as jnp
 from scenepack.constants import VIEW_FREQUENCIES, VIEW_MLP_WIDTHS
 from training.method import ViewMlpParams
 
-POINT_DEGREES = 10  # sin(2^0 x) ... sin(2^9 x)
-
 
 def encode(x: jax.Array, degrees: int) -> jax.Array:
     """Encodes x [..., D] to [..., D (1 + 2 degrees)]: x, then sin(2^k x) for each k, then sin(2^k x + pi/2) for each k. All of x,
@@ -23,16 +21,6 @@ def encode(x: jax.Array, degrees: int) -> jax.Array:
     frequencies = 2.0 ** jnp.arange(degrees, dtype=x.dtype)
     scaled = (x[..., None, :] * frequencies[:, None]).reshape(*x.shape[:-1], degrees * x.shape[-1])
     return jnp.concatenate([x, jnp.sin(scaled), jnp.sin(scaled + 0.5 * jnp.pi)], axis=-1)
-
-
-def encode_points(points: jax.Array) -> jax.Array:
-    """gamma(p), [..., 3] -> [..., 63]."""
-    return encode(points, POINT_DEGREES)
-
-
-def encode_viewdirs(viewdirs: jax.Array) -> jax.Array:
-    """gamma(v) of unit directions in the training frame, [..., 3] -> [..., 27]."""
-    return encode(viewdirs, VIEW_FREQUENCIES)
 
 
 def init_view_mlp(key: jax.Array) -> ViewMlpParams:
@@ -51,7 +39,7 @@ def apply_view_mlp(
 
     The caller adds it to the diffuse colour: unclamped in training (as in the release), clamped to [0, 1] for a picture.
     """
-    x = jnp.concatenate([encode_viewdirs(viewdirs), diffuse_with_background, features], axis=-1)
+    x = jnp.concatenate([encode(viewdirs, VIEW_FREQUENCIES), diffuse_with_background, features], axis=-1)
     for weight, bias in zip(params.weights[:-1], params.biases[:-1], strict=True):
         x = jax.nn.relu(x @ weight + bias)
     return jax.nn.sigmoid(x @ params.weights[-1] + params.biases[-1])

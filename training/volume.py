@@ -67,8 +67,6 @@ def shade(
     return RenderOutput(rgb=rgb, diffuse=diffuse, features=features, alpha=alpha, depth=depth)
 
 
-# --- Losses -----------------------------------------------------------------------------------------------------------
-
 CHANNELS = 3
 
 

@@ -156,7 +156,7 @@ def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
         crc = zlib.crc32(np.ascontiguousarray(array).data, zlib.crc32(name.encode(), crc))
     return {
         "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
-        "scene": str(run.scene.path), "downscale": run.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
+        "scene": str(run.scene.path), "downscale": run.options.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
         "resolution": config.resolution, "preset": config.preset, "most_macroblocks": config.block_limit,
         "aabb": config.aabb, "keeps_hidden": config.keeps_hidden,
     }  # fmt: skip

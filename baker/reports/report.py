@@ -108,7 +108,7 @@ def _begun(study: Study) -> dict[str, Any]:
     about = {
         "run": str(study.run.path.resolve()), "step": study.run.step, "scene": str(study.scene.path),
         "out": str(study.out.resolve()), "name": study.name, "kind": study.kind, "theirs": whose(study.kind, study.name),
-        "downscale": study.run.downscale, "split": study.options.split, "views": len(photographs), "width": camera.width,
+        "downscale": study.run.options.downscale, "split": study.options.split, "views": len(photographs), "width": camera.width,
         "height": camera.height,
     }  # fmt: skip
     if study.mask is not None:

@@ -13,10 +13,9 @@ from PIL import Image
 from console import Notice
 from training import dataset as datasets
 from training.dataset import MOST_RAYS, make_dataset, row_step_for
-from training.marching.layout import GridBox
-from training.marching.rays import to_grid
+from training.marching.rays import GridBox, to_grid
 from training.scenes import Photograph, Scene, load_pixels, pixels
-from training.scenes.pictures import PictureLoader, read_picture, shrink
+from training.scenes.pictures import PictureLoader, as_floats, decoded, shrink
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +37,7 @@ def test_a_big_photograph_is_decoded_without_floats_of_all_of_it(big: Path, size
     assert peak < most * 6e6, (
         f"{peak / 6e6:.1f} bytes a pixel"
     )  # as floats of four channels: 16, and again for each operation
-    expected = np.rint(shrink(read_picture(big), *size) * 255)[..., :3]
+    expected = np.rint(shrink(as_floats(decoded(big)), *size) * 255)[..., :3]
     assert found.dtype == np.uint8 and found.shape == (*size[::-1], 3)
     apart = np.abs(found - expected)
     assert apart.max() <= 1 and apart.mean() < 1e-4, "halves may round apart where bands weigh cells that they share"

@@ -14,6 +14,7 @@ from PIL import Image
 from baker.reports.evaluation import reading_of
 from console import UserError
 from tests.training.reconstructions import ball, write_colmap
+from tests.training.scenes.test_pictures_formats import read_picture
 from tests.training.scenes.test_transforms import edit
 from tests.training.test_captures import circle, complaint, everyone, forward, write_llff, write_transforms
 from tests.training.test_training import MINUTE
@@ -23,7 +24,7 @@ from training.loop import train
 from training.run import load_run, read_description
 from training.scenes import Scene, SceneOptions, load_pixels, load_scene
 from training.scenes.colmap import sparse_points
-from training.scenes.pictures import over_background, read_picture, shrink
+from training.scenes.pictures import over_background, shrink
 from training.scenes.scene import few_line
 from training.scenes.scene_options import axes_of, box_text
 

@@ -3,6 +3,10 @@
 Two passes keep it cheap: first one test per COARSE steps against the dilated coarse occupancy, then one test per step
 against exact support. Both compact into lists of fixed size, so nothing recompiles. Nothing is dropped silently: rays
 are taken in order until the list is full, and `complete` says which rays have all their samples.
+
+Notation: a grid of dims (Dx, Dy, Dz) voxels; voxel i covers [i, i+1) in grid coordinates g and its value sits at its centre,
+i + 0.5. Its coarse occupancy has one byte for each COARSE³ voxels, 1 where a sample within COARSE/2 voxels of these could
+have support.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,10 +16,65 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from training.marching.layout import COARSE, Cells
-from training.marching.rays import GridRays
+from training.marching.rays import GridBox, GridRays
 
+COARSE = 4  # side of a coarse occupancy cell, in voxels
 Output = TypeVar("Output")
+
+
+class Cells(NamedTuple):
+    """The cells of an occupancy grid."""
+
+    box: GridBox
+    occupied: jax.Array  # uint8, flat, x fastest, of side³ cells
+    side: jax.Array
+    coarse: jax.Array
+    coarse_dims: jax.Array
+
+    def has_support(self, g: jax.Array) -> jax.Array:
+        """bool [...]: whether samples are taken at g [..., 3]."""
+        cell = jnp.clip(g.astype(jnp.int32), 0, self.side - 1)
+        return self.occupied[flat_index(cell, jnp.stack([self.side] * 3))] > 0
+
+    def near_content(self, g: jax.Array) -> jax.Array:
+        """bool [...]: False only where no cell within COARSE / 2 of g [..., 3] is on."""
+        cell = jnp.clip((g * (1.0 / COARSE)).astype(jnp.int32), 0, self.coarse_dims - 1)
+        return self.coarse[flat_index(cell, self.coarse_dims)] > 0
+
+
+def segments_across(dims: tuple[int, ...] | np.ndarray, step: float = 1.0) -> int:
+    """How many runs of COARSE steps the longest ray through a grid of dims voxels has. step: in voxels."""
+    return int(np.ceil(float(np.linalg.norm(np.asarray(dims, np.float64))) / step / COARSE)) + 1
+
+
+def flat_index(cell: jax.Array, dims: jax.Array) -> jax.Array:
+    """Flat index, x fastest, of integer cells [..., 3] in a box of dims [3]."""
+    return (cell[..., 2] * dims[1] + cell[..., 1]) * dims[0] + cell[..., 0]
+
+
+def coarse_occupancy(support: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """uint8 [Cz, Cy, Cx]: cell c answers for samples at g in [4c - 2, 4c + 6), whose padded cells are 4c - 2 ... 4c + 6."""
+    coarse = support
+    for axis in range(3):
+        count = -(-shape[axis] // COARSE)
+        wide = np.pad(coarse, [(COARSE, 3 * COARSE) if other == axis else (0, 0) for other in range(3)])
+        coarse = np.zeros(1, np.uint8)
+        for first in range(COARSE // 2, 2 * COARSE + COARSE // 2 + 1):
+            some = (slice(None),) * axis + (slice(first, first + COARSE * (count - 1) + 1, COARSE),)
+            coarse = np.maximum(coarse, wide[some])
+    return coarse
+
+
+def dilate(volume: np.ndarray) -> np.ndarray:
+    """bool volume grown by one voxel along every axis and diagonal."""
+    for axis in range(3):
+        grown = volume.copy()
+        ahead, behind = [slice(None)] * 3, [slice(None)] * 3
+        ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
+        grown[tuple(ahead)] |= volume[tuple(behind)]
+        grown[tuple(behind)] |= volume[tuple(ahead)]
+        volume = grown
+    return volume
 
 
 class MarchSizes(NamedTuple):

@@ -18,8 +18,17 @@ import jax.numpy as jnp
 
 from scenepack.contraction import Path, contract, path_of, time_at
 from training.dataset import RayDataset
-from training.marching.layout import Boxed
 from training.method import Rays
+
+
+class GridBox(NamedTuple):
+    """Where a grid is, and no more."""
+
+    origin: jax.Array  # [3] in world units
+    voxel: jax.Array  # [] or [3] in world units
+    dims: jax.Array  # int32 [3] = (x, y, z) voxels
+    # []: of a contracted grid, half the side of its inner cube in world units (scenepack.contraction); None of others
+    contraction: jax.Array | float | None = None
 
 
 class GridFrameRays(NamedTuple):
@@ -63,28 +72,27 @@ class GridRays(NamedTuple):
         return s / self.scale if self.path is None else time_at(self.path, s / self.scale, jnp)
 
 
-def to_grid(layout: Boxed, rays: Rays) -> GridRays:
-    """Clips rays, given in the grid's frame, to the grid's box and measures them in voxels. A contracted ray is not clipped: it
-    begins at `near`."""
-    if layout.contraction is not None:
-        return _contracted(layout, rays, layout.contraction)
-    origins = (rays.origins - layout.origin) / layout.voxel
-    directions = rays.directions / layout.voxel
+def to_grid(box: GridBox, rays: Rays) -> GridRays:
+    """Clips rays of the grid's frame to the grid's box, and measures them in voxels. Contracted rays begin at `near`."""
+    if box.contraction is not None:
+        return _contracted(box, rays, box.contraction)
+    origins = (rays.origins - box.origin) / box.voxel
+    directions = rays.directions / box.voxel
     scale = jnp.linalg.norm(directions, axis=-1)
     directions = directions / scale[:, None]
     safe = jnp.where(jnp.abs(directions) < 1e-9, 1e-9, directions)
-    to_low, to_high = -origins / safe, (layout.dims - origins) / safe
+    to_low, to_high = -origins / safe, (box.dims - origins) / safe
     start = jnp.maximum(jnp.minimum(to_low, to_high).max(-1), rays.near * scale)
     end = jnp.minimum(jnp.maximum(to_low, to_high).min(-1), rays.far * scale)
     length = jnp.linalg.norm(rays.directions, axis=-1) / scale
     return GridRays(origins[:, None], directions[:, None], jnp.zeros_like(start)[:, None], start, end, scale, length)
 
 
-def _contracted(layout: Boxed, rays: Rays, reach: jax.Array | float) -> GridRays:
+def _contracted(box: GridBox, rays: Rays, reach: jax.Array | float) -> GridRays:
     """Rays with unit directions as paths. reach: half the side of the inner cube."""
     path = path_of(rays.origins / reach, rays.directions / reach, rays.near, jnp)
-    scale = jnp.broadcast_to(reach / layout.voxel, (3,))[0]  # voxels are cubes
-    origins = path.origins * scale - layout.origin / layout.voxel
+    scale = jnp.broadcast_to(reach / box.voxel, (3,))[0]  # voxels are cubes
+    origins = path.origins * scale - box.origin / box.voxel
     length = jnp.full_like(path.ends, reach / scale)
     return GridRays(
         origins, path.directions, path.starts * scale, jnp.zeros_like(path.ends), path.ends * scale,
@@ -92,8 +100,8 @@ def _contracted(layout: Boxed, rays: Rays, reach: jax.Array | float) -> GridRays
     )  # fmt: skip
 
 
-def grid_points(layout: Boxed, points: jax.Array) -> jax.Array:
+def grid_points(box: GridBox, points: jax.Array) -> jax.Array:
     """Points [N, 3] of the grid's frame in grid coordinates."""
-    if layout.contraction is not None:
-        points = contract(points / layout.contraction, jnp) * layout.contraction
-    return (points - layout.origin) / layout.voxel
+    if box.contraction is not None:
+        points = contract(points / box.contraction, jnp) * box.contraction
+    return (points - box.origin) / box.voxel

@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from scenepack.constants import TRANSMITTANCE_SHADED, VIEW_MLP_WIDTHS
-from training.marching.layout import blend, trilinear_weights
 from training.marching.march import MarchSizes, Samples, transmittance
 from training.marching.rays import GridRays
 from training.method import RenderOutput, ViewMlpParams
@@ -85,7 +84,10 @@ def corners(level: Level, maps: jax.Array, points: jax.Array) -> tuple[jax.Array
     cell = jnp.clip(place.astype(jnp.int32), 0, level.resolution - 1)
     ahead = np.array([[k & 1, k >> 1 & 1, k >> 2] for k in range(8)], np.int32)
     x, y, z = jnp.moveaxis(cell[:, None] + ahead, -1, 0)
-    return rows_at(level, maps, x, y, z), trilinear_weights(place - cell)
+    fraction = place - cell
+    shares = jnp.stack([1.0 - fraction, fraction], axis=-1)  # [N, 3, 2]
+    weights = shares[:, 2, :, None, None] * shares[:, 1, None, :, None] * shares[:, 0, None, None, :]
+    return rows_at(level, maps, x, y, z), weights.reshape(-1, 8)
 
 
 def encode(table: jax.Array, levels: tuple[Level, ...], maps: jax.Array, points: jax.Array) -> jax.Array:
@@ -96,7 +98,7 @@ def encode(table: jax.Array, levels: tuple[Level, ...], maps: jax.Array, points:
             parts.append(jnp.zeros((len(points), FEATURES)))
         else:
             ids, weights = corners(level, maps, points)
-            parts.append(blend(table[ids], weights))
+            parts.append(jnp.einsum("nk,nkc->nc", weights, table[ids], precision=jax.lax.Precision.HIGHEST))
     padding = inputs_of(len(levels)) - FEATURES * len(levels)
     return jnp.concatenate([*parts, jnp.zeros((len(points), padding))], axis=-1)
 
@@ -215,7 +217,7 @@ def loss(
     fixed = jax.lax.stop_gradient(raw)
     density, values = activate(fixed + target.shares[:, None] * (raw - fixed))
     gathered, weights, lit = composite(density, values, samples, target.step_lengths, count, sizes.per_ray)
-    view_mlp = split_parameters(parameters, x.shape[1])[-1] if settings.has_view_mlp else None
+    view_mlp = split_parameters(parameters, x.shape[1])[-1] if settings.own.view_dependence else None
     rgb = shade(gathered, view_mlp, target.viewdirs, target.background).rgb
     counted = (samples.complete & (samples.counts > 0))[:, None]
     total = jnp.maximum(counted.sum(), 1)
@@ -226,10 +228,10 @@ def loss(
     sparsity = settings.sparsity * target.side * jnp.where(lit, penalty, 0.0).sum() / total
     metrics = {
         "mse": jnp.where(counted, clipped, 0.0).sum() / (3 * total),
-        "distortion": settings.distortion * spread,
+        "distortion": settings.by_kind.distortion_weight * spread,
         "sparsity": sparsity,
     }
-    total_loss = colour + settings.distortion * spread + sparsity
+    total_loss = colour + settings.by_kind.distortion_weight * spread + sparsity
     if pairs.shape[0]:
         metrics["smoothness"] = roughness(table, parameters, levels, maps, pairs) @ jnp.asarray(settings.smoothness)
         total_loss += metrics["smoothness"]

@@ -15,15 +15,15 @@ from jax.sharding import Mesh, NamedSharding
 
 from training.dataset import RayDataset
 from training.devices import WHOLE, agree, here, put_whole, split
-from training.marching.layout import COARSE, Cells, coarse_occupancy, dilate, segments_across
-from training.marching.march import MarchSizes, Samples, march, occupied_segments, until_complete
-from training.marching.rays import to_grid
+from training.marching import march
+from training.marching.march import COARSE, Cells, MarchSizes, Samples
+from training.marching.rays import GridBox, to_grid
 from training.method import Rays, RenderOutput
 from training.multires import field
 from training.multires.levels import FEATURES, ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.occupancy import is_on, neighbouring_points
-from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, Plan, Settings
-from training.multires.state import State, Trainable
+from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, Settings
+from training.multires.state import PARTS, State, Trainable
 from training.volume import psnr_of
 
 LISTED = 2  # times the samples of a step have room: what lies behind a surface is listed, too
@@ -33,33 +33,28 @@ RENDER_RAYS, RENDER_SAMPLES = 4096, 262_144
 POINTS = 131_072  # that are queried together
 
 
-class Lists(NamedTuple):
-    """Sizes of a step's lists, and how many rays fill it."""
-
-    sizes: MarchSizes
-    rays: int
-
-
 class Constants(NamedTuple):
     """What a program is compiled for."""
 
     levels: tuple[field.Level, ...]
-    lists: Lists
+    sizes: MarchSizes
+    rays: int  # that fill these lists
     step_cells: float
     settings: Settings
 
 
 def cells_of(state: State, contraction: float | None = None) -> Cells:
-    """The occupancy grid of a state. contraction: see training.marching.layout.GridBox."""
+    """The occupancy grid of a state. contraction: see training.marching.rays.GridBox."""
     occupied = is_on(state.codes).astype(np.uint8)
     side = occupied.shape[0]
     # a run of COARSE steps is tested at its middle: steps of up to two cells reach two cells further
-    near = dilate(dilate(occupied)) if state.step_cells > 1 else occupied
-    coarse = coarse_occupancy(np.pad(near, (0, 2)), occupied.shape)
+    near = march.dilate(march.dilate(occupied)) if state.step_cells > 1 else occupied
+    coarse = march.coarse_occupancy(np.pad(near, (0, 2)), occupied.shape)
+    origin, cell = (jnp.asarray(lengths, jnp.float32) for lengths in (state.box.origin, state.box.cell))
+    inner = None if contraction is None else jnp.float32(contraction)
     return Cells(
-        jnp.asarray(state.box.origin, jnp.float32), jnp.asarray(state.box.cell, jnp.float32),
-        jnp.asarray(state.box.dims), jnp.asarray(occupied.ravel()), jnp.int32(side), jnp.asarray(coarse.ravel()),
-        jnp.asarray(coarse.shape[::-1], jnp.int32), None if contraction is None else jnp.float32(contraction),
+        GridBox(origin, cell, jnp.asarray(state.box.dims), inner), jnp.asarray(occupied.ravel()), jnp.int32(side),
+        jnp.asarray(coarse.ravel()), jnp.asarray(coarse.shape[::-1], jnp.int32),
     )  # fmt: skip
 
 
@@ -82,7 +77,7 @@ def draw(
     cells: Cells, dataset: RayDataset, key: jax.Array, step: jax.Array, constants: Constants
 ) -> tuple[Samples, field.Target]:  # fmt: skip
     """Samples of random training rays, and what these should show."""
-    settings, rays = constants.settings, constants.lists.rays
+    settings, rays = constants.settings, constants.rays
     ray_key, phase_key, colour_key = jax.random.split(jax.random.fold_in(key, step), 3)
     ids = dataset.draw(ray_key, rays)
     background = jax.random.uniform(colour_key, (rays, 3))
@@ -96,9 +91,9 @@ def sampled(
     cells: Cells, rays: Rays, colours: jax.Array, background: jax.Array, phase: jax.Array, constants: Constants
 ) -> tuple[Samples, field.Target]:  # fmt: skip
     """Samples of rays [N], with a phase [N] in steps, and their target."""
-    in_grid = to_grid(cells, rays)
-    samples = march(cells, in_grid, phase, constants.lists.sizes, constants.step_cells)
-    side = cells.voxel[0] * constants.settings.resolution
+    in_grid = to_grid(cells.box, rays)
+    samples = march.march(cells, in_grid, phase, constants.sizes, constants.step_cells)
+    side = cells.box.voxel[0] * constants.settings.resolution
     step_lengths = constants.step_cells * in_grid.length / side
     shares = gradient_shares(samples, in_grid.length, constants.settings)
     return samples, field.Target(rays.viewdirs, colours, background, step_lengths, side, shares)
@@ -120,7 +115,7 @@ def loss_and_gradient(
     def loss_of(values: Trainable) -> tuple[jax.Array, dict[str, jax.Array]]:
         return field.loss(
             *values, constants.levels, maps, samples, target, pairs, jnp.float32(constants.step_cells),
-            constants.lists.sizes, constants.settings,
+            constants.sizes, constants.settings,
         )  # fmt: skip
 
     (value, metrics), gradient = jax.value_and_grad(loss_of, has_aux=True)(values)
@@ -137,7 +132,7 @@ def adam(
     decoder = field.decoder_size(inputs)
     of_parameters = jnp.where(jnp.arange(gradient.parameters.size) < decoder, rates[1], rates[2])
     unseen = np.zeros(gradient.parameters.size, bool)  # weights of inputs that the view MLP does not have
-    unseen[decoder : decoder + 34 * 16] = np.repeat(~field.seen_inputs(constants.settings.octaves), 16)
+    unseen[decoder : decoder + 34 * 16] = np.repeat(~field.seen_inputs(constants.settings.own.view_octaves), 16)
 
     def move(value, slope, one, two, rate, seen):
         new_one = jnp.where(seen, one + (1 - keep1) * (slope - one), one)
@@ -162,21 +157,19 @@ def compiled_update(mesh: Mesh) -> Callable[..., Any]:
 class JaxEngine:
     """See training.multires.method.Engine."""
 
-    def __init__(self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int) -> None:
-        self.dataset, self.plan, self.settings = dataset, plan, settings
-        self.seed, self.key = seed, jax.random.key(seed)
+    def __init__(self, dataset: RayDataset, settings: Settings, seed: int) -> None:
+        self.dataset, self.settings, self.seed, self.key = dataset, settings, seed, jax.random.key(seed)
         self.geometry = dataset.local()  # what happens between steps needs no pixels, and each process does it alike
 
     def adopt(self, state: State) -> State:
-        for name in ("values", "first", "second"):
-            setattr(
-                state, name, put_whole(Trainable(*(jnp.asarray(a) for a in getattr(state, name))), self.dataset.mesh)
-            )
+        for name in PARTS:
+            arrays = (jnp.asarray(a) for a in getattr(state, name))
+            setattr(state, name, put_whole(Trainable(*arrays), self.dataset.mesh))
         state.kept = {}
         return state
 
     def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
-        mesh, (cells, maps, decay, _) = self.dataset.mesh, self._derived(state)
+        mesh, (cells, maps, decay, *_) = self.dataset.mesh, self._derived(state)
         dataset = self.dataset.in_average_look(state.gains)
         rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
         optimised, metrics = compiled_update(mesh)(
@@ -192,17 +185,12 @@ class JaxEngine:
         settings = self.settings
         if not any(settings.smoothness):
             return jnp.zeros((0, 2, 3))
-        if "occupied" not in state.kept:
-            state.kept["occupied"] = np.flatnonzero(is_on(state.codes))
         random = np.random.default_rng((self.seed, step, 3))
-        cells, finest = state.kept["occupied"], self.plan.resolutions[-1]
-        return jnp.asarray(neighbouring_points(cells, settings.resolution, 1 / finest, self.plan.pairs, random))
-
-    def _constants(self, state: State) -> Constants:
-        return Constants(self._derived(state)[-1], self._lists(state), state.step_cells, self.settings)
+        cells, finest = self._derived(state)[-1], self.settings.resolutions[-1]
+        return jnp.asarray(neighbouring_points(cells, settings.resolution, 1 / finest, self.settings.pairs, random))
 
     def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
-        _, maps, _, levels = self._derived(state)
+        _, maps, _, levels, _ = self._derived(state)
         values, padded = np.empty((len(points), 8), np.float32), np.zeros((POINTS, 3), np.float32)
         trained = here(state.values)
         for low in range(0, len(points), POINTS):
@@ -212,10 +200,10 @@ class JaxEngine:
         return values
 
     def render(self, state: State, rays: Rays) -> RenderOutput:
-        cells, maps, _, levels = self._derived(state)
-        segments = segments_across(np.asarray(state.box.dims), state.step_cells)
+        cells, maps, _, levels, _ = self._derived(state)
+        segments = march.segments_across(np.asarray(state.box.dims), state.step_cells)
         sizes = MarchSizes(segments, RENDER_SAMPLES, RENDER_SAMPLES, segments * COARSE)
-        constants = Constants(levels, Lists(sizes, RENDER_RAYS), state.step_cells, self.settings)
+        constants = Constants(levels, sizes, RENDER_RAYS, state.step_cells, self.settings)
         trained, host = here(state.values), [np.asarray(array) for array in rays]
 
         def render_some(places: np.ndarray) -> tuple[RenderOutput, jax.Array]:
@@ -224,33 +212,34 @@ class JaxEngine:
 
         parts = [
             [array[: end - start] for array in output]
-            for start, end, output in until_complete(len(host[0]), RENDER_RAYS, render_some)
+            for start, end, output in march.until_complete(len(host[0]), RENDER_RAYS, render_some)
         ]
         return RenderOutput(*(jnp.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
-    def _derived(self, state: State) -> tuple[Cells, jax.Array, jax.Array, tuple[field.Level, ...]]:
-        """Occupancy grid, maps, decay by block and levels of a state."""
+    def _derived(self, state: State) -> tuple[Cells, jax.Array, jax.Array, tuple[field.Level, ...], np.ndarray]:
+        """Occupancy grid, maps, decay by block and levels of a state, and which of its cells are on."""
         if state.kept.get("of") != (id(state.codes), id(state.bricks)):
-            levels = make_levels(self.plan.resolutions, state.bricks)
-            decay = jnp.asarray(decay_of_blocks(levels, self.settings.decay))
+            levels = make_levels(self.settings.resolutions, state.bricks)
+            decay = jnp.asarray(decay_of_blocks(levels, self.settings.by_kind.feature_decay))
             arrays = cells_of(state, self.dataset.facts.contraction), jnp.asarray(levels.maps), decay
-            state.kept = {"of": (id(state.codes), id(state.bricks)), "derived": (*arrays, field.static_levels(levels))}
+            derived = *arrays, field.static_levels(levels), np.flatnonzero(is_on(state.codes))
+            state.kept = {"of": (id(state.codes), id(state.bricks)), "derived": derived}
         return state.kept["derived"]
 
-    def _lists(self, state: State) -> Lists:
-        """Sizes that fit the occupancy grid as it is, rounded up to powers of the root of 2, so that programs serve for long."""
-        if state.kept.get("lists_for") != state.step_cells:
-            cells, step = self._derived(state)[0], state.step_cells
-            segments = segments_across(np.asarray(state.box.dims), step)
+    def _constants(self, state: State) -> Constants:
+        """Sizes fit the occupancy grid as it is, rounded up to powers of the root of 2, so that programs serve for long."""
+        cells, _, _, levels, _ = self._derived(state)
+        if (step := state.step_cells) not in state.kept:
+            segments = march.segments_across(np.asarray(state.box.dims), step)
             ids = jnp.asarray(np.random.default_rng(0).integers(0, self.dataset.count, PROBE_RAYS).astype(np.int32))
             coarse, fine = (agree(np.asarray(a)) for a in _count(cells, self.geometry, ids, segments, step))
-            room = LISTED * self.plan.samples
+            room = LISTED * self.settings.samples
             rays = int(np.clip(room / max(fine.mean() * HEADROOM, 1.0), 256, 131_072))
             rays = int(2 ** (np.floor(2 * np.log2(rays)) / 2)) // 256 * 256
             listed = _rounded(rays * coarse.mean() * HEADROOM + 4096)
-            state.kept["lists_for"] = step
-            state.kept["lists"] = Lists(MarchSizes(segments, listed, room, _rounded(fine.max() * HEADROOM + 8)), rays)
-        return state.kept["lists"]
+            sizes = MarchSizes(segments, listed, room, _rounded(fine.max() * HEADROOM + 8))
+            state.kept[step] = Constants(levels, sizes, rays, step, self.settings)
+        return state.kept[step]
 
 
 def _rounded(size: float) -> int:
@@ -274,10 +263,10 @@ def _render_chunk(
     samples, target = sampled(cells, rays, blank, blank, jnp.full(count, 0.5), constants)
     x = field.encode(trained.table, constants.levels, maps, samples.g / settings.resolution)
     density, values = field.activate(field.decode(trained.parameters, x))
-    gathered, *_ = field.composite(density, values, samples, target.step_lengths, count, constants.lists.sizes.per_ray)
-    view_mlp = field.split_parameters(trained.parameters, x.shape[1])[-1] if settings.has_view_mlp else None
+    gathered, *_ = field.composite(density, values, samples, target.step_lengths, count, constants.sizes.per_ray)
+    view_mlp = field.split_parameters(trained.parameters, x.shape[1])[-1] if settings.own.view_dependence else None
     output = field.shade(gathered, view_mlp, rays.viewdirs, background)
-    return field.finished(output, to_grid(cells, rays)), samples.complete
+    return field.finished(output, to_grid(cells.box, rays)), samples.complete
 
 
 @partial(jax.jit, static_argnames=("segments", "step"))
@@ -285,8 +274,8 @@ def _count(
     cells: Cells, geometry: RayDataset, ids: jax.Array, segments: int, step: float
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """Coarse segments and samples, both [N], of training rays int32 [N]."""
-    rays = to_grid(cells, geometry.geometry_at(ids))
-    coarse = occupied_segments(cells, rays, jnp.zeros_like(rays.start), segments, step).sum(-1)
+    rays = to_grid(cells.box, geometry.geometry_at(ids))
+    coarse = march.occupied_segments(cells, rays, jnp.zeros_like(rays.start), segments, step).sum(-1)
 
     def add(k: jax.Array, total: jax.Array) -> jax.Array:
         t = rays.start + k * step

@@ -95,8 +95,7 @@ def make_levels(resolutions: tuple[int, ...], bricks: tuple[np.ndarray | None, .
 
 
 def bricks_near(occupied: np.ndarray, resolution: int) -> np.ndarray:
-    """int32, sorted: the bricks of a level with vertices of cells that touch `occupied` bool [R, R, R], grown by a cell; empty
-    for a dense level."""
+    """int32, sorted: bricks with vertices of cells that touch `occupied` [R, R, R], grown by a cell; empty for a dense level."""
     if is_dense(resolution):
         return np.zeros(0, np.int32)
     side, count = occupied.shape[0], bricks_along(resolution)

@@ -25,8 +25,8 @@ from training.multires.fused.compiled import Workers
 from training.multires.hull import box_around, hull_codes
 from training.multires.jax_engine import JaxEngine
 from training.multires.occupancy import boxes_meeting, is_on, visited
-from training.multires.settings import plan_of, settings_of
-from training.multires.state import State, Trainable, restored, saved
+from training.multires.settings import settings_of
+from training.multires.state import PARTS, State, Trainable, restored, saved
 from training.view_mlp import init_view_mlp
 
 VISITS_FROM, VISIT_EVERY, SETTLED = 200, (50, 100), 1000  # steps: the second interval once settled
@@ -41,31 +41,28 @@ class MultiresMethod:
 
     def __init__(self, config: TrainConfig, dataset: RayDataset) -> None:
         self.config, self.dataset = config, dataset
-        self.plan, self.settings = plan_of(config, dataset), settings_of(config, dataset)
+        self.settings = settings_of(config, dataset)
         # Without the fused engine, a run of it is rendered, scored and baked, but not trained.
         self._problem = None if config.engine == "jax" else _problem_of_fused()
         engine = JaxEngine
         if config.engine != "jax" and self._problem is None:
             from training.multires.fused.engine import FusedEngine as engine  # its import compiles the loops
-        self.engine: Engine = engine(dataset, self.plan, self.settings, config.seed)
+        self.engine: Engine = engine(dataset, self.settings, config.seed)
 
     def start(self, key: jax.Array) -> State:
-        own, plan = self.config.multires, self.plan
-        workers, side = Workers(), self.settings.resolution
-        box = box_around(self.dataset, side, plan.ndc_depth, workers)
-        codes = hull_codes(self.dataset, box, side, plan.least_views, workers)
+        settings, workers = self.settings, Workers()
+        box = box_around(self.dataset, settings.resolution, settings.ndc_depth, workers)
+        codes = hull_codes(self.dataset, box, settings.resolution, settings.least_views, workers)
         view_mlp = init_view_mlp(key)
         view_mlp = view_mlp._replace(biases=(*view_mlp.biases[:2], view_mlp.biases[2] + VIEW_BIAS))
         random = np.random.default_rng((self.config.seed, 0))
-        parameters = initial_parameters(len(plan.resolutions), view_mlp, random, own.view_octaves)
-        values, first, second = (
-            Trainable(np.zeros((0, 4), np.float32), array)
-            for array in (parameters, np.zeros_like(parameters), np.zeros_like(parameters))
-        )
+        parameters = initial_parameters(len(settings.resolutions), view_mlp, random, settings.own.view_octaves)
+        begin = [parameters, np.zeros_like(parameters), np.zeros_like(parameters)]
+        values, first, second = (Trainable(np.zeros((0, 4), np.float32), array) for array in begin)
         state = State(
-            box=box, bricks=(None,) * len(plan.resolutions), codes=codes, values=values, first=first, second=second, updates=0,
-            samples_per_ray=SAMPLES_AT_FIRST, step_cells=plan.step_cells(0.0, side),
-            gains=np.ones((self.dataset.views, 3), np.float32) if plan.gains else None,
+            box=box, bricks=(None,) * len(settings.resolutions), codes=codes, values=values, first=first, second=second,
+            updates=0, samples_per_ray=SAMPLES_AT_FIRST, step_cells=settings.step_cells(0.0),
+            gains=np.ones((self.dataset.views, 3), np.float32) if settings.gains else None,
         )  # fmt: skip
         return self._with_levels(state, 0, 0.0)
 
@@ -79,8 +76,8 @@ class MultiresMethod:
         if step > 0:
             self._visit(state, step)
             state = self._with_levels(state, step, progress)
-        state.step_cells = self.plan.step_cells(progress, self.settings.resolution)
-        if self.plan.gains and exposure.due(step):
+        state.step_cells = self.settings.step_cells(progress)
+        if self.settings.gains and exposure.due(step):
             state.gains = self._fitted_gains(state, step)
         return state, self.engine.step(state, step, progress)
 
@@ -114,23 +111,23 @@ class MultiresMethod:
 
     def grain(self, state: State) -> np.ndarray:
         """The sides of a cell of the finest level; see training.method.Method."""
-        return state.box.cell * (self.settings.resolution / self.plan.resolutions[-1])
+        return state.box.cell * (self.settings.resolution / self.settings.resolutions[-1])
 
     def view_mlp(self, state: State) -> ViewMlpParams | None:
-        if not self.settings.has_view_mlp:
+        if not self.settings.own.view_dependence:
             return None
         parameters = jnp.asarray(here(state.values.parameters))
-        return split_parameters(parameters, inputs_of(len(self.plan.resolutions)))[-1]
+        return split_parameters(parameters, inputs_of(len(self.settings.resolutions)))[-1]
 
     def gains(self, state: State) -> np.ndarray | None:
         return state.gains
 
     def save(self, state: State) -> dict[str, np.ndarray]:
-        return saved(state, self.plan.resolutions)
+        return saved(state, self.settings.resolutions)
 
     def restore(self, arrays: Mapping[str, np.ndarray]) -> State:
-        views = self.dataset.views if self.plan.gains else None
-        return self.engine.adopt(restored(arrays, self.plan.resolutions, self.settings.resolution, views))
+        views = self.dataset.views if self.settings.gains else None
+        return self.engine.adopt(restored(arrays, self.settings.resolutions, self.settings.resolution, views))
 
     def _visit(self, state: State, step: int) -> None:
         """Renews the occupancy grid where it is due before a step."""
@@ -142,14 +139,13 @@ class MultiresMethod:
         def density_at(points: np.ndarray) -> np.ndarray:
             return self.engine.values_at(state, points)[:, 0]
 
-        threshold, faded = self.plan.occupancy_threshold, FADED_WHOLE if whole else 1
+        threshold, faded = self.settings.by_kind.occupancy_threshold, FADED_WHOLE if whole else 1
         state.codes = agree(visited(state.codes, density_at, random, threshold, whole=whole, faded=faded))
 
     def _with_levels(self, state: State, step: int, progress: float) -> State:
-        """The state with rows for the levels that have joined by then. Whenever one joins, sparse levels keep the bricks that
-        are still near content."""
-        resolutions = self.plan.resolutions
-        due = [progress >= join for join in self.plan.joins]
+        """The state with rows for the levels that have joined. When one joins, sparse levels keep bricks near content only."""
+        resolutions = self.settings.resolutions
+        due = [progress >= join for join in self.settings.joins]
         if all(had is not None or not now for had, now in zip(state.bricks, due, strict=True)):
             return state
         occupied = is_on(state.codes)
@@ -164,7 +160,7 @@ class MultiresMethod:
         source = levels.moved_rows(before, after, state.bricks, bricks)
         new = source < 0
         random = np.random.default_rng((self.config.seed, step, 2))
-        for name in ("values", "first", "second"):
+        for name in PARTS:
             part: Trainable = getattr(state, name)
             table = np.asarray(here(part.table))[source] if len(part.table) else np.zeros((len(source), 4), np.float32)
             table[new] = 0.0
@@ -191,9 +187,6 @@ class MultiresMethod:
             auto=self.config.exposure == "auto",
         )  # fmt: skip
         return np.asarray(agree(found))
-
-
-# --- Engines ----------------------------------------------------------------------------------------------------------
 
 
 class Engine(Protocol):

@@ -10,7 +10,7 @@ where the code of a density is how many visits its optical depth over STEP of th
 rate of DECAY a visit (instant-ngp, Müller et al. 2022, appendix E, in logarithms).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
@@ -44,7 +44,14 @@ def visited(
     density_at: of points float32 [N, 3] of the unit cube. faded: what codes lose.
     """
     flat, side = codes.ravel().copy(), codes.shape[0]
-    for cells in _picked(flat, random, whole):
+    picked = np.flatnonzero(flat != NEVER)
+    if not whole:
+        groups = -(-len(picked) // TOGETHER)
+        chosen = np.flatnonzero(np.arange(groups) % SHARE == random.integers(SHARE))
+        places = (chosen[:, None] * TOGETHER + np.arange(TOGETHER)).ravel()
+        picked = picked[places[places < len(picked)]]
+    for start in range(0, len(picked), POINTS):
+        cells = picked[start : start + POINTS]
         z, rest = np.divmod(cells, side * side)
         y, x = np.divmod(rest, side)
         places = np.stack([x, y, z], -1).astype(np.float32) + random.random((len(cells), 3), np.float32)
@@ -65,18 +72,6 @@ def neighbouring_points(
     pairs = np.repeat(((corner + random.random((count, 3))) / side).astype(np.float32)[:, None], 2, 1)
     pairs[np.arange(count), 1, random.integers(0, 3, count)] += np.float32(spacing)
     return np.minimum(pairs, np.float32(1 - 1e-6))
-
-
-def _picked(flat: np.ndarray, random: np.random.Generator, whole: bool) -> Iterator[np.ndarray]:
-    """Cells int [N] to visit, in order, some at a time."""
-    cells = np.flatnonzero(flat != NEVER)
-    if not whole:
-        groups = -(-len(cells) // TOGETHER)
-        chosen = np.flatnonzero(np.arange(groups) % SHARE == random.integers(SHARE))
-        places = (chosen[:, None] * TOGETHER + np.arange(TOGETHER)).ravel()
-        cells = cells[places[places < len(cells)]]
-    for start in range(0, len(cells), POINTS):
-        yield cells[start : start + POINTS]
 
 
 def boxes_meeting(occupied: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

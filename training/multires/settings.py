@@ -1,6 +1,5 @@
-"""What a config means for one dataset: the constants of a step, and what happens between steps."""
+"""What a config means for one dataset."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +9,7 @@ from scenepack.constants import NDC_NEAR, VIEW_FREQUENCIES
 from training.config import TrainConfig
 from training.dataset import RayDataset
 from training.exposure import is_fitted
-from training.multires.config import STEPS_ACROSS, MultiresConfig, settings_for
+from training.multires.config import STEPS_ACROSS, KindSettings, MultiresConfig, settings_for
 from training.scenes.scene import Kind
 
 ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
@@ -30,72 +29,47 @@ FEWEST_RAYS, MOST_RAYS, RAYS_TOGETHER = 256, 131_072, 64  # of a step; a multipl
 
 
 class Settings(NamedTuple):
-    """Numbers that a step treats as constants.
+    """What a config means for one dataset. Hashable: programs are compiled for it."""
 
-    resolution: cells of the occupancy grid along the cube. background: the scene's. distortion: weight of the loss with distances
-    in sides of the cube. decay: weight of the mean squares of levels' features. sparsity: weight of the loss summed over lengths
-    of rays in world units; sparsity_scale: its scale.
-    smoothness: weights of density, and of colours and features. rates: of table, decoder, view MLP. octaves: of the view
-    direction; has_view_mlp. near, whole_from: world units from the camera to where a ray begins, and from which gradients are
-    whole (0: all are): nearer they shrink with the square of the distance (Philip and Deschaintre 2023), as the
-    space between a photograph's rays does.
-    """
-
-    resolution: int
-    background: tuple[float, float, float]
+    own: MultiresConfig
+    by_kind: KindSettings  # those of `own`, as the kind of scene decides where it says None
+    resolution: int  # cells of the occupancy grid along the cube
+    resolutions: tuple[int, ...]  # of the levels
+    ndc_depth: float  # see MultiresConfig; 1 where rays are not warped
+    joins: tuple[float, ...]  # share of the run after which each level joins
+    samples: int  # of a step
+    steps_across: tuple[int, ...]  # see MultiresConfig
+    least_views: int
+    gains: bool  # of the photographs are fitted (training.exposure)
+    background: tuple[float, float, float]  # the scene's
     random_background: bool
-    distortion: float
-    decay: float
-    sparsity: float
+    sparsity: float  # weight of the loss summed over lengths of rays in world units
     sparsity_scale: float
-    smoothness: tuple[float, float]
-    rates: tuple[float, float, float]
-    final_rate_factor: float
-    warmup_steps: int
-    octaves: int
-    has_view_mlp: bool
-    near: float
+    near: float  # world units from the camera to where a ray begins
+    # World units from the camera from which gradients are whole (0: all are): nearer they shrink with the square of the distance
+    # (Philip and Deschaintre 2023), as the space between a photograph's rays does.
     whole_from: float
 
-    def rates_at(self, updates: int, progress: float) -> tuple[float, float, float]:
-        """Adam's rates with warm-up, decay and bias correction, after so many updates."""
-        beta1, beta2 = ADAM_BETAS
-        warm = min(1.0, (updates + 1) / max(self.warmup_steps, 1))
-        scale = (
-            warm * self.final_rate_factor**progress * np.sqrt(1 - beta2 ** (updates + 1)) / (1 - beta1 ** (updates + 1))
-        )
-        table, decoder, view = (float(rate * scale) for rate in self.rates)
-        return table, decoder, view
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What happens between steps.
-
-    resolutions: of the levels. ndc_depth: see MultiresConfig; 1 elsewhere. joins: share of the run after which each joins.
-    samples: of a step. steps_across, steps_from: see MultiresConfig. least_views, occupancy_threshold: as there. gains: of the
-    photographs are fitted (training.exposure).
-    """
-
-    resolutions: tuple[int, ...]
-    ndc_depth: float
-    joins: tuple[float, ...]
-    samples: int
-    steps_across: tuple[int, ...]
-    steps_from: tuple[float, ...]
-    least_views: int
-    occupancy_threshold: float
-    gains: bool
-
-    def step_cells(self, progress: float, resolution: int) -> float:
-        """Distance between samples, in cells of an occupancy grid of this resolution."""
-        across = self.steps_across[sum(progress >= start for start in self.steps_from)]
-        return resolution / across
+    @property
+    def smoothness(self) -> tuple[float, float]:
+        """Weights of density, and of colours and features."""
+        return self.by_kind.density_smoothness, self.by_kind.colour_smoothness
 
     @property
     def pairs(self) -> int:
         """Pairs of points that the smoothness loss compares in a step."""
         return self.samples // SAMPLES_PER_PAIR
+
+    def rates_at(self, updates: int, progress: float) -> tuple[float, float, float]:
+        """Adam's rates of table, decoder and view MLP with warm-up, decay and bias correction, after so many updates."""
+        (beta1, beta2), count, own = ADAM_BETAS, updates + 1, self.own
+        warm = min(1.0, count / max(own.warmup_steps, 1))
+        scale = warm * own.final_rate_factor**progress * np.sqrt(1 - beta2**count) / (1 - beta1**count)
+        return float(own.table_rate * scale), float(own.decoder_rate * scale), float(own.view_rate * scale)
+
+    def step_cells(self, progress: float) -> float:
+        """Distance between samples, in cells of the occupancy grid."""
+        return self.resolution / self.steps_across[sum(progress >= start for start in self.own.steps_from)]
 
     def rays(self, samples_per_ray: float) -> int:
         """Rays that fill a step."""
@@ -103,26 +77,32 @@ class Plan:
         return rays // RAYS_TOGETHER * RAYS_TOGETHER
 
 
-def plan_of(config: TrainConfig, dataset: RayDataset) -> Plan:
-    """The plan of a run."""
+def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
+    """The settings of a run. UserError where some do not fit together."""
     own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
     resolutions = own.resolutions or resolutions_for(longest_side(dataset), dataset.facts.contraction is not None)
     depth = (own.ndc_depth or ndc_depth(dataset, resolutions[-1])) if dataset.ndc else 1.0
     cells = resolutions[-1] * (min(depth / SAMPLED_BY_DEPTH, 1.0) if dataset.ndc else 1.0)
-    steps_across = own.steps_across or tuple(
-        max(int(n * cells), by_kind.occupancy // 2) for n in STEPS_ACROSS[dataset.kind]
-    )
+    least = by_kind.occupancy // 2
+    steps_across = own.steps_across or tuple(max(int(n * cells), least) for n in STEPS_ACROSS[dataset.kind])
     _require_sensible(own, by_kind.occupancy, resolutions, steps_across)
-    return Plan(
+    return Settings(
+        own=own,
+        by_kind=by_kind,
+        resolution=by_kind.occupancy,
         resolutions=resolutions,
         ndc_depth=depth,
         joins=(0.0,) * (len(resolutions) - 1) + (own.finest_from if len(resolutions) > 1 else 0.0,),
         samples=own.samples_per_step or samples_for(longest_side(dataset), dataset.kind),
         steps_across=steps_across,
-        steps_from=own.steps_from,
         least_views=max(min(by_kind.least_views, dataset.views // 4), 1),
-        occupancy_threshold=by_kind.occupancy_threshold,
         gains=is_fitted(config.exposure, rendered=dataset.facts.rendered),
+        background=dataset.background,
+        random_background=own.random_background or dataset.kind != "object" or dataset.facts.cut_out,
+        sparsity=config.sparsity_weight * by_kind.sparsity_factor * SPARSITY_SAMPLES / _ray_length(dataset),
+        sparsity_scale=config.sparsity_scale,
+        near=dataset.near,
+        whole_from=dataset.facts.contraction or 0.0,
     )
 
 
@@ -130,20 +110,15 @@ def _require_sensible(
     own: MultiresConfig, occupancy: int, resolutions: tuple[int, ...], steps_across: tuple[int, ...]
 ) -> None:  # fmt: skip
     """UserError where settings do not fit together."""
+    across, parts = list(steps_across), len(own.steps_from) + 1
     for option, fits, expected, found in (
         ("occupancy", occupancy % 8 == 0 and 8 <= occupancy <= 512, "a multiple of 8, at most 512", occupancy),
         ("view-octaves", own.view_octaves <= VIEW_FREQUENCIES, f"at most {VIEW_FREQUENCIES}", own.view_octaves),
         ("ndc-depth", own.ndc_depth is None or 0.1 <= own.ndc_depth <= 100, "0.1 to 100", own.ndc_depth),
         ("resolutions", min(resolutions) >= 4 and max(resolutions) <= 1024, "4 to 1024", list(resolutions)),
-        (
-            "steps-across", len(steps_across) == len(own.steps_from) + 1,
-            f"one more than --multires.steps-from, {len(own.steps_from) + 1}", list(steps_across),
-        ),
-        (
-            "steps-across", min(steps_across) >= occupancy // 2, f"at least half of --multires.occupancy, {occupancy}",
-            list(steps_across),
-        ),
-    ):  # fmt: skip
+        ("steps-across", len(across) == parts, f"one more than --multires.steps-from, {parts}", across),
+        ("steps-across", min(across) >= occupancy // 2, f"at least half of --multires.occupancy, {occupancy}", across),
+    ):
         if not fits:
             raise UserError("makes no sense", where=f"--multires.{option}", expected=expected, found=found)
 
@@ -176,28 +151,6 @@ def resolutions_for(pixels: int, contracted: bool = False) -> tuple[int, ...]:
 def samples_for(pixels: int, kind: Kind) -> int:
     """Samples of a step: more pixels need more steps and larger ones; unbounded scenes gain more by steps."""
     return int(np.clip(SAMPLES * (pixels / 256) ** (1 if kind == "unbounded" else 2), SAMPLES, MOST_SAMPLES))
-
-
-def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
-    """The constants of a run's steps."""
-    own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
-    return Settings(
-        resolution=by_kind.occupancy,
-        background=dataset.background,
-        random_background=own.random_background or dataset.kind != "object" or dataset.facts.cut_out,
-        distortion=by_kind.distortion_weight,
-        decay=by_kind.feature_decay,
-        sparsity=config.sparsity_weight * by_kind.sparsity_factor * SPARSITY_SAMPLES / _ray_length(dataset),
-        sparsity_scale=config.sparsity_scale,
-        smoothness=(by_kind.density_smoothness, by_kind.colour_smoothness),
-        rates=(own.table_rate, own.decoder_rate, own.view_rate),
-        final_rate_factor=own.final_rate_factor,
-        warmup_steps=own.warmup_steps,
-        octaves=own.view_octaves,
-        has_view_mlp=own.view_dependence,
-        near=dataset.near,
-        whole_from=dataset.facts.contraction or 0.0,
-    )
 
 
 def _ray_length(dataset: RayDataset) -> float:

@@ -21,6 +21,9 @@ class Box(NamedTuple):
     dims: np.ndarray  # int32 [3] = (x, y, z): cells that the scene's box fills; beyond them nothing is
 
 
+PARTS = ("values", "first", "second")  # of a State: Trainable
+
+
 class Trainable(NamedTuple):
     """Values, or Adam's moments of them."""
 
@@ -45,9 +48,6 @@ class State:
     kept: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)  # by an engine: derived, never saved
 
 
-# --- Checkpoints ------------------------------------------------------------------------------------------------------
-
-PARTS = ("values", "first", "second")
 MOST_SAMPLES = 1e6  # of a ray
 
 

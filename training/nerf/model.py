@@ -22,9 +22,10 @@ from scenepack.constants import FEATURES, VIEW_FREQUENCIES
 from training.config import NerfConfig
 from training.dataset import SceneFacts
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
-from training.view_mlp import POINT_DEGREES, apply_view_mlp, encode_points, encode_viewdirs, init_view_mlp
+from training.view_mlp import apply_view_mlp, encode, init_view_mlp
 from training.volume import LAST_INTERVAL, composite, intervals, over_background, shade, weights_of
 
+POINT_DEGREES = 10  # of gamma: sin(2^0 p) ... sin(2^9 p)
 CONDITION_WIDTH = 128  # channels of JAXNeRF's layer behind the viewing direction
 HEAD_OUTPUTS = {"deferred": 1 + 3 + FEATURES, "tiny": 1 + 3 + FEATURES, "none": 1 + 3, "nerf": 1}
 EMPTY_BIN = 1e-5  # least weight of a bin
@@ -74,7 +75,7 @@ def init_dense(key: jax.Array, inputs: int, outputs: int) -> Dense:
 
 def apply_trunk(params: FieldParams, points: jax.Array, config: NerfConfig) -> jax.Array:
     """The last hidden layer [..., W] (and the encoding behind it, where the skip comes last) at points [..., 3]."""
-    encoded = encode_points(points)
+    encoded = encode(points, POINT_DEGREES)
     x = jax.nn.relu(encoded @ params.trunk[0].weight + params.trunk[0].bias)
     joined = config.skip_after == 0  # whether the encoding stands beside x
     for layer, (weight, bias) in enumerate(params.trunk[1:], start=1):
@@ -102,7 +103,7 @@ def apply_nerf_head(head: NerfHead, trunk: jax.Array, viewdirs: jax.Array, confi
     """Colours [N, S, 3] of samples with hidden layer trunk [N, S, W] seen along viewdirs [N, 3]."""
     bottleneck = _product(trunk, head.bottleneck.weight, config) + head.bottleneck.bias
     width = bottleneck.shape[-1]
-    seen = encode_viewdirs(viewdirs) @ head.hidden.weight[width:]  # once a ray
+    seen = encode(viewdirs, VIEW_FREQUENCIES) @ head.hidden.weight[width:]  # once a ray
     x = jax.nn.relu(_product(bottleneck, head.hidden.weight[:width], config) + seen[:, None] + head.hidden.bias)
     return jax.nn.sigmoid(x @ head.rgb.weight + head.rgb.bias)
 
@@ -246,15 +247,10 @@ def coarse_samples(
 def fine_samples(jitter: jax.Array | None, t: jax.Array, weights: jax.Array, count: int) -> jax.Array:
     """t [N, count], sorted, drawn from the piecewise-constant density that the coarse weights [N, K] describe, without gradient.
 
-    The inner weights stand for the intervals between the middles of the coarse t [N, K].
+    The inner weights stand for the intervals between the middles of the coarse t [N, K]. One sample to each of `count` equal
+    intervals of quantiles.
     """
-    edges = 0.5 * (t[:, 1:] + t[:, :-1])
-    return jax.lax.stop_gradient(inverse_cdf(jitter, edges, weights[:, 1:-1], count))
-
-
-def inverse_cdf(jitter: jax.Array | None, edges: jax.Array, weights: jax.Array, count: int) -> jax.Array:
-    """Samples [N, count] of the histogram with edges [N, B + 1] and weights [N, B] >= 0 (not normalised), one to each of `count`
-    equal intervals of quantiles."""
+    edges, weights = 0.5 * (t[:, 1:] + t[:, :-1]), weights[:, 1:-1]
     # An even trifle everywhere (NeRF's): empty rays sample evenly instead of dividing by 0, and a quantile crosses an empty
     # bin over many floats, so that the last bit of a sum, which differs between devices, moves no sample far.
     weights = weights + EMPTY_BIN
@@ -267,4 +263,4 @@ def inverse_cdf(jitter: jax.Array | None, edges: jax.Array, weights: jax.Array, 
     c0, c1 = jnp.take_along_axis(cdf, bin_, -1), jnp.take_along_axis(cdf, bin_ + 1, -1)
     e0, e1 = jnp.take_along_axis(edges, bin_, -1), jnp.take_along_axis(edges, bin_ + 1, -1)
     within = jnp.clip((u - c0) / jnp.maximum(c1 - c0, 1e-8), 0.0, 1.0)
-    return e0 + within * (e1 - e0)
+    return jax.lax.stop_gradient(e0 + within * (e1 - e0))

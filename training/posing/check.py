@@ -109,12 +109,10 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
     names = [picture.display_name for picture in prepared.pictures]
     row = {file.name: index for index, file in enumerate(files)}
     previews = [np.asarray(small_picture(file, PREVIEW_SIDE, "L", at_least=1), np.float32) / 255 for file in files]
-    matches, turned, moving = np.zeros((len(files),) * 2), [], []
+    matches = np.zeros((len(files),) * 2)
     for pair in pairs:
         i, j = row[pair["first"]], row[pair["second"]]
         matches[i, j] = matches[j, i] = pair["share"]
-        turned.append(pair["turned"])
-        moving.append(pair["moving"])
     partners = (matches > 0).sum(1)
     overlap = np.sort(matches, axis=1)[:, -PARTNERS:].mean(1)
     sharp = [sharpness(preview) for preview in previews]
@@ -123,7 +121,7 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
     together = part == np.bincount(part).argmax()
     share = (matches > 0).sum() / max(len(files) * (len(files) - 1), 1)
     kind = "seen from one side" if share > AROUND_SHARE else WALK
-    if pairs and np.mean(turned) > TURNED:
+    if pairs and np.mean([pair["turned"] for pair in pairs]) > TURNED:
         kind = "turned on the spot: without moving, nothing tells how far things are"
     if is_static:
         kind = "a turntable before a still background: masks are needed"
@@ -144,7 +142,7 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
     quality *= 0.3 if is_static or kind.startswith("turned") else 1.0
     figures = {
         "score": 100.0 * float(quality), "kind": kind, "sharpness": good_sharpness, "overlap": good_overlap,
-        "connected": float(together.mean()), "exposure_spread": spread, "moving": _median(moving),
+        "connected": float(together.mean()), "exposure_spread": spread, "moving": _median([pair["moving"] for pair in pairs]),
         "set_aside": dict(prepared.aside), "weakly_connected": weak, "differently_exposed": exposed,
         "photographs": [
             {"name": name, "sharpness": sharp[i], "overlap": float(overlap[i]), "matches": int(partners[i]),

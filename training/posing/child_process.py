@@ -9,6 +9,7 @@ import json
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import partial
@@ -16,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from console import UserError, refusal
+from console.atomic import try_lock
 from console.child_process import ChildProcess, json_answers, module_command
-from training.lock import one_at_a_time
 
 OnProgress = Callable[[str, float, float], None]  # what goes on, units done, units in all
 EXIT_S = 10.0  # for a child that has closed its output to end in
@@ -87,7 +88,9 @@ def _map(service: str, request: Mapping[str, Any], on_progress: OnProgress) -> d
 
     paths = {name: Path(request[name]) for name in ("images", "work", "masks") if name in request}
     task = mapping.Task(**{**request, **paths})
-    with one_at_a_time(task.work / LOCK):  # a child whose parent was killed may need a moment to notice
+    with (task.work / LOCK).open("w") as lock:
+        while try_lock(lock.fileno()) is False:  # a child whose parent was killed may need a moment to notice
+            time.sleep(0.1)
         return getattr(mapping, service)(task, on_progress)
 
 

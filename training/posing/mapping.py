@@ -43,7 +43,6 @@ MUCH_BETTER = 0.85  # of the reprojection error with square pixels: what is left
 FARTHEST_CENTRE = 0.08  # of the picture's side, from its middle
 STILL = 0.003  # of the picture's longer side: matches that move less on average stand still
 MOST_STILL = 0.5  # of the pairs that match; a walk has neighbours that hardly differ, but not so many
-
 PLACES = 60  # of matching features of a pair that are compared in brightness
 GEOMETRY = pycolmap.TwoViewGeometryConfiguration
 

@@ -91,9 +91,6 @@ def _positive(value: Any) -> float | None:
     return None
 
 
-# --- previews ---------------------------------------------------------------------------------------------------------
-
-
 def sharpness(preview: np.ndarray) -> float:
     """Variance of second differences at half the preview's scale over that at a quarter: detail that a blur removes over detail
     that it leaves. The lesser of both directions, since a camera may have moved. Comparable only between pictures of the same

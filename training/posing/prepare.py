@@ -84,9 +84,6 @@ def camera_groups(pictures: Sequence[Picture]) -> list[tuple[list[str], float | 
     return [([picture.name for picture in group], focal) for group, focal in zip(groups.values(), known, strict=True)]
 
 
-# --- photographs ------------------------------------------------------------------------------------------------------
-
-
 def read_photographs(
     source: Source, on_file: Callable[[int, Path, bool], None]
 ) -> tuple[list[PhotographFile], dict[str, UserError]]:
@@ -142,8 +139,7 @@ def repeated(digests: Sequence[str], thumbnails: Sequence[np.ndarray]) -> list[i
 
 
 def file_stems(names: Sequence[str]) -> list[str]:
-    """A name without suffix for each picture, no two alike, which COLMAP's lists of names can hold: no blanks, no leading #,
-    no backslashes."""
+    """A name without suffix for each picture, no two alike, as COLMAP's lists can hold: no blanks, leading # or backslashes."""
     stems: dict[str, str] = {}  # by their lower case
     for name in names:
         plain = re.sub(r"[\s#\\]+", "_", name.replace("/", "-"))
@@ -187,9 +183,6 @@ def _photographs(source: Source, work: Path, bar: Progress) -> Prepared:
     notice_masks(source.masks, extremes)
     bar.update(len(source.files))
     return Prepared(tuple(pictures), aside)
-
-
-# --- films ------------------------------------------------------------------------------------------------------------
 
 
 def _frames(source: Source, work: Path, most: int, bar: Progress) -> Prepared:

@@ -19,6 +19,7 @@ from PIL import Image
 
 from console import UserError, refusal
 from console.child_process import json_answers
+from training.posing.find import FRAMES
 from training.posing.photograph import link_or_convert
 from training.posing.prepare import choose, read_photographs
 from training.scenes.pictures import small_picture
@@ -27,7 +28,6 @@ from training.scenes.sources import Source, find_source
 SIDE = 160  # pixels of a small picture's longer side
 PROBED = 3  # pictures whose features and matches are timed
 GLIMPSES = 24  # of a film
-FRAMES = 120  # of a film, at most: as of snerg-make
 # Time for adding a picture to the model, over that for its features: 0.2 to 1.3 in docs/results.md ("Poses of bare photographs").
 POSES_BY_FEATURES = 0.5
 

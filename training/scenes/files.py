@@ -123,8 +123,6 @@ def _key(name: str) -> str:
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 
-# --- Messages ---------------------------------------------------------------------------------------------------------
-
 NAMED = 8  # names in a message
 
 

@@ -182,8 +182,7 @@ def image_of(directions: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray
 
 
 def lens_reach(lens: Lens) -> float:
-    """How far from the axis, in (a, b), what is farther out is still seen farther out: up to the smallest root of d(r radial)/dr;
-    NO_END where there is none."""
+    """Up to which r what is farther out is seen farther out: the smallest root of d(r radial)/dr; NO_END where there is none."""
     whole, projection = (*lens, *(0.0,) * (LENS_SIZE - len(lens))), projection_of(lens)
     over = np.poly1d([whole[5], 0, whole[4], 0, whole[1], 0, whole[0], 0, 1, 0])
     under = np.poly1d([whole[8], 0, whole[7], 0, whole[6], 0, 1])

@@ -30,13 +30,8 @@ def picture_size(path: Path) -> tuple[int, int]:
     return read_header(path).size
 
 
-def read_picture(path: Path) -> np.ndarray:
-    """A picture as float32 [H, W, 4]. UserError where it cannot be decoded."""
-    return with_alpha(as_floats(decoded(path)))
-
-
 def decoded(path: Path, as_stored: bool = False) -> np.ndarray:
-    """What read_picture decodes: uint8 [H, W, 3 or 4], or float32 where the file has more than 8 bits."""
+    """A picture uint8 [H, W, 3 or 4], or float32 where the file has more than 8 bits. UserError where it cannot be decoded."""
     header = read_header(path)
     with _one_line(path):
         if header.deep is not None:

@@ -69,11 +69,6 @@ def axes_along(z: np.ndarray, up: np.ndarray) -> np.ndarray:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def upright_axes(up: np.ndarray) -> np.ndarray:
-    """Axes [3, 3] (columns) of a frame whose z is `up`."""
-    return axes_along(up, np.eye(3)[np.argmin(np.abs(up))])
-
-
 def look_at(eye: np.ndarray, back: np.ndarray, up: np.ndarray) -> np.ndarray:
     """world_T_camera [4, 4] at `eye` whose z axis is `back` and whose y axis is as near to `up` as that allows."""
     return np.vstack([np.column_stack([axes_along(back, up), eye]), [0, 0, 0, 1]])

@@ -132,9 +132,6 @@ def hold_out(photographs: Sequence[Photograph]) -> dict[str, tuple[Photograph, .
     return {"train": train, "test": tuple(photographs[::HELD_OUT_EVERY])}
 
 
-# --- Rays -------------------------------------------------------------------------------------------------------------
-
-
 def pixel_grid(camera: Camera, count: int) -> tuple[np.ndarray, np.ndarray]:
     """x and y [count, count] of pixel coordinates spread evenly over a picture, from edge to edge."""
     x, y = (np.linspace(0.0, side, count) for side in (camera.width, camera.height))

@@ -59,8 +59,7 @@ def checked_box(values: Sequence[float]) -> Box:
 
 
 def with_box(scene: Scene, box: Box) -> Scene:
-    """The scene within that box, its far end moved out to reach all of it. UserError for NDC scenes, and where no training
-    photograph sees the box."""
+    """The scene within a box, its far end behind all of it. UserError in NDC, and where no training photograph sees the box."""
     if scene.ndc:
         what = "a forward-facing scene has no box: in NDC, the box is everything that the cameras see"
         raise UserError(what, where=AABB, remedy="leave it out, or use --spherify")

@@ -22,7 +22,7 @@ import numpy as np
 from console import UserError
 from scenepack.constants import NDC_NEAR
 from training.scenes.lens import PERSPECTIVE, directions_at, projection_of
-from training.scenes.poses import axes_along, focus_point, mean_pose, upright_axes
+from training.scenes.poses import axes_along, focus_point, mean_pose
 from training.scenes.scene import Camera, Photograph, camera_rays, ndc_rays, pixel_grid, pixels_of
 
 # docs/format.md, "Coordinate frames": the pack's grid frame (y up) to a training frame whose z is up, and to NDC.
@@ -112,7 +112,7 @@ def frame_about_focus(P: np.ndarray) -> Frame:
     """About the focus (else the middle of the cameras), z their mean up direction, their mean distance 1."""
     centre, distance = _centre(P)
     up = P[:, :3, 1].mean(0)
-    axes = upright_axes(up) if np.linalg.norm(up) > 1e-3 else np.eye(3)
+    axes = axes_along(up, np.eye(3)[np.argmin(np.abs(up))]) if np.linalg.norm(up) > 1e-3 else np.eye(3)
     return Frame(axes, centre, 1.0 / distance if distance > 1e-9 else 1.0)
 
 
@@ -167,8 +167,7 @@ def space_of_object(cameras: Sequence[Camera], *, opaque: bool) -> Space:
 
 
 def space_of_bounds(photographs: Sequence[Photograph], bounds: np.ndarray, *, opaque: bool) -> Space:
-    """Of a 360° capture in its frame_of_sphere, with each photograph's nearest and farthest depth [N, 2]. opaque: see
-    space_of_capture."""
+    """Of a 360° capture in its frame_of_sphere, by nearest and farthest depths [N, 2]. opaque: see space_of_capture."""
     cameras = [photograph.camera for photograph in photographs]
     corners = [np.hypot(c.width / c.fx, c.height / c.fy) / 2 for c in cameras]
     framed = (np.linalg.norm(poses_of(cameras)[:, :3, 3], axis=-1) * corners).max()

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from scenepack.contraction import contract
-from training.marching.layout import Cells, GridBox
-from training.marching.march import MarchSizes, march, until_complete
-from training.marching.rays import GridFrameRays, grid_points, to_grid
+from training.marching.march import Cells, MarchSizes, march, until_complete
+from training.marching.rays import GridBox, GridFrameRays, grid_points, to_grid
 from training.method import Rays
 from training.multires.jax_engine import cells_of
 from training.multires.state import Box
@@ -43,7 +42,7 @@ def random_rays(count: int, seed: int = 0) -> Rays:
 @pytest.mark.parametrize("samples", [4096, 100])
 def test_the_march_lists_every_sample_with_support_and_says_which_rays_did_not_fit(samples: int) -> None:
     cells, rays = cells_of_grid(np.random.default_rng(0).random(SHAPE) < 0.15), random_rays(256)
-    grid_rays = to_grid(cells, rays)
+    grid_rays = to_grid(cells.box, rays)
     phase = jnp.asarray(np.random.default_rng(3).random(256), jnp.float32)
     found = march(cells, grid_rays, phase, MarchSizes(8, 2048, samples, 40), 1.0)
     start, end = np.asarray(grid_rays.start), np.asarray(grid_rays.end)
@@ -106,7 +105,7 @@ def test_a_ray_begins_at_near_and_ends_with_the_box() -> None:
     along = jnp.asarray([[1.0, 0, 0]] * 3)
     ones = jnp.ones(3)
     rays = Rays(middle - 2 * along, along, along, jnp.asarray([0.0, 1.5, 3.0]), jnp.inf * ones)
-    found = to_grid(layout, rays)
+    found = to_grid(layout.box, rays)
     np.testing.assert_allclose(found.start * VOXEL, [1.3, 1.5, 3.0], atol=1e-5)
     np.testing.assert_allclose(found.end * VOXEL, 2.7 * ones, atol=1e-5)
 

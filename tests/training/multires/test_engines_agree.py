@@ -17,7 +17,7 @@ from training.marching.march import MarchSizes, march
 from training.marching.rays import GridRays
 from training.multires.config import MultiresConfig
 from training.multires.field import Target, decoder_size, inputs_of, seen_inputs
-from training.multires.jax_engine import Constants, JaxEngine, Lists, adam, cells_of, gradient_shares, loss_and_gradient
+from training.multires.jax_engine import Constants, JaxEngine, adam, cells_of, gradient_shares, loss_and_gradient
 from training.multires.levels import ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.state import State, Trainable
@@ -71,15 +71,15 @@ class Trained:
 
     def jax(self) -> tuple[Constants, dict[str, Any], Trainable]:
         b, state = self.batch, self.state
-        engine = JaxEngine(self.method.dataset, self.method.plan, self.method.settings, 0)
-        cells, maps, decay, levels = engine._derived(dataclasses.replace(state, kept={}))
+        engine = JaxEngine(self.method.dataset, self.method.settings, 0)
+        cells, maps, decay, levels, _ = engine._derived(dataclasses.replace(state, kept={}))
         arrays = b.origins, b.directions, b.begins, b.start, b.end, b.length, b.length
         rays = GridRays(*(jnp.asarray(a) for a in arrays))
         segments = 4 * state.codes.shape[0]
         sizes = MarchSizes(segments, ROOM, ROOM, segments * 4)
         samples = march(cells, rays, jnp.asarray(b.phase), sizes, state.step_cells)  # type: ignore[arg-type]
         assert np.asarray(samples.complete).all()
-        constants = Constants(levels, Lists(sizes, len(b.phase)), state.step_cells, self.method.settings)
+        constants = Constants(levels, sizes, len(b.phase), state.step_cells, self.method.settings)
         lengths = b.length * np.float32(state.step_cells / (state.box.cell[0] * self.method.settings.resolution))
         reference = np.float32(state.box.cell[0] * self.method.settings.resolution)
         shares = gradient_shares(samples, jnp.asarray(b.length), self.engine.settings)
@@ -92,7 +92,7 @@ class Trained:
         gradient, metrics = compiled(values, maps, samples, target, jnp.asarray(b.pairs), constants=constants)
         used = np.ones(gradient.parameters.shape, bool)  # by Adam: see training.multires.jax_engine.adam
         decoder = decoder_size(inputs_of(len(levels)))
-        used[decoder : decoder + 34 * 16] = np.repeat(seen_inputs(self.method.settings.octaves), 16)
+        used[decoder : decoder + 34 * 16] = np.repeat(seen_inputs(self.method.settings.own.view_octaves), 16)
         learn = jnp.repeat(decay >= 0, ROWS_OF_BRICK)[:, None]
         gradient = Trainable(jnp.where(learn, gradient.table, 0.0), jnp.where(used, gradient.parameters, 0.0))
         return constants, metrics, gradient
@@ -131,7 +131,7 @@ def test_losses_and_gradients_are_those_of_the_definition(trained: Trained) -> N
 
 def test_gradients_by_some_of_the_samples_are_right_on_average(trained: Trained) -> None:
     engine, state = trained.engine, trained.state
-    some = FusedEngine(trained.method.dataset, trained.method.plan, trained.method.settings, 0)
+    some = FusedEngine(trained.method.dataset, trained.method.settings, 0)
     exact, sampled, left = [], [], np.zeros(2)
     for step in range(100, 160):
         batch = engine.draw(state, step)
@@ -154,7 +154,7 @@ def test_adam_moves_as_the_definition_does(trained: Trained) -> None:
     first, second, third = (Trainable(*(a.copy() for a in p)) for p in (state.values, state.first, state.second))
     before = first, second, third
     rates = np.array(trained.method.settings.rates_at(state.updates, 0.3), np.float32)
-    decay = decay_of_blocks(trained.engine._derived(state)[1], trained.method.settings.decay)
+    decay = decay_of_blocks(trained.engine._derived(state)[1], trained.method.settings.by_kind.feature_decay)
     expected = adam(before, gradient, jnp.asarray(decay), jnp.asarray(rates), constants)
     summed, marks = trained.engine._accumulators(state)
     rays = np.float32(metrics["rays"])
@@ -174,7 +174,7 @@ def test_adam_moves_as_the_definition_does(trained: Trained) -> None:
 def parts_of(trained: Trained) -> Iterator[tuple[str, Trainable]]:
     """Masks of what is trained, part by part: the levels' rows, the decoder's layers, the view MLP."""
     table, parameters = (np.zeros_like(a) for a in trained.state.values)
-    levels = make_levels(trained.method.plan.resolutions, trained.state.bricks)
+    levels = make_levels(trained.method.settings.resolutions, trained.state.bricks)
     for resolution, offset, rows in zip(levels.resolution, levels.offset, levels.rows, strict=True):
         mask = table.copy()
         mask[offset : offset + rows] = 1.0
@@ -224,7 +224,7 @@ def test_no_value_however_extreme_makes_a_gradient_that_is_not_finite(trained: T
 
 def test_pictures_and_points_are_those_of_the_other_engine(trained: Trained) -> None:
     engine, state, dataset = trained.engine, trained.state, trained.method.dataset
-    other = JaxEngine(dataset, trained.method.plan, trained.method.settings, 0)
+    other = JaxEngine(dataset, trained.method.settings, 0)
     copied = dataclasses.replace(state, kept={})
     points = np.random.default_rng(0).random((500, 3), np.float32)
     np.testing.assert_allclose(engine.values_at(state, points), other.values_at(copied, points), rtol=2e-4, atol=1e-5)
@@ -241,7 +241,7 @@ def test_a_run_repeats_itself_to_the_last_bit_whatever_the_number_of_threads(
     trained: Trained, threads: int
 ) -> None:  # fmt: skip
     method = MultiresMethod(trained.method.config, trained.method.dataset)
-    method.engine = FusedEngine(method.dataset, method.plan, method.settings, CONFIG.seed, threads)
+    method.engine = FusedEngine(method.dataset, method.settings, CONFIG.seed, threads)
     state = method.start(jax.random.key(0))
     for step in range(TRAINED):
         state, _ = method.step(state, step)

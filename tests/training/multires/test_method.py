@@ -77,7 +77,7 @@ def test_a_restored_run_goes_on_to_the_last_bit(learnt: Learnt, dataset: RayData
 
 
 def test_decay_is_the_gradient_of_the_mean_square_of_each_level(learnt: Learnt) -> None:
-    levels, table = make_levels(learnt.method.plan.resolutions, learnt.state.bricks), learnt.state.values.table
+    levels, table = make_levels(learnt.method.settings.resolutions, learnt.state.bricks), learnt.state.values.table
     slopes = np.repeat(decay_of_blocks(levels, 0.3), ROWS_OF_BRICK)[:, None] * table
     for first, rows in zip(levels.offset, levels.rows, strict=True):
         some = slice(first, first + rows)

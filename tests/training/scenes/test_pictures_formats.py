@@ -19,16 +19,22 @@ from training.scenes.files import PICTURE_SUFFIXES, UNREAD_FORMATS
 from training.scenes.picture_headers import SCAN, read_header
 from training.scenes.pictures import (
     PictureLoader,
+    as_floats,
     decoded,
     picture_size,
     read_mask,
-    read_picture,
     small_picture,
+    with_alpha,
 )
 
 RNG = np.random.default_rng(0)
 COLOURS = RNG.random((20, 30, 4)).astype(np.float32)
 RGBA8 = np.rint(COLOURS * 255).astype(np.uint8)
+
+
+def read_picture(path: Path) -> np.ndarray:
+    """A picture as float32 [H, W, 4]."""
+    return with_alpha(as_floats(decoded(path)))
 
 
 def write_tiff(path: Path, values: np.ndarray, *, photometric: int = 2, extra: int | None = None, **tags: int) -> Path:

@@ -117,18 +117,6 @@ def make_scratch(room: int, levels: int, inputs: int) -> Scratch:
 
 
 @kernel
-def _march_wave(low, high, grid, batch, numbers, scratch, count, wave):
-    """Adds up to `wave` samples of each ray that is alive; the number of samples then, -1 where the room does not suffice."""
-    room = scratch.ray.size - BLOCK
-    for r in range(high - low):
-        if scratch.alive[r]:
-            count = march_ray(grid, batch, low + r, r, numbers.step, wave, scratch, count, room)
-            if count < 0:
-                return -1
-    return count
-
-
-@kernel
 def _pad(scratch, count):
     """Fills up the last block of samples; their number then."""
     end = (count + BLOCK - 1) // BLOCK * BLOCK
@@ -160,9 +148,14 @@ def forward(low, high, grid, field, batch, numbers, scratch):
     sums[:] = np.float32(0.0)
     begin, wave, per_length = 0, FIRST_WAVE, numbers.step / numbers.reference
     while True:
-        count = _march_wave(low, high, grid, batch, numbers, scratch, begin, wave)
-        if count < 0 or count == begin:
-            return min(count, begin)
+        count = begin
+        for r in range(high - low):
+            if scratch.alive[r]:
+                count = march_ray(grid, batch, low + r, r, numbers.step, wave, scratch, count, scratch.ray.size - BLOCK)
+                if count < 0:
+                    return -1
+        if count == begin:
+            return count
         end = _pad(scratch, count)
         evaluate(field, numbers.largest_raw, scratch, begin, end)
         for n in range(begin, count):
@@ -221,9 +214,8 @@ def _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics):
     """scratch.slopes [., 8] = dL/draw from dL/d what each ray gathered, ray_slopes [CHUNK, 8]: T behind it, then 7 sums."""
     behind, ray_slopes = scratch.depth, scratch.ray_slopes  # depths are not needed any more
     product, logs = scratch.ray_sums[0], scratch.ray_sums[1]  # of each ray's 1 + (density² / scale)
-    zero, one, two, largest = (
-        np.float32(0.0), np.float32(1.0), np.float32(2.0), np.exp(numbers.largest_raw) * np.float32(0.9999)
-    )  # fmt: skip
+    zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+    largest = np.exp(numbers.largest_raw) * np.float32(0.9999)
     per_world, per_scale = one / numbers.reference, one / numbers.sparsity_scale
     per_length = numbers.step / numbers.reference
     for r in range(high - low):
@@ -286,25 +278,19 @@ def _list_rays(count, scratch, shading):
 def train_chunks(first, last, part, grid, field, batch, numbers, scratch, shading, output):
     """Samples, loss and gradients of chunks first … last - 1, one part, into `output`."""
     for chunk in range(first, last):  # here, because a call from Python takes as long as a tenth of a chunk
-        _train_chunk(chunk, part, grid, field, batch, numbers, scratch, shading, output)
-
-
-@kernel
-def _train_chunk(chunk, part, grid, field, batch, numbers, scratch, shading, output):
-    """Samples, loss and gradients of one chunk into `output`."""
-    low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
-    metrics, gradient = output.metrics[chunk], output.gradient[part]
-    metrics[:] = 0.0
-    count = forward(low, high, grid, field, batch, numbers, scratch)
-    output.counts[chunk] = count
-    if count <= 0:
-        return
-    listed = _list_rays(count, scratch, shading)
-    shade_chunk(low, listed, batch, field, numbers, scratch, shading, metrics, gradient)
-    _pull_together(low, count, batch, numbers, scratch, metrics)
-    _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics)
-    kept = _sample_slopes(count, batch.phase[low], numbers.sampled_below, field.inputs, scratch, metrics)
-    _leave_slopes(chunk, kept, field, scratch, output, gradient)
+        low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
+        metrics, gradient = output.metrics[chunk], output.gradient[part]
+        metrics[:] = 0.0
+        count = forward(low, high, grid, field, batch, numbers, scratch)
+        output.counts[chunk] = count
+        if count <= 0:
+            continue
+        listed = _list_rays(count, scratch, shading)
+        shade_chunk(low, listed, batch, field, numbers, scratch, shading, metrics, gradient)
+        _pull_together(low, count, batch, numbers, scratch, metrics)
+        _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics)
+        kept = _sample_slopes(count, batch.phase[low], numbers.sampled_below, field.inputs, scratch, metrics)
+        _leave_slopes(chunk, kept, field, scratch, output, gradient)
 
 
 @kernel
@@ -427,11 +413,8 @@ def query_points(field, largest_raw, points, values, low, high, scratch):
     for first in range(low, high, step):
         count = min(step, high - first)
         for n in range(count):
-            scratch.xs[n], scratch.ys[n], scratch.zs[n] = (
-                points[first + n, 0],
-                points[first + n, 1],
-                points[first + n, 2],
-            )
+            point = points[first + n]
+            scratch.xs[n], scratch.ys[n], scratch.zs[n] = point[0], point[1], point[2]
         end = _pad(scratch, count)
         evaluate(field, largest_raw, scratch, 0, end)
         for n in range(count):

@@ -27,11 +27,8 @@ def corners(levels, level, xs, ys, zs, at, ids, weights, out, cells):
     resolution, last, none, one = np.float32(side), np.int32(side - 1), np.int32(0), np.float32(1.0)
     for s in range(BLOCK):
         x, y, z = xs[U(at + s)] * resolution, ys[U(at + s)] * resolution, zs[U(at + s)] * resolution
-        i, j, k = (
-            min(max(np.int32(x), none), last),
-            min(max(np.int32(y), none), last),
-            min(max(np.int32(z), none), last),
-        )
+        i, j = min(max(np.int32(x), none), last), min(max(np.int32(y), none), last)
+        k = min(max(np.int32(z), none), last)
         cells[U(s)], cells[U(BLOCK + s)], cells[U(2 * BLOCK + s)] = i, j, k
         fx, fy, fz = x - np.float32(i), y - np.float32(j), z - np.float32(k)
         gx, gy, gz = one - fx, one - fy, one - fz

@@ -14,8 +14,7 @@ import numpy as np
 
 from scenepack.constants import TRANSMITTANCE_SHADED
 from training.dataset import RayDataset
-from training.marching.layout import GridBox
-from training.marching.rays import to_grid
+from training.marching.rays import GridBox, to_grid
 from training.method import Rays, RenderOutput
 from training.multires.field import HIDDEN, decoder_size, finished, inputs_of, shade, split_parameters
 from training.multires.fused import view_mlp as mlp
@@ -39,8 +38,8 @@ from training.multires.fused.rays import Batch, empty_batch, fill_batch, photogr
 from training.multires.fused.vectors import FEATURES
 from training.multires.levels import HASHED, ROWS_OF_BRICK, Levels, absent_rows, decay_of_blocks, make_levels
 from training.multires.occupancy import is_on, neighbouring_points
-from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, LARGEST_RAW, LEAST_LIGHT, Plan, Settings
-from training.multires.state import State, Trainable
+from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, LARGEST_RAW, LEAST_LIGHT, Settings
+from training.multires.state import PARTS, State, Trainable
 
 MARKED = 64 * FEATURES  # floats of the rows that share a mark
 NEW_1, NEW_2, EPSILON = (np.float32(value) for value in (1 - ADAM_BETAS[0], 1 - ADAM_BETAS[1], ADAM_EPSILON))
@@ -78,13 +77,13 @@ class FusedEngine:
     """See training.multires.method.Engine. threads: None for all cores. sampled_below: see Numbers; 0 for exact gradients."""
 
     def __init__(
-        self, dataset: RayDataset, plan: Plan, settings: Settings, seed: int, threads: int | None = None,
+        self, dataset: RayDataset, settings: Settings, seed: int, threads: int | None = None,
         sampled_below: float = SAMPLED_BELOW,
     ) -> None:  # fmt: skip
         self.photographs, self.count = photographs_of(dataset), dataset.count
-        self.plan, self.settings, self.seed, self.sampled_below = plan, settings, seed, sampled_below
+        self.settings, self.seed, self.sampled_below = settings, seed, sampled_below
         self.workers = Workers(threads)
-        self.inputs = inputs_of(len(plan.resolutions))
+        self.inputs = inputs_of(len(settings.resolutions))
         self.shading = [mlp.make_shading(CHUNK) for _ in range(self.workers.count)]
         self.scratch: list[Scratch] = []
         self._one_caller = threading.Lock()  # of those below that use `scratch`: a bake asks from many threads
@@ -92,7 +91,7 @@ class FusedEngine:
         self._spare = SPARE[0]
 
     def adopt(self, state: State) -> State:
-        for name in ("values", "first", "second"):
+        for name in PARTS:
             arrays = (np.require(np.asarray(a), np.float32, ["C", "W", "O"]) for a in getattr(state, name))
             setattr(state, name, Trainable(*arrays))
         state.kept = {}
@@ -116,7 +115,7 @@ class FusedEngine:
 
     def draw(self, state: State, step: int) -> Batch:
         """Random rays of a step, in cells of the occupancy grid."""
-        random, rays = np.random.default_rng((self.seed, step)), self.plan.rays(state.samples_per_ray)
+        random, rays = np.random.default_rng((self.seed, step)), self.settings.rays(state.samples_per_ray)
         ids = random.integers(0, self.count, rays)
         batch = empty_batch(rays, self.photographs.contraction)
         batch.phase[:] = random.random(rays, np.float32)
@@ -124,16 +123,15 @@ class FusedEngine:
         if self.settings.random_background:
             batch.background[:] = random.random((rays, 3), np.float32)
         photographs = self.photographs if state.gains is None else self.photographs._replace(gains=state.gains)
-        box, size = state.box, 16 * CHUNK
+        box = state.box
 
-        def fill(_: int, part: int) -> None:
-            low, high = part * size, min((part + 1) * size, rays)
+        def fill(_: int, low: int, high: int) -> None:
             fill_batch(photographs, ids, box.origin, box.cell, box.dims, batch, low, high)
 
-        self.workers.share(-(-rays // size), fill)
+        self.workers.share_range(rays, 16 * CHUNK, fill)
         if any(self.settings.smoothness):
-            cells, finest = self._derived(state)[2], self.plan.resolutions[-1]
-            pairs = neighbouring_points(cells, self.settings.resolution, 1 / finest, self.plan.pairs, random)
+            cells, finest = self._derived(state)[2], self.settings.resolutions[-1]
+            pairs = neighbouring_points(cells, self.settings.resolution, 1 / finest, self.settings.pairs, random)
             batch = batch._replace(pairs=pairs)
         return batch
 
@@ -148,27 +146,22 @@ class FusedEngine:
             room = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
             output = self._make_room(room, chunks + of_pairs, parts + of_pairs, len(field.levels.resolution))
 
-            def work(worker: int, part: int, output: Output = output) -> None:
-                low, high = part * CHUNKS_TOGETHER, min((part + 1) * CHUNKS_TOGETHER, chunks)
-                train_chunks(
-                    low, high, part, grid, field, batch, numbers, self.scratch[worker], self.shading[worker], output
-                )
+            def work(worker: int, low: int, high: int, output: Output = output) -> None:
+                memory, part = (self.scratch[worker], self.shading[worker]), low // CHUNKS_TOGETHER
+                train_chunks(low, high, part, grid, field, batch, numbers, *memory, output)
 
-            self.workers.share(parts, work)
+            self.workers.share_range(chunks, CHUNKS_TOGETHER, work)
             if output.counts.min() >= 0:
                 break
             self._spare *= 1.5  # all is done again: what chunks leave does not depend on their room
-        scale = np.float32(
-            output.metrics[:, mlp.RAYS].sum() / max(len(pairs), 1)
-        )  # the mean over pairs, as others are over rays
+        # the mean over pairs, as others are over rays
+        scale = np.float32(output.metrics[:, mlp.RAYS].sum() / max(len(pairs), 1))
 
-        def smooth(worker: int, part: int) -> None:
-            low, high = part * PAIRS_TOGETHER, min((part + 1) * PAIRS_TOGETHER, len(pairs))
-            smooth_chunk(
-                chunks + part, parts + part, pairs, low, high, scale, field, numbers, self.scratch[worker], output
-            )
+        def smooth(worker: int, low: int, high: int) -> None:
+            chunk, part = (first + low // PAIRS_TOGETHER for first in (chunks, parts))
+            smooth_chunk(chunk, part, pairs, low, high, scale, field, numbers, self.scratch[worker], output)
 
-        self.workers.share(of_pairs, smooth)
+        self.workers.share_range(len(pairs), PAIRS_TOGETHER, smooth)
         return output
 
     def scatter(self, state: State, output: Output) -> tuple[np.ndarray, np.ndarray]:
@@ -202,13 +195,12 @@ class FusedEngine:
         points = np.ascontiguousarray(points, np.float32)
         field = self._field(state)
 
-        def look(worker: int, part: int) -> None:
-            low, high = part * POINTS_TOGETHER, min((part + 1) * POINTS_TOGETHER, len(points))
+        def look(worker: int, low: int, high: int) -> None:
             query_points(field, np.float32(LARGEST_RAW), points, values, low, high, self.scratch[worker])
 
         with self._one_caller:
             self._make_scratch(CHUNK * SPARE[1], len(field.levels.resolution))
-            self.workers.share(-(-len(points) // POINTS_TOGETHER), look)
+            self.workers.share_range(len(points), POINTS_TOGETHER, look)
         return values
 
     def render(self, state: State, rays: Rays) -> RenderOutput:
@@ -218,15 +210,13 @@ class FusedEngine:
             some = slice(low, low + RENDERED_TOGETHER)
             batch = empty_batch(len(near[some]), contraction, coloured=False)
             batch.phase[:] = 0.5
-            take_rays(
-                origins[some], directions[some], near[some], far[some], contraction, box.origin, box.cell, box.dims, batch
-            )  # fmt: skip
+            geometry = origins[some], directions[some], near[some], far[some]
+            take_rays(*geometry, contraction, box.origin, box.cell, box.dims, batch)
             gathered[some] = self._gather(state, batch)
         *_, view_mlp = split_parameters(state.values.parameters, self.inputs)
         background = jnp.asarray(self.settings.background, jnp.float32)
-        output = shade(
-            jnp.asarray(gathered), view_mlp if self.settings.has_view_mlp else None, rays.viewdirs, background
-        )
+        view_mlp = view_mlp if self.settings.own.view_dependence else None
+        output = shade(jnp.asarray(gathered), view_mlp, rays.viewdirs, background)
         return finished(output, to_grid(GridBox(*box, contraction or None), rays))
 
     def _gather(self, state: State, batch: Batch) -> np.ndarray:
@@ -250,32 +240,30 @@ class FusedEngine:
         """What the loops need of codes and bricks: grid, levels, which cells are occupied, and decay by block."""
         if state.kept.get("of") != (id(state.codes), id(state.bricks)):
             state.kept["of"] = id(state.codes), id(state.bricks)
-            on, levels = is_on(state.codes), make_levels(self.plan.resolutions, state.bricks)
-            decay = decay_of_blocks(levels, self.settings.decay)
+            on, levels = is_on(state.codes), make_levels(self.settings.resolutions, state.bricks)
+            decay = decay_of_blocks(levels, self.settings.by_kind.feature_decay)
             state.kept["derived"] = grid_of(on), levels, np.flatnonzero(on), decay
         return state.kept["derived"]
 
     def _accumulators(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """The table's gradient, zero between steps, and the marks of its blocks."""
-        rows = len(state.values.table)
-        if "gradient" not in state.kept or len(state.kept["gradient"]) != rows:
-            state.kept["gradient"] = np.zeros((rows, 4), np.float32)
-            state.kept["marks"] = np.zeros(rows // ROWS_OF_BRICK, np.uint8)
-        return state.kept["gradient"], state.kept["marks"]
+        if "accumulators" not in state.kept:
+            rows = len(state.values.table)
+            state.kept["accumulators"] = np.zeros((rows, 4), np.float32), np.zeros(rows // ROWS_OF_BRICK, np.uint8)
+        return state.kept["accumulators"]
 
     def _adam(
         self, state: State, gradient: np.ndarray, marks: np.ndarray, of_parameters: np.ndarray, rays: float, progress: float
     ) -> None:  # fmt: skip
         table_rate, decoder_rate, view_rate = self.settings.rates_at(state.updates, progress)
-        scale, blocks, shares = np.float32(1.0 / rays), len(marks), 4 * self.workers.count
+        scale, share = np.float32(1.0 / rays), -(-len(marks) // (4 * self.workers.count))
         flat = [a.reshape(-1) for a in (state.values.table, state.first.table, state.second.table, gradient)]
         *_, decay = self._derived(state)
 
-        def move(_: int, part: int) -> None:
-            low, high = blocks * part // shares, blocks * (part + 1) // shares
+        def move(_: int, low: int, high: int) -> None:
             move_marked(*flat, marks, decay, scale, np.float32(table_rate), low, high)
 
-        self.workers.share(shares, move)
+        self.workers.share_range(len(marks), share, move)
         value, first, second = state.values.parameters, state.first.parameters, state.second.parameters
         slope = of_parameters * scale
         first += NEW_1 * (slope - first)
@@ -287,28 +275,25 @@ class FusedEngine:
     def metrics(self, state: State, output: Output) -> dict[str, Any]:
         sums = output.metrics.sum(0)
         rays = max(sums[mlp.RAYS], 1.0)
-        spread = self.settings.distortion / self.settings.resolution * sums[mlp.DISTORTION] / rays
+        spread = self.settings.by_kind.distortion_weight / self.settings.resolution * sums[mlp.DISTORTION] / rays
         mse = sums[mlp.SQUARED] / (3 * rays)
         sparsity = self.settings.sparsity * state.box.cell[0] * self.settings.resolution * sums[mlp.SPARSITY] / rays
-        metrics = {
-            "loss": (sums[mlp.COLOUR] + sums[mlp.SMOOTHNESS]) / rays + spread + sparsity,
-            "mse": mse,
-            "distortion": spread,
-            "sparsity": sparsity,
-            "smoothness": sums[mlp.SMOOTHNESS] / rays,
-        }
-        if not np.isfinite(output.gradient).all():
-            metrics["loss"] = np.nan
-        return metrics | {"psnr": -10 * np.log10(max(mse, 1e-12)), "rays": rays, "samples": sums[mlp.SAMPLES]}
+        loss = (sums[mlp.COLOUR] + sums[mlp.SMOOTHNESS]) / rays + spread + sparsity
+        return {
+            "loss": loss if np.isfinite(output.gradient).all() else np.nan, "mse": mse, "distortion": spread,
+            "sparsity": sparsity, "smoothness": sums[mlp.SMOOTHNESS] / rays, "psnr": -10 * np.log10(max(mse, 1e-12)),
+            "rays": rays, "samples": sums[mlp.SAMPLES],
+        }  # fmt: skip
 
     def _numbers(self, state: State) -> Numbers:
         f, settings = np.float32, self.settings
+        side, distortion = settings.resolution, settings.by_kind.distortion_weight
         return Numbers(
-            f(state.step_cells), f(state.box.cell[0] * settings.resolution), f(settings.distortion / settings.resolution),
-            f(settings.sparsity), f(settings.sparsity_scale),
-            f(LARGEST_RAW), f(LEAST_LIGHT), f(TRANSMITTANCE_SHADED), np.int64(settings.octaves), settings.has_view_mlp,
+            f(state.step_cells), f(state.box.cell[0] * side), f(distortion / side), f(settings.sparsity),
+            f(settings.sparsity_scale), f(LARGEST_RAW), f(LEAST_LIGHT), f(TRANSMITTANCE_SHADED),
+            np.int64(settings.own.view_octaves), settings.own.view_dependence,
             decoder_size(self.inputs), (8 + self.inputs + 1) * HIDDEN,
-            (f(settings.smoothness[0]), f(settings.smoothness[1])), f(1 / self.plan.resolutions[-1]),
+            (f(settings.smoothness[0]), f(settings.smoothness[1])), f(1 / settings.resolutions[-1]),
             f(self.sampled_below), f(settings.near), f(settings.whole_from),
         )  # fmt: skip
 

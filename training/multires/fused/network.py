@@ -10,7 +10,7 @@ import numpy as np
 
 from training.multires.field import HIDDEN, OUTPUTS
 from training.multires.fused.compiled import kernel
-from training.multires.fused.vectors import add_product_4x16, add_product_8x8, set_product_4x16, set_product_8x8
+from training.multires.fused.vectors import tile_product_4x16, tile_product_8x8
 
 SAMPLES = 64  # that are decoded together: their activations stay in the first cache
 ANYTHING = np.float32(-np.inf)  # the least of an output that is not rectified
@@ -19,44 +19,57 @@ _LOG2_E, _LN_2 = np.float32(1.4426950408889634), np.float32(0.6931471805599453)
 
 
 @kernel
-def add_product(left, right, out, inner, rows, columns):
-    """out [rows, columns] += left [rows, inner] right [inner, columns]; rows and columns are multiples of 8, or rows of 4 and
-    columns of 16.
+def set_product(left, right, out, bias, inner, rows, columns):
+    """out [rows, columns] = max(least, left [rows, inner] right [inner, columns] + bias); rows and columns are multiples of 8, or
+    rows of 4 and columns of 16.
 
-    Matrices are tuples: left (array, start, stride of rows, stride of columns), right and out (array, start, stride of rows), in
-    elements of flat arrays.
+    Matrices are tuples: left (array, start, stride of rows, stride of columns), right and out (array, start, stride of rows),
+    bias (array, start, stride of rows, least), in elements of flat arrays.
     """
     wide = columns // 16 * 16
     for column in range(0, wide, 16):
         for row in range(0, rows, 4):
-            add_product_4x16(
-                (left[0], left[1] + row * left[2], left[2], left[3]), (right[0], right[1] + column, right[2]),
-                (out[0], out[1] + row * out[2] + column, out[2]), inner,
-            )  # fmt: skip
+            tile_product_4x16(*_tile(left, right, out, bias, row, column), inner)
     if wide < columns:
         for row in range(0, rows, 8):
-            add_product_8x8(
-                (left[0], left[1] + row * left[2], left[2], left[3]), (right[0], right[1] + wide, right[2]),
-                (out[0], out[1] + row * out[2] + wide, out[2]), inner,
-            )  # fmt: skip
+            tile_product_8x8(*_tile(left, right, out, bias, row, wide), inner)
+
+
+@kernel(inline="always")
+def _tile(left, right, out, bias, row, column):
+    """The same matrices from a row and a column of `out` on."""
+    return (
+        (left[0], left[1] + row * left[2], left[2], left[3]), (right[0], right[1] + column, right[2]),
+        (out[0], out[1] + row * out[2] + column, out[2]), (bias[0], bias[1] + row * bias[2] + column, bias[2], bias[3]),
+    )  # fmt: skip
 
 
 @kernel
-def set_product(left, right, out, bias, inner, rows, columns):
-    """out = max(left right + bias, least), bias (array, start, least) of `columns` values; otherwise as add_product."""
-    wide = columns // 16 * 16
-    for column in range(0, wide, 16):
-        for row in range(0, rows, 4):
-            set_product_4x16(
-                (left[0], left[1] + row * left[2], left[2], left[3]), (right[0], right[1] + column, right[2]),
-                (out[0], out[1] + row * out[2] + column, out[2]), inner, (bias[0], bias[1] + column, bias[2]),
-            )  # fmt: skip
-    if wide < columns:
-        for row in range(0, rows, 8):
-            set_product_8x8(
-                (left[0], left[1] + row * left[2], left[2], left[3]), (right[0], right[1] + wide, right[2]),
-                (out[0], out[1] + row * out[2] + wide, out[2]), inner, (bias[0], bias[1] + wide, bias[2]),
-            )  # fmt: skip
+def set_layer(source, inputs, parameters, weights, biases, least, out, outputs, rows):
+    """out [rows, outputs] = max(least, source [rows, inputs] w + b); where w [inputs, outputs] and b begin in parameters."""
+    set_product(
+        (source, 0, inputs, 1), (parameters, weights, outputs), (out, 0, outputs), (parameters, biases, 0, least),
+        inputs, rows, outputs,
+    )  # fmt: skip
+
+
+@kernel
+def add_layer_gradient(source, inputs, slopes, outputs, gradient, first, rows):
+    """Adds the gradient of a layer's w, from `first` of gradient, and of b behind it; slopes [rows, outputs]: of its output."""
+    weights = (gradient, first, outputs)
+    set_product((source, 0, 1, inputs), (slopes, 0, outputs), weights, (*weights, ANYTHING), rows, inputs, outputs)
+    into = gradient[first + inputs * outputs : first + (inputs + 1) * outputs]
+    for n in range(rows):
+        row = slopes[n * outputs : (n + 1) * outputs]
+        for c in range(outputs):
+            into[c] += row[c]
+
+
+@kernel
+def cut(slopes, hidden, count):
+    """Slopes are zero where a rectified layer is."""
+    for i in range(count):
+        slopes[i] = slopes[i] if hidden[i] > np.float32(0.0) else np.float32(0.0)
 
 
 @kernel(inline="always")
@@ -92,16 +105,10 @@ def opacity_in_place(values):
 @kernel
 def decode(field, scratch, first, samples):
     """Sets hidden and raw of so many samples from `first`; field and scratch: see training.multires.fused.chunk."""
-    inputs, parameters, zero = field.inputs, field.parameters, np.float32(0.0)
-    b0 = inputs * HIDDEN
-    w1 = b0 + HIDDEN
-    b1 = w1 + HIDDEN * OUTPUTS
-    x, hidden = (scratch.x, first * inputs, inputs, 1), (scratch.hidden, first * HIDDEN, HIDDEN)
-    set_product(x, (parameters, 0, HIDDEN), hidden, (parameters, b0, zero), inputs, samples, HIDDEN)
-    set_product(
-        (scratch.hidden, first * HIDDEN, HIDDEN, 1), (parameters, w1, OUTPUTS), (scratch.raw, first * OUTPUTS, OUTPUTS),
-        (parameters, b1, ANYTHING), HIDDEN, samples, OUTPUTS,
-    )  # fmt: skip
+    inputs, parameters, w1 = field.inputs, field.parameters, (field.inputs + 1) * HIDDEN
+    x, hidden, raw = scratch.x[first * inputs :], scratch.hidden[first * HIDDEN :], scratch.raw[first * OUTPUTS :]
+    set_layer(x, inputs, parameters, 0, inputs * HIDDEN, np.float32(0.0), hidden, HIDDEN, samples)
+    set_layer(hidden, HIDDEN, parameters, w1, w1 + HIDDEN * OUTPUTS, ANYTHING, raw, OUTPUTS, samples)
 
 
 @kernel(error_model="numpy")
@@ -126,38 +133,11 @@ def add_gradient(field, scratch, first, samples, gradient):
 
     scratch.slopes [n, 8]: dL/draw. field.turned: w1^T [8, 64], w0^T [64, I], then 64 zeros.
     """
-    inputs, turned = field.inputs, field.turned
-    b0 = inputs * HIDDEN
-    w1 = b0 + HIDDEN
-    b1 = w1 + HIDDEN * OUTPUTS
-    h, o = first * HIDDEN, first * OUTPUTS
-    nothing = (turned, (OUTPUTS + inputs) * HIDDEN, ANYTHING)
-    slopes, at_hidden = scratch.slopes, scratch.hidden_slopes
-    add_product(
-        (scratch.hidden, h, 1, HIDDEN), (slopes, o, OUTPUTS), (gradient, w1, OUTPUTS), samples, HIDDEN, OUTPUTS
-    )  # fmt: skip
-    add_sums(slopes[o : o + samples * OUTPUTS], samples, gradient, b1, OUTPUTS)
-    set_product(
-        (slopes, o, OUTPUTS, 1), (turned, 0, HIDDEN), (at_hidden, 0, HIDDEN), nothing, OUTPUTS, samples, HIDDEN
-    )  # fmt: skip
-    on = scratch.hidden[h : h + samples * HIDDEN]
-    for i in range(on.size):
-        at_hidden[i] = at_hidden[i] if on[i] > np.float32(0.0) else np.float32(0.0)
-    add_sums(at_hidden, samples, gradient, b0, HIDDEN)
-    add_product(
-        (scratch.x, first * inputs, 1, inputs), (at_hidden, 0, HIDDEN), (gradient, 0, HIDDEN), samples, inputs, HIDDEN
-    )  # fmt: skip
-    set_product(
-        (at_hidden, 0, HIDDEN, 1), (turned, OUTPUTS * HIDDEN, inputs), (scratch.x_slopes, 0, inputs), nothing, HIDDEN, samples,
-        inputs,
-    )  # fmt: skip
-
-
-@kernel
-def add_sums(rows, count, sums, first, width):
-    """Adds so many rows of `width` values to sums, from `first`."""
-    into = sums[first : first + width]
-    for n in range(count):
-        row = rows[n * width : (n + 1) * width]
-        for c in range(width):
-            into[c] += row[c]
+    inputs, turned, at_hidden = field.inputs, field.turned, scratch.hidden_slopes
+    zeros = (OUTPUTS + inputs) * HIDDEN
+    x, hidden, slopes = scratch.x[first * inputs :], scratch.hidden[first * HIDDEN :], scratch.slopes[first * OUTPUTS :]
+    add_layer_gradient(hidden, HIDDEN, slopes, OUTPUTS, gradient, (inputs + 1) * HIDDEN, samples)
+    set_layer(slopes, OUTPUTS, turned, 0, zeros, ANYTHING, at_hidden, HIDDEN, samples)
+    cut(at_hidden, hidden, samples * HIDDEN)
+    add_layer_gradient(x, inputs, at_hidden, HIDDEN, gradient, 0, samples)
+    set_layer(at_hidden, HIDDEN, turned, OUTPUTS * HIDDEN, zeros, ANYTHING, scratch.x_slopes, inputs, samples)

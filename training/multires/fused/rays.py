@@ -107,12 +107,8 @@ def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
                 batch.viewdirs[n, axis] = direction[axis]
         if photographs.ndc[2] > 0:
             _warp_to_ndc(position, direction, photographs.ndc)
-        if photographs.contraction > 0:
-            _into_contracted_grid(
-                batch, n, position, direction, photographs.near, photographs.contraction, origin, voxel
-            )
-        else:
-            _into_grid(batch, n, position, direction, photographs.near, photographs.far, origin, voxel, dims)
+        near, far, inner = photographs.near, photographs.far, photographs.contraction
+        _into_grid(batch, n, position, direction, near, far, inner, origin, voxel, dims)
         if not shown:
             batch.end[n] = batch.start[n]
         if coloured:
@@ -126,10 +122,8 @@ def take_rays(origins, directions, near, far, contraction, origin, voxel, dims, 
     for n in range(len(near)):
         for axis in range(3):
             position[axis], direction[axis] = origins[n, axis], directions[n, axis]
-        if contraction > 0:
-            _into_contracted_grid(batch, n, position, direction, np.float64(near[n]), contraction, origin, voxel)
-        else:
-            _into_grid(batch, n, position, direction, np.float64(near[n]), np.float64(far[n]), origin, voxel, dims)
+        begin, end = np.float64(near[n]), np.float64(far[n])
+        _into_grid(batch, n, position, direction, begin, end, contraction, origin, voxel, dims)
 
 
 @kernel
@@ -159,9 +153,12 @@ def _warp_to_ndc(position, direction, ndc):
     position[2], direction[2] = 1.0 + inverse, -inverse
 
 
-@kernel
-def _into_grid(batch, n, position, direction, near, far, origin, voxel, dims):
-    """Clips a ray to the grid's box and measures it in voxels."""
+@njit(nogil=True, cache=True)
+def _into_grid(batch, n, position, direction, near, far, contraction, origin, voxel, dims):
+    """Clips a ray to the grid's box, unless that is contracted, and measures it in voxels."""
+    if contraction > 0:
+        _into_contracted_grid(batch, n, position, direction, near, contraction, origin, voxel)
+        return
     world = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
     for axis in range(3):
         position[axis] = (position[axis] - origin[axis]) / voxel[axis]

@@ -42,69 +42,52 @@ def _multiply_add(builder: ir.IRBuilder, a: Any, b: Any, c: Any) -> Any:
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), [a, b, c])
 
 
-def _tile_product(rows: int, lanes: int, adds: bool) -> Any:
-    """An intrinsic that computes a tile [rows, lanes] of a matrix product, which stays in registers meanwhile.
-
-    Matrices are tuples: left (array, start, stride of rows, stride of columns), right and out (array, start, stride of rows),
-    bias (array, start, least), in elements of flat arrays. adds: to what `out` holds; otherwise out becomes max(product + bias,
-    least).
-    """
+def _tile_product(rows: int, lanes: int) -> Any:
+    """An intrinsic that computes a tile [rows, lanes] of a matrix product, which stays in registers meanwhile."""
     vector = ir.VectorType(_FLOAT, lanes)
 
     def generate(context, builder, signature, arguments):
-        left, right, out = (cgutils.unpack_tuple(builder, matrix) for matrix in arguments[:3])
-        left_data, right_data, out_data = (
-            _data(context, builder, kind[0], matrix[0])
-            for kind, matrix in zip(signature.args, (left, right, out), strict=False)
+        left, right, out, bias = (cgutils.unpack_tuple(builder, matrix) for matrix in arguments[:4])
+        kinds = [kind[0] for kind in signature.args[:4]]
+        left_data, right_data, out_data, bias_data = (
+            _data(context, builder, kind, matrix[0])
+            for kind, matrix in zip(kinds, (left, right, out, bias), strict=True)
         )
-        if not adds:
-            bias = cgutils.unpack_tuple(builder, arguments[4])
-            first = _vector_at(builder, _data(context, builder, signature.args[4][0], bias[0]), bias[1], vector)
-            begin = builder.load(first, align=4)
-        targets, starts, sums = [], [], []
+        starts, sums = [], []
         for row in range(rows):
             number = ir.Constant(_INT, row)
             starts.append(builder.add(left[1], builder.mul(number, left[2])))
-            offset = builder.add(out[1], builder.mul(number, out[2]))
-            targets.append(_vector_at(builder, out_data, offset, vector))
+            begin = builder.add(bias[1], builder.mul(number, bias[2]))
             sums.append(cgutils.alloca_once(builder, vector))
-            builder.store(builder.load(targets[row], align=4) if adds else begin, sums[row])
-        with cgutils.for_range(builder, arguments[3], intp=_INT) as loop:
+            builder.store(builder.load(_vector_at(builder, bias_data, begin, vector), align=4), sums[row])
+        with cgutils.for_range(builder, arguments[4], intp=_INT) as loop:
             place = builder.add(right[1], builder.mul(loop.index, right[2]))
             values = builder.load(_vector_at(builder, right_data, place, vector), align=4)
             along = builder.mul(loop.index, left[3])
             for start, total in zip(starts, sums, strict=True):
-                factor = builder.load(builder.gep(left_data, [builder.add(start, along)]))
-                builder.store(
-                    _multiply_add(builder, _splat(builder, factor, vector), values, builder.load(total)), total
-                )
-        for target, total in zip(targets, sums, strict=True):
+                factor = _splat(builder, builder.load(builder.gep(left_data, [builder.add(start, along)])), vector)
+                builder.store(_multiply_add(builder, factor, values, builder.load(total)), total)
+        least = _splat(builder, bias[3], vector)
+        for row, total in enumerate(sums):
             value = builder.load(total)
-            if not adds:
-                least = _splat(builder, bias[2], vector)
-                value = builder.select(builder.fcmp_ordered(">", value, least), value, least)
-            builder.store(value, target, align=4)
+            value = builder.select(builder.fcmp_ordered(">", value, least), value, least)
+            offset = builder.add(out[1], builder.mul(ir.Constant(_INT, row), out[2]))
+            builder.store(value, _vector_at(builder, out_data, offset, vector), align=4)
         return context.get_dummy_value()
 
-    if adds:
-
-        @intrinsic
-        def add_product(typing_context, left, right, out, inner):
-            """out[r, l] += sum over i < inner of left[r, i] right[i, l]."""
-            return types.void(left, right, out, types.int64), generate
-
-        return add_product
-
     @intrinsic
-    def set_product(typing_context, left, right, out, inner, bias):
-        """out[r, l] = max(least, bias[l] + sum over i < inner of left[r, i] right[i, l])."""
-        return types.void(left, right, out, types.int64, bias), generate
+    def tile_product(typing_context, left, right, out, bias, inner):
+        """out[r, l] = max(least, bias[r, l] + sum over i < inner of left[r, i] right[i, l]).
 
-    return set_product
+        Matrices are tuples: left (array, start, stride of rows, stride of columns), right and out (array, start, stride of rows),
+        bias (array, start, stride of rows, least), in elements of flat arrays.
+        """
+        return types.void(left, right, out, bias, types.int64), generate
+
+    return tile_product
 
 
-add_product_4x16, add_product_8x8 = _tile_product(4, 16, True), _tile_product(8, 8, True)
-set_product_4x16, set_product_8x8 = _tile_product(4, 16, False), _tile_product(8, 8, False)
+tile_product_4x16, tile_product_8x8 = _tile_product(4, 16), _tile_product(8, 8)
 
 
 @intrinsic

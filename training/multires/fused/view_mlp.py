@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from training.multires.fused.compiled import kernel
-from training.multires.fused.network import ANYTHING, add_product, add_sums, set_product
+from training.multires.fused.network import ANYTHING, add_layer_gradient, cut, set_layer
 
 INPUTS, HIDDEN, OUTPUTS = 36, 16, 8
 DIRECTION = 8  # of the inputs: where the direction begins
@@ -51,14 +51,9 @@ def packed(view_mlp: np.ndarray) -> np.ndarray:
 
 def turned(parameters: np.ndarray) -> np.ndarray:
     """w2^T [8, 16], w1^T, the first rows of w0, those of colour and features, as [16, 8], and zeros, for the gradients."""
-    w0, w1, w2 = parameters[: DIRECTION * HIDDEN], parameters[W1:B1], parameters[W2:B2]
-    parts = (
-        w2.reshape(HIDDEN, OUTPUTS).T,
-        w1.reshape(HIDDEN, HIDDEN).T,
-        w0.reshape(DIRECTION, HIDDEN).T,
-        np.zeros(HIDDEN),
-    )
-    return np.concatenate([part.ravel() for part in parts]).astype(np.float32)
+    first_w0, w1, w2 = parameters[: DIRECTION * HIDDEN], parameters[W1:B1], parameters[W2:B2]
+    parts = [weights.reshape(-1, width).T for weights, width in ((w2, OUTPUTS), (w1, HIDDEN), (first_w0, HIDDEN))]
+    return np.concatenate([*(part.ravel() for part in parts), np.zeros(HIDDEN, np.float32)])
 
 
 class Shading(NamedTuple):
@@ -97,13 +92,6 @@ def _encode(viewdirs, ray, octaves, inputs, at):
 
 
 @kernel
-def _cut(slopes, hidden, count):
-    """Slopes are zero where a rectified layer is."""
-    for i in range(count):
-        slopes[i] = slopes[i] if hidden[i] > np.float32(0.0) else np.float32(0.0)
-
-
-@kernel
 def shade_chunk(low, count, batch, field, numbers, scratch, work, metrics, gradient):
     """Adds errors of `count` rays, work.ray of the chunk from `low`, to metrics, and the view MLP's gradient to `gradient`.
 
@@ -121,16 +109,9 @@ def shade_chunk(low, count, batch, field, numbers, scratch, work, metrics, gradi
             _encode(batch.viewdirs, low + r, numbers.octaves, x, at + DIRECTION)
     if numbers.has_view_mlp:
         w, first, h0, h1 = field.parameters, numbers.first_view, work.hidden0, work.hidden1
-        set_product(
-            (x, 0, INPUTS, 1), (w, first, HIDDEN), (h0, 0, HIDDEN), (w, first + B0, zero), INPUTS, rows, HIDDEN
-        )  # fmt: skip
-        set_product(
-            (h0, 0, HIDDEN, 1), (w, first + W1, HIDDEN), (h1, 0, HIDDEN), (w, first + B1, zero), HIDDEN, rows, HIDDEN
-        )  # fmt: skip
-        set_product(
-            (h1, 0, HIDDEN, 1), (w, first + W2, OUTPUTS), (work.output, 0, OUTPUTS), (w, first + B2, ANYTHING), HIDDEN, rows,
-            OUTPUTS,
-        )  # fmt: skip
+        set_layer(x, INPUTS, w, first, first + B0, zero, h0, HIDDEN, rows)
+        set_layer(h0, HIDDEN, w, first + W1, first + B1, zero, h1, HIDDEN, rows)
+        set_layer(h1, HIDDEN, w, first + W2, first + B2, ANYTHING, work.output, OUTPUTS, rows)
     metrics[RAYS] += count
     work.slope2[: rows * OUTPUTS] = zero
     for i in range(count):
@@ -167,25 +148,13 @@ def _backward(rows, field, numbers, work, gradient):
     """From dL/doutput before the sigmoid: adds to the gradient of the parameters, and sets those of the first inputs."""
     x, h0, h1, turned = work.inputs, work.hidden0, work.hidden1, field.turned
     s0, s1, s2 = work.slope0, work.slope1, work.slope2
-    first, first_turned = numbers.first_view, numbers.first_turned
-    nothing = (turned, first_turned + ZEROS, ANYTHING)
-    add_product(
-        (h1, 0, 1, HIDDEN), (s2, 0, OUTPUTS), (gradient, first + W2, OUTPUTS), rows, HIDDEN, OUTPUTS
-    )  # fmt: skip
-    add_sums(s2, rows, gradient, first + B2, OUTPUTS)
-    set_product(
-        (s2, 0, OUTPUTS, 1), (turned, first_turned, HIDDEN), (s1, 0, HIDDEN), nothing, OUTPUTS, rows, HIDDEN
-    )  # fmt: skip
-    _cut(s1, h1, rows * HIDDEN)
-    add_product((h0, 0, 1, HIDDEN), (s1, 0, HIDDEN), (gradient, first + W1, HIDDEN), rows, HIDDEN, HIDDEN)
-    add_sums(s1, rows, gradient, first + B1, HIDDEN)
-    set_product(
-        (s1, 0, HIDDEN, 1), (turned, first_turned + TURNED_W1, HIDDEN), (s0, 0, HIDDEN), nothing, HIDDEN, rows, HIDDEN
-    )  # fmt: skip
-    _cut(s0, h0, rows * HIDDEN)
-    add_product((x, 0, 1, INPUTS), (s0, 0, HIDDEN), (gradient, first, HIDDEN), rows, INPUTS, HIDDEN)
-    add_sums(s0, rows, gradient, first + B0, HIDDEN)
-    set_product(
-        (s0, 0, HIDDEN, 1), (turned, first_turned + TURNED_W0, OUTPUTS), (work.input_slopes, 0, OUTPUTS), nothing, HIDDEN, rows,
-        OUTPUTS,
-    )  # fmt: skip
+    first, back = numbers.first_view, numbers.first_turned
+    zeros = back + ZEROS
+    add_layer_gradient(h1, HIDDEN, s2, OUTPUTS, gradient, first + W2, rows)
+    set_layer(s2, OUTPUTS, turned, back, zeros, ANYTHING, s1, HIDDEN, rows)
+    cut(s1, h1, rows * HIDDEN)
+    add_layer_gradient(h0, HIDDEN, s1, HIDDEN, gradient, first + W1, rows)
+    set_layer(s1, HIDDEN, turned, back + TURNED_W1, zeros, ANYTHING, s0, HIDDEN, rows)
+    cut(s0, h0, rows * HIDDEN)
+    add_layer_gradient(x, INPUTS, s0, HIDDEN, gradient, first, rows)
+    set_layer(s0, HIDDEN, turned, back + TURNED_W0, zeros, ANYTHING, work.input_slopes, OUTPUTS, rows)
