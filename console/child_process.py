@@ -62,11 +62,6 @@ class ChildProcess:
         assert self._output is not None
         return self._output  # type: ignore[return-value]
 
-    @property
-    def closed(self) -> bool:
-        """Whether no pipe of it is open."""
-        return self.input.closed and (self._output is None or self._output.closed)
-
     def poll(self) -> int | None:
         """Exit status (negative: the signal that ended it); None while it runs."""
         return self._process.poll()
