@@ -49,10 +49,15 @@ def nobody_reads_stderr() -> bool:
     return False  # typed on a terminal, with 2> somewhere
 
 
+def has_display() -> bool:
+    """Whether a window can be shown, as far as the environment tells."""
+    displays = os.environ.get("DISPLAY"), os.environ.get("WAYLAND_DISPLAY")
+    return sys.platform in ("win32", "darwin") or any(displays)
+
+
 def tell_if_unseen(prog: str, line: str) -> None:
     """Shows `line` on the desktop where nobody would see it printed, and a desktop is there."""
-    desktop = sys.platform in ("win32", "darwin") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    if desktop and nobody_reads_stderr():
+    if has_display() and nobody_reads_stderr():
         show_box(prog, line)
 
 

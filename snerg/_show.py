@@ -2,7 +2,6 @@
 
 import html
 import importlib
-import os
 import sys
 from typing import Any
 
@@ -25,11 +24,13 @@ def show(scene: Scene, *, size: tuple[int, int] = (960, 600)) -> None:
     if _in_notebook():
         _display_in_cell(scene, size)
         return
-    if not (sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise SnergError("there is no display to show a window on", remedy="scene.render() gives pictures without one")
     import subprocess
 
     from console.child_process import module_command
+    from console.desktop import has_display
+
+    if not has_display():
+        raise SnergError("there is no display to show a window on", remedy="scene.render() gives pictures without one")
 
     words = ["--size", f"{size[0]}x{size[1]}"]
     done = subprocess.run(module_command("viewer.commands.view", str(scene.path.resolve()), *words), check=False)

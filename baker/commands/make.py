@@ -1,7 +1,6 @@
 """`snerg-make PHOTOS --out DIR`: photographs or a film to fly-through in one line (docs/commands.md)."""
 
 import dataclasses
-import os
 import subprocess
 import sys
 import time
@@ -15,6 +14,8 @@ import tyro
 from baker.baking.config import BakeConfig, Quality, default_resolution
 from console import Notice, UserError, check_results, run_command, write_json
 from console.child_process import module_command
+from console.desktop import has_display
+from console.progress import duration
 from scenepack.constants import CodecName
 from training.libraries import begin_libraries
 from training.posing.check import check as check_photographs
@@ -124,7 +125,7 @@ def snerg_make(
     if poses_only:
         if scene != out / SCENE:
             load_scene(scene)  # else nothing would have looked at it
-        print(f"the poses are in {scene}; {minutes(time.monotonic() - began)}")
+        print(f"the poses are in {scene}; {duration(time.monotonic() - began)}")
         return
     if not masks and scene == out / SCENE and (scene / "masks").is_dir():
         warnings.warn(Notice(f"{scene}: poses were found by the masks; --masks also cuts the object out"), stacklevel=2)
@@ -150,11 +151,9 @@ def snerg_make(
     bake_to(run, baking, pack_path, codec, last=True)
     shown.remove()
     baked = time.monotonic()
-    posed = f"poses found in {minutes(started - began)}, " if scene == out / SCENE else ""
-    print(f"{posed}trained in {minutes(trained - started)}, baked in {minutes(baked - trained)}")
-    if not no_view and (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform in ("darwin", "win32")
-    ):
+    posed = f"poses found in {duration(started - began)}, " if scene == out / SCENE else ""
+    print(f"{posed}trained in {duration(trained - started)}, baked in {duration(baked - trained)}")
+    if not no_view and has_display():
         # A process of its own: JAX holds most of a GPU's memory until this one ends.
         subprocess.Popen(module_command("viewer.commands.view", str(pack_path)))
 
@@ -164,12 +163,7 @@ def _check(scene: Path, out: Path, frames: int, json: Path | None) -> None:
     check_results(page, json)
     verdict = check_photographs(require_source(scene), page, frames)
     if not write_json(json, {**verdict.figures, "page": str(page)}):
-        print("\n".join([*verdict.lines(), f"the page is {page}; {minutes(time.monotonic() - began)}"]))
-
-
-def minutes(seconds: float) -> str:
-    """Seconds in words: "9 min 12 s"."""
-    return f"{int(seconds) // 60} min {int(seconds) % 60} s" if seconds >= 60 else f"{seconds:.0f} s"
+        print("\n".join([*verdict.lines(), f"the page is {page}; {duration(time.monotonic() - began)}"]))
 
 
 def main(args: Sequence[str] | None = None) -> int:
