@@ -39,11 +39,14 @@ SEEN = 0.5  # opacity: a pixel that shows more of the subject than of the backgr
 
 @dataclass(frozen=True)
 class Drawn:
-    """A subject that is drawn by `show`. Of a pack: grid_size, its voxels (x, y, z) as drawn; halved: fewer than it has."""
+    """A subject that is drawn by `show`. Of a pack: grid_size, its voxels (x, y, z) as drawn; halved: fewer than it has.
+    bytes: of a grid that is drawn without a pack.
+    """
 
     show: Shown
     grid_size: tuple[int, int, int] | None = None
     halved: bool = False
+    bytes: int | None = None
 
 
 def evaluate(

@@ -12,6 +12,7 @@ across z an elevation (y up, x to the right).
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from console.atomic import replacing
 from console.plots import INK, PAPER, Line, Plot, draw_plots, require_plots
 from scenepack import Pack
 from scenepack.blocks import dense_from_pack
+from training.scenes import picture_stems
 
 SHARE = 0.3  # of the picture's shorter side: the crop's
 PANEL, GAP, CAPTION, LETTERS = 240, 10, 40, 34  # pixels of a panel's side, between panels, below one; letters in a line
@@ -51,7 +53,7 @@ def draw_figure(
         return None
     views = list(shown[0]["views"])
     view = max(range(len(views)), key=lambda i: abs(shown[0]["views"][views[i]] - shown[-1]["views"][views[i]]))
-    pairs = [_pictures(study.out / row["pictures"] / f"{study.stem(view)}.png") for row in shown]
+    pairs = [_pictures(study.out / row["pictures"] / f"{picture_stems(study.photographs)[view]}.png") for row in shown]
     box = _most_different(pairs[0][0], pairs[-1][0], pairs[0][1])
     panels, labels = list[Panel](), []
     for row, (picture, _) in zip(shown, pairs, strict=True):
@@ -101,20 +103,11 @@ def draw_panels(panels: Sequence[Panel], box: tuple[int, int, int], path: Path) 
         pen.rectangle([round(edge) for edge in frame], outline=(207, 74, 34))
         crop = picture.crop((left, top, left + side, top + side))
         sheet.paste(crop.resize((PANEL, PANEL), Image.Resampling.NEAREST), (x, small[1] + 2 * GAP))
-        for line, text in enumerate(_lines(caption)):
+        for line, text in enumerate(wrap(caption, LETTERS)[:2]):
             pen.text((x, small[1] + PANEL + 2 * GAP + 4 + 15 * line), text, fill=INK, font=font)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as new:
         sheet.save(new, format="PNG", optimize=True)
-
-
-def _lines(caption: str) -> list[str]:
-    """At most two lines, broken at a space."""
-    if len(caption) <= LETTERS:
-        return [caption]
-    cut = caption.rfind(" ", 0, LETTERS)
-    cut = cut if cut > 0 else LETTERS
-    return [caption[:cut], caption[cut:].strip()[:LETTERS]]
 
 
 # --- plots: resolution.png, storage.png and sparsity.png ---

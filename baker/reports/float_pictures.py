@@ -22,18 +22,24 @@ from training.scenes import Camera
 
 def float_pictures(floats: FloatGrid, run: Run) -> Drawn:
     """What draws a grid of floats with the run's own view MLP."""
-    head, dataset, marcher = run.method.view_mlp(run.state), run.dataset, FloatMarcher(floats)
+    no_rays: Any = None  # those of a view take their place
+    head, dataset, marcher = run.method.view_mlp(run.state), run.dataset, PackMarcher(floats.pack, no_rays)
+    march = partial(accumulate_floats, floats.rows.ravel(), floats.values)
 
     def show(camera: Camera, mode: Literal["normal", "alpha"]) -> np.ndarray:
         rays = dataset.view_rays(camera)
-        sums = Accumulated(*(jnp.asarray(part) for part in marcher.accumulate_view(rays)))
+        view: Any = ViewRays(rays)
+        marcher.rays = pack_rays(floats.pack, view)
+        parts = np.zeros((rays.origins.shape[0], 8), np.float32)
+        marcher._over(np.arange(len(parts), dtype=np.int32), march, lambda _, first: parts[first:])
+        sums = Accumulated(jnp.asarray(parts[:, :3]), jnp.asarray(parts[:, 3:7]), jnp.asarray(parts[:, 7]))
         if mode == "alpha":
             behind = over_background(sums, dataset.background, dataset.ndc)[2]
             return np.asarray(1 - behind).reshape(camera.height, camera.width)
         rgb = shown(sums, head, rays.viewdirs, dataset.background, dataset.ndc)
         return np.clip(np.asarray(rgb), 0, 1).reshape(camera.height, camera.width, 3)
 
-    return Drawn(show, floats.pack.grid_size)
+    return Drawn(show, floats.pack.grid_size, bytes=floats.bytes)
 
 
 class ViewRays(NamedTuple):
@@ -43,24 +49,6 @@ class ViewRays(NamedTuple):
 
     def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
         return Rays(*(array[ids] for array in self.rays))
-
-
-class FloatMarcher(PackMarcher):
-    """A grid of floats, marched as the viewer marches a pack (docs/rendering.md)."""
-
-    def __init__(self, floats: FloatGrid) -> None:
-        nothing: Any = None
-        super().__init__(floats.pack, nothing)
-        self.pack, self.rows, self.values = floats.pack, floats.rows.ravel(), floats.values
-
-    def accumulate_view(self, rays: Rays) -> Accumulated:
-        """What is accumulated along rays of the training frame, NumPy."""
-        view: Any = ViewRays(rays)
-        self.rays = pack_rays(self.pack, view)
-        sums = np.zeros((rays.origins.shape[0], 8), np.float32)
-        look = partial(accumulate_floats, self.rows, self.values)
-        self._over(np.arange(len(sums), dtype=np.int32), look, lambda _, first: sums[first:])
-        return Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])  # type: ignore[arg-type]
 
 
 @njit(nogil=True, cache=True)

@@ -135,7 +135,9 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
     columns = [LABEL, *SCORES, ("against the field (dB)", gap), MB, ("time", _took), *PAPER, RELEASE]
     own = NO_SUCH_FIELD if table["field"].startswith(("multi-resolution field", "voxel field")) else ""
     means = [
-        str(row["label"]).split(":")[0] for row in rows if row.get("paper") and paper_figures.only_means(row["row"])
+        str(row["label"]).split(":")[0]
+        for row in rows
+        if row.get("paper") and row["row"] in paper_figures.QUALITY_MEANS
     ]
     lines = [
         f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. {own}".strip(), "",

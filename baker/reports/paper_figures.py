@@ -84,11 +84,6 @@ def performance(kind: Kind, name: str, row: str) -> dict[str, float | None] | No
     return None
 
 
-def only_means(row: str) -> bool:
-    """Whether the paper prints this row as a mean over scenes alone, even beside a scene that it knows."""
-    return row in QUALITY_MEANS
-
-
 def storage(kind: Kind, row: str) -> dict[str, Any] | None:
     """psnr, ssim, lpips and mb of a row of the storage tables; means over a kind's scenes."""
     printed = STORAGE[kind].get(row)

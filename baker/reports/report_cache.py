@@ -20,7 +20,7 @@ from baker.reports.options import ReportOptions
 from baker.reports.paper_figures import Kind, kind_of
 from console.atomic import write_file
 from training.run import Run, load_run
-from training.scenes import Photograph, Scene, picture_stems
+from training.scenes import Photograph, Scene
 
 Score = dict[str, Any]
 
@@ -113,20 +113,15 @@ class Study:
 
     def score_floats(self) -> Score:
         """The same of the paper's bake before it is quantised, and `bytes`, of its atlas."""
-        config, held = self.config("paper"), [0]
+        config = self.config("paper")
         key = work_key(self.run, config) | {"floats": True}
-
-        def draw() -> Drawn:
-            floats = bake_floats(self.run, config)
-            held[0] = floats.bytes
-            return float_pictures(floats, self.run)
-
-        return self._scored(f"float-{config.resolution}", key, draw, None, lambda: {"bytes": held[0]})
+        return self._scored(
+            f"float-{config.resolution}", key, lambda: float_pictures(bake_floats(self.run, config), self.run)
+        )
 
     def _scored(
-        self, name: str, key: Mapping[str, Any], subject: Callable[[], Path | Run | Drawn], mask_of: Baked | None,
-        more: Callable[[], Score] = dict,
-    ) -> Score:  # fmt: skip
+        self, name: str, key: Mapping[str, Any], make: Callable[[], Path | Run | Drawn], mask_of: Baked | None = None
+    ) -> Score:
         mask_of = mask_of or self.mask
         name += "" if mask_of is None else "-masked"
         note = self.out / "scores" / f"{name}.json"
@@ -137,17 +132,16 @@ class Study:
             return kept["score"]
         images = self.out / "pictures" / name
         mask = None if mask_of is None else mask_of.path
-        scores = evaluate(subject(), self.scene, self.options.split, images, mask_of=mask)
+        subject = make()
+        scores = evaluate(subject, self.scene, self.options.split, images, mask_of=mask)
         psnr_of = {view["name"]: view["psnr"] for view in scores["views"]}
-        score = {**{metric: scores[metric] for metric in ("psnr", "ssim", "lpips")}, "views": psnr_of, **more()}
+        score = {**{metric: scores[metric] for metric in ("psnr", "ssim", "lpips")}, "views": psnr_of}
+        if isinstance(subject, Drawn):
+            score["bytes"] = subject.bytes
         score["pictures"] = f"pictures/{name}"
         note.parent.mkdir(parents=True, exist_ok=True)
         write_file(note, json.dumps({"of": about, "score": score}, indent=2) + "\n")
         return score
-
-    def stem(self, view: int) -> str:
-        """The file name, without suffix, of the pictures of a view."""
-        return picture_stems(self.photographs)[view]
 
 
 def read_note(note: Path) -> dict[str, Any]:

@@ -86,11 +86,8 @@ def _in_order(tables: Sequence[Sequence[Mapping[str, Any]]]) -> list[tuple[str, 
 
 def _printed(kind: paper_figures.Kind, scene: str, table: str, row: str, key: str) -> float | None:
     """What the paper prints of this very scene."""
-    if (
-        not paper_figures.place_of(kind, scene)
-        or table == "storage"
-        or (paper_figures.only_means(row) and table == "quality")
-    ):
+    only_means = table == "storage" or (table == "quality" and row in paper_figures.QUALITY_MEANS)
+    if only_means or not paper_figures.place_of(kind, scene):
         return None
     if table == "quality":
         return (paper_figures.quality(kind, scene, row) or {}).get(key)
