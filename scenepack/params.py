@@ -126,7 +126,9 @@ class _Checker:
             raise UserError("worldspace_T_opengl is out of range", where=self.where, expected=expected)
         # Relative to the lengths of its rows, so that a scaled frame is not taken for a singular one.
         lengths = np.linalg.norm(matrix[:3, :3], axis=1)
-        if abs(np.linalg.det(matrix[:3, :3])) <= 1e-9 * np.prod(lengths) or matrix[3, 3] == 0:
+        with np.errstate(all="ignore"):  # of the smallest numbers that there are
+            is_regular = abs(np.linalg.det(matrix[:3, :3])) > 1e-9 * np.prod(lengths) and matrix[3, 3] != 0
+        if not is_regular:
             raise UserError("worldspace_T_opengl is singular", where=self.where, expected="a rotation, 4×4")
         return matrix
 
