@@ -17,10 +17,10 @@ from console import check_results, write_json
 from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
 from tests.viewer.rendering.shapes import shapes_pack
+from tests.viewer.texture_limits import limit_textures
 from tools.card.__main__ import main as card_report
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
-from viewer.rendering.gpu_memory import Limits
 
 Main = Callable[[list[str]], int]
 Refused = Callable[..., str]
@@ -114,9 +114,9 @@ def test_a_pack_that_does_not_fit_is_measured_at_half_resolution_only_where_that
     whole = json.loads(out.read_text())
     assert whole["halved"] is False and whole["grid_size"] == [70, 70, 70]
     out.unlink()
-    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, _: Limits(2048, 400_000)))
+    limit_textures(monkeypatch, most_bytes=400_000)
     error = refused(command, *line)
-    assert "too large" in error and "--allow-half" in error and not out.exists()
+    assert "no room" in error and "--allow-half" in error and not out.exists()
     assert command([*line, "--allow-half"]) == 0
     half = json.loads(out.read_text())
     assert half["halved"] is True and half["grid_size"] == [35, 35, 35]

@@ -1,4 +1,4 @@
-"""GPU memory: its limits, and packs halved to fit.
+"""GPU memory: packs halved to fit.
 
 Notation: each voxel of the half pack stands for 2^3 voxels of the whole one, the last of an odd side for those it has.
 Its premultiplied colour, features and opacity a are their mean. A ray takes half as many samples there, each of which
@@ -8,10 +8,8 @@ stays, so that the padding, which is made anew from the neighbours, takes no gre
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import inf
+from dataclasses import replace
 
-import moderngl
 import numpy as np
 
 from console import UserError
@@ -23,19 +21,6 @@ OR_HALF = "or measure it at half resolution: --allow-half"  # the remedy of comm
 
 class NoRoomError(UserError):
     """A pack does not fit on the graphics card."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What a GPU takes. max_side: voxels a side of a 3D texture. max_texture_bytes: of one texture."""
-
-    max_side: int
-    max_texture_bytes: float = inf
-
-    @classmethod
-    def of(cls, ctx: moderngl.Context) -> Limits:
-        """What the driver says. It tells no number of bytes; those it refuses when they are asked for."""
-        return cls(ctx.info["GL_MAX_3D_TEXTURE_SIZE"])
 
 
 def half_resolution(pack: Pack) -> Pack:

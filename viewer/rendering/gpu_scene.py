@@ -21,7 +21,7 @@ import numpy as np
 from scenepack.blocks import Triple
 from scenepack.pack import Pack
 from viewer.rendering import software_rasteriser as software
-from viewer.rendering.gpu_memory import Limits, NoRoomError
+from viewer.rendering.gpu_memory import NoRoomError
 from viewer.rendering.skip_grid import skip_grid_of
 
 MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
@@ -43,16 +43,15 @@ class GpuScene:
         ctx: moderngl.Context,
         pack: Pack,
         layout: str,
-        limits: Limits | None = None,
         *,
         features_beside: bool = False,
         at_once: bool = True,
     ) -> None:
         self.ctx, self.pack, self.features_beside = ctx, pack, features_beside
-        self.limits, self.gpu_bytes = limits or Limits.of(ctx), 0
+        self.gpu_bytes = 0
         block, beside = pack.padded_block_size, 2 if features_beside else 1
         self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * block  # in the pack's atlas, (x, y, z)
-        self.slots = tightest_atlas(len(self.places), block, self.limits.max_side, beside)
+        self.slots = tightest_atlas(len(self.places), block, most_texels(ctx), beside)
         self.size = atlas_size(self.slots, block, beside)
         self.near: np.ndarray | None = None  # a point of the grid, voxels: layers of slots close to it arrive first
         self.textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {}  # by the name of their sampler
@@ -114,13 +113,6 @@ class GpuScene:
     def _volume(self, name: str, what: str, size: Triple, channels: int, dtype: str = "u1") -> moderngl.Texture3D:
         """An uninitialised 3D texture of size (x, y, z)."""
         bytes_ = int(np.prod(size, dtype=np.int64)) * channels * int(dtype[-1])
-        if bytes_ > self.limits.max_texture_bytes:
-            raise NoRoomError(
-                f"the {what} texture is too large for this graphics driver",
-                expected=f"at most {self.limits.max_texture_bytes / 2**20:.0f} MiB",
-                found=f"{bytes_ / 2**20:.0f} MiB",
-                remedy="bake at a lower resolution",
-            )
         texture = self.textures[name] = self.ctx.texture3d(size, channels, alignment=1, dtype=dtype)
         self._check(f"the {what} texture", bytes_)
         self.gpu_bytes += bytes_
@@ -167,7 +159,7 @@ class GpuScene:
                 self._check(f"the {what} texture", int(np.prod(self.size, dtype=np.int64)) * texture.components)
             self._arrived[layer] = True
             if time.perf_counter() - shown > SHOWN_EVERY_S or self._arrived.all():
-                self.show_arrived()
+                self.textures["indirection"].write(self._indirection(), alignment=1)
                 shown = time.perf_counter()
             yield
         if taken_before is not None:
@@ -197,11 +189,8 @@ class GpuScene:
                 volume[:, to_y : to_y + size, to_x : to_x + size] = block
         texture.write(volume, viewport=(0, 0, layer * size, width, height, size), alignment=1)
 
-    def show_arrived(self) -> None:
-        """Lets rays see the macroblocks that have arrived."""
-        self.textures["indirection"].write(self._indirection(), alignment=1)
-
     def _indirection(self) -> np.ndarray:
+        """Of the macroblocks that have arrived."""
         return indirection_grid(self.pack.occupied, self.slots, self._arrived)
 
     def rewrite(self, numbers: Sequence[int]) -> None:
@@ -243,14 +232,17 @@ class GpuScene:
         self.textures, self.samplers, self.hull, self.arriving = {}, {}, None, None
 
 
-def upload(
-    ctx: moderngl.Context, pack: Pack, layout: str, limits: Limits | None = None, *, at_once: bool = True
-) -> GpuScene:
+def most_texels(ctx: moderngl.Context) -> int:
+    """Along a side of a 3D texture. How many bytes one may have, drivers tell only by refusing it."""
+    return ctx.info["GL_MAX_3D_TEXTURE_SIZE"]
+
+
+def upload(ctx: moderngl.Context, pack: Pack, layout: str, *, at_once: bool = True) -> GpuScene:
     """The scene with its features beside rgba where it has any and that fits; otherwise as GpuScene."""
     if layout == "exact" and features_stored(pack):
         with suppress(NoRoomError):  # as two textures it may fit
-            return GpuScene(ctx, pack, layout, limits, features_beside=True, at_once=at_once)
-    return GpuScene(ctx, pack, layout, limits, at_once=at_once)
+            return GpuScene(ctx, pack, layout, features_beside=True, at_once=at_once)
+    return GpuScene(ctx, pack, layout, at_once=at_once)
 
 
 def tightest_atlas(count: int, padded_block_size: int, max_side: int, parts: int = 1) -> Triple:

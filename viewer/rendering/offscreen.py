@@ -14,7 +14,6 @@ from console import UserError
 from scenepack.pack import Pack
 from viewer.rendering import opengl
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings
 
@@ -56,7 +55,7 @@ def lost(ctx: moderngl.Context) -> bool:
 class OffscreenRenderer:
     """Renders a pack into arrays. Use as a context manager, or call release().
 
-    ctx: a context to use instead of one of our own. limits: of the GPU; allow_half: at half resolution if need be; see
+    ctx: a context to use instead of one of our own. allow_half: at half resolution if need be; see
     viewer.rendering.renderer.Renderer. Raises UserError where there is no OpenGL or the pack does not fit.
 
     Until it is released its context is the thread's current one; then that which was before is current again.
@@ -67,7 +66,6 @@ class OffscreenRenderer:
         pack: Pack,
         marcher: str = "exact",
         ctx: moderngl.Context | None = None,
-        limits: Limits | None = None,
         *,
         allow_half: bool = True,
     ) -> None:
@@ -75,7 +73,7 @@ class OffscreenRenderer:
         self.ctx = ctx or create_context()
         self.make_current()  # a context handed in need not be: uploads would land in another's textures
         try:
-            self.renderer = Renderer(self.ctx, pack, marcher, limits, allow_half=allow_half)
+            self.renderer = Renderer(self.ctx, pack, marcher, allow_half=allow_half)
         except UserError:
             if self._owns_context:
                 self.ctx.release()

@@ -23,7 +23,7 @@ import moderngl
 import numpy as np
 
 from console import UserError
-from viewer.rendering.shader_source import ShaderText, compile_program
+from viewer.rendering.shader_source import compile_program
 from viewer.rendering.software_rasteriser import finish, is_software
 
 NEEDED = "OpenGL 3.3 or later"
@@ -168,7 +168,7 @@ class Drawing:
     """A vertex and a fragment shader, and content: (buffer, format, attributes) each; none for fullscreen.vert."""
 
     def __init__(
-        self, ctx: moderngl.Context, vertex: ShaderText, fragment: ShaderText, content: Sequence[tuple[Any, ...]] = ()
+        self, ctx: moderngl.Context, vertex: str, fragment: str, content: Sequence[tuple[Any, ...]] = ()
     ) -> None:
         self.linked = compile_program(ctx, vertex, fragment)
         self.vertices = ctx.vertex_array(self.linked, list(content))

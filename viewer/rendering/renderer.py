@@ -15,7 +15,7 @@ from console import Notice
 from scenepack.contraction import contract
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_memory import Limits, NoRoomError, half_resolution
+from viewer.rendering.gpu_memory import NoRoomError, half_resolution
 from viewer.rendering.gpu_scene import GpuScene, features_stored, upload
 from viewer.rendering.opengl import Drawing
 from viewer.rendering.ray_frame import RayFrame
@@ -30,13 +30,8 @@ SHADED_MODES = ("normal", "view-dependent")
 NORMAL_REACH = 1.0  # voxels; see shaders/composite.glsl
 LEAST_HALVED = 64  # voxels along the grid's longest side; smaller packs are not halved
 MODES_WITH_LOOK = ("normal", "diffuse")
-MODES_WITH_BLUR = ("normal", "diffuse", "features", "view-dependent", "alpha")
+MODES_WITH_BLUR = ("normal", "diffuse", "features", "view-dependent", "alpha")  # not those of numbers and costs
 MODES_OVER_BACKGROUND = ("normal", "diffuse", "macroblocks", "atlas")  # the others are black where there is nothing
-
-
-def blurs(settings: RenderSettings) -> bool:
-    """Whether an aperture blurs such a picture: one of colours or opacity, and not one of numbers or of what it cost."""
-    return settings.mode in MODES_WITH_BLUR and not settings.counts
 
 
 def _layout(marcher: str) -> str:
@@ -56,8 +51,8 @@ def _halved_message(whole: Pack, half: Pack, error: NoRoomError) -> str:
 class Renderer:
     """A pack on the GPU and the programs that draw it. Textures of a marcher are uploaded when it is first asked for.
 
-    ctx: an OpenGL 3.3 context, current. marcher: uploaded first. limits: of the GPU, by default what the driver says.
-    at_once: fill its textures now; otherwise arrive() does, bit by bit, and what has arrived is drawn. A pack that does not fit
+    ctx: an OpenGL 3.3 context, current. marcher: uploaded first. at_once: fill its textures now; otherwise arrive() does, bit by
+    bit, and what has arrived is drawn. A pack that does not fit
     is shown at half resolution, or half of that, with a Notice; `pack` is what is shown. NoRoomError where not even a pack of
     less than LEAST_HALVED voxels a side would fit, and at once without allow_half: figures of a pack must not be those of
     another.
@@ -68,12 +63,11 @@ class Renderer:
         ctx: moderngl.Context,
         pack: Pack,
         marcher: str = "exact",
-        limits: Limits | None = None,
         *,
         at_once: bool = True,
         allow_half: bool = True,
     ) -> None:
-        self.ctx, self._limits = ctx, limits
+        self.ctx = ctx
         self._scenes: dict[str, GpuScene] = {}
         self._supersampling = Supersampling(ctx)
         self._drawings: dict[tuple[Any, ...] | str, Drawing] = {}
@@ -81,7 +75,7 @@ class Renderer:
         refused: NoRoomError | None = None
         while not self._scenes:
             try:
-                self._scenes[_layout(marcher)] = upload(ctx, self.pack, _layout(marcher), limits, at_once=at_once)
+                self._scenes[_layout(marcher)] = upload(ctx, self.pack, _layout(marcher), at_once=at_once)
             except NoRoomError as error:
                 refused = refused or error
                 if not allow_half or max(self.pack.grid_size) < LEAST_HALVED:
@@ -95,7 +89,7 @@ class Renderer:
         """The textures of `marcher`, uploaded if they are not yet."""
         layout = _layout(marcher)
         if layout not in self._scenes:
-            self._scenes[layout] = upload(self.ctx, self.pack, layout, self._limits)
+            self._scenes[layout] = upload(self.ctx, self.pack, layout)
         return self._scenes[layout]
 
     def see_first(self, camera: ViewCamera) -> None:
@@ -146,10 +140,9 @@ class Renderer:
             raise ValueError("a forward-facing pack has no orthographic view: its warp begins at one point")
         if viewport[2:] != (camera.width, camera.height):
             camera = camera.resized(*viewport[2:])
-        if settings.samples > 1 or (settings.aperture is not None and blurs(settings)):
-            if not blurs(settings):
-                settings = replace(settings, aperture=None)
-            self._supersampling.draw(self.render, framebuffer, camera, settings, viewport)
+        aperture = settings.aperture if settings.mode in MODES_WITH_BLUR and not settings.counts else None
+        if settings.samples > 1 or aperture is not None:
+            self._supersampling.draw(self.render, framebuffer, camera, replace(settings, aperture=aperture), viewport)
             return
         scene = self.scene(settings.marcher)
         rays = self._rays(settings, camera)
@@ -246,7 +239,7 @@ class Renderer:
     def _uniforms(
         self, scene: GpuScene, camera: ViewCamera, settings: RenderSettings, viewport: tuple[int, int, int, int]
     ) -> dict[str, Any]:
-        return self._ray_frame.uniforms(camera, settings) | {
+        values = self._ray_frame.uniforms(camera, settings) | {
             "viewport_origin": viewport[:2],
             "atlas_slots": scene.slots,
             "atlas_count": len(scene.places),
@@ -257,8 +250,11 @@ class Renderer:
             "background": settings.background,
             "cost_scale": settings.cost_scale,
             **look_uniforms(settings.look),
-            **_backdrop_uniforms(settings, camera),
         }
+        if (behind := settings.backdrop) is not None:
+            height = behind.span * camera.fy if behind.span else camera.height
+            values |= {"backdrop_height": height, "backdrop_first": behind.first, "backdrop_second": behind.second}
+        return values
 
 
 def shader_defines(
@@ -337,11 +333,3 @@ def _style(settings: RenderSettings) -> str:
     if settings.backdrop is None or settings.mode not in MODES_OVER_BACKGROUND or settings.counts or settings.raw:
         return ""
     return settings.backdrop.style
-
-
-def _backdrop_uniforms(settings: RenderSettings, camera: ViewCamera) -> dict[str, Any]:
-    seen = settings.backdrop
-    if seen is None or not _style(settings):
-        return {}
-    height = seen.span * camera.fy if seen.span else camera.height
-    return {"backdrop_height": height, "backdrop_first": seen.first, "backdrop_second": seen.second}

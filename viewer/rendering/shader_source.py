@@ -1,8 +1,7 @@
 """Shader text: includes, constants, and the weights of the view MLP.
 
 A shader is written as `#version` line, `#define` lines made here, then the file with every `#include "name"` replaced,
-once, by that file or by a generated text of that name. `#line LINE FILE` directives keep count, where FILE is a number
-(GLSL knows no file names) that `ShaderText.files` turns back into a name.
+once, by that file or by a generated text of that name.
 
 Only numbers that went through `glsl_float` reach the text. Weights are input-major, [inputs, outputs]; GLSL matrices
 are filled column by column and a column holds the weights of one input, so rows of the array are columns of the matrix.
@@ -10,7 +9,6 @@ are filled column by column and a column holds the weights of one input, so rows
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import moderngl
@@ -20,33 +18,15 @@ from scenepack import constants
 from scenepack.pack import ViewMlp
 
 SHADER_FOLDER = Path(__file__).resolve().parents[2] / "shaders"
-INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"\s*$')
-# "0:12(5): error" Mesa; "0(12) : error" NVIDIA; "ERROR: 0:12:" Apple and ANGLE
-ERROR_AT = re.compile(
-    r"^(?P<head>(?:ERROR|WARNING):\s*)?(?P<file>\d+)(?::(?P<a>\d+)(?:\(\d+\))?|\((?P<b>\d+)\))\s*:", re.M
-)
+INCLUDE = re.compile(r'^#include "([^"]+)"$', re.MULTILINE)
+VERSION = re.compile(r"^#version.*$", re.MULTILINE)
+LINE = re.compile(
+    r"\b\d+[:(](\d+)"
+)  # in a complaint: "0:12(5): error" Mesa; "0(12) : error" NVIDIA; "ERROR: 0:12:" Apple, ANGLE
 
 
 class ShaderError(Exception):
-    """A shader that does not compile or link: a bug of ours, with the file and line it is in."""
-
-
-@dataclass(frozen=True)
-class ShaderText:
-    """GLSL ready to compile, and the names that its `#line` numbers stand for."""
-
-    text: str
-    files: tuple[str, ...]
-
-    def locate(self, message: str) -> str:
-        """A compiler's `message` with "file:line:" in place of the numbers that the driver printed."""
-
-        def named(match: re.Match[str]) -> str:
-            number, line = int(match["file"]), match["a"] or match["b"]
-            name = self.files[number] if number < len(self.files) else f"source {number}"
-            return f"{match['head'] or ''}{name}:{line}:"
-
-        return ERROR_AT.sub(named, message)
+    """A shader that does not compile or link: a bug of ours, with the lines that the driver complains of."""
 
 
 def glsl_float(value: float) -> str:
@@ -87,41 +67,22 @@ def assemble(
     defines: Mapping[str, object] | None = None,
     generated: Mapping[str, str] | None = None,
     folder: Path = SHADER_FOLDER,
-) -> ShaderText:
+) -> str:
     """The shader `name` of `folder` with its includes in place and `defines` behind its #version line.
 
     generated: texts to include that are no files; "constants" is always there.
-    FileNotFoundError (naming the line that asked) for an include that is neither.
     """
     texts = {"constants": shared_constants(), **(generated or {})}
-    files: list[str] = []
-    pieces: list[str] = []
+    included: set[str] = set()
 
-    def add(piece: str, asked_by: str) -> None:
-        if piece in files:
-            return
-        if piece not in texts and not (folder / piece).is_file():
-            raise FileNotFoundError(f'{asked_by}: there is no shader file or generated text "{piece}" to include')
-        number = len(files)
-        files.append(piece)
+    def whole(piece: str) -> str:
+        if piece in included:
+            return ""
+        included.add(piece)
         text = texts[piece] if piece in texts else (folder / piece).read_text(encoding="utf-8")
-        if number:
-            pieces.append(f"#line 1 {number}")
-        for line_number, line in enumerate(text.splitlines(), 1):
-            include = INCLUDE.match(line)
-            if include:
-                add(include[1], f"{piece}:{line_number}")
-                pieces.append(f"#line {line_number + 1} {number}")
-            elif line.startswith("#version"):
-                # Comments may come before #version, nothing else; the rest of the file follows the definitions.
-                pieces.append(line)
-                pieces.append(define_lines(defines or {}).rstrip("\n"))
-                pieces.append(f"#line {line_number + 1} {number}")
-            else:
-                pieces.append(line)
+        return INCLUDE.sub(lambda include: whole(include[1]), text)
 
-    add(name, "main shader")
-    return ShaderText("\n".join(pieces) + "\n", tuple(files))
+    return VERSION.sub(lambda version: f"{version[0]}\n{define_lines(defines or {})}", whole(name), count=1)
 
 
 ES_TYPES = ("float", "int", "sampler2D", "sampler3D", "usampler3D")
@@ -133,20 +94,22 @@ def assemble_es(name: str, generated: Mapping[str, str] | None = None) -> str:
 
     generated: as assemble() takes it; an empty text in place of a file leaves out what its options never need.
     """
-    text = assemble(name, None, generated).text
+    text = assemble(name, None, generated)
     lines = (re.sub(r"\s*//.*", "", line).rstrip() for line in text.splitlines())
-    kept = [line for line in lines if line and not line.startswith(("#version", "#line"))]
+    kept = [line for line in lines if line and not line.startswith("#version")]
     return ES_PRECISION + "\n".join(kept) + "\n"
 
 
-def compile_program(ctx: moderngl.Context, vertex: ShaderText, fragment: ShaderText) -> moderngl.Program:
-    """Compiles and links. ShaderError with the file and line of each complaint."""
+def compile_program(ctx: moderngl.Context, vertex: str, fragment: str) -> moderngl.Program:
+    """Compiles and links. ShaderError where that fails."""
     try:
-        return ctx.program(vertex_shader=vertex.text, fragment_shader=fragment.text)
+        return ctx.program(vertex_shader=vertex, fragment_shader=fragment)
     except moderngl.Error as error:
         message = str(error)
         blamed = vertex if "vertex_shader" in message and "fragment_shader" not in message else fragment
-        raise ShaderError(blamed.locate(message)) from error
+        lines = dict(enumerate(blamed.splitlines(), 1))
+        quoted = (lines.get(int(number), "").strip() for number in LINE.findall(message))
+        raise ShaderError("\n".join([message, *quoted])) from error
 
 
 def colour_stops() -> tuple[tuple[float, float, float], ...]:

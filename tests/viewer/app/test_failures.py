@@ -13,12 +13,12 @@ from PIL import Image
 from scenepack import save_pack
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.waiting import until
+from tests.viewer.texture_limits import limit_textures
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.features.film import film_export as export_module
 from viewer.features.film.film_export import FilmWriter
 from viewer.features.opening import opening as loading_module
-from viewer.rendering.gpu_memory import Limits
 
 
 @pytest.fixture(scope="session")
@@ -175,7 +175,7 @@ def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_writte
 def test_a_card_with_too_little_room_shows_half_and_says_so_with_both_sizes(ui, shapes_folder, monkeypatch):
     app = ui.app
     scene = app.scene
-    monkeypatch.setattr(Limits, "of", classmethod(lambda cls, ctx: Limits(2048, 1_000_000)))
+    limit_textures(monkeypatch, most_bytes=1_000_000)
     app.open(shapes_folder)
     dialog = wait_for_dialog(ui)
     assert "70x70x70 voxels" in dialog and "35x35x35 voxels" in dialog and "half" in dialog and "MiB" in dialog

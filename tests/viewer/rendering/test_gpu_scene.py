@@ -37,7 +37,7 @@ def test_what_a_camera_is_close_to_arrives_first(ctx: moderngl.Context) -> None:
         eye = pack.min_xyz + np.array(near) * pack.voxel_size
         renderer.see_first(ViewCamera.look_at(eye, pack.min_xyz + 90.5 * pack.voxel_size, size=(8, 8)))
         renderer.arrive(0.0)
-        scene.show_arrived()
+        scene.textures["indirection"].write(scene._indirection(), alignment=1)
         there = arrived(scene, pack)
         new = np.unique(layers[there & ~shown])
         assert len(new) == 1 and np.array_equal(there & ~shown, layers == new[0])

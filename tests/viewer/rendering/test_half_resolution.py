@@ -10,11 +10,12 @@ import pytest
 from console import Notice
 from scenepack import Pack
 from tests.viewer.rendering.shapes import shapes_pack
+from tests.viewer.texture_limits import limit_textures
 from viewer.rendering import canvas as canvas_module
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.dynamic_resolution import DynamicResolution
-from viewer.rendering.gpu_memory import Limits, half_resolution
+from viewer.rendering.gpu_memory import half_resolution
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
@@ -40,14 +41,15 @@ def test_the_picture_stays_much_the_same_in_the_same_place(
     assert psnr(whole, halved) > psnr(whole, offscreen(thin).render_float(camera)) + 1
 
 
-@pytest.mark.parametrize("limits", [Limits(PLENTY, 400_000), Limits(48)])
+@pytest.mark.parametrize("limits", [(PLENTY, 400_000), (48,)])
 @pytest.mark.parametrize("marcher", ["exact", "paper"])
 def test_a_pack_too_large_for_the_card_is_shown_at_half_resolution_with_both_sizes_told(
-    ctx: moderngl.Context, shapes: Pack, limits: Limits, marcher: str
+    ctx: moderngl.Context, shapes: Pack, limits: tuple[int, ...], marcher: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    limit_textures(monkeypatch, *limits)
     with (
         pytest.warns(Notice, match=r"half resolution, 35x35x35 voxels.*70x70x70 voxels") as caught,
-        OffscreenRenderer(shapes, marcher, ctx, limits) as renderer,
+        OffscreenRenderer(shapes, marcher, ctx) as renderer,
     ):
         assert renderer.pack.grid_size == (35, 35, 35)
         assert renderer.render(ViewCamera.orbit(shapes, 35, size=(32, 24))).std() > 5

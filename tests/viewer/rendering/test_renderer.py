@@ -11,9 +11,9 @@ import pytest
 from console import UserError
 from scenepack.pack import Pack
 from tests.viewer.rendering.pictures import assert_same_picture
+from tests.viewer.texture_limits import limit_textures
 from viewer.rendering import supersampling
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 from viewer.rendering.settings import MODES, Mode, RenderSettings
@@ -69,14 +69,17 @@ def test_every_mode_of_every_kind_of_pack_draws_something_finite(
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only EGL tells which context is current")
-def test_a_program_has_its_own_context_back_when_a_renderer_is_released(shapes: Pack, camera: ViewCamera) -> None:
+def test_a_program_has_its_own_context_back_when_a_renderer_is_released(
+    shapes: Pack, camera: ViewCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pixels = bytes(range(16))
     for refused in (False, True):
         own = create_context()
         texture = own.texture((2, 2), 4, pixels)
         if refused:
+            limit_textures(monkeypatch, 16)
             with pytest.raises(UserError):
-                OffscreenRenderer(shapes, limits=Limits(16), allow_half=False)
+                OffscreenRenderer(shapes, allow_half=False)
         else:
             with OffscreenRenderer(shapes) as one, OffscreenRenderer(shapes) as other:
                 assert np.array_equal(one.render(camera), other.render(camera))
@@ -98,12 +101,14 @@ def test_a_framebuffer_without_depth_shows_the_same_picture(
 
 
 def test_a_pack_whose_features_need_an_atlas_of_their_own_looks_the_same(
-    ctx: moderngl.Context, offscreen: Make, shapes: Pack, camera: ViewCamera
+    ctx: moderngl.Context, offscreen: Make, shapes: Pack, camera: ViewCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    expected = offscreen(shapes).render(camera)
     bytes_of_one = int(shapes.occupied.sum()) * shapes.padded_block_size**3 * 4
-    with OffscreenRenderer(shapes, ctx=ctx, limits=Limits(2048, 1.5 * bytes_of_one)) as renderer:
+    limit_textures(monkeypatch, most_bytes=1.5 * bytes_of_one)
+    with OffscreenRenderer(shapes, ctx=ctx) as renderer:
         assert not renderer.renderer.scene("exact").features_beside
-        assert np.array_equal(renderer.render(camera), offscreen(shapes).render(camera))
+        assert np.array_equal(renderer.render(camera), expected)
 
 
 # Anti-aliased pictures are the exact mean of rays

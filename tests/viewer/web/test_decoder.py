@@ -12,8 +12,8 @@ from scenepack import load_pack, save_pack
 from scenepack.codecs.avif import AvifCodec
 from scenepack.pack import Pack
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
+from tests.viewer.texture_limits import limit_textures
 from tests.viewer.web.browser import Browser
-from viewer.rendering.gpu_memory import Limits
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.web import atlas_stream, description
 from viewer.web.atlas_stream import has_copied_padding
@@ -130,7 +130,10 @@ def assert_decoded(browser: Browser, pack: Pack, content: PageContent, file: Pat
     file.write_text(HARNESS.replace("PAGE", base64.b64encode(scene_page(pack, content)).decode()))
     browser.open(file.as_uri())
     names = {"indirection": "indirection", "skip_grid": "skipGrid", "atlas_rgba": "atlas"}
-    with OffscreenRenderer(pack, limits=Limits(SIDES[0])) as desktop:
+    with pytest.MonkeyPatch.context() as patch:
+        limit_textures(patch, SIDES[0])
+        desktop = OffscreenRenderer(pack)
+    with desktop:
         textures = desktop.renderer.scene("exact").textures
         for texture, key in names.items():
             decoded = base64.b64decode(
