@@ -12,8 +12,8 @@ from PIL import Image
 
 from scenepack import save_pack
 from tests.viewer.rendering.shapes import shapes_pack
-from tests.viewer.waiting import until
 from tests.viewer.texture_limits import limit_textures
+from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.app.commands import run
 from viewer.features.film import film_export as export_module
