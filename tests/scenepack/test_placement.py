@@ -113,7 +113,9 @@ def test_a_mesh_in_the_placed_frame_is_the_grids_mesh_moved_with_its_cameras() -
     assert np.allclose(placed.vertices, grid.vertices @ moved[:3, :3].T + moved[:3, 3], atol=1e-5)
     assert np.allclose(placed.normals, grid.normals @ np.array(MOVED.rotation).T, atol=1e-4)
     assert np.array_equal(placed.faces, grid.faces)
-    poses = [np.reshape(geometry.cameras[0][0]["matrix"], (4, 4)).T for geometry in (placed, grid)]  # of glTF: by columns
+    poses = [
+        np.reshape(geometry.cameras[0][0]["matrix"], (4, 4)).T for geometry in (placed, grid)
+    ]  # of glTF: by columns
     assert np.allclose(poses[0], moved_pose(moved, poses[1]), atol=1e-9)
 
 
