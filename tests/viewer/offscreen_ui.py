@@ -87,8 +87,8 @@ class OffscreenUi:
         self.framebuffer.use()
         draw_unseen(imgui.get_draw_data())
         if drawn is not None:
-            frame_ms = max(drawn.scene_ms, 1000.0 * seconds)
-            self.app.times.add(drawn.scene_ms, frame_ms, drawn.gpu_ms)
+            frame_ms = max(drawn[0], 1000.0 * seconds)
+            self.app.times.add(frame_ms, *drawn)
             self.app.resolution.frame_ended(frame_ms)
         self.app.drew()
 

@@ -14,6 +14,7 @@ import numpy as np
 from console import UserError
 from scenepack.pack import Pack
 from scenepack.placement import moved_pose
+from viewer.app.commands import COMMANDS
 from viewer.core.annotations import Annotations, AnnotationStore, Point
 from viewer.core.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.core.input import Controllers, Keyboard
@@ -36,13 +37,14 @@ from viewer.features.making.make_job import TrainingPreview
 from viewer.features.making.making import Making
 from viewer.features.making.review import SparsePreview
 from viewer.features.measuring.measure_tool import MeasureTool
+from viewer.features.measuring.surface import surface_at
 from viewer.features.opening.open_prompt import OpenPrompt, looks_like_path, path_in
 from viewer.features.opening.opening import Loading, Opening, OpenPack, OpenPacks
 from viewer.features.opening.session import Sessions
 from viewer.features.performance.frame_stats import CostMeter, FrameStats
 from viewer.features.photographs.photographs import Gallery
 from viewer.features.preferences.preferences import Preferences
-from viewer.rendering.camera import ViewCamera, ray_through
+from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.rendering.settings import RenderSettings
@@ -93,6 +95,17 @@ class App:
         """The open scene, for what is only done while there is one, as most commands and all pages are."""
         assert self.scene is not None
         return self.scene
+
+    def run(self, name: str) -> bool:
+        """Runs a command of COMMANDS by its id; False where it is not to be had now. A failure becomes a dialog."""
+        command = COMMANDS[name]
+        if not command.enabled(self):
+            return False
+        self.messages.crash_log(f"command {name}")
+        with self.messages.as_dialog(f"“{command.title}” failed"):
+            command.action(self)
+        self.touch()
+        return True
 
     # Opening
 
@@ -302,11 +315,10 @@ class App:
         held = self.scene.rig.held
         return self.scene.rig.fov if held is None else degrees(2 * atan(0.5 * held.height / held.fy))
 
-    def copy_pose(self) -> None:
-        """Puts the camera's pose on the clipboard."""
-        if self.scene is not None:
-            self.clipboard.set(self.pose_text())
-            self.messages.say("The pose is on the clipboard")
+    def copy(self, text: str, said: str) -> None:
+        """Puts a text on the clipboard, and says so."""
+        self.clipboard.text = text
+        self.messages.say(said)
 
     def pose_text(self) -> str:
         """The camera's pose in the placed frame, as one line of JSON."""
@@ -318,7 +330,7 @@ class App:
     def paste_pose(self, text: str | None = None) -> None:
         """Goes to a pose from the clipboard (or `text`). ValueError if it is not a pose."""
         if self.scene is not None:
-            text = self.clipboard.get() if text is None else text
+            text = self.clipboard.text if text is None else text
             annotations = self.annotations.current
             matrix, fov, height = pose_from_text(text)
             height = None if height is None else height / annotations.scale.factor
@@ -327,7 +339,7 @@ class App:
 
     def paste(self) -> None:
         """Opens the path or goes to the pose on the clipboard. UserError or ValueError for other text."""
-        text = self.clipboard.get()
+        text = self.clipboard.text
         path = path_in(text)
         if path is not None:
             self.drop([path])
@@ -375,15 +387,11 @@ class App:
 
     def pivot_at(self, x: float, y: float) -> bool:
         """Makes the surface under a point of the viewport (window units from its corner) the pivot; False for none."""
-        camera = self.camera()
-        if camera is None or self.canvas is None or self.scene is None or self.scene.rig.bounded:
+        camera, scale = self.camera(), self.viewport.pixels_per_unit
+        if camera is None or self.scene is None or self.scene.rig.bounded:
             return False
-        scale = self.viewport.pixels_per_unit
-        px, py = x * scale, y * scale
-        distance = self.canvas.distance_at(camera, self.settings, px, py)
-        if distance is None:
-            return False
-        start, ray = ray_through(camera, px, py)
-        self.scene.rig.set_pivot(start + distance * ray)
-        self.touch()
-        return True
+        hit = surface_at(self.scene.pack, camera, self.settings, x * scale, y * scale)
+        if hit is not None:
+            self.scene.rig.set_pivot(hit.point)
+            self.touch()
+        return hit is not None

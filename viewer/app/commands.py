@@ -3,17 +3,21 @@
 Keys have the names that imgui gives them ("R", "Home", "F11"), with "Ctrl+" (Cmd on macOS) and "Shift+" before.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING
 
-from viewer.app.application import App
 from viewer.features.display.display import next_mode
-from viewer.features.editing.erasing import CHANGES, RULES, TOOLS, Tool
+from viewer.features.editing.erasing import CHANGES, RULES, TOOLS
 from viewer.features.editing.erasing import PAGE as ERASE_PAGE
 from viewer.features.film import kiosk
 from viewer.features.opening.open_prompt import ask_to_open, browse
 from viewer.features.placing import placing
+
+if TYPE_CHECKING:
+    from viewer.app.application import App
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,10 @@ def _fly(app: App) -> None:
         *move, down, up = app.keyboard.flying_names
         flying = f"Flying: {' '.join(move)}, {down} and {up}, or the arrows; drag to look"
         app.messages.say(flying if rig.flying else "Orbiting the pivot")
+
+
+def _copy_pose(app: App) -> None:
+    app.copy(app.pose_text(), "The pose is on the clipboard")
 
 
 def _escape(app: App) -> None:
@@ -92,20 +100,14 @@ def _remove(app: App) -> None:
 _other_projection = _rig(lambda rig: rig.set_orthographic(not rig.orthographic))
 
 
-def _erase(tool: Tool) -> Callable[[App], object]:
-    return lambda app: app.erasing.choose(app, "" if tool == app.erasing.tool else tool)
+def _tool(part: str, tool: str) -> Callable[[App], object]:
+    """Takes a tool of erasing or measuring, or puts it away."""
 
+    def take(app: App) -> None:
+        tools = getattr(app, part)
+        tools.choose(app, "" if tool == tools.tool else tool)
 
-def _select(rule: str) -> Callable[[App], object]:
-    return lambda app: app.erasing.select(app, rule)
-
-
-def _change(how: str) -> Callable[[App], object]:
-    return lambda app: app.erasing.change(app, how)
-
-
-def _place(tool: Literal["ground", "origin"]) -> Callable[[App], object]:
-    return lambda app: app.measure_tool.choose(app, "" if tool == app.measure_tool.tool else tool)
+    return take
 
 
 def _usual_size(app: App) -> None:
@@ -131,8 +133,8 @@ _ALL = (
         ("frame", "Show the whole scene", _rig(lambda rig: rig.frame()), "F"),
         ("fly", "Fly or orbit", _fly, "V"),
         ("walk", "Walk or orbit", lambda app: app.walking.toggle(app), "G"),
-        ("copy-pose", "Copy the pose as text", App.copy_pose, "Ctrl+C"),
-        ("paste", "Go to a copied pose, open a copied path", App.paste, "Ctrl+V", False),
+        ("copy-pose", "Copy the pose as text", _copy_pose, "Ctrl+C"),
+        ("paste", "Go to a copied pose, open a copied path", lambda app: app.paste(), "Ctrl+V", False),
         ("undo", "Undo", _rig(lambda rig: rig.history.undo()), "Ctrl+Z"),
         ("redo", "Redo it", _rig(lambda rig: rig.history.redo()), "Ctrl+Shift+Z or Ctrl+Y"),
     ),
@@ -206,7 +208,7 @@ _ALL = (
         # answers to dialogs
         ("make-again", "Make it again", lambda app: app.making.again(app), "", False),
         ("stop-and-quit", "Stop and quit", lambda app: app.making.stop_and_quit(app), "", False),
-        ("close-unsaved", "Close without saving", App.close, ""),
+        ("close-unsaved", "Close without saving", lambda app: app.close(), ""),
         ("quit-unsaved", "Quit without saving", lambda app: app.making.ask_to_quit(app), "", False),
     ),
     # of buttons alone
@@ -217,33 +219,19 @@ _ALL = (
     ),
     *_group(
         "Erasing",
-        *((f"erase-{tool}", title, _erase(tool), "") for tool, title in TOOLS.items()),
-        *((f"select-{rule}", title, _select(rule), "") for rule, title in RULES.items()),
-        *((f"selection-{how}", title, _change(how), "") for how, title in CHANGES.items()),
+        *((f"erase-{tool}", title, _tool("erasing", tool), "") for tool, title in TOOLS.items()),
+        *((f"select-{a}", title, lambda app, a=a: app.erasing.select(app, a), "") for a, title in RULES.items()),
+        *((f"selection-{a}", title, lambda app, a=a: app.erasing.change(app, a), "") for a, title in CHANGES.items()),
         ("erase-selected", "Erase what is selected", lambda app: app.erasing.erase(app), ""),
         ("save-edited", "Save the edited scene", lambda app: app.erasing.ask_where_to_save(app), ""),
     ),
     *_group(
         "Moving",
-        ("move-ground", "Level the ground by three points", _place("ground"), ""),
-        ("move-origin", "Set the origin", _place("origin"), ""),
+        ("move-ground", "Level the ground by three points", _tool("measure_tool", "ground"), ""),
+        ("move-origin", "Set the origin", _tool("measure_tool", "origin"), ""),
         ("move-find-ground", "Find the ground", placing.find_ground, ""),
         ("move-reset", "Back to the grid frame", placing.reset, ""),
     ),
     *_group("Bookmarks", ("film-bookmarks", "Film through the bookmarks", lambda app: app.bookmarks.film(app), "")),
 )
 COMMANDS: dict[str, Command] = {command.id: command for command in _ALL}
-
-
-def run(app: App, name: str) -> bool:
-    """Runs a command by its id; False where it is not to be had now. A failure becomes a dialog."""
-    command = COMMANDS[name]
-    if not command.enabled(app):
-        return False
-    app.messages.crash_log(f"command {name}")
-    try:
-        command.action(app)
-    except Exception as error:  # the program goes on
-        app.messages.fail(f"“{command.title}” failed", error)
-    app.touch()
-    return True

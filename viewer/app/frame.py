@@ -10,7 +10,7 @@ from console import UserError
 from viewer.app.application import App
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
-from viewer.rendering.targets import Drawn, Layer
+from viewer.rendering.targets import Layer
 
 PHOTOGRAPH = "photograph"
 
@@ -28,7 +28,7 @@ def draw_frame(app: App, canvas: Canvas) -> None:
         app.touch()
 
 
-def _draw(app: App, canvas: Canvas) -> Drawn | None:
+def _draw(app: App, canvas: Canvas) -> tuple[float, float | None] | None:
     comparison, settings = app.comparison, app.picture_settings
     if comparison.against == "photograph":  # which has neither
         settings = replace(settings, backdrop=None, look=None)
@@ -55,7 +55,7 @@ def _draw(app: App, canvas: Canvas) -> Drawn | None:
             app.costs.measure(app)
         return None
     gpu = [each.gpu_ms for each in drew if each.gpu_ms is not None]
-    return Drawn(sum(each.scene_ms for each in drew), sum(gpu) if gpu else None)
+    return sum(each.scene_ms for each in drew), sum(gpu) if gpu else None
 
 
 def _compared(app: App, canvas: Canvas) -> tuple[Layer, Layer] | None:

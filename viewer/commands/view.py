@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -161,7 +161,7 @@ class View:
             app.interface.opens(page)
         if self.kiosk:
             app.kiosk = Kiosk()
-            app.kiosk.prepare(app)
+            app.interface.full_screen, app.interface.panels_shown = True, False
         if self.look is not None:
             app.comparison.how = self.look
         if self.pack is not None and kind_of(self.pack) in ("scene", "run", "pictures", "session"):
@@ -171,11 +171,14 @@ class View:
 
     def _opened(self, app: App) -> None:
         if self.pose is not None:
-            _try(app, "--pose", lambda: app.paste_pose(self.pose))
+            with app.messages.as_dialog("--pose"):
+                app.paste_pose(self.pose)
         if self.photographs is not None or self.photograph is not None:
-            _try(app, "The photographs cannot be shown", lambda: self._stand(app))
-        if (path := self.path) is not None:
-            _try(app, "The camera path cannot be read", lambda: app.filming.load(app, path))
+            with app.messages.as_dialog("The photographs cannot be shown"):
+                self._stand(app)
+        if self.path is not None:
+            with app.messages.as_dialog("The camera path cannot be read"):
+                app.filming.load(app, self.path)
         if self.compare is not None:
             app.open(self.compare, other=True, then=lambda: self._export(app))
         else:
@@ -199,28 +202,21 @@ class View:
 
     def _export(self, app: App) -> None:
         if self.export is not None:
-            _try(app, "The export cannot be started", lambda: self._start_export(app))
+            with app.messages.as_dialog("The export cannot be started"):
+                self._start_export(app, self.export)
 
-    def _start_export(self, app: App) -> None:
-        assert self.export is not None
-        assert app.scene is not None
+    def _start_export(self, app: App, target: Path) -> None:
+        rig = app.open_scene.rig
         if self.export_size is not None:
             app.filming.size = parse_size(self.export_size, "--export-size")
         width, height = app.filming.size
-        app.scene.rig.shape(width / height)  # the film's, not the window's: that has none yet, or one that changes
-        if self.export.suffix.lower() == STILL_SUFFIX:
-            app.filming.still(app, self.export, app.scene.rig.camera(app.filming.size, app.settings.near))
+        rig.shape(width / height)  # the film's, not the window's: that has none yet, or one that changes
+        if target.suffix.lower() == STILL_SUFFIX:
+            app.filming.still(app, target, rig.camera(app.filming.size, app.settings.near))
             return
         if not app.filming.path.keyframes:
             app.filming.turntable(app)
-        app.filming.film(app, self.export)
-
-
-def _try(app: App, title: str, action: Callable[[], object]) -> None:
-    try:
-        action()
-    except Exception as error:  # a dialog, and the program goes on
-        app.messages.fail(title, error)
+        app.filming.film(app, target)
 
 
 def _register(wanted: bool) -> int:

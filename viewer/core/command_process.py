@@ -19,7 +19,6 @@ from console import UserError, not_written, refusal
 from console.child_process import ChildProcess, module_command
 from console.progress_protocol import ENDS_WITH_STDIN, PROGRESS, Report, read_report
 
-TAIL_BYTES = 64 << 10
 LOOK_EVERY_S, PARTING_S = 0.1, 5.0
 
 
@@ -102,14 +101,11 @@ class CommandProcess:
         report = self.report()
         if report is not None and report.error:
             return f"This is a bug in snerg ({report.error})" if report.bug else report.error
-        lines = [line.strip() for line in self._tail().splitlines() if line.strip()]
-        return lines[-1] if lines else f"it ended with status {status} and said nothing"
-
-    def _tail(self) -> str:
-        with suppress(OSError), open(self.log, "rb") as file:
-            file.seek(max(0, self.log.stat().st_size - TAIL_BYTES))
-            return file.read().decode(errors="replace")
-        return ""
+        said: list[str] = []
+        with suppress(OSError):
+            lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
+            said = [line.strip() for line in lines if line.strip()]
+        return said[-1] if said else f"it ended with status {status} and said nothing"
 
 
 @dataclass

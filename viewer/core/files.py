@@ -4,6 +4,7 @@ import os
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -80,13 +81,9 @@ def scene_around(path: Path) -> Path:
     """`path`, or where it is a folder of pictures inside a scene (SCENE/images, SCENE/images/left), that scene."""
     if not path.is_dir() or kind_of(path) not in ("pictures", "unknown"):
         return path
-    if not any(_holds_pictures(folder) for folder in (path, *path.glob("*/"))):
+    if not any(child.suffix.lower() in PICTURE_SUFFIXES for child in chain(path.iterdir(), path.glob("*/*"))):
         return path
     return next((parent for parent in path.resolve().parents[:2] if _is_scene(parent)), path)
-
-
-def _holds_pictures(folder: Path) -> bool:
-    return folder.is_dir() and any(child.suffix.lower() in PICTURE_SUFFIXES for child in folder.iterdir())
 
 
 def existing_folder(path: Path) -> Path:

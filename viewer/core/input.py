@@ -114,9 +114,6 @@ class ControllerState:
         return (self.gamepad or self.mouse) and len(self.axes) >= 6
 
 
-Run = Callable[[str], object]
-
-
 @dataclass
 class Controllers:
     """The devices. dead_zone: 0 … 1, deflections below are none. states: of this moment."""
@@ -131,14 +128,14 @@ class Controllers:
         """Whether there is one, so that it must be looked at often."""
         return any(state.usable for state in self.states)
 
-    def update(self, app: App, states: Sequence[ControllerState], seconds: float, run: Run) -> None:
-        """Applies what the devices say for `seconds`. run: runs a command by its id."""
+    def update(self, app: App, states: Sequence[ControllerState], seconds: float) -> None:
+        """Applies what the devices say for `seconds`."""
         self.states = states
         usable = [state for state in states if state.usable]
         pressed = [command for state in usable for command in self._pressed(state)]
         self._down = {state.name: state.buttons for state in states}
         for command in pressed:
-            run(command)
+            app.run(command)
         rig = app.scene.rig if app.scene is not None else None
         moves = [(state, self._axes(state)) for state in usable]
         was_moving, self._moving = self._moving, rig is not None and any(any(axes) for _, axes in moves)

@@ -103,6 +103,14 @@ class Messages:
         self.dialogs.append(Dialog(title, text, buttons, rejected=rejected))
 
     @contextmanager
+    def as_dialog(self, title: str) -> Iterator[None]:
+        """What is raised within the `with` block becomes a dialog, and the program goes on."""
+        try:
+            yield
+        except Exception as error:
+            self.fail(title, error)
+
+    @contextmanager
     def noting_warnings(self, *, dialog: bool = True) -> Iterator[None]:
         """Logs the notices of the `with` block, such as a pack too large for the GPU; dialog: shows them as well."""
         with warnings.catch_warnings(record=True) as caught:

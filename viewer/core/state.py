@@ -100,12 +100,6 @@ class Clipboard:
 
     text = ""
 
-    def get(self) -> str:
-        return self.text
-
-    def set(self, text: str) -> None:
-        self.text = text
-
 
 @dataclass
 class Viewport:

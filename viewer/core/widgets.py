@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeVar
 
-from imgui_bundle import ImVec2, imgui
+from imgui_bundle import ImVec2, imgui, imgui_ctx
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.core import theme
@@ -20,6 +20,7 @@ T = TypeVar("T")
 Box = tuple[float, float, float, float]  # x, y, width, height in window units
 LABEL_WIDTH = 104.0
 WHOLE = (0.0, 0.0), (1.0, 1.0)  # of a texture
+font = imgui_ctx.push_font  # text in another face (None: the same) and size (0: the same), in units of a 100 % display
 
 
 def px(length: float) -> float:
@@ -28,25 +29,13 @@ def px(length: float) -> float:
 
 
 @contextmanager
-def font(face: imgui.ImFont | None, size: float = 0.0) -> Iterator[None]:
-    """Text in another face (None: the same) and size (0: the same), in units of a 100 % display."""
-    imgui.push_font(face, size)
-    try:
-        yield
-    finally:
-        imgui.pop_font()
-
-
-@contextmanager
 def coloured(**colours: str | tuple[str, float]) -> Iterator[None]:
     """Colours by imgui's names: coloured(text=theme.MUTED, button=(theme.ACCENT, 0.2))."""
     for name, colour in colours.items():
         code, alpha = colour if isinstance(colour, tuple) else (colour, 1.0)
         imgui.push_style_color(getattr(imgui.Col_, name), theme.rgb(code, alpha))
-    try:
-        yield
-    finally:
-        imgui.pop_style_color(len(colours))
+    yield
+    imgui.pop_style_color(len(colours))
 
 
 @contextmanager
@@ -55,10 +44,8 @@ def style(**lengths: float | tuple[float, float]) -> Iterator[None]:
     for name, length in lengths.items():
         scaled = ImVec2(px(length[0]), px(length[1])) if isinstance(length, tuple) else px(length)
         imgui.push_style_var(getattr(imgui.StyleVar_, name), scaled)
-    try:
-        yield
-    finally:
-        imgui.pop_style_var(len(lengths))
+    yield
+    imgui.pop_style_var(len(lengths))
 
 
 @contextmanager
@@ -66,10 +53,8 @@ def clipped(box: Box) -> Iterator[imgui.ImDrawList]:
     """The window's list to draw with, cut off at a box."""
     draw = imgui.get_window_draw_list()
     draw.push_clip_rect(ImVec2(box[0], box[1]), ImVec2(box[0] + box[2], box[1] + box[3]), True)
-    try:
-        yield draw
-    finally:
-        draw.pop_clip_rect()
+    yield draw
+    draw.pop_clip_rect()
 
 
 @contextmanager
@@ -80,11 +65,9 @@ def card(name: str, title: str) -> Iterator[None]:
         imgui.begin_child(f"##card {name}", ImVec2(0, 0), flags)
     write(translated(title).upper(), theme.MUTED, theme.fonts.bold, theme.SMALL)
     imgui.dummy(ImVec2(0, px(1)))
-    try:
-        yield
-    finally:
-        imgui.end_child()
-        imgui.dummy(ImVec2(0, px(2)))
+    yield
+    imgui.end_child()
+    imgui.dummy(ImVec2(0, px(2)))
 
 
 @contextmanager
@@ -92,10 +75,8 @@ def list_box(name: str, height: float) -> Iterator[None]:
     """A dark box whose lines scroll. height: window units."""
     with coloured(child_bg=theme.BASE):
         imgui.begin_child(name, ImVec2(0, height), imgui.ChildFlags_.always_use_window_padding)
-    try:
-        yield
-    finally:
-        imgui.end_child()
+    yield
+    imgui.end_child()
 
 
 def write(text: str, colour: str = theme.TEXT, face: imgui.ImFont | None = None, size: float = 0.0) -> None:
@@ -149,9 +130,16 @@ def hint(text: str, colour: str = theme.FAINT) -> None:
 
 def paragraph(text: str, colour: str = theme.TEXT) -> None:
     """Text, wrapped."""
-    imgui.push_text_wrap_pos(0.0)
-    write(text, colour)
-    imgui.pop_text_wrap_pos()
+    with imgui_ctx.push_text_wrap_pos():
+        write(text, colour)
+
+
+def heading(icon: str, title: str, colour: str = theme.ACCENT, size: float = theme.LARGE) -> None:
+    """The first line of a dialog or a card."""
+    with font(theme.fonts.bold, size):
+        write(icon, colour)
+        imgui.same_line(0, px(size - 8))
+        paragraph(title)
 
 
 def tip(text: str) -> None:
@@ -233,6 +221,12 @@ def button(text: str, width: float = -1, height: float = 0, *, enabled: bool = T
     return pressed
 
 
+def command(app: App, name: str, text: str, width: float = -1, height: float = 0, *, enabled: bool = True) -> None:
+    """A button that runs a command of viewer.app.commands."""
+    if button(text, width, height, enabled=enabled):
+        app.run(name)
+
+
 def icon_button(icon: str, name: str, tooltip: str, *, on: bool = False, enabled: bool = True) -> bool:
     """A square button without a frame; lit where `on`."""
     colours = {"button": (theme.ACCENT, 0.16 if on else 0.0), "text": theme.ACCENT if on else theme.MUTED}
@@ -302,6 +296,16 @@ def draw_picture(
     imgui.get_window_draw_list().add_image_rounded(image, low, high, *uv, shade, px(rounding))
 
 
+def draw_voxels(
+    at: ImVec2, opacities: Sequence[float], columns: int, *, side: float, gap: float, rounding: float
+) -> None:
+    """The program's mark: voxels of these opacities, row by row. side, gap, rounding: in units."""
+    draw, step, side = imgui.get_window_draw_list(), px(side) + px(gap), px(side)
+    for i, opacity in enumerate(opacities):
+        low = ImVec2(at.x + i % columns * step, at.y + i // columns * step)
+        draw.add_rect_filled(low, ImVec2(low.x + side, low.y + side), theme.packed(theme.ACCENT, opacity), px(rounding))
+
+
 def chip(text: str, x: float, y: float) -> float:
     """A dark label on the picture, its upper left corner at x, y (window units); where its right edge is."""
     width, height = chip_size(text)
@@ -329,13 +333,12 @@ def half_width() -> float:
     return (imgui.get_content_region_avail().x - px(8)) / 2
 
 
-def two_buttons(left: str, right: str) -> int | None:
-    """Two buttons side by side; 0 or 1 for the one that was pressed just now."""
+def two_commands(app: App, left: tuple[str, str], right: tuple[str, str]) -> None:
+    """Two buttons side by side; of each, the command and the text."""
     width = half_width()
-    first = button(left, width)
+    command(app, *left, width)
     imgui.same_line()
-    second = button(right, width)
-    return 0 if first else 1 if second else None
+    command(app, *right, width)
 
 
 def cancel_or(text: str, width: float, padding: float, *, enabled: bool = True) -> tuple[bool, bool]:
@@ -403,10 +406,8 @@ def corner_card(name: str, box: Box) -> Iterator[None]:
     flags |= kinds.no_focus_on_appearing | kinds.always_auto_resize
     with style(window_padding=(16, 14)), coloured(window_bg=theme.CARD):
         imgui.begin(name, None, flags)
-    try:
-        yield
-    finally:
-        imgui.end()
+    yield
+    imgui.end()
 
 
 def titled_button(title: str, action: str, note: str = "") -> bool:

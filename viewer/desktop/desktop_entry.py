@@ -11,8 +11,7 @@ import sys
 from importlib import resources
 from pathlib import Path
 
-from console import UserError, not_written
-from console.atomic import write_file
+from console import UserError, write_result
 from console.child_process import module_command
 from training.scenes.sources import CONTAINERS
 
@@ -42,12 +41,7 @@ def register(command: list[str]) -> list[Path]:
         text = (resources.files("viewer.desktop") / path.name).read_text(encoding="utf-8")
         for name, value in values.items():
             text = text.replace(name, value)
-        try:
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            write_file(folder / path, text)
-        except OSError as error:
-            words, remedy = not_written(error)
-            raise UserError(f"cannot be written: {words}", where=folder / path, remedy=remedy) from error
+        write_result(folder / path, text)
     _refresh(folder)
     return [folder / path for path in (ENTRY, ICON, TYPES)]
 

@@ -4,9 +4,8 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core import theme
-from viewer.core.widgets import begin_modal, confirmed, font, main_button, paragraph, pressed_here, px, write
+from viewer.core.widgets import begin_modal, confirmed, heading, main_button, paragraph, pressed_here, px
 from viewer.features.making.panel import show_rejected
 from viewer.rendering.canvas import Canvas
 
@@ -20,11 +19,8 @@ def show(app: App, canvas: Canvas) -> None:
     dialog = app.messages.dialogs[0]
     if not begin_modal(NAME, 480, 0.45, padding=(24, 22)):
         return
-    with font(theme.fonts.bold, 18.0):
-        icon = fa.ICON_FA_TRIANGLE_EXCLAMATION if dialog.failed else fa.ICON_FA_CIRCLE_INFO
-        write(icon, theme.WARN if dialog.failed else theme.ACCENT)
-        imgui.same_line(0, px(10))
-        paragraph(dialog.title)
+    icon = fa.ICON_FA_TRIANGLE_EXCLAMATION if dialog.failed else fa.ICON_FA_CIRCLE_INFO
+    heading(icon, dialog.title, theme.WARN if dialog.failed else theme.ACCENT, 18.0)
     imgui.dummy(ImVec2(0, px(2)))
     paragraph(dialog.text, theme.MUTED)
     if dialog.rejected is not None:
@@ -40,7 +36,7 @@ def show(app: App, canvas: Canvas) -> None:
         app.messages.dialogs.pop(0)
         imgui.close_current_popup()
         if answer:
-            run(app, answer)
+            app.run(answer)
     imgui.end_popup()
 
 

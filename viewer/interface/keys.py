@@ -7,12 +7,11 @@ after a click into a field belongs to the field, however slow the frames are.
 
 from collections import deque
 from itertools import groupby
-from typing import NamedTuple
 
 from imgui_bundle import ImVec2, imgui
 
 from viewer.app.application import App
-from viewer.app.commands import COMMANDS, run
+from viewer.app.commands import COMMANDS
 from viewer.core import theme
 from viewer.core.input import KeyPress, shown_keys
 from viewer.core.language import translated
@@ -54,7 +53,7 @@ class Presses:
 def _run(app: App, press: KeyPress) -> None:
     for command in COMMANDS.values():
         if any(fits(press, key) for key in command.keys) and (command.id == "quit" or not in_front(app)):
-            run(app, command.id)
+            app.run(command.id)
             return
 
 
@@ -83,14 +82,12 @@ MOUSE_BOUNDED = (
 )
 
 
-class _Group(NamedTuple):
-    title: str
-    rows: tuple[tuple[str, str], ...]
+_Group = tuple[str, tuple[tuple[str, str], ...]]  # its title; keys and what they do
 
 
 def _groups(app: App) -> list[_Group]:
     bounded = app.scene is not None and app.scene.rig.bounded
-    groups = [_Group("Mouse and arrow keys", MOUSE_BOUNDED if bounded else MOUSE)]
+    groups: list[_Group] = [("Mouse and arrow keys", MOUSE_BOUNDED if bounded else MOUSE)]
     if not bounded:
         forward, left, back, right, down, up = app.keyboard.flying_names
         flying = (
@@ -100,11 +97,10 @@ def _groups(app: App) -> list[_Group]:
             ("Drag", "look around"),
             ("Shift, or the wheel", "faster"),
         )
-        groups.append(_Group("While flying", flying))
-        groups.append(_Group("While walking", (*flying[:2], (up, "jump"), *flying[3:])))
+        groups += [("While flying", flying), ("While walking", (*flying[:2], (up, "jump"), *flying[3:]))]
     commands = [command for command in COMMANDS.values() if command.keys]
     for name, members in groupby(commands, lambda command: command.group):
-        groups.append(_Group(name, tuple((shown_keys(" or ".join(member.keys)), member.title) for member in members)))
+        groups.append((name, tuple((shown_keys(" or ".join(member.keys)), member.title) for member in members)))
     return groups
 
 
@@ -113,7 +109,7 @@ def _columns(groups: list[_Group], count: int) -> list[list[_Group]]:
     if count == 1:
         return [groups]
     divided = ([groups[:cut], *_columns(groups[cut:], count - 1)] for cut in range(1, len(groups) - count + 2))
-    return min(divided, key=lambda columns: max(sum(len(group.rows) + 2 for group in column) for column in columns))
+    return min(divided, key=lambda columns: max(sum(len(rows) + 2 for _, rows in column) for column in columns))
 
 
 def show(app: App) -> None:
@@ -137,8 +133,8 @@ def show(app: App) -> None:
         if imgui.begin_table("##columns", count, imgui.TableFlags_.sizing_stretch_same):
             for column in _columns(_groups(app), count):
                 imgui.table_next_column()
-                for group in column:
-                    _group(group)
+                for heading, rows in column:
+                    _group(heading, rows)
             imgui.end_table()
     scroll = app.keyboard.axis("Down", "Up") * imgui.get_io().delta_time
     if scroll:
@@ -149,9 +145,9 @@ def show(app: App) -> None:
     imgui.end()
 
 
-def _group(group: _Group) -> None:
+def _group(heading: str, rows: tuple[tuple[str, str], ...]) -> None:
     imgui.dummy(ImVec2(0, px(1)))
-    write(translated(group.title).upper(), theme.ACCENT, theme.fonts.bold, theme.SMALL)
-    for keys, title in group.rows:
+    write(translated(heading).upper(), theme.ACCENT, theme.fonts.bold, theme.SMALL)
+    for keys, title in rows:
         title = translated(title)
         figure(title[:1].upper() + title[1:], keys)

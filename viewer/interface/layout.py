@@ -13,7 +13,6 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core.input import shown_keys
 from viewer.core.widgets import Box, Entry, coloured, more_button, px, style
@@ -34,14 +33,9 @@ from viewer.rendering.canvas import Canvas
 HOST, SPACE = "##dock", "##space"
 HEADER = "snerg layout, home "
 LONGEST_TEXT = 65536  # what a page or two a window could ever need, and more
-FIXED = (
-    imgui.WindowFlags_.no_decoration
-    | imgui.WindowFlags_.no_move
-    | imgui.WindowFlags_.no_saved_settings
-    | imgui.WindowFlags_.no_bring_to_front_on_focus
-    | imgui.WindowFlags_.no_nav
-    | imgui.WindowFlags_.no_docking
-)
+kinds = imgui.WindowFlags_
+FIXED = kinds.no_decoration | kinds.no_move | kinds.no_saved_settings | kinds.no_nav | kinds.no_docking
+FIXED |= kinds.no_bring_to_front_on_focus
 
 
 class Docking:
@@ -79,10 +73,10 @@ class Docking:
         space = imgui.get_id(SPACE)
         if shown:
             self._prepare(app, space, box)
-        kinds = imgui.DockNodeFlags_
-        flags = kinds.passthru_central_node | kinds.no_docking_over_central_node
+        nodes = imgui.DockNodeFlags_
+        flags = nodes.passthru_central_node | nodes.no_docking_over_central_node
         with coloured(docking_empty_bg=theme.BASE):
-            imgui.dock_space(space, ImVec2(0, 0), flags if shown else kinds.keep_alive_only)
+            imgui.dock_space(space, ImVec2(0, 0), flags if shown else nodes.keep_alive_only)
         imgui.end()
         if not shown:
             return box
@@ -217,7 +211,7 @@ def show_rail(app: App, where: Regions) -> None:
         for page in PAGES
     ]
     if interface.moved:
-        reset = partial(run, app, "layout")
+        reset = partial(app.run, "layout")
         entries.append(Entry("layout", fa.ICON_FA_TABLE_COLUMNS, "Reset the layout", reset, shown_keys("Ctrl+L")))
     space = int((where.rail[3] - px(20) + px(8)) / px(ICON_STEP))
     shown = len(entries) if space >= len(entries) else max(space - 1, 0)
@@ -261,7 +255,6 @@ def _page_over(app: App, canvas: Canvas, page: Page, where: Regions) -> None:
     wide = min(px(SIDE), width)
     imgui.set_next_window_pos(ImVec2(width - wide, y))
     imgui.set_next_window_size(ImVec2(wide, height))
-    kinds = imgui.WindowFlags_
     flags = kinds.no_move | kinds.no_resize | kinds.no_collapse | kinds.no_docking | kinds.no_saved_settings
     with style(window_padding=(12, 12), window_rounding=0.0):
         _, still_open = imgui.begin(f"{page.icon}   {page.title}###over", True, flags)

@@ -7,10 +7,10 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.commands import COMMANDS, run
+from viewer.app.commands import COMMANDS
 from viewer.core import theme
 from viewer.core.input import shown_keys
-from viewer.core.widgets import Box, Entry, coloured, elided, font, more_button, px, write
+from viewer.core.widgets import Box, Entry, coloured, draw_voxels, elided, font, more_button, px, write
 from viewer.interface import layout
 
 LEFT, MARK, WORD, NAME_GAP, GAP, EDGE = 12.0, 42.0, 52.0, 28.0, 12.0, 8.0  # units at 100 %
@@ -95,7 +95,7 @@ def _entries(app: App) -> list[Entry]:
     shown = []
     for name, icon in (ICONS if app.scene is not None else START_ICONS).items():
         keys = min(COMMANDS[name].keys, key=len)
-        shown.append(Entry(f"top {name}", icon, COMMANDS[name].title, partial(run, app, name), shown_keys(keys)))
+        shown.append(Entry(f"top {name}", icon, COMMANDS[name].title, partial(app.run, name), shown_keys(keys)))
     if app.scene is not None and app.open_packs.packs:
         title = f"{len(app.open_packs.packs) + 1} packs are open"
         ask = partial(setattr, app.open_packs, "show_list", True)
@@ -118,19 +118,14 @@ def _packs(app: App) -> None:
             break
     imgui.separator()
     if imgui.menu_item(f"{fa.ICON_FA_XMARK}   Close this one", shown_keys("Ctrl+W"), False)[0]:
-        run(app, "close")
+        app.run("close")
     imgui.end_popup()
 
 
 def _logo(word: bool) -> None:
     """The program's mark: a cube of voxels, one of them lit, and its name."""
     at = imgui.get_cursor_screen_pos()
-    draw = imgui.get_window_draw_list()
-    x, y, s, gap = at.x + px(2), at.y + px(7), px(8), px(2)
-    shades = ((theme.ACCENT, 1.0), (theme.ACCENT, 0.45), (theme.ACCENT, 0.25), (theme.ACCENT, 0.7))
-    for i, (code, alpha) in enumerate(shades):
-        left, top = x + (i % 2) * (s + gap), y + (i // 2) * (s + gap)
-        draw.add_rect_filled(ImVec2(left, top), ImVec2(left + s, top + s), theme.packed(code, alpha), px(2))
+    draw_voxels(ImVec2(at.x + px(2), at.y + px(7)), (1.0, 0.45, 0.25, 0.7), 2, side=8, gap=2, rounding=2)
     if word:
         imgui.set_cursor_pos(ImVec2(px(MARK), px(14)))
         write("snerg", face=theme.fonts.bold, size=17.0)
@@ -164,7 +159,7 @@ def state_of(app: App) -> str:
 
 
 def _speed(app: App, right: float) -> None:
-    text = f"{app.times.summary().fps:.0f} fps"
+    text = f"{app.times.fps:.0f} fps"
     with font(theme.fonts.bold, theme.SMALL):
         width = imgui.calc_text_size(text).x
         imgui.same_line()

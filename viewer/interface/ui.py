@@ -33,10 +33,12 @@ DOUBLE_CLICK_S = 0.45  # imgui's own 0.3 s is less than desktops grant, and a sl
 class SystemClipboard(Clipboard):
     """The clipboard of the system that the window is on."""
 
-    def get(self) -> str:
+    @property
+    def text(self) -> str:
         return imgui.get_clipboard_text() or ""
 
-    def set(self, text: str) -> None:
+    @text.setter
+    def text(self, text: str) -> None:
         imgui.set_clipboard_text(text)
 
 

@@ -17,13 +17,13 @@ import numpy as np
 
 from scenepack.pack import Pack
 from viewer.rendering import targets
-from viewer.rendering.camera import ViewCamera, ray_through
+from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
 from viewer.rendering.layers import depth_along_axis
 from viewer.rendering.opengl import GpuClock, free_framebuffer, new_framebuffer, read_pixels
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings, of_picture
-from viewer.rendering.targets import MARGIN, Box, Drawn, Layer, Sheet, with_margin
+from viewer.rendering.targets import MARGIN, Box, Layer, Sheet, with_margin
 
 if TYPE_CHECKING:
     from scenepack.exports.scene import Geometry
@@ -64,7 +64,8 @@ class Canvas:
         self.picture_ms = 0.0  # of the whole picture that is shown, all its tiles together
         self.picture_gpu_ms: float | None = None  # likewise, by the GPU's own clock
         self.drawn_size = (0, 0)  # pixels of the picture that is shown
-        self.drawn: Drawn | None = None  # by this frame; see viewer.app.frame
+        # That this frame took to draw all of its pictures, ms: by the wall clock, and by the GPU's; see viewer.app.frame
+        self.drawn: tuple[float, float | None] | None = None
 
     # Packs and pixels
 
@@ -152,18 +153,6 @@ class Canvas:
         if self._difference is None:
             self._difference = targets.Difference(self.ctx, self._retired)
         self.difference = self._difference.draw(picture, other, size, gain)
-
-    def distance_at(self, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> float | None:
-        """Distance (grid units) along the ray through a pixel to the surface; None for none, and in forward-facing packs."""
-        if self.renderer is None or self.renderer.pack.ndc:
-            return None
-        pack = self.renderer.pack
-        pixel = replace(camera, cx=camera.cx - x + 0.5, cy=camera.cy - y + 0.5, width=1, height=1)
-        raw = self.raw(pixel, replace(settings, marcher="exact", mode="depth", raw=True))
-        if raw[0, 0, 3] < 0.1:
-            return None
-        _, ray = ray_through(camera, x, y)
-        return float(depth_along_axis(raw, pixel, pack)[0, 0] / (ray @ -camera.grid_T_camera[:3, 2]))
 
     def depth(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """Mean depth along the optical axis, grid units, float32 [height, width]; 0 for nothing."""

@@ -32,14 +32,6 @@ class Layer:
     opacity: float = 1.0
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """Time that a frame took to draw the picture, or both pictures of a comparison."""
-
-    scene_ms: float  # wall clock, around finish()
-    gpu_ms: float | None  # the GPU's own timer; None where it is unreliable
-
-
 class Sheet(Protocol):
     """Small pictures side by side in one array."""
 

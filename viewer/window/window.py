@@ -23,7 +23,6 @@ from console import UserError
 from console.errors import handle_notices
 from console.streams import printable
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.app.frame import is_waiting, unfinished
 from viewer.core.input import ControllerState, KeyPress, holds_command
 from viewer.core.state import FRAMES_AFTER_EVENT
@@ -145,7 +144,7 @@ class Window:
                 each()
                 if glfw.window_should_close(self.handle):
                     glfw.set_window_should_close(self.handle, False)
-                    run(self.app, "quit")
+                    self.app.run("quit")
 
     def step(self) -> bool:
         """Waits for something to do, and draws a frame if there is; True where it drew."""
@@ -169,7 +168,7 @@ class Window:
             app.touch()
         now = time.monotonic()
         seconds = min(now - self._last, LONGEST_STEP_S)
-        app.controllers.update(app, controllers_now(), seconds, lambda command: run(app, command))
+        app.controllers.update(app, controllers_now(), seconds)
         app.tick(seconds)
         self._last = now
         ui = self.ui
@@ -215,7 +214,7 @@ class Window:
             return
         app.resolution.frame_ended(frame_ms, swap_ms)
         if frame_ms < PAUSE_MS:
-            app.times.add(drawn.scene_ms, frame_ms, drawn.gpu_ms)
+            app.times.add(frame_ms, *drawn)
         app.touch(2)  # goes on at once; and the figures of the last frame are shown
 
     def _follow_full_screen(self) -> None:

@@ -9,7 +9,7 @@ from console import UserError
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import live, until
 from viewer.app.application import App
-from viewer.app.commands import COMMANDS, run
+from viewer.app.commands import COMMANDS
 from viewer.features.display.display import modes_for
 from viewer.features.opening import opening as loading_module
 from viewer.rendering.settings import MODES
@@ -33,9 +33,6 @@ class FakeCanvas:
 
     def show_other(self, pack):
         self.other = pack
-
-    def distance_at(self, camera, settings, x, y):
-        return 2.0
 
     def snapshot(self, camera, settings):
         return np.full((camera.height, camera.width, 3), 40, np.uint8)
@@ -93,15 +90,15 @@ def test_every_command_runs_with_and_without_a_scene(open_app):
     for app in (open_app, App(canvas=FakeCanvas())):
         for name, command in COMMANDS.items():
             possible = app.scene is not None or not command.needs_scene
-            app.clipboard.set("1,2,3,0,0,0")
-            assert run(app, name) == possible
+            app.clipboard.text = "1,2,3,0,0,0"
+            assert app.run(name) == possible
             app.file_request = None
         assert not app.messages.dialogs
 
 
 def test_a_command_that_fails_is_a_dialog(open_app, monkeypatch):
     monkeypatch.setattr(open_app.scene.rig, "home", lambda: 1 / 0)
-    assert run(open_app, "home")
+    assert open_app.run("home")
     assert "first view" in open_app.messages.dialogs[0].title
 
 
@@ -114,7 +111,7 @@ def test_modes_go_round_and_leave_out_what_the_pack_has_not(open_app):
     seen = set()
     for _ in MODES:
         seen.add(open_app.settings.mode)
-        run(open_app, "next-mode")
+        open_app.run("next-mode")
     assert seen == set(MODES) and open_app.settings.mode == "normal"
     open_app.set(mode="features")
     open_app.show(toy_pack(view_mlp=False), open_app.scene.path)

@@ -15,7 +15,6 @@ from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.texture_limits import limit_textures
 from tests.viewer.waiting import until
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.features.film import film_export as export_module
 from viewer.features.film.film_export import FilmWriter
 from viewer.features.opening import opening as loading_module
@@ -159,7 +158,7 @@ def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_writte
     if target == "still.png":
         app.filming.still(app, small_disk / target)
     else:
-        run(app, "turntable")
+        app.run("turntable")
         app.filming.film(app, small_disk / target)
     dialog = wait_for_dialog(ui)
     assert "The export stopped" in dialog and "the disk is full" in dialog and str(small_disk) in dialog

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from tests.viewer.conftest import toy_pack
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core.annotations import Bookmark
 from viewer.core.pose import DEPTH, History
 from viewer.features.placing import placing
@@ -44,17 +43,17 @@ def test_moves_cuts_marks_and_the_near_plane_are_undone_in_turn(steps):
                 app, replace(app.annotations.current, bookmarks=(Bookmark(f"{i}", *EYE_AND_TARGET),))
             )
         elif step == "home":
-            run(app, "home")
+            app.run("home")
         else:
             app.scene.rig.remember()
         if state(app) != states[-1]:
             states.append(state(app))
     for expected in reversed(states[:-1]):
-        run(app, "undo")
+        app.run("undo")
         assert state(app) == expected
     assert not app.scene.rig.history.undo()
     for expected in states[1:]:
-        run(app, "redo")
+        app.run("redo")
         assert state(app) == expected
     assert not app.scene.rig.history.redo()
 

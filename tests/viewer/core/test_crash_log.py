@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from console import UserError, refusal
-from viewer.app.commands import run
 from viewer.core.command_process import CommandProcess
 from viewer.core.log import CrashLog, left_behind
 
@@ -27,7 +26,7 @@ def test_a_bug_leaves_versions_commands_and_its_traceback(tmp_path, app, pack, p
     log = CrashLog(tmp_path)
     app.messages.crash_log = log.add
     app.show(pack, pack_folder)
-    run(app, "next-mode")
+    app.run("next-mode")
     app.messages.say("something was said", "warning")
     try:
         raise RuntimeError("a bug of ours")

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from viewer.app.commands import COMMANDS, run
+from viewer.app.commands import COMMANDS
 from viewer.core.input import (
     GAMEPAD_BUTTONS,
     LEFT_X,
@@ -48,7 +48,7 @@ def hear(app, pack, pack_folder):
 
     def call(*states: ControllerState, frames: int = 10) -> None:
         for _ in range(frames):
-            app.controllers.update(app, states, 1 / 60, lambda command: run(app, command))
+            app.controllers.update(app, states, 1 / 60)
 
     return call
 

@@ -14,7 +14,6 @@ from scenepack.editing import Selection
 from scenepack.placement import Placement
 from training.scenes.colmap import SparsePoints
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core.annotations import Annotations, Bookmark, Measurement, Scale
 from viewer.core.files import FileRequest
 from viewer.core.state import Edits
@@ -164,9 +163,9 @@ def _placed(app: App, scenes: Scenes) -> None:
 
 def _bookmarked(app: App, scenes: Scenes) -> None:
     for name, command in (("A view with a name that is longer than the list is wide", "front"), ("Above", "top")):
-        run(app, command)
+        app.run(command)
         app.scene.rig.shown = app.scene.rig.goal
-        run(app, "bookmark")
+        app.run("bookmark")
         app.bookmarks.edit(app, app.bookmarks.selected, name=name)
 
 
@@ -187,7 +186,7 @@ PLACES: dict[str, Prepare] = {
     "view, costs": _page("view", lambda app, _: app.set(mode="samples")),
     "view, colours changed": _page("view", lambda app, _: set_look(app, exposure=0.5)),
     "camera, flying": _page("camera", _near, lambda app, _: app.scene.rig.navigate("fly")),
-    "camera, walking": _page("camera", _near, lambda app, _: run(app, "walk")),
+    "camera, walking": _page("camera", _near, lambda app, _: app.run("walk")),
     "crop, a box": _page("crop", _near, _crop),
     "erase, something of it": _page("erase", _near, _crop, _erased),
     "erase, the lasso": _page("erase", lambda app, _: setattr(app.erasing, "tool", "lasso")),

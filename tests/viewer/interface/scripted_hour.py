@@ -30,7 +30,7 @@ from tests.viewer.offscreen_ui import PLACES, OffscreenUi
 from tests.viewer.scenes import photographed
 from tools.fuzz.memory import resident, with_steady_memory
 from viewer.app.application import App
-from viewer.app.commands import COMMANDS, run
+from viewer.app.commands import COMMANDS
 from viewer.core.input import ControllerState
 from viewer.core.state import SCALES
 from viewer.core.theme import THEMES
@@ -102,7 +102,7 @@ class Hour:
         self.ui.key(*self.random.choice(MODIFIERS), self.random.choice(KEYS))
 
     def command(self) -> None:
-        run(self.app, self.random.choice([name for name in COMMANDS if name not in OFF_LIMITS]))
+        self.app.run(self.random.choice([name for name in COMMANDS if name not in OFF_LIMITS]))
 
     def page(self) -> None:
         self.app.interface.opens(self.random.choice(PAGES).id)
@@ -120,8 +120,8 @@ class Hour:
         self.app.drop([what])
 
     def paste(self) -> None:
-        self.app.clipboard.set(self.random.choice([str(self.random.choice(self.packs)), *TEXTS]))
-        run(self.app, "paste")
+        self.app.clipboard.text = self.random.choice([str(self.random.choice(self.packs)), *TEXTS])
+        self.app.run("paste")
 
     def type(self) -> None:
         self.ui.io.add_input_characters_utf8(self.random.choice((*TEXTS, f"{self.folder}/")))
@@ -131,7 +131,7 @@ class Hour:
         gallery = self.app.gallery
         gallery.frusta = self.random.random() < 0.5
         if self.app.scene is not None and gallery.photographs is not None and len(gallery.photographs):
-            run(self.app, self.random.choice(("next-photo", "last-photo")))
+            self.app.run(self.random.choice(("next-photo", "last-photo")))
         self.app.comparison.how = self.random.choice(("wipe", "flip", "difference"))
 
     def compare(self) -> None:
@@ -147,7 +147,7 @@ class Hour:
             if self.random.random() < 0.5:
                 app.filming.still(app, self.folder / f"still-{number}.png")
             else:
-                run(app, "turntable")
+                app.run("turntable")
                 app.filming.fps = 2.0
                 app.filming.film(app, self.folder / (f"film-{number}.mp4" if number % 2 else f"film-{number}"))
         except Exception as error:  # as the buttons of the page have it
@@ -166,7 +166,7 @@ class Hour:
         gamepad = self.random.random() < 0.5
         state = ControllerState("a pad" if gamepad else "SpaceMouse", axes, buttons, gamepad)
         for _ in range(self.random.randrange(1, 6)):
-            self.app.controllers.update(self.app, [state], 1 / 60, lambda name: run(self.app, name))
+            self.app.controllers.update(self.app, [state], 1 / 60)
             self.ui.frame()
 
     def dialog(self) -> None:

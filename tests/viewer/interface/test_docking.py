@@ -3,7 +3,6 @@
 import pytest
 
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import apply_preferences, current_preferences
 
@@ -56,7 +55,7 @@ def test_the_layout_is_reset(ui, app):
     usual = app.viewport
     pull_out(ui)
     ui.pull((300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2), 12)
-    assert run(app, "layout")
+    assert app.run("layout")
     ui.settle()
     assert app.interface.moved == [] and app.interface.page == "view" and app.viewport == usual
 

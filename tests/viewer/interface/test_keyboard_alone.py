@@ -10,7 +10,6 @@ from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.waiting import until
 from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core import widgets
 from viewer.core.files import FileRequest
 from viewer.core.widgets import in_front
@@ -35,7 +34,7 @@ def question(app: App, scene: Path) -> None:
 
 def opening(app: App, scene: Path) -> None:
     app.preferences.opened(scene)
-    run(app, "open")
+    app.run("open")
 
 
 def saving(app: App, scene: Path) -> None:
@@ -96,7 +95,7 @@ def test_dialogs_that_are_asked_for_at_once_come_one_after_the_other(ui, app, pr
     """Two modal windows pushed each other away in every frame: none was seen, and nothing reached either."""
     asks = [failure, opening, saving, making, exporting]
     if seed % 2:
-        run(app, "help")
+        app.run("help")
     for ask in random.Random(seed).sample(asks, len(asks)):
         ask(app, procedural_path)
         ui.frame()

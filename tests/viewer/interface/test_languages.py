@@ -12,7 +12,6 @@ import viewer
 from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.scenes import photographed
-from viewer.app.commands import run
 from viewer.core import language
 from viewer.core.annotations import Annotations, Bookmark, Measurement, Scale
 from viewer.core.language import FIELD, LANGUAGES, catalogue, translated
@@ -141,7 +140,7 @@ def test_everything_that_the_interface_shows_is_in_the_catalogue(name: str, offs
         app.scene.rig.navigate("fly" if page == "camera" else "orbit")
         ui.settle()
     for command in ("walk", "help", "export-scene"):
-        run(app, command)
+        app.run(command)
         ui.settle()
         app.interface.help_shown, app.exporting.asking = False, False
     app.exporting.dismiss()

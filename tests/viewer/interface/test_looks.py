@@ -7,7 +7,6 @@ import pytest
 
 from tests.reference_marcher import render_reference
 from tests.viewer.offscreen_ui import OffscreenUi
-from viewer.app.commands import run
 from viewer.core import theme
 from viewer.features.display.display import STYLES, backdrop
 from viewer.features.preferences.preferences import apply_preferences, current_preferences, load, save
@@ -48,13 +47,13 @@ def test_the_theme_and_the_size_change_at_once_and_are_remembered(offscreen, app
     app.show(pack, pack_folder)
     ui.settle()
     dark = ui.picture().astype(int)
-    run(app, "theme")
+    app.run("theme")
     ui.settle()
     light = ui.picture().astype(int)
     assert dark[10, 300].max() < 40 and light[10, 300].min() > 200
     width = app.viewport.width
     for _ in range(3):
-        run(app, "larger")
+        app.run("larger")
     ui.settle()
     assert app.interface.scale == 1.5 and app.viewport.width < width - 140 and ui.ui.scale == 1.5
     app.set(background=(0.0, 0.0, 0.0))
@@ -65,11 +64,11 @@ def test_the_theme_and_the_size_change_at_once_and_are_remembered(offscreen, app
     assert (again.interface.theme, again.interface.scale) == ("light", 1.5)
     assert again.settings.background == (0.0, 0.0, 0.0)
     app.set(background=(1.0, 1.0, 1.0))
-    run(app, "usual-size"), run(app, "theme")
+    app.run("usual-size"), app.run("theme")
     ui.settle()
     assert abs(ui.picture().astype(int) - dark)[:40].mean() < 1
     for _ in range(20):
-        run(app, "larger")
+        app.run("larger")
     assert app.interface.scale == 2.0
 
 

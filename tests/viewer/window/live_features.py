@@ -158,7 +158,7 @@ def test_a_kiosk_plays_gives_way_to_the_mouse_and_begins_again(window, xdotool, 
     app = window.app
     monkeypatch.setattr(kiosk, "IDLE_S", 1.5)
     app.kiosk = kiosk.Kiosk()
-    app.kiosk.prepare(app)
+    app.interface.full_screen, app.interface.panels_shown = True, False
     wait(window, lambda: glfw.get_window_size(window.handle) == SCREEN and app.filming.time > 0.2)
     assert (app.viewport.width, app.viewport.height) == SCREEN
     act("mousemove", 600, 400, "mousedown", 1)

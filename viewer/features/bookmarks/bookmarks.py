@@ -106,7 +106,8 @@ class Bookmarks:
         if len(views) >= MOST_ANNOTATIONS:
             return
         at = len(views) if self.selected is None else min(self.selected + 1, len(views))
-        name = _free_name(views, "View" if point is None else "Place")
+        kind, taken = "View" if point is None else "Place", {view.name for view in views}
+        name = next(name for name in (f"{kind} {i}" for i in range(1, len(views) + 2)) if name not in taken)
         view = replace(bookmark_of(app.open_scene.rig, app.fov, name), point=point)
         views.insert(at, view)
         self._change(app, views, at)
@@ -178,11 +179,6 @@ class Bookmarks:
         path = app.filming.path
         app.messages.say(f"A film of {path.duration:.0f} seconds through {len(path.keyframes)} views")
         app.touch()
-
-
-def _free_name(bookmarks: list[Bookmark], kind: str) -> str:
-    taken = {bookmark.name for bookmark in bookmarks}
-    return next(name for name in (f"{kind} {i}" for i in range(1, len(bookmarks) + 2)) if name not in taken)
 
 
 # --- View pictures ---

@@ -9,7 +9,6 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.annotations import Bookmark, named, worded
@@ -27,10 +26,9 @@ def show(app: App, canvas: Canvas) -> None:
     views = app.annotations.current.bookmarks
     with ui.card("bookmarks", "Bookmarks"):
         if ui.main_button(f"{fa.ICON_FA_BOOKMARK}  Bookmark this view"):
-            run(app, "bookmark")
+            app.run("bookmark")
         waits = "Click on a surface" if app.bookmarks.placing else "Annotate a place"
-        if ui.button(f"{fa.ICON_FA_LOCATION_DOT}  {waits}###annotate"):
-            run(app, "annotate")
+        ui.command(app, "annotate", f"{fa.ICON_FA_LOCATION_DOT}  {waits}###annotate")
         ui.tip("A number marks it in the picture; its bookmark has the title and the text")
         if views:
             _list(app, canvas)
@@ -38,12 +36,11 @@ def show(app: App, canvas: Canvas) -> None:
         else:
             ui.hint(NO_VIEWS)
     with ui.card("fly", "Film"):
-        if ui.button(f"{fa.ICON_FA_FILM}  Film through the bookmarks", enabled=len(views) > 1):
-            run(app, "film-bookmarks")
+        text = f"{fa.ICON_FA_FILM}  Film through the bookmarks"
+        ui.command(app, "film-bookmarks", text, enabled=len(views) > 1)
         ui.hint("Makes them the keyframes of the camera path.")
     with ui.card("session", "Session"):
-        if ui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save the session…"):
-            run(app, "save-session")
+        ui.command(app, "save-session", f"{fa.ICON_FA_FLOPPY_DISK}  Save the session…")
         ui.tip("Ctrl+Shift+S")
         ui.hint("A small file with all open packs, their cameras, crops and marks. Open it like a pack.")
 

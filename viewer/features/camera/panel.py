@@ -6,7 +6,6 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from scenepack.placement import moved_pose
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.pose import UP_AXES
@@ -24,18 +23,18 @@ NAVIGATIONS: dict[Navigation, str] = {"orbit": "Orbit", "fly": "Fly", "walk": "W
 def show(app: App, canvas: Canvas) -> None:
     rig = app.open_scene.rig
     with ui.card("go", "Go to"):
-        pressed = ui.two_buttons(f"{fa.ICON_FA_HOUSE}  First view", f"{fa.ICON_FA_EXPAND}  Whole scene")
-        if pressed is not None:
-            run(app, ("home", "frame")[pressed])
+        ui.two_commands(
+            app, ("home", f"{fa.ICON_FA_HOUSE}  First view"), ("frame", f"{fa.ICON_FA_EXPAND}  Whole scene")
+        )
         if not rig.bounded:
             for views in (("front", "right", "top"), ("back", "left", "bottom")):
                 if picked := ui.segments(f"##axis {views[0]}", {view: view.capitalize() for view in views}, ""):
-                    run(app, picked)
+                    app.run(picked)
             if ui.segments("Projection", PROJECTIONS, rig.orthographic) not in (None, rig.orthographic):
-                run(app, "orthographic")
+                app.run("orthographic")
             app.interface.axes_shown = ui.switch("axes", app.interface.axes_shown, "Axes")
             if (picked := ui.segments("Navigation", NAVIGATIONS, rig.navigation)) not in (None, rig.navigation):
-                run(app, rig.navigation if picked == "orbit" else picked)
+                app.run(rig.navigation if picked == "orbit" else picked)
             *move, down, up = app.keyboard.flying_names
             if rig.walking:
                 app.walking.eye_height_m = ui.slider("Eye height", app.walking.eye_height_m, *EYE_HEIGHTS, "%.2f m")
@@ -66,9 +65,9 @@ def show(app: App, canvas: Canvas) -> None:
         if not rig.bounded:
             ui.figure("Pivot", _numbers((placed_T_grid @ (*rig.goal.pivot, 1.0))[:3]))
         ui.hint("In the placed frame, y up.")
-        pressed = ui.two_buttons(f"{fa.ICON_FA_COPY}  Copy pose", f"{fa.ICON_FA_PASTE}  Paste pose")
-        if pressed is not None:
-            run(app, ("copy-pose", "paste")[pressed])
+        ui.two_commands(
+            app, ("copy-pose", f"{fa.ICON_FA_COPY}  Copy pose"), ("paste", f"{fa.ICON_FA_PASTE}  Paste pose")
+        )
 
 
 def _numbers(point: np.ndarray) -> str:

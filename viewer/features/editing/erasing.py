@@ -347,13 +347,10 @@ class Erasing:
             source = str(scene.path.resolve())
             return ["edit", source, "--out", str(path.absolute()), "--voxels", str(folder / "voxels.npz")]
 
-        def seen_as_before() -> None:
-            app.open_scene.rig.stand_as(rig)
-
         def saved() -> None:
             scene.saved = removed
             if app.scene is scene and scene.edits.removed is removed:
-                app.open(path, then=seen_as_before)
+                app.open(path, then=lambda: app.open_scene.rig.stand_as(rig))
 
         app.exporting.write(app, path, words, saved)
 

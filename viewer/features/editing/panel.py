@@ -7,7 +7,6 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.screen import Screen
@@ -37,7 +36,7 @@ def show(app: App, canvas: Canvas) -> None:
     erasing, edits = app.erasing, app.open_scene.edits
     with ui.card("tool", "Select in the picture"):
         if picked := ui.segments("##tool", TOOLS, erasing.tool):
-            run(app, f"erase-{picked}")
+            app.run(f"erase-{picked}")
         ui.hint(HINTS[erasing.tool] + (HELD if erasing.tool else ""))
         picked = ui.segments("##mode", MODES, erasing.adds)
         erasing.adds = erasing.adds if picked is None else picked
@@ -51,21 +50,19 @@ def show(app: App, canvas: Canvas) -> None:
         ui.figure("Voxels", "selecting…" if erasing.choosing else f"{edits.selected.count:,}")
         for how, icon in ICONS.items():
             if ui.icon_button(icon, how, CHANGES[how], enabled=bool(edits.selected.bits) or how == "invert"):
-                run(app, f"selection-{how}")
+                app.run(f"selection-{how}")
             imgui.same_line(0, px(2))
         imgui.new_line()
         if ui.main_button(f"{fa.ICON_FA_ERASER}  Erase", enabled=bool(edits.selected.bits)):
-            run(app, "erase-selected")
+            app.run("erase-selected")
     with ui.card("save", "Erased"):
         ui.figure("Voxels", f"{edits.removed.count:,}")
-        if ui.button(f"{fa.ICON_FA_FLOPPY_DISK}  Save as…", enabled=bool(edits.removed.bits)):
-            run(app, "save-edited")
+        ui.command(app, "save-edited", f"{fa.ICON_FA_FLOPPY_DISK}  Save as…", enabled=bool(edits.removed.bits))
         ui.hint("The open pack stays as it is. Ctrl+Z brings back what was erased.")
 
 
 def _rules(app: App, erasing: Erasing) -> None:
-    if ui.button(RULES["parts"]):
-        run(app, "select-parts")
+    ui.command(app, "select-parts", RULES["parts"])
     ui.label("Parts below")
     changed, value = imgui.slider_int("##small", erasing.smaller_than, *SIZES, "%d voxels", LOGARITHMIC)
     erasing.smaller_than = max(value, SIZES[0])
@@ -76,9 +73,7 @@ def _rules(app: App, erasing: Erasing) -> None:
         erasing.fainter_than = min(max(value, FAINTEST[0]), FAINTEST[1])
     _preview(app, "faint", changed)
     if app.settings.crop is not None:
-        picked = ui.two_buttons("In the crop box", "Outside of it")
-        if picked is not None:
-            run(app, "select-inside" if picked == 0 else "select-outside")
+        ui.two_commands(app, ("select-inside", "In the crop box"), ("select-outside", "Outside of it"))
 
 
 def _preview(app: App, rule: str, changed: bool) -> None:
@@ -87,7 +82,7 @@ def _preview(app: App, rule: str, changed: bool) -> None:
     if begins:
         app.erasing.hold(app)
     if begins or changed:
-        run(app, f"select-{rule}")
+        app.run(f"select-{rule}")
     if imgui.is_item_deactivated():
         app.erasing.let_go()
 

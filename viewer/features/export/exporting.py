@@ -277,8 +277,7 @@ class Sharing:
 
     def copy(self, app: App) -> None:
         if self.server is not None:
-            app.clipboard.set(self.server.address)
-            app.messages.say("The address is on the clipboard")
+            app.copy(self.server.address, "The address is on the clipboard")
 
     def end(self) -> None:
         server, self.server = self.server, None

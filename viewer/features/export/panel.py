@@ -6,7 +6,6 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.annotations import Scale
@@ -33,17 +32,12 @@ def show(app: App, canvas: Canvas, pane: PreviewPane) -> None:
         pane.drop(canvas)
     if app.scene is None or ui.in_front(app) != "export":
         return
-    room = (
-        imgui.get_io().display_size.x / px(1) - 32 - CHOICES - GAP - 2 * PADDING
-    )  # in a small window there is no preview
+    room = imgui.get_io().display_size.x / px(1) - 32 - CHOICES - GAP - 2 * PADDING  # a small window has no preview
     beside = min(room, WIDEST_PREVIEW) if room >= NARROWEST_PREVIEW else 0.0
     width = CHOICES + GAP + beside + 2 * PADDING if beside else WIDTH
     if not ui.begin_modal(NAME, width, 0.47, padding=(PADDING, 22)):
         return
-    with ui.font(theme.fonts.bold, theme.LARGE):
-        ui.write(fa.ICON_FA_CUBE, theme.ACCENT)
-        imgui.same_line(0, px(12))
-        imgui.text_unformatted(f"Export {app.scene.name}")
+    ui.heading(fa.ICON_FA_CUBE, f"Export {app.scene.name}")
     imgui.dummy(ImVec2(0, px(4)))
     if beside:
         flags = imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.nav_flattened
@@ -88,7 +82,7 @@ def _choices(app: App, plan: ExportPlan) -> None:
         if ui.button(f"{fa.ICON_FA_SHARE_NODES}  Share…", px(112)):
             imgui.close_current_popup()
             app.exporting.dismiss()
-            run(app, "share")
+            app.run("share")
         imgui.same_line()
         ui.hint("Serves the page to browsers on this computer, without a file.")
 

@@ -211,7 +211,7 @@ class Filming:
         return Aperture(self.aperture * scene.rig.radius, focus, self.lens_rays)
 
     def ask_for_still(self, app: App) -> None:
-        then, name = partial(app.filming.still, app), f"{app.open_scene.name}.png"
+        then, name = partial(self.still, app), f"{app.open_scene.name}.png"
         app.file_request = FileRequest("Save the picture", "save", then, (".png", ".exr"), name)
 
     def copy(self, app: App) -> None:

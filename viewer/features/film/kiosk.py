@@ -28,10 +28,6 @@ class Kiosk:
     moved_at: float = 0.0
     _goal: object = None
 
-    def prepare(self, app: App) -> None:
-        """Leaves nothing but the picture in the window."""
-        app.interface.full_screen, app.interface.panels_shown = True, False
-
     def tick(self, app: App) -> None:
         """Plays the path once the scene is there, and again IDLE_S after somebody moved the camera the last time."""
         if app.scene is None or not app.scene.whole:
@@ -39,18 +35,15 @@ class Kiosk:
         filming, now = app.filming, time.monotonic()
         if not self.began:
             self.began = True
-            filming.path = self._path(app)
-            self._play(app)
+            filming.path, filming.time = self._path(app), 0.0
+            filming.play(app)
         elif filming.playing or app.scene.rig.goal != self._goal:
             self.moved_at, self._goal = now, app.scene.rig.goal
             if filming.playing and self.tour:
                 app.bookmarks.selected = round(filming.time / LEG_S) % len(filming.path.keyframes)
         elif now - self.moved_at > IDLE_S:
-            self._play(app)
-
-    def _play(self, app: App) -> None:
-        app.filming.time = 0.0
-        app.filming.play(app)
+            filming.time = 0.0
+            filming.play(app)
 
     def _path(self, app: App) -> CameraPath:
         """The camera path that was loaded, or one through the bookmarks, or a turn; without an end."""

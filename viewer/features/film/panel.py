@@ -8,7 +8,6 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.files import FileRequest
@@ -36,13 +35,12 @@ def show(app: App, canvas: Canvas) -> None:
         _export(app, filming)
     with ui.card("scene", "Scene"):
         ui.hint("A mesh, points or Gaussians for other programs.")
-        if ui.button(f"{fa.ICON_FA_CUBE}  Export the scene…"):
-            run(app, "export-scene")
+        ui.command(app, "export-scene", f"{fa.ICON_FA_CUBE}  Export the scene…")
 
 
 def _path(app: App, canvas: Canvas, filming: Filming) -> None:
-    if (pressed := ui.two_buttons(f"{fa.ICON_FA_PLUS}  Keyframe", f"{fa.ICON_FA_ROTATE}  Turntable")) is not None:
-        run(app, ("keyframe", "turntable")[pressed])
+    left, right = f"{fa.ICON_FA_PLUS}  Keyframe", f"{fa.ICON_FA_ROTATE}  Turntable"
+    ui.two_commands(app, ("keyframe", left), ("turntable", right))
     path = filming.path
     if not path.keyframes:
         ui.hint("Move the camera and add keyframes (K). The film flies through them.")
@@ -51,7 +49,7 @@ def _path(app: App, canvas: Canvas, filming: Filming) -> None:
         path.closed = ui.switch("closed", path.closed, "Back to the start")
         icon = fa.ICON_FA_PAUSE if filming.playing else fa.ICON_FA_PLAY
         if ui.icon_button(icon, "play", "Play  (P)", on=filming.playing, enabled=len(path.keyframes) > 1):
-            run(app, "play")
+            app.run("play")
         imgui.same_line()
         imgui.set_next_item_width(-1)
         changed, value = imgui.slider_float("##time", filming.time, 0.0, max(path.duration, 1e-3), "%.1f s")
@@ -115,8 +113,7 @@ def _still(app: App, filming: Filming) -> None:
         _depth_of_field(filming)
     if ui.main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", enabled=filming.export is None):
         filming.ask_for_still(app)
-    if ui.button(f"{fa.ICON_FA_COPY}  Copy the picture", enabled=filming.export is None):
-        run(app, "copy-picture")
+    ui.command(app, "copy-picture", f"{fa.ICON_FA_COPY}  Copy the picture", enabled=filming.export is None)
     ui.tip("The picture as it is shown, to the clipboard")
 
 
@@ -131,11 +128,11 @@ def _depth_of_field(filming: Filming) -> None:
     filming.aperture = ui.slider("Aperture", filming.aperture, *APERTURES, "%.2f %%", times=100.0, flags=flags)
     ui.tip("Diameter of the opening, of the scene's radius")
     filming.lens_rays = ui.segments("Quality##rays", LENS_QUALITY, filming.lens_rays) or filming.lens_rays
-    titles = ("Click on a surface" if filming.focusing else "Choose the focus", "The middle")
-    pressed = ui.two_buttons(f"{titles[0]}###focus", titles[1])
-    if pressed == 0:
+    width = ui.half_width()
+    if ui.button(f"{'Click on a surface' if filming.focusing else 'Choose the focus'}###focus", width):
         filming.focusing = not filming.focusing
-    elif pressed == 1:
+    imgui.same_line()
+    if ui.button("The middle", width):
         filming.focus, filming.focusing = None, False
     ui.hint("In focus: the middle of the picture." if filming.focus is None else "In focus: the chosen place.")
 

@@ -89,11 +89,6 @@ class Plan:
         return self.source if self.bare is None else self.out / POSED
 
     @property
-    def has_points(self) -> bool:
-        """Whether there is a first look at it, once it has poses."""
-        return self.bare is not None or (self.survey is not None and self.survey.kind == "colmap")
-
-    @property
     def stages(self) -> tuple[str, ...]:
         """What the command does, one after the other."""
         return ("Poses", "Training", "Baking") if self.bare is not None else ("Training", "Baking")

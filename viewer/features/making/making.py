@@ -122,8 +122,7 @@ class Making:
     def copy_command(self, app: App) -> None:
         """Puts the command line that does the same on the clipboard, for another machine, say."""
         if self.plan is not None:
-            app.clipboard.set(self.plan.typed())
-            app.messages.say("The command is on the clipboard")
+            app.copy(self.plan.typed(), "The command is on the clipboard")
 
     def start(self, app: App) -> None:
         """Begins, with finding poses where there are none. UserError where that cannot be, with the question left open."""
@@ -134,7 +133,8 @@ class Making:
         self._begin(app, plan)
         self.dismiss()
         self.review = self.sparse_preview = None
-        if plan.has_points and not plan.poses_only:
+        has_points = plan.bare is not None or (plan.survey is not None and plan.survey.kind == "colmap")
+        if has_points and not plan.poses_only:
             self.reading = SparsePreviewJob(plan)
 
     def _begin(self, app: App, plan: Plan) -> None:

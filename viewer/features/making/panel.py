@@ -50,11 +50,8 @@ def show(app: App, canvas: Canvas) -> None:
 
 
 def _heading(plan: Plan) -> None:
-    with ui.font(theme.fonts.bold, theme.LARGE):
-        ui.write(fa.ICON_FA_WAND_MAGIC_SPARKLES, theme.ACCENT)
-        imgui.same_line(0, px(12))
-        verb = "Make" if plan.subject == "scene" else "Bake"
-        imgui.text_unformatted(f"{verb} {plan.name} into a scene to fly through")
+    verb = "Make" if plan.subject == "scene" else "Bake"
+    ui.heading(fa.ICON_FA_WAND_MAGIC_SPARKLES, f"{verb} {plan.name} into a scene to fly through")
     survey = plan.survey
     if survey is None:
         ui.paragraph("A training run. Baking turns it into voxels that are drawn in real time.", theme.MUTED)
@@ -177,10 +174,8 @@ def _answer(app: App, plan: Plan, possible: bool) -> None:
     if cancelled:
         app.making.dismiss()
     elif wanted:
-        try:
+        with app.messages.as_dialog("It cannot start"):  # nothing can be written there, say
             app.making.start(app)
-        except Exception as error:  # nothing can be written there, say
-            app.messages.fail("It cannot start", error)
 
 
 # --- Strips of small pictures: photographs before a scene is made of them, and rejected ones ---
@@ -406,11 +401,8 @@ def show_review(app: App, canvas: Canvas, box: Box) -> None:
 
 
 def _head(review: Review) -> None:
-    with ui.font(theme.fonts.bold, 16.0):
-        ui.write(fa.ICON_FA_CHECK, theme.GOOD)
-        imgui.same_line(0, px(8))
-        imgui.text_unformatted(review.plan.name)
-    count, points = review.sparse_preview.photographs, len(review.sparse_preview.points.places)
+    ui.heading(fa.ICON_FA_CHECK, review.plan.name, theme.GOOD, 16.0)
+    count, points = len(review.sparse_preview.eyes()), len(review.sparse_preview.points.places)
     ui.hint(f"{count} photographs have a camera pose, with {points:,} points.", theme.MUTED)
 
 

@@ -293,10 +293,10 @@ class MeasureTool:
     def copy(self, app: App) -> None:
         annotations = app.annotations.current
         if annotations.measurements:
-            app.clipboard.set(as_text(app.open_scene.pack, annotations))
             count = len(annotations.measurements)
             many = f"{count} measurements are on the clipboard"
-            app.messages.say("1 measurement is on the clipboard" if count == 1 else many)
+            text = as_text(app.open_scene.pack, annotations)
+            app.copy(text, "1 measurement is on the clipboard" if count == 1 else many)
 
     def ask_for_table(self, app: App) -> None:
         then, name = partial(self.save_table, app), f"{app.open_scene.name}-measurements.csv"

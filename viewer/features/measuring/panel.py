@@ -1,14 +1,13 @@
 """Measure page, and the measurements in the picture."""
 
+from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.annotations import METRES, Kind, Measurement, Point, Scale, Unit
@@ -85,8 +84,8 @@ def _list(app: App, words: LengthFormat) -> None:
 def _actions(app: App) -> None:
     measure_tool, chosen = app.measure_tool, app.measure_tool.selected is not None
     for icon, name, tooltip, action, enabled in (
-        (fa.ICON_FA_COPY, "copy", "Copy as text  (Ctrl+Shift+C)", lambda: run(app, "copy-measurements"), True),
-        (fa.ICON_FA_FILE_CSV, "csv", "Save as CSV", lambda: run(app, "save-measurements"), True),
+        (fa.ICON_FA_COPY, "copy", "Copy as text  (Ctrl+Shift+C)", partial(app.run, "copy-measurements"), True),
+        (fa.ICON_FA_FILE_CSV, "csv", "Save as CSV", partial(app.run, "save-measurements"), True),
         (fa.ICON_FA_TRASH, "remove", "Remove the selected one", lambda: measure_tool.back(app), chosen),
         (fa.ICON_FA_BROOM, "clear", "Remove all", lambda: measure_tool.clear(app), True),
     ):
@@ -130,7 +129,7 @@ def _known(app: App) -> None:
     pressed = ui.main_button("Set the scale")
     imgui.end_disabled()
     if pressed or (entered and ready):
-        run(app, "set-scale")
+        app.run("set-scale")
     if ui.button("Cancel"):
         measure_tool.choose(app, "")
 
@@ -139,13 +138,7 @@ def _known(app: App) -> None:
 
 REACH = 11.0  # of a point's handle, units
 ARC_SHARE, ARC_STEPS = 0.25, 16  # of an angle's shorter side; pieces that its arc is drawn as
-
-
-class Handle(NamedTuple):
-    """A point that can be dragged: of which measurement, and which of its points."""
-
-    measurement: int
-    point: int
+Handle = tuple[int, int]  # a point that can be dragged: of which measurement, and which of its points
 
 
 def draw(app: App, box: Box, over: bool) -> Handle | None:
@@ -164,7 +157,7 @@ def draw(app: App, box: Box, over: bool) -> Handle | None:
     under = _handle_at(screen, measurements, mouse) if over and active else None
     with ui.clipped(box):
         for index, measurement in enumerate(measurements):
-            hot = under.point if under is not None and under.measurement == index else None
+            hot = under[1] if under is not None and under[0] == index else None
             colour = theme.WARN if index == measure_tool.selected else theme.ACCENT
             _shape(screen, words, measurement.kind, measurement.points, colour, hot)
         waits = under is None and not (measure_tool.tool == "scale" and len(measure_tool.draft) == 2)
@@ -182,7 +175,7 @@ def _handle_at(screen: Screen, measurements: tuple[Measurement, ...], mouse: ImV
         for point, place in enumerate(places):
             away = float(np.hypot(place.x - mouse.x, place.y - mouse.y))
             if before[point] and away < nearest:
-                best, nearest = Handle(index, point), away
+                best, nearest = (index, point), away
     return best
 
 

@@ -196,26 +196,17 @@ class OpenPacks:
     packs: list[OpenPack] = field(default_factory=list)  # in Ctrl+Tab's order
     show_list: bool = False  # opens the pack menu in the next frame
 
-    def add(self, entry: OpenPack, *, first: bool = False) -> list[str]:
-        """Adds a pack (first: at the head of the order) and closes others if there are too many; the names of those.
-
-        A scene with unsaved erasures stays open.
-        """
+    def keep(self, app: App, entry: OpenPack, *, first: bool = False) -> None:
+        """Adds a pack (first: at the head of the order). Closes others if there are too many, but none with unsaved erasures."""
         self.drop(entry.scene.path)
         self.packs.insert(0 if first else len(self.packs), entry)
-        others, gone = [each for each in self.packs if not each.scene.unsaved], []
+        others = [each for each in self.packs if not each.scene.unsaved]
         while others and (
             len(self.packs) > MOST_PACKS or sum(bytes_of(each.scene.pack) for each in self.packs) > MOST_BYTES
         ):
             oldest = others.pop(-1 if first else 0)
             self.packs.remove(oldest)
-            gone.append(oldest.scene.name)
-        return gone
-
-    def keep(self, app: App, entry: OpenPack, *, first: bool = False) -> None:
-        """Adds a pack and logs which others were closed for it."""
-        for name in self.add(entry, first=first):
-            app.messages.log(f"{name} is closed, for there is no room for more open packs")
+            app.messages.log(f"{oldest.scene.name} is closed, for there is no room for more open packs")
 
     def switch(self, app: App, step: int) -> None:
         """Shows the next open pack (step 1), or the one before (-1)."""

@@ -12,7 +12,6 @@ from imgui_bundle import portable_file_dialogs as pfd
 from scenepack.files import PARAMS_NAME
 from training.scenes.sources import FILMS
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.files import SESSION_SUFFIX, FileRequest
@@ -75,10 +74,8 @@ class FileDialogs:
         path = expanded(chosen)
         if request.kind == "save" and request.suffixes and path.suffix.lower() not in request.suffixes:
             path = path.with_name(path.name + request.suffixes[0])
-        try:
+        with app.messages.as_dialog(f"{path.name} cannot be used"):
             request.then(path)
-        except Exception as error:  # a dialog, and the program goes on
-            app.messages.fail(f"{path.name} cannot be used", error)
 
     def _typed(self, app: App) -> None:
         assert self._request is not None
@@ -244,17 +241,19 @@ def show_start_page(app: App) -> None:
     top = max(px(24), 0.5 * (height - px(342 + 40 * len(recent))))
     imgui.set_cursor_pos(ImVec2(left, top))
     imgui.begin_group()
-    _logo()
+    opacities = (1.0, 0.45, 0.7, 0.25, 0.7, 0.35)
+    ui.draw_voxels(imgui.get_cursor_screen_pos(), opacities, 3, side=20, gap=5, rounding=5)
+    imgui.dummy(ImVec2(1, 2 * px(20) + px(5) + px(10)))
     ui.write("snerg", face=theme.fonts.bold, size=theme.HUGE)
     ui.write("Fly through scenes made from photographs.", theme.MUTED)
     imgui.dummy(ImVec2(0, px(14)))
     if app.demo is not None and ui.main_button(f"{fa.ICON_FA_PLAY}  Open the demo scene", column):
         app.open(app.demo)
-    _button(app, f"{fa.ICON_FA_FOLDER_OPEN}  Open…", "open", column)
+    ui.command(app, "open", f"{fa.ICON_FA_FOLDER_OPEN}  Open…", column, px(34))
     if app.sessions.last is not None:
         title = ui.elided(app.sessions.last.title, column - px(210))
-        _button(app, f"{fa.ICON_FA_CLOCK_ROTATE_LEFT}  Continue with {title}", "last-session", column)
-    _button(app, f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Make a scene from photographs…", "make", column)
+        ui.command(app, "last-session", f"{fa.ICON_FA_CLOCK_ROTATE_LEFT}  Continue with {title}", column, px(34))
+    ui.command(app, "make", f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Make a scene from photographs…", column, px(34))
     imgui.dummy(ImVec2(0, px(2)))
     ui.write("or drop or paste a pack, a folder of photographs or a film", theme.FAINT)
     if recent:
@@ -263,11 +262,6 @@ def show_start_page(app: App) -> None:
         for path in recent:
             _recent(app, path, column)
     imgui.end_group()
-
-
-def _button(app: App, text: str, command: str, width: float) -> None:
-    if ui.button(text, width, px(34)):
-        run(app, command)
 
 
 def _recent(app: App, path: Path, width: float) -> None:
@@ -291,14 +285,3 @@ def icon_of(path: Path) -> str:
     if path.suffix.lower() == SESSION_SUFFIX:
         return fa.ICON_FA_BOOKMARK
     return fa.ICON_FA_FILM if path.suffix.lower() in FILMS else fa.ICON_FA_IMAGES
-
-
-def _logo() -> None:
-    """The program's mark: voxels, one of them fully lit."""
-    at = imgui.get_cursor_screen_pos()
-    draw = imgui.get_window_draw_list()
-    side, gap = px(20), px(5)
-    for i, alpha in enumerate((1.0, 0.45, 0.7, 0.25, 0.7, 0.35)):
-        low = ImVec2(at.x + (i % 3) * (side + gap), at.y + (i // 3) * (side + gap))
-        draw.add_rect_filled(low, ImVec2(low.x + side, low.y + side), theme.packed(theme.ACCENT, alpha), px(5))
-    imgui.dummy(ImVec2(1, 2 * side + gap + px(10)))

@@ -22,11 +22,11 @@ MARCHER_HINTS = {
 
 
 def show(app: App, canvas: Canvas) -> None:
-    summary, target = app.times.summary(), app.resolution.target_ms
+    target = app.resolution.target_ms
     with ui.card("time", "Frame time"):
         frame_time(app)
         rolling(app.times, target, px(104))
-        ui.figure("Frame to frame", f"{summary.mean:.1f} ms", dot=FRAME)
+        ui.figure("Frame to frame", f"{app.times.mean_ms:.1f} ms", dot=FRAME)
         ui.figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", dot=WALL)
         gpu = canvas.picture_gpu_ms
         ui.figure("Whole picture, GPU clock", "not measured" if gpu is None else f"{gpu:.1f} ms", dot=GPU)
@@ -42,8 +42,8 @@ def show(app: App, canvas: Canvas) -> None:
         ui.hint(MARCHER_HINTS[app.settings.marcher])
     with ui.card("spread", "Spread"):
         histogram(app.times, target, px(96))
-        for name, value in (("Median", summary.median), ("95th percentile", summary.p95), ("Slowest", summary.slowest)):
-            ui.figure(name, f"{value:.1f} ms")
+        for name, share in (("Median", 50), ("95th percentile", 95), ("Slowest", 100)):
+            ui.figure(name, f"{np.percentile(app.times.frame_ms or [0.0], share):.1f} ms")
         ui.hint(f"Of the last {len(app.times.frame_ms)} frames; the figures above are of the last {AVERAGED}.")
     with ui.card("rays", "Rays"):
         _rays(app)
@@ -174,5 +174,4 @@ def _line(name: str, values: np.ndarray, colour: str, width: float, xs: np.ndarr
 
 def frame_time(app: App) -> None:
     """The figures that matter: the mean time of a frame, and the frames per second that follow from it."""
-    summary = app.times.summary()
-    ui.headline(f"{summary.mean:.1f}", f"ms      {summary.fps:.0f} fps")
+    ui.headline(f"{app.times.mean_ms:.1f}", f"ms      {app.times.fps:.0f} fps")

@@ -10,7 +10,6 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.files import FileRequest, existing_folder
@@ -77,12 +76,10 @@ def _list_title(app: App) -> str:
 def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> None:
     """bottom: the page's lower edge, in window units."""
     width = ui.half_width()
-    if ui.button(f"{fa.ICON_FA_ARROW_LEFT}  Previous", width):
-        run(app, "last-photo")
+    ui.command(app, "last-photo", f"{fa.ICON_FA_ARROW_LEFT}  Previous", width)
     ui.tip("B")
     imgui.same_line()
-    if ui.button(f"Next  {fa.ICON_FA_ARROW_RIGHT}", width):
-        run(app, "next-photo")
+    ui.command(app, "next-photo", f"Next  {fa.ICON_FA_ARROW_RIGHT}", width)
     ui.tip("N")
     # As high as the page has room for, with the folder's card below it.
     folder = FOLDER_HEIGHT if photographs.reachable else FOLDER_HEIGHT + MORE_WORDS
@@ -135,11 +132,9 @@ def _row(app: App, canvas: Canvas, photographs: Photographs, index: int) -> None
 
 
 def stand_in(app: App, index: int) -> None:
-    """Stands in a photograph; what cannot be read is a dialog."""
-    try:
+    """Stands in a photograph; where that cannot be read, the camera is there all the same."""
+    with app.messages.as_dialog("The photograph cannot be shown"):
         app.gallery.stand_in(app, index)
-    except Exception as error:  # the camera is there all the same
-        app.messages.fail("The photograph cannot be shown", error)
 
 
 # --- In the scene ---

@@ -211,11 +211,9 @@ class Thumbnails(Task[None]):
         """uint8 [h, w, 3], over the scene's background, at most `cell` pixels a side."""
         if not self.photographs.reachable:
             return _shrunk(self.photographs.copy(index), self.cell)
-        photograph = self.photographs.photograph(index)
-        if isinstance(photograph.load, PictureLoader):
-            picture = photograph.load.thumbnail(self.cell)
-        else:
-            picture = Image.fromarray(_shrunk(np.round(255 * photograph.load()).astype(np.uint8), self.cell))
+        load = self.photographs.photograph(index).load
+        assert isinstance(load, PictureLoader)
+        picture = load.thumbnail(self.cell)
         colour = tuple(round(255 * v) for v in self.photographs.background)
         behind = Image.new("RGBA", picture.size, (*colour, 255))
         return np.asarray(Image.alpha_composite(behind, picture.convert("RGBA")).convert("RGB"))

@@ -7,7 +7,6 @@ from imgui_bundle import icons_fontawesome_6 as fa
 
 from scenepack.placement import NOT_MOVED, Placement
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.screen import AXIS_COLOURS, Screen
@@ -26,8 +25,7 @@ def show(app: App, canvas: Canvas) -> None:
     if not app.open_scene.rig.bounded:  # that is seen from one side
         with ui.card("level", "Level"):
             _tool_button(app, "ground", f"{fa.ICON_FA_ARROWS_DOWN_TO_LINE}  By three points", "move-ground")
-            if ui.button(f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Find the ground"):
-                run(app, "move-find-ground")
+            ui.command(app, "move-find-ground", f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Find the ground")
             ui.hint("The ground becomes level, at height 0.")
             _angles(app, placement)
     with ui.card("origin", "Origin"):
@@ -37,15 +35,14 @@ def show(app: App, canvas: Canvas) -> None:
         show_scale(app)
     with ui.card("placed", "Placed frame"):
         ui.hint("Navigation, coordinates, exports and the web page follow. The pack keeps it, and no voxel changes.")
-        if ui.button(f"{fa.ICON_FA_ROTATE_LEFT}  Back to the grid frame", enabled=placement != NOT_MOVED):
-            run(app, "move-reset")
+        text = f"{fa.ICON_FA_ROTATE_LEFT}  Back to the grid frame"
+        ui.command(app, "move-reset", text, enabled=placement != NOT_MOVED)
 
 
 def _tool_button(app: App, tool: str, title: str, command: str) -> None:
     """A button that waits for clicks, and says so; pressed again, it does not any more."""
     waits = app.measure_tool.tool == tool
-    if ui.button("Cancel" if waits else title):
-        run(app, command)
+    ui.command(app, command, "Cancel" if waits else title)
     if waits:
         ui.hint(WAITS[tool])
 

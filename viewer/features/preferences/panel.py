@@ -64,7 +64,7 @@ def show_log(app: App, canvas: Canvas) -> None:
         ui.hint("No messages yet.")
         return
     if ui.button("Copy all"):
-        app.clipboard.set("\n".join(f"{line.clock} {line.level}: {line.text}" for line in lines))
+        app.clipboard.text = "\n".join(f"{line.clock} {line.level}: {line.text}" for line in lines)
     for line in reversed(lines):
         imgui.dummy(ImVec2(0, px(1)))
         ui.write(line.clock, theme.FAINT, theme.fonts.mono, theme.SMALL)

@@ -9,7 +9,6 @@ from imgui_bundle import imgui
 
 from console import UserError
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core.annotations import worded
 from viewer.core.pose import Pose
 from viewer.core.state import Viewport
@@ -47,14 +46,14 @@ def test_keys_step_through_the_views_in_their_order_and_round(app):
     for i, azimuth in enumerate((0.0, 7.0, 14.0)):
         seen.append(place(app, azimuth))
         app.scene.rig.fov = 30.0 + i
-        run(app, "bookmark")
+        app.run("bookmark")
     assert [view.name for view in app.annotations.current.bookmarks] == ["View 1", "View 2", "View 3"]
     place(app, -9.0)
     for command, index in (("next-bookmark", 0), ("next-bookmark", 1), ("last-bookmark", 0), ("last-bookmark", 2)):
-        run(app, command)
+        app.run(command)
         assert np.allclose(arrived(app), seen[index], atol=1e-6), (command, index)
         assert app.scene.rig.fov == pytest.approx(30.0 + index)
-    run(app, "undo")
+    app.run("undo")
     assert np.allclose(arrived(app), seen[0], atol=1e-6)
 
 
@@ -83,14 +82,14 @@ def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orth
     assert (first.name, first.text, first.point) == ("Ball", "A ball\n\ufffd[31mred", BALL)
     assert first.eye != app.annotations.current.bookmarks[1].eye
     for _ in range(3):
-        run(app, "undo")
+        app.run("undo")
     assert app.annotations.current.bookmarks[0].name == "Place 1"
 
 
 def test_views_are_named_moved_changed_and_removed_and_all_of_it_is_undone(app):
     for azimuth in (0.0, 7.0, 14.0):
         place(app, azimuth)
-        run(app, "bookmark")
+        app.run("bookmark")
     annotations, bookmarks = app.annotations, app.bookmarks
     bookmarks.edit(app, 0, name="The door")
     bookmarks.move(app, 0, 1)
@@ -105,11 +104,11 @@ def test_views_are_named_moved_changed_and_removed_and_all_of_it_is_undone(app):
     bookmarks.update(app, 0)
     table = app.scene.rig.table
     assert np.allclose(pose_of(annotations.current.bookmarks[0], table).matrix(table), moved, atol=1e-6)
-    run(app, "undo")
-    run(app, "undo")
+    app.run("undo")
+    app.run("undo")
     assert [view.name for view in annotations.current.bookmarks] == ["View 2", "The door", "View 3"]
     place(app, 3.0)
-    run(app, "bookmark")
+    app.run("bookmark")
     assert annotations.current.bookmarks[2].name == "View 1"  # behind the selected one, with a name that is free
 
 
@@ -119,8 +118,8 @@ def test_a_film_flies_through_the_views(app):
     seen = []
     for azimuth in (0.0, 7.0, 14.0):
         seen.append(place(app, azimuth))
-        run(app, "bookmark")
-    run(app, "film-bookmarks")
+        app.run("bookmark")
+    app.run("film-bookmarks")
     path = app.filming.path
     assert app.interface.page == "film" and len(path.keyframes) == 3
     for i, matrix in enumerate(seen):
@@ -133,7 +132,7 @@ def test_a_photographs_camera_is_bookmarked_level_from_its_place(app):
     turned = here.copy()
     turned[:3, 3] += 0.01
     rig.hold(replace(rig.camera((64, 48)), grid_T_camera=turned))
-    run(app, "bookmark")
+    app.run("bookmark")
     assert np.allclose(app.annotations.current.bookmarks[0].eye, turned[:3, 3], atol=1e-6)
 
 
@@ -151,7 +150,7 @@ def ui(offscreen, pack, pack_folder):
     for turn in (0.0, 0.3, 0.3, 0.3):
         app.scene.rig.orbit(turn, 0.0)
         app.scene.rig.shown = app.scene.rig.goal
-        run(app, "bookmark")
+        app.run("bookmark")
     app.interface.page = "bookmarks"
     return ui
 
@@ -183,7 +182,7 @@ def test_a_click_annotates_a_place_and_one_on_its_number_goes_there_unless_it_is
         ui.settle()
 
     look_along(0, 10)
-    run(app, "annotate")
+    app.run("annotate")
     ui.click(*ui.place_of(BALL))
     place, seen = app.annotations.current.bookmarks[4], rig.goal
     for field, words in (("##text", "A ball <b>"), ("##name", "Ball")):
@@ -201,6 +200,6 @@ def test_a_click_annotates_a_place_and_one_on_its_number_goes_there_unless_it_is
     look_along(40, 25)
     ui.click(*ui.place_of(place.point))
     assert np.allclose(rig.goal.matrix(rig.table), seen.matrix(rig.table), atol=1e-6)
-    run(app, "annotate")
+    app.run("annotate")
     ui.key(imgui.Key.escape)
     assert not app.bookmarks.placing

@@ -11,7 +11,6 @@ from scenepack.placement import Placement
 from tests.viewer.conftest import toy_pack
 from tests.viewer.features.camera.test_orbit_camera import seen_from
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core.annotations import Scale
 from viewer.features.camera.orbit_camera import DEFAULT_FOV, WALKING_FOV, OrbitCamera
 from viewer.features.camera.walking import SCENE_M, USUAL_M, metre_of
@@ -28,7 +27,7 @@ def walker(app: App) -> App:
     """On foot in the toy, with eyes 0.2 above the ground."""
     app.show(toy_pack(), Path("toy"))
     app.walking.eye_height_m = 0.2 / metre_of(app.scene.pack, app.scene.rig, Scale())
-    run(app, "walk")
+    app.run("walk")
     settle(app)
     return app
 
@@ -109,9 +108,9 @@ def test_undo_goes_back_to_where_the_walk_began_and_then_to_the_view_before(walk
     start = rig.goal
     rig.remember()
     settle(walker, 0.5, ahead=-1.0)
-    run(walker, "undo")
+    walker.run("undo")
     assert rig.walking and rig.goal == start
-    run(walker, "undo")
+    walker.run("undo")
     assert not rig.walking and rig.goal == rig.home_pose and rig.fov == DEFAULT_FOV
 
 
@@ -120,8 +119,8 @@ def test_undo_goes_back_to_where_the_walk_began_and_then_to_the_view_before(walk
 )
 def test_commands_that_move_the_camera_end_the_walk_and_nothing_else_does(walker, command):
     if command == "next-bookmark":
-        run(walker, "bookmark")
-    run(walker, command)
+        walker.run("bookmark")
+    walker.run(command)
     rig = walker.scene.rig
     assert rig.walking == (command == "bookmark") and rig.flying == (command == "fly")
     assert rig.fov == (WALKING_FOV if "bookmark" in command else DEFAULT_FOV)
@@ -137,7 +136,7 @@ def test_down_is_that_of_the_placed_frame(walker):
 
 def test_a_forward_facing_scene_is_refused(app, ndc_pack):
     app.show(ndc_pack, Path("toy"))
-    run(app, "walk")
+    app.run("walk")
     assert not app.scene.rig.walking and app.messages.dialogs[-1].text.startswith(
         "a forward-facing scene has no ground"
     )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from viewer.features.display import panel as display_panel
+from viewer.rendering.camera import rays_through
 
 
 @pytest.fixture
@@ -24,9 +25,8 @@ def test_the_numbers_of_the_depths_are_distances(ui, app):
     shades = ui.canvas.raw(camera, replace(app.settings, mode="depth"))[..., 0]
     opacity = ui.canvas.raw(camera, replace(app.settings, mode="alpha"))[..., 0]
     y, x = np.argwhere(opacity > 0.999)[::400].T
-    distances = np.array(
-        [ui.canvas.distance_at(camera, app.settings, a + 0.5, b + 0.5) for a, b in zip(x, y, strict=True)]
-    )
+    rays = rays_through(camera, np.stack([x + 0.5, y + 0.5], axis=1))  # one unit deep
+    distances = ui.canvas.depth(camera, app.settings)[y, x] * np.linalg.norm(rays, axis=1)
     by_legend = near + (1 - shades[y, x] / opacity[y, x]) * (far - near)  # white is near
     assert len(x) > 20 and np.abs(by_legend - distances).max() < 0.02
     assert float(legend.middle) == pytest.approx((near + far) / 2, abs=0.01) and "units" in legend.unit

@@ -14,7 +14,7 @@ from scenepack.editing import Voxels, without
 from tests.scenepack.volumes import atlas_from_dense
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import until
-from viewer.app.commands import COMMANDS, run
+from viewer.app.commands import COMMANDS
 from viewer.core.pose import project
 from viewer.features.editing.erasing import CHANGES, RULES, TOOLS
 from viewer.rendering.offscreen import OffscreenRenderer
@@ -82,13 +82,13 @@ def test_the_brush_paints_on_the_surface_and_ctrl_takes_away(ui, app):
     live(ui)
     fewer = len(selected(ui))
     assert 0 < fewer < len(painted)
-    run(app, "undo")
+    app.run("undo")
     live(ui)
     assert len(selected(ui)) == len(painted)
-    run(app, "undo")
+    app.run("undo")
     live(ui)
     assert not len(selected(ui))
-    run(app, "redo")
+    app.run("redo")
     live(ui)
     assert len(selected(ui)) == len(painted)
     ui.drag([(x, y), (x + 40, y + 10)], button=1)
@@ -98,14 +98,14 @@ def test_the_brush_paints_on_the_surface_and_ctrl_takes_away(ui, app):
 
 
 def test_the_lasso_takes_what_shows_or_all_behind_it(ui, app):
-    run(app, "erase-lasso")
+    app.run("erase-lasso")
     ui.drag(around(ui, BALL, 40))
     live(ui)
     shown = selected(ui)
     back = app.camera().position - np.array(BALL)
     back /= np.linalg.norm(back)
     assert len(shown) and ((shown - BALL) @ back).min() > 0.0  # the half of the ball that is seen
-    run(app, "undo")
+    app.run("undo")
     app.erasing.through = True
     ui.drag(around(ui, BALL, 40))
     live(ui)
@@ -117,7 +117,7 @@ def test_the_lasso_takes_what_shows_or_all_behind_it(ui, app):
 
 
 def test_a_sphere_is_drawn_from_its_middle_and_reaches_as_far_as_the_drag(ui, app):
-    run(app, "erase-sphere")
+    app.run("erase-sphere")
     x, y = ui.place_of(BALL)
     ui.drag([(x, y), (x + 10, y), (x + 40, y)])
     live(ui)
@@ -129,25 +129,25 @@ def test_a_sphere_is_drawn_from_its_middle_and_reaches_as_far_as_the_drag(ui, ap
 
 def test_rules_select_changes_apply_and_subtracting_is_a_mode(ui, app):
     app.interface.page = "erase"
-    run(app, "select-parts")
+    app.run("select-parts")
     live(ui)
     assert app.scene.edits.selected.count == 8  # the speck
-    run(app, "selection-invert")
+    app.run("selection-invert")
     live(ui)
     everything = Voxels(app.scene.pack).everything().count
     assert app.scene.edits.selected.count == everything - 8
     app.erasing.adds = False
     app.set(crop=((-1.0, -1.0, -1.0), (0.0, 1.0, 1.0)))
-    run(app, "select-inside")
+    app.run("select-inside")
     live(ui)
     assert (selected(ui)[:, 0] > 0).all() and len(selected(ui))
     app.erasing.adds = True
     for how, grows in (("shrink", False), ("grow", True), ("clear", False)):
         before = app.scene.edits.selected.count
-        run(app, f"selection-{how}")
+        app.run(f"selection-{how}")
         live(ui)
         assert (app.scene.edits.selected.count > before) == grows
-    run(app, "select-outside")
+    app.run("select-outside")
     live(ui)
     assert (selected(ui)[:, 0] > 0).all()
     assert not app.messages.dialogs
@@ -163,11 +163,11 @@ def test_a_rule_follows_its_slider_in_one_step_that_can_be_undone(ui, app):
         counts.append(app.scene.edits.selected.count)
     app.erasing.let_go()
     assert counts == [0, 8, 0, 8]
-    run(app, "undo")
+    app.run("undo")
     live(ui)
     assert app.scene.edits.selected.count == 0
     app.erasing.fainter_than = 0.5
-    run(app, "select-faint")
+    app.run("select-faint")
     live(ui)
     assert app.scene.edits.selected.count == 8
     assert {f"select-{rule}" for rule in RULES} | {f"erase-{tool}" for tool in TOOLS} <= set(COMMANDS)
@@ -179,7 +179,7 @@ def test_the_picture_after_erasing_is_that_of_the_saved_pack(ui, app, marcher):
     app.set(marcher=marcher)
     ui.settle()
     whole = ui.canvas.snapshot(app.camera(), app.settings)
-    run(app, "erase-sphere")
+    app.run("erase-sphere")
     x, y = ui.place_of(BALL)
     ui.drag([(x, y), (x + 10, y), (x + 50, y)])
     live(ui)
@@ -193,16 +193,16 @@ def test_the_picture_after_erasing_is_that_of_the_saved_pack(ui, app, marcher):
     with OffscreenRenderer(left) as renderer:
         expected = renderer.render(app.camera(), RenderSettings(marcher=marcher, background=app.settings.background))
     assert np.array_equal(erased, expected) and not np.array_equal(erased, whole)
-    run(app, "undo")
-    run(app, "undo")
+    app.run("undo")
+    app.run("undo")
     live(ui)
     assert np.array_equal(ui.canvas.snapshot(app.camera(), app.settings), whole)
 
 
 def test_what_was_erased_stays_when_another_pack_is_shown_meanwhile(ui, app, pack, pack_folder):
-    run(app, "select-parts")
+    app.run("select-parts")
     live(ui)
-    run(app, "erase-selected")
+    app.run("erase-selected")
     live(ui)
     first = app.scene
     app.show(pack, pack_folder)
@@ -216,32 +216,32 @@ def test_what_was_erased_stays_when_another_pack_is_shown_meanwhile(ui, app, pac
 
 
 def test_unsaved_edits_are_asked_about_and_neither_exported_nor_shared(ui, app):
-    run(app, "select-parts")
+    app.run("select-parts")
     live(ui)
-    run(app, "erase-selected")
+    app.run("erase-selected")
     live(ui)
     for command in ("export-scene", "share"):
-        run(app, command)
+        app.run(command)
         assert "save it on the Erase page first" in app.messages.dialogs.pop().text and not app.exporting.asking
     for command, answer in (("close", "close-unsaved"), ("quit", "quit-unsaved")):
-        run(app, command)
+        app.run(command)
         dialog = app.messages.dialogs.pop()
         assert "What you erased from toy is not saved" in dialog.title and answer in [id for _, id in dialog.buttons]
         assert app.scene is not None and not app.quitting
-    run(app, "undo")
-    run(app, "quit")
+    app.run("undo")
+    app.run("quit")
     assert app.quitting and not app.messages.dialogs
 
 
 def test_save_as_writes_a_pack_of_what_is_left_and_opens_it_from_where_one_was(ui, app, tmp_path):
-    run(app, "select-parts")
+    app.run("select-parts")
     live(ui)
-    run(app, "erase-selected")
+    app.run("erase-selected")
     live(ui)
     app.scene.rig.orbit(0.2, 0.1)
     ui.settle()
     seen = app.scene.rig.matrix.copy()
-    run(app, "save-edited")
+    app.run("save-edited")
     assert app.file_request.suggestion == "toy-edited" and app.file_request.start == tmp_path
     request, app.file_request = app.file_request, None
     request.then(tmp_path / "new.zip")
@@ -255,21 +255,21 @@ def test_save_as_writes_a_pack_of_what_is_left_and_opens_it_from_where_one_was(u
     assert app.scene.pack.occupied.sum() < specked().occupied.sum()
     edits = app.scene.pack.metadata["provenance"]["edits"]
     assert edits == [{"how": ["by hand"], "voxels_removed": 8, "macroblocks_removed": 1}]
-    run(app, "quit")
+    app.run("quit")
     assert app.quitting  # all is saved
 
 
 def test_what_cannot_be_edited_says_why(ui, app, pack):
     app.canvas.refine(specked())  # the finer pack is on its way to the GPU
-    run(app, "erase")
+    app.run("erase")
     assert "is not complete yet" in app.messages.dialogs.pop().text and not app.erasing.tool
     ui.settle()
-    run(app, "save-edited")
+    app.run("save-edited")
     assert "nothing was erased" in app.messages.dialogs.pop().text
-    run(app, "select-inside")
+    app.run("select-inside")
     assert "there is no crop box" in app.messages.dialogs.pop().text
     app.show(pack, Path("nowhere"), "toy")
-    run(app, "erase")
+    app.run("erase")
     assert "is not a pack on disk" in app.messages.dialogs.pop().text and not app.erasing.tool
     with pytest.raises(UserError):
         app.erasing.change(app, "grow")

@@ -15,7 +15,6 @@ from console import UserError
 from scenepack import Pack
 from tests.viewer.waiting import until
 from viewer.app.application import App
-from viewer.app.commands import run
 
 
 def shared(app: App, address: str) -> dict:
@@ -44,7 +43,7 @@ def test_the_scene_is_shared_as_it_is_seen_until_that_is_stopped(app: App, pack:
         home, goal = scene["camera"]["home"], app.scene.rig.goal
         assert np.isclose(home["azimuth"] % 360, goal.azimuth % 360) and np.isclose(home["elevation"], goal.elevation)
         app.sharing.copy(app)
-        assert app.clipboard.get() == server.address
+        assert app.clipboard.text == server.address
     finally:
         app.sharing.end()
     assert app.sharing.server is None and not server.folder.exists()
@@ -53,7 +52,7 @@ def test_the_scene_is_shared_as_it_is_seen_until_that_is_stopped(app: App, pack:
 
 
 def test_what_cannot_be_shared_is_told(app: App, pack: Pack, pack_folder: Path, tmp_path: Path) -> None:
-    assert not run(app, "share")  # nothing is open
+    assert not app.run("share")  # nothing is open
     assert app.sharing.server is None
     app.show(pack, tmp_path / "gone")
     with pytest.raises(UserError, match="not a pack on disk"):

@@ -20,7 +20,6 @@ from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.waiting import live, until
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.commands.view import View
 from viewer.core.files import demo_pack
 from viewer.core.pose import Pose, Turntable
@@ -101,7 +100,7 @@ def test_keyframes_are_added_moved_changed_and_removed(filming_app):
     for azimuth in (0, 60, 120):
         app.scene.rig.look_along(azimuth, 0)
         app.scene.rig.shown = app.scene.rig.goal
-        run(app, "keyframe")
+        app.run("keyframe")
     assert filming.selected == 2 and len(filming.path.keyframes) == 3
     last = filming.path.keyframes[2]
     filming.move(2, -1)
@@ -116,9 +115,9 @@ def test_keyframes_are_added_moved_changed_and_removed(filming_app):
 
 def test_playing_moves_the_camera_and_stops_at_the_end(filming_app):
     app = filming_app
-    run(app, "turntable")
+    app.run("turntable")
     app.filming.path.closed = False
-    run(app, "play")
+    app.run("play")
     before = app.camera().grid_T_camera
     app.tick(1.5)
     assert not np.allclose(app.camera().grid_T_camera, before)
@@ -127,8 +126,8 @@ def test_playing_moves_the_camera_and_stops_at_the_end(filming_app):
 
 
 def test_who_moves_the_camera_stops_the_film(filming_app):
-    run(filming_app, "turntable")
-    run(filming_app, "play")
+    filming_app.run("turntable")
+    filming_app.run("play")
     filming_app.tick(0.5)
     filming_app.scene.rig.orbit(0.1, 0.0)
     seen = filming_app.scene.rig.goal
@@ -158,7 +157,7 @@ def test_a_kiosk_plays_what_there_is_without_an_end(pack, ndc_pack, tmp_path, sh
 def test_a_film_holds_every_frame(filming_app, tmp_path):
     import av
 
-    run(filming_app, "turntable")
+    filming_app.run("turntable")
     filming_app.filming.film(filming_app, tmp_path / "film.mp4")
     live(filming_app, lambda: filming_app.filming.export is None)
     with av.open(str(tmp_path / "film.mp4")) as film:
@@ -183,7 +182,7 @@ def test_an_animation_shows_the_pictures_for_their_time_and_repeats(tmp_path, su
 def test_a_cancelled_export_leaves_nothing(filming_app, tmp_path):
     app = filming_app
     for name in ("frames", *(["film.mp4"] if films_possible() else [])):
-        run(app, "turntable")
+        app.run("turntable")
         app.filming.film(app, tmp_path / "out" / name)
         app.filming.export.step(0.0)
         app.filming.cancel(app)

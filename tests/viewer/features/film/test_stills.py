@@ -12,7 +12,6 @@ from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.test_depth_of_field import CAMERA, FAR_BAR, bars, edge_widths
 from tests.viewer.waiting import live
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core.pose import Pose
 from viewer.features.film.filming import Filming
 from viewer.features.film.pictures import exr_possible
@@ -105,9 +104,9 @@ def test_colours_are_changed_in_one_step_and_saved_pictures_have_them(ui: Offscr
     look = app.annotations.current.look
     assert look.exposure > 0.5 and app.settings.look is None
     assert np.asarray(Image.open(saved(ui, tmp_path / "bright.png"))).mean() > before.mean() + 1
-    run(app, "undo")
+    app.run("undo")
     assert app.annotations.current.look is None
-    run(app, "redo")
+    app.run("redo")
     assert app.annotations.current.look == look
     ui.press("Colours as they are")
     assert app.annotations.current.look is None

@@ -13,7 +13,6 @@ from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.features.making.conftest import FAKE, ROOT
 from tests.viewer.waiting import live, until
 from viewer.app.application import App
-from viewer.app.commands import run
 
 
 def working(app: App):
@@ -79,21 +78,21 @@ def test_a_failure_is_a_dialog_with_its_line_and_its_log_and_can_be_tried_again(
     assert dialog.text.startswith(f"{tmp_path}: the folder is empty; choose another")
     assert str(tmp_path / "make.log") in dialog.text and "Traceback" not in dialog.text
     app.messages.dialogs.clear()
-    assert run(app, "make-again") and app.making.plan.source == tmp_path / "photographs"
+    assert app.run("make-again") and app.making.plan.source == tmp_path / "photographs"
 
 
 def test_quitting_asks_first_and_leaves_no_child(making, tmp_path):
     app = making("wait")
     live(app, (tmp_path / "pid").exists)
     pid = int((tmp_path / "pid").read_text())
-    run(app, "quit")
-    run(app, "quit")
+    app.run("quit")
+    app.run("quit")
     assert not app.quitting and len(app.messages.dialogs) == 1
     answers = dict(app.messages.dialogs.pop().buttons)
-    run(app, answers["Stop and quit"])
+    app.run(answers["Stop and quit"])
     live(app, lambda: app.quitting)
     assert (tmp_path / "saved").exists() and gone(pid)
-    assert run(App(), "quit")
+    assert App().run("quit")
 
 
 def test_a_viewer_that_is_killed_leaves_no_child(tmp_path):

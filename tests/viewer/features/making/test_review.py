@@ -41,7 +41,7 @@ def look_at(folder: Path, **options: bool) -> SparsePreview:
 def test_each_point_is_a_voxel_where_the_cameras_see_it(posed):
     sparse_preview = look_at(posed)
     pack, points = sparse_preview.pack, sparse_points(sparse_preview.scene)
-    assert len(points.places) == len(sparse_preview.points.places) == 150 and sparse_preview.photographs == 10
+    assert len(points.places) == len(sparse_preview.points.places) == 150 and len(sparse_preview.eyes()) == 10
     grid_T_training = np.linalg.inv(pack.worldspace_T_opengl)
     places = points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
     voxels = np.floor((places - pack.min_xyz) / pack.voxel_size).astype(int)

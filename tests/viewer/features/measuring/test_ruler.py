@@ -12,7 +12,6 @@ from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
 from tests.viewer.conftest import BLENDER
 from tests.viewer.features.measuring.test_surface import BLOCK, SIDE, VOXEL, block_pack
 from tests.viewer.features.measuring.test_surface import corner as known_corner
-from viewer.app.commands import run
 from viewer.core.pose import Pose, triple
 
 TILE = 8  # voxels
@@ -65,7 +64,7 @@ def look_from(ui, azimuth: float, elevation: float, distance: float = 3.0) -> No
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0, 40), (35, 25), (-30, 55)])
 def test_lengths_between_known_corners_are_right_to_half_a_voxel(ui, app, azimuth, elevation):
     app.show(tiled_pack(), Path("tiles"))
-    run(app, "measure")
+    app.run("measure")
     look_from(ui, azimuth, elevation, 5.0)
     assert app.measure_tool.tool == "line" and app.interface.page == "measure"
     for ends in TILES:
@@ -80,7 +79,7 @@ def test_lengths_between_known_corners_are_right_to_half_a_voxel(ui, app, azimut
 
 def test_a_double_click_ends_a_line_and_an_angle_ends_by_itself(ui, app):
     look_from(ui, 0, 0)
-    run(app, "measure")
+    app.run("measure")
     pivot = app.scene.rig.goal.pivot
     corners = [corner(0, 0, 1), corner(1, 0, 1), corner(1, 1, 1)]
     for point in corners:
@@ -90,11 +89,11 @@ def test_a_double_click_ends_a_line_and_an_angle_ends_by_itself(ui, app):
     assert len(line.points) == 3 and app.scene.rig.goal.pivot == pivot
     assert not app.measure_tool.draft
     ui.key(imgui.Key.mod_ctrl, imgui.Key.mod_shift, imgui.Key.c)
-    assert app.clipboard.get().startswith("line 1: ")
+    assert app.clipboard.text.startswith("line 1: ")
     (x, y), goal = ui.place_of(line.points[0]), app.scene.rig.goal
     ui.drag([(x, y), (x, y - 12), (x, y - 25)])
     assert app.annotations.current.measurements[0].points[0] != line.points[0] and app.scene.rig.goal == goal
-    run(app, "undo")
+    app.run("undo")
     assert app.annotations.current.measurements == (line,)
     app.measure_tool.choose(app, "angle")
     for point in corners:
@@ -107,7 +106,7 @@ def test_a_double_click_ends_a_line_and_an_angle_ends_by_itself(ui, app):
 
 def test_backspace_takes_points_back_escape_stops_and_undo_brings_back(ui, app):
     look_from(ui, 0, 0)
-    run(app, "measure")
+    app.run("measure")
     for point in (corner(0, 0, 1), corner(1, 0, 1)):
         ui.click(*ui.place_of(point))
     ui.key(imgui.Key.backspace)
@@ -143,5 +142,5 @@ def test_a_known_distance_gives_lengths_a_unit(ui, app):
     assert app.measure_tool.tool == "line"
     app.measure_tool.use_scale(app, app.annotations.current.scale.shown_in("ft"))
     assert abs(app.annotations.current.scale.factor * 41 * VOXEL - 8.2 / 0.3048) < 27 * 0.5 / 41
-    run(app, "undo")
+    app.run("undo")
     assert app.annotations.current.scale.unit == "m"

@@ -9,7 +9,7 @@ import pytest
 from console import UserError
 from scenepack.editing import Selection
 from tests.viewer.conftest import toy_pack
-from viewer.app.commands import COMMANDS, run
+from viewer.app.commands import COMMANDS
 from viewer.core.state import Edits
 from viewer.features.opening import opening as open_packs_module
 from viewer.features.opening.open_prompt import OpenPrompt, choose, path_in, suggestions
@@ -32,11 +32,11 @@ def test_the_next_and_the_previous_pack_go_round(three):
     assert names(three) == "cab"
     seen = ""
     for _ in range(4):
-        run(three, "next-pack")
+        three.run("next-pack")
         seen += three.scene.name
     assert seen == "abca"
     for _ in range(4):
-        run(three, "last-pack")
+        three.run("last-pack")
         seen += three.scene.name
     assert seen == "abcacbac"
 
@@ -47,10 +47,10 @@ def test_a_pack_comes_back_with_its_camera_cuts_and_path(three):
     three.scene.rig.orbit(0.3, 0.1)
     three.filming.add(three)
     rig, goal = three.scene.rig, three.scene.rig.goal
-    run(three, "next-pack")
+    three.run("next-pack")
     assert three.settings.crop is None and three.settings.near == 0 and not three.filming.path.keyframes
     three.set(mode="alpha", crop=((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
-    run(three, "last-pack")
+    three.run("last-pack")
     assert three.scene.rig is rig and rig.goal == goal
     assert (three.settings.crop, three.settings.near, three.settings.mode) == (box, 0.4, "alpha")
     assert len(three.filming.path.keyframes) == 1
@@ -58,9 +58,9 @@ def test_a_pack_comes_back_with_its_camera_cuts_and_path(three):
 
 
 def test_closing_shows_the_pack_before_and_then_the_start_page(three):
-    run(three, "close")
+    three.run("close")
     assert names(three) == "ba"
-    run(three, "close"), run(three, "close")
+    three.run("close"), three.run("close")
     assert three.scene is None and not three.open_packs.packs
 
 
@@ -70,7 +70,7 @@ def test_what_the_card_refuses_changes_nothing(three, monkeypatch):
             raise UserError("there is no room")
 
     three.canvas = Full()
-    run(three, "next-pack")
+    three.run("next-pack")
     three.canvas = None
     assert names(three) == "cab" and "no room" in three.messages.dialogs[0].text
 
@@ -79,10 +79,11 @@ def test_there_is_an_end_to_what_open_packs_take(three, monkeypatch):
     scene = three.scene
     open_packs = OpenPacks()
     for i in range(MOST_PACKS + 3):
-        gone = open_packs.add(OpenPack(replace(scene, path=Path(f"/{i}"), name=str(i)), None, 0.0, three.filming.path))
-    assert len(open_packs.packs) == MOST_PACKS and gone == ["2"]
+        entry = OpenPack(replace(scene, path=Path(f"/{i}"), name=str(i)), None, 0.0, three.filming.path)
+        open_packs.keep(three, entry)
+    assert len(open_packs.packs) == MOST_PACKS and three.messages.lines[-1].text.startswith("2 is closed")
     monkeypatch.setattr(open_packs_module, "MOST_BYTES", 2.5 * bytes_of(scene.pack))
-    open_packs.add(OpenPack(scene, None, 0.0, three.filming.path))
+    open_packs.keep(three, OpenPack(scene, None, 0.0, three.filming.path))
     assert [entry.scene.name for entry in open_packs.packs] == [str(MOST_PACKS + 2), "c"]
     assert bytes_of(scene.pack) >= np.asarray(scene.pack.atlas_rgba).nbytes
 
@@ -92,8 +93,10 @@ def test_what_was_erased_and_is_not_saved_stays_open(three):
     erased = replace(three.scene, edits=Edits(removed=Selection({0: np.ones(1, np.uint8)})))
     for i in range(MOST_PACKS + 1):
         scene = replace(erased if i < 2 else three.scene, path=Path(f"/{i}"), name=str(i))
-        gone = open_packs.add(OpenPack(scene, None, 0.0, three.filming.path))
-    assert gone == ["2"] and [entry.scene.name for entry in open_packs.packs[:3]] == ["0", "1", "3"]
+        open_packs.keep(three, OpenPack(scene, None, 0.0, three.filming.path))
+    assert three.messages.lines[-1].text.startswith("2 is closed") and [
+        entry.scene.name for entry in open_packs.packs[:3]
+    ] == ["0", "1", "3"]
 
 
 # One question for all that can be opened: paths as people copy them, what was opened lately, what lies at hand
@@ -140,7 +143,7 @@ def test_enter_looks_into_a_plain_folder_and_says_what_is_not_there(shelf):
 
 
 def test_the_question_opens_what_is_chosen_and_remembers_scenes(app, shelf, pack_folder):
-    run(app, "open")
+    app.run("open")
     app.open_prompt.type(str(pack_folder))
     choose(app)
     assert app.open_prompt is None and app.loading is not None and app.loading.path == pack_folder
@@ -153,17 +156,17 @@ def test_the_question_opens_what_is_chosen_and_remembers_scenes(app, shelf, pack
 
 def test_a_pasted_path_opens_and_a_wrong_one_is_told(app, pack, pack_folder, tmp_path):
     assert COMMANDS["paste"].enabled(app)
-    app.clipboard.set(f"{pack_folder}\n")
+    app.clipboard.text = f"{pack_folder}\n"
     app.paste()
     assert app.loading is not None and app.loading.path == pack_folder
     app.opening.cancel(app)
-    app.clipboard.set(str(tmp_path / "gone"))
+    app.clipboard.text = str(tmp_path / "gone")
     with pytest.raises(UserError, match="nothing at this path"):
         app.paste()
-    app.clipboard.set("no path")
+    app.clipboard.text = "no path"
     app.paste()
     assert "no path on the clipboard" in app.messages.toast
     app.show(pack, pack_folder)
-    app.clipboard.set('{"eye": [0, 0, 5], "target": [0, 0, 0]}')
+    app.clipboard.text = '{"eye": [0, 0, 5], "target": [0, 0, 0]}'
     app.paste()
     assert app.scene.rig.matrix[2, 3] == pytest.approx(5.0)

@@ -14,7 +14,6 @@ from tests.viewer.conftest import toy_pack
 from tests.viewer.core.test_annotations import ANNOTATIONS, LINE, VIEW
 from tests.viewer.waiting import until
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core.annotations import Annotations, Scale
 from viewer.features.crop import crop
 from viewer.features.opening import session
@@ -53,13 +52,13 @@ def arranged(packs: list[Path]) -> App:
 def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
     before = arranged(packs)
     file = packs[0].parent / f"a{session.SESSION_SUFFIX}"
-    run(before, "save-session")
+    before.run("save-session")
     assert before.file_request is not None
     before.file_request.then(file)
     assert [entry["path"] for entry in json.loads(file.read_text())["packs"]] == ["third", "first", "second"]
     moved = packs[0].parent.rename(tmp_path / "moved")
     app = App()
-    run(app, "open")
+    app.run("open")
     app.open_prompt.type(str(moved / file.name))
     choose(app)
     settle(app)
@@ -130,7 +129,7 @@ def test_the_last_session_is_kept_and_offered(packs: list[Path], tmp_path: Path,
     again = App()
     again.sessions.begin(file)
     assert again.sessions.last is not None and again.sessions.last.title == "third, first and 1 more"
-    run(again, "last-session")
+    again.run("last-session")
     settle(again)
     assert np.allclose(again.scene.rig.matrix, here, atol=1e-9)
     again.sessions.finish(again)

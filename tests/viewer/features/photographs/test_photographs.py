@@ -14,7 +14,6 @@ from tests.viewer.scenes import photographed
 from tests.viewer.waiting import until
 from training.scenes import load_scene
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.core.files import demo_pack
 from viewer.features.photographs import photographs as thumbnails_module
 from viewer.features.photographs.photographs import Photographs, Thumbnails, psnr
@@ -150,7 +149,7 @@ def test_a_pack_without_its_photographs_shows_their_places_and_no_error(offscree
     ui.settle()
     assert app.gallery.thumbnails is None and not app.gallery.photographs.any_pictures
     before = app.scene.rig.held
-    assert run(app, "next-photo")
+    assert app.run("next-photo")
     ui.settle()
     assert app.scene.rig.held is not before and app.gallery.chosen == 0
     assert app.comparison.against == "" and not app.messages.dialogs and ui.ctx.error == "GL_NO_ERROR"

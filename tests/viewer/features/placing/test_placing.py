@@ -15,7 +15,6 @@ from scenepack.placement import NOT_MOVED, placed_T_grid
 from tests.scenepack.test_placement import AT, SLOPE, UP, sloping_pack
 from tests.viewer.conftest import toy_pack
 from viewer.app.application import App
-from viewer.app.commands import run
 from viewer.commands import render
 from viewer.core.annotations import Scale
 from viewer.core.pose import Pose
@@ -87,10 +86,10 @@ def test_clicks_level_the_ground_set_the_origin_and_the_scale_and_undo_takes_eac
 
 
 def test_the_ground_is_found_and_a_line_of_points_is_no_ground(ui, app) -> None:
-    run(app, "move-find-ground")
+    app.run("move-find-ground")
     assert steepness(app) < 0.5 and not app.messages.dialogs
-    run(app, "move-reset")
-    run(app, "move-ground")
+    app.run("move-reset")
+    app.run("move-ground")
     for x in (-0.5, 0.0, 0.5):
         ui.click(*ui.place_of(on_slope(x, 0.8)))
     assert app.annotations.current.placement == NOT_MOVED and "line" in app.messages.toast
@@ -105,7 +104,7 @@ def test_a_slider_turns_the_scene_in_one_step(ui, app) -> None:
     ui.drag([(x, y), (x + 20, y), (x + 40, y)])
     turn = app.annotations.current.placement.angles[0]
     assert turn != 0 and app.scene.rig.table.placed == app.annotations.current.placement.rotation
-    run(app, "undo")
+    app.run("undo")
     assert app.annotations.current.placement == NOT_MOVED
 
 
@@ -120,16 +119,16 @@ def test_views_poses_and_bookmarks_are_of_the_placed_frame(ui, app) -> None:
     placed(app)
     rig = app.scene.rig
     for command, axis in (("top", 1), ("front", 2), ("right", 0)):
-        run(app, command)
+        app.run(command)
         ui.settle()
         assert np.allclose(rig.matrix[:3, 2], app.annotations.current.placement.rotation[axis], atol=1e-6), command
     before = rig.matrix.copy()
-    app.copy_pose()
-    values = json.loads(app.clipboard.get())
+    app.run("copy-pose")
+    values = json.loads(app.clipboard.text)
     assert set(values) == {"eye", "target", "up", "fov"}
     assert np.allclose(values["eye"], (app.annotations.current.placed_T_grid @ [*before[:3, 3], 1.0])[:3], atol=1e-5)
     view = bookmark_of(rig, rig.fov, "right")
-    run(app, "home")
+    app.run("home")
     ui.settle()
     assert not np.allclose(rig.matrix, before)
     app.paste()
@@ -172,5 +171,5 @@ def test_a_forward_facing_scene_has_an_origin_and_is_not_turned(offscreen, app, 
     app.interface.page = placing.PAGE
     app.show(toy_pack(ndc=True), Path("ndc"))
     assert ui.widgets("By a point") and not ui.widgets("By three points")
-    run(app, "move-find-ground")
+    app.run("move-find-ground")
     assert app.annotations.current.placement == NOT_MOVED and app.messages.dialogs
