@@ -59,7 +59,7 @@ def test_the_overlay_names_every_command_and_the_keys_of_flying(offscreen, app, 
     app.show(pack, pack_folder)
     ui.frame()
     app.keyboard.local_name = lambda place: {"W": "Z", "A": "Q", "Q": "A"}.get(place, place)
-    rows = [row for group in keys._groups(app) for row in group.rows]
+    rows = [row for _, group in keys._groups(app) for row in group]
     assert {title for _, title in rows} >= {command.title for command in COMMANDS.values() if command.keys}
     listed = " ".join(keys for keys, _ in rows)
     assert all(word in listed for word in ("Z  S", "Q  D", "E  A", "Left drag", "Wheel", "Double click", "arrows"))
