@@ -28,10 +28,12 @@ def number_in(value: Any, low: float, high: float) -> float | None:
 
 
 def number_array(value: Any, dtype: type = np.float64) -> np.ndarray | None:
-    """Nested lists of JSON's numbers as an array; None where they are ragged, or hold anything else."""
+    """Nested lists of JSON's numbers as an array; None where they are ragged, or hold anything else, such as true."""
     try:
         array = np.asarray(value)
     except ValueError:
+        return None
+    if any(isinstance(one, bool) for one in np.asarray(value, object).flat):  # among numbers, NumPy makes 1 of it
         return None
     with np.errstate(over="ignore"):
         return array.astype(dtype) if array.dtype.kind in "iuf" else None

@@ -31,7 +31,7 @@ def float_pictures(floats: FloatGrid, run: Run) -> Drawn:
         view: Any = ViewRays(rays)
         marcher.rays = pack_rays(floats.pack, view)
         parts = np.zeros((rays.origins.shape[0], 8), np.float32)
-        marcher._over(np.arange(len(parts), dtype=np.int32), march, lambda _, first: parts[first:])
+        marcher.over(np.arange(len(parts), dtype=np.int32), march, lambda _, first: parts[first:])
         sums = Accumulated(jnp.asarray(parts[:, :3]), jnp.asarray(parts[:, 3:7]), jnp.asarray(parts[:, 7]))
         if mode == "alpha":
             behind = over_background(sums, dataset.background, dataset.ndc)[2]

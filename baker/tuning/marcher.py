@@ -303,14 +303,14 @@ class PackMarcher:
     def meets(self, ids: np.ndarray, pixel_offset: np.ndarray | None = None) -> np.ndarray:
         """bool [N]: which rays have a sample with support."""
         meets = np.zeros(len(ids), bool)
-        self._over(ids, meeting_rays, lambda _, first: meets[first:], pixel_offset)
+        self.over(ids, meeting_rays, lambda _, first: meets[first:], pixel_offset)
         return meets
 
     def half_depths(self, ids: np.ndarray) -> np.ndarray:
         """float32 [N]: distance along each ray, in voxels, of the last sample that half of the light or more arrives at; 0
         where there is none."""
         depths = np.zeros(len(ids), np.float32)
-        self._over(ids, half_depth_rays, lambda _, first: depths[first:])
+        self.over(ids, half_depth_rays, lambda _, first: depths[first:])
         return depths
 
     def transmittance(
@@ -320,7 +320,7 @@ class PackMarcher:
         sample that a voxel is part of, in units of 1/255 and rounded up; 0 where there is none."""
         workers = Workers(min(self.workers.count, MOST_COPIES))
         copies = [np.zeros(self.tables.support.shape, np.uint8) for _ in range(workers.count)]
-        self._over(ids, raise_transmittance, lambda worker, _: copies[worker], pixel_offset, on_share, workers)
+        self.over(ids, raise_transmittance, lambda worker, _: copies[worker], pixel_offset, on_share, workers)
         best = copies[0]
         for other in copies[1:]:
             np.maximum(best, other, out=best)
@@ -329,10 +329,10 @@ class PackMarcher:
     def accumulate(self, ids: np.ndarray, on_share: OnShare = lambda share: None) -> Accumulated:
         """What the viewer accumulates along each ray (docs/rendering.md)."""
         sums = np.zeros((len(ids), 8), np.float32)
-        self._over(ids, accumulate_rays, lambda _, first: sums[first:], on_share=on_share)
+        self.over(ids, accumulate_rays, lambda _, first: sums[first:], on_share=on_share)
         return Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])  # type: ignore[arg-type]
 
-    def _over(
+    def over(
         self, ids: np.ndarray, loop: Callable[..., None], into: Callable[[int, int], np.ndarray],
         pixel_offset: np.ndarray | None = None, on_share: OnShare = lambda share: None, workers: Workers | None = None,
     ) -> None:  # fmt: skip

@@ -108,7 +108,7 @@ class Tuner:
         return psnr_of(error, weight), float(samples / max(rays, 1.0))
 
     def tuned(self) -> Pack:
-        """The pack as it is now."""
+        """The pack with its voxels and view MLP as the updates so far left them."""
         return self.pack if self.head is None else replace(self.pack, view_mlp=from_params(self.head))
 
     def _gather(self, ids: np.ndarray) -> ShadingInputs:

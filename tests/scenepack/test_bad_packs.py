@@ -77,6 +77,7 @@ def test_json_that_is_none_is_refused(tmp_path: Path, text: str, word: str) -> N
         ("1_weights", [[float("nan")] * 16] * 16),
         ("2_weights", [[1e39] * 3] * 16),
         ("2_bias", [0.0]),
+        ("2_bias", [0.0, True, 0.0]),
     ],
 )
 def test_a_value_out_of_range_is_refused(tmp_path: Path, key: str, value: Any) -> None:

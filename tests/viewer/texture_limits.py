@@ -8,7 +8,7 @@ from viewer.rendering import gpu_scene
 from viewer.rendering.gpu_memory import NoRoomError
 
 
-def limit_textures(patch: pytest.MonkeyPatch, most_texels: int = 2048, most_bytes: float = inf) -> None:
+def limit_textures(patch: pytest.MonkeyPatch, largest_side: int = 2048, most_bytes: float = inf) -> None:
     """Packs are refused from now on where a texture has more texels along a side, or more bytes in all."""
     check = gpu_scene.GpuScene._check
 
@@ -17,5 +17,5 @@ def limit_textures(patch: pytest.MonkeyPatch, most_texels: int = 2048, most_byte
             raise NoRoomError(f"the graphics driver has no room for {what}")
         check(scene, what, size)
 
-    patch.setattr(gpu_scene, "most_texels", lambda ctx: most_texels)
+    patch.setattr(gpu_scene, "largest_texture_side", lambda ctx: largest_side)
     patch.setattr(gpu_scene.GpuScene, "_check", check_bytes)

@@ -1,7 +1,8 @@
-"""Programs of several processes that are interrupted: the window while it exports a film or makes a scene, and two that bake one
-pack together, of which both are killed, or one while the other goes on.
+"""Programs with several processes, for kills and full disks: the window that exports a film or makes a scene, and two processes
+that bake one pack. Kills strike both of these, or one while the other goes on.
 
-`python -m tools.fuzz.several_processes RUN ... --out PACK` starts those two. Its exit status is that of the one which writes.
+`python -m tools.fuzz.several_processes RUN ... --out PACK` starts the two bakes. It ends with the exit status of process 0, which
+writes the pack.
 """
 
 import contextlib

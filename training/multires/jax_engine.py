@@ -227,7 +227,7 @@ class JaxEngine:
         return state.kept["derived"]
 
     def _constants(self, state: State) -> Constants:
-        """Sizes fit the occupancy grid as it is, rounded up to powers of the root of 2, so that programs serve for long."""
+        """What a step is compiled for. Sizes of lists are rounded up to powers of √2, so that programs are compiled seldom."""
         cells, _, _, levels, _ = self._derived(state)
         if (step := state.step_cells) not in state.kept:
             segments = march.segments_across(np.asarray(state.box.dims), step)

@@ -45,9 +45,8 @@ class State:
     samples_per_ray: float  # of late
     step_cells: float  # distance between samples, in cells of the occupancy grid
     gains: np.ndarray | None = None  # float32 [V, 3]: of the photographs (training.exposure)
-    kept: dict[str | float, Any] = field(
-        default_factory=dict, repr=False, compare=False
-    )  # by an engine: derived, never saved
+    # what an engine derives from the rest; never saved
+    kept: dict[str | float, Any] = field(default_factory=dict, repr=False, compare=False)
 
 
 MOST_SAMPLES = 1e6  # of a ray

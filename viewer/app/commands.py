@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from viewer.features.display.display import next_mode
-from viewer.features.editing.erasing import CHANGES, RULES, TOOLS
+from viewer.features.editing.erasing import CHANGES, RULES, TOOLS, Tool
 from viewer.features.editing.erasing import PAGE as ERASE_PAGE
 from viewer.features.film import kiosk
 from viewer.features.opening.open_prompt import ask_to_open, browse
@@ -100,14 +100,12 @@ def _remove(app: App) -> None:
 _other_projection = _rig(lambda rig: rig.set_orthographic(not rig.orthographic))
 
 
-def _tool(part: str, tool: str) -> Callable[[App], object]:
-    """Takes a tool of erasing or measuring, or puts it away."""
+def _erase(tool: Tool) -> Callable[[App], object]:
+    return lambda app: app.erasing.choose(app, "" if tool == app.erasing.tool else tool)
 
-    def take(app: App) -> None:
-        tools = getattr(app, part)
-        tools.choose(app, "" if tool == tools.tool else tool)
 
-    return take
+def _place(tool: Literal["ground", "origin"]) -> Callable[[App], object]:
+    return lambda app: app.measure_tool.choose(app, "" if tool == app.measure_tool.tool else tool)
 
 
 def _usual_size(app: App) -> None:
@@ -219,7 +217,7 @@ _ALL = (
     ),
     *_group(
         "Erasing",
-        *((f"erase-{tool}", title, _tool("erasing", tool), "") for tool, title in TOOLS.items()),
+        *((f"erase-{tool}", title, _erase(tool), "") for tool, title in TOOLS.items()),
         *((f"select-{a}", title, lambda app, a=a: app.erasing.select(app, a), "") for a, title in RULES.items()),
         *((f"selection-{a}", title, lambda app, a=a: app.erasing.change(app, a), "") for a, title in CHANGES.items()),
         ("erase-selected", "Erase what is selected", lambda app: app.erasing.erase(app), ""),
@@ -227,8 +225,8 @@ _ALL = (
     ),
     *_group(
         "Moving",
-        ("move-ground", "Level the ground by three points", _tool("measure_tool", "ground"), ""),
-        ("move-origin", "Set the origin", _tool("measure_tool", "origin"), ""),
+        ("move-ground", "Level the ground by three points", _place("ground"), ""),
+        ("move-origin", "Set the origin", _place("origin"), ""),
         ("move-find-ground", "Find the ground", placing.find_ground, ""),
         ("move-reset", "Back to the grid frame", placing.reset, ""),
     ),

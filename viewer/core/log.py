@@ -104,7 +104,7 @@ class Messages:
 
     @contextmanager
     def as_dialog(self, title: str) -> Iterator[None]:
-        """What is raised within the `with` block becomes a dialog, and the program goes on."""
+        """Shows an exception of the `with` block in a dialog; the program goes on."""
         try:
             yield
         except Exception as error:

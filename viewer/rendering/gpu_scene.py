@@ -51,7 +51,7 @@ class GpuScene:
         self.gpu_bytes = 0
         block, beside = pack.padded_block_size, 2 if features_beside else 1
         self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * block  # in the pack's atlas, (x, y, z)
-        self.slots = tightest_atlas(len(self.places), block, most_texels(ctx), beside)
+        self.slots = tightest_atlas(len(self.places), block, largest_texture_side(ctx), beside)
         self.size = atlas_size(self.slots, block, beside)
         self.near: np.ndarray | None = None  # a point of the grid, voxels: layers of slots close to it arrive first
         self.textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {}  # by the name of their sampler
@@ -232,8 +232,8 @@ class GpuScene:
         self.textures, self.samplers, self.hull, self.arriving = {}, {}, None, None
 
 
-def most_texels(ctx: moderngl.Context) -> int:
-    """Along a side of a 3D texture. How many bytes one may have, drivers tell only by refusing it."""
+def largest_texture_side(ctx: moderngl.Context) -> int:
+    """The most texels along a side of a 3D texture. Drivers do not tell how many bytes a texture may have: they refuse it."""
     return ctx.info["GL_MAX_3D_TEXTURE_SIZE"]
 
 

@@ -52,10 +52,9 @@ class Renderer:
     """A pack on the GPU and the programs that draw it. Textures of a marcher are uploaded when it is first asked for.
 
     ctx: an OpenGL 3.3 context, current. marcher: uploaded first. at_once: fill its textures now; otherwise arrive() does, bit by
-    bit, and what has arrived is drawn. A pack that does not fit
-    is shown at half resolution, or half of that, with a Notice; `pack` is what is shown. NoRoomError where not even a pack of
-    less than LEAST_HALVED voxels a side would fit, and at once without allow_half: figures of a pack must not be those of
-    another.
+    bit, and what has arrived is drawn. A pack that does not fit is shown at half resolution, or half of that, with a Notice;
+    `pack` is what is shown. NoRoomError where not even a pack of less than LEAST_HALVED voxels a side would fit, and at once
+    without allow_half: figures of a pack must not be those of another.
     """
 
     def __init__(

@@ -20,9 +20,8 @@ from scenepack.pack import ViewMlp
 SHADER_FOLDER = Path(__file__).resolve().parents[2] / "shaders"
 INCLUDE = re.compile(r'^#include "([^"]+)"$', re.MULTILINE)
 VERSION = re.compile(r"^#version.*$", re.MULTILINE)
-LINE = re.compile(
-    r"\b\d+[:(](\d+)"
-)  # in a complaint: "0:12(5): error" Mesa; "0(12) : error" NVIDIA; "ERROR: 0:12:" Apple, ANGLE
+# The line in a driver's message: "0:12(5): error" Mesa; "0(12) : error" NVIDIA; "ERROR: 0:12:" Apple, ANGLE
+LINE = re.compile(r"\b\d+[:(](\d+)")
 
 
 class ShaderError(Exception):

@@ -402,7 +402,7 @@ def show_review(app: App, canvas: Canvas, box: Box) -> None:
 
 def _head(review: Review) -> None:
     ui.heading(fa.ICON_FA_CHECK, review.plan.name, theme.GOOD, 16.0)
-    count, points = len(review.sparse_preview.eyes()), len(review.sparse_preview.points.places)
+    count, points = review.sparse_preview.photographs, len(review.sparse_preview.points.places)
     ui.hint(f"{count} photographs have a camera pose, with {points:,} points.", theme.MUTED)
 
 

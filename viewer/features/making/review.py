@@ -56,6 +56,11 @@ class SparsePreview:
     kind: Kind  # found from the poses
     boxes: Mapping[Kind, np.ndarray]  # the [2, 3] that fits each, training frame; none for a forward-facing scene
 
+    @property
+    def photographs(self) -> int:
+        """How many have a pose."""
+        return sum(len(split) for split in self.scene.splits.values())
+
     def places_in_grid(self) -> np.ndarray:
         """The points float64 [M, 3] in the pack's grid frame."""
         return _placed(np.linalg.inv(self.pack.worldspace_T_opengl), self.points.places)

@@ -206,7 +206,7 @@ class OpenPacks:
         ):
             oldest = others.pop(-1 if first else 0)
             self.packs.remove(oldest)
-            app.messages.log(f"{oldest.scene.name} is closed, for there is no room for more open packs")
+            app.messages.log(f"{oldest.scene.name} was closed: too many packs are open")
 
     def switch(self, app: App, step: int) -> None:
         """Shows the next open pack (step 1), or the one before (-1)."""
