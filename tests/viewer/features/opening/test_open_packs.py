@@ -81,7 +81,7 @@ def test_there_is_an_end_to_what_open_packs_take(three, monkeypatch):
     for i in range(MOST_PACKS + 3):
         entry = OpenPack(replace(scene, path=Path(f"/{i}"), name=str(i)), None, 0.0, three.filming.path)
         open_packs.keep(three, entry)
-    assert len(open_packs.packs) == MOST_PACKS and three.messages.lines[-1].text.startswith("2 is closed")
+    assert len(open_packs.packs) == MOST_PACKS and three.messages.lines[-1].text.startswith("2 was closed")
     monkeypatch.setattr(open_packs_module, "MOST_BYTES", 2.5 * bytes_of(scene.pack))
     open_packs.keep(three, OpenPack(scene, None, 0.0, three.filming.path))
     assert [entry.scene.name for entry in open_packs.packs] == [str(MOST_PACKS + 2), "c"]
@@ -94,7 +94,7 @@ def test_what_was_erased_and_is_not_saved_stays_open(three):
     for i in range(MOST_PACKS + 1):
         scene = replace(erased if i < 2 else three.scene, path=Path(f"/{i}"), name=str(i))
         open_packs.keep(three, OpenPack(scene, None, 0.0, three.filming.path))
-    assert three.messages.lines[-1].text.startswith("2 is closed") and [
+    assert three.messages.lines[-1].text.startswith("2 was closed") and [
         entry.scene.name for entry in open_packs.packs[:3]
     ] == ["0", "1", "3"]
 
