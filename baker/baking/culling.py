@@ -16,7 +16,7 @@ from functools import partial
 import jax.numpy as jnp
 import numpy as np
 
-from baker.baking.field_query import FieldQuery, Occupied
+from baker.baking.field_query import BATCH, FieldQuery, Occupied
 from baker.baking.grid import BakeGrid, to_training
 from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
 from baker.tuning.marcher import box_of, share_rays
@@ -87,9 +87,8 @@ def content_box(
     length = (high - low).max() / resolution
     rng = np.random.default_rng(0)
     mass = [np.zeros(n) for n in counts]
-    y, x = np.meshgrid(np.arange(counts[1]), np.arange(counts[0]), indexing="ij")
-    for z in range(counts[2]):
-        cells = np.stack([x, y, np.full_like(x, z)], -1).reshape(-1, 3)
+    for start in range(0, counts.prod(), BATCH):
+        cells = np.stack(np.unravel_index(np.arange(start, min(start + BATCH, counts.prod())), counts[::-1])[::-1], -1)
         points = low + (cells + rng.random(cells.shape)) * cell
         alpha = 1 - np.exp(-np.asarray(query(to_training(worldspace_T_opengl, points)).density) * length)
         alpha[alpha < TAU_ALPHA] = 0
