@@ -50,14 +50,6 @@ def finish_loading(app: App) -> None:
     live(app, lambda: app.loading is None)
 
 
-def test_opening_reads_in_a_thread_and_shows_the_pack(pack_folder):
-    app = App(canvas=FakeCanvas())
-    app.open(pack_folder)
-    assert app.scene is None and app.loading is not None
-    finish_loading(app)
-    assert app.loading is None and app.scene.name == "toy" and len(app.canvas.shown) == 1
-
-
 def test_a_card_too_small_is_a_dialog_and_the_old_scene_stays(open_app, pack_folder):
     old = open_app.scene
     open_app.canvas.refuse = "the graphics driver has no room for the rgba texture"

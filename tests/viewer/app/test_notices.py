@@ -31,8 +31,9 @@ def opened(app: App, path: Path) -> str:
     return app.messages.toast
 
 
-def test_what_was_mended_is_shown_once_and_stays_in_the_log(untidy):
+def test_what_was_mended_is_shown_once_and_stays_in_the_log(untidy, pack_folder):
     app = App(canvas=FakeCanvas())
+    assert opened(app, pack_folder) == ""  # a sound pack
     notice = opened(app, untidy)
     assert "atlas_blocks" in notice and "feature_000.png is missing" in notice and app.messages.toast_level == "warning"
     assert str(untidy) not in notice and app.messages.toast_left > 5
@@ -42,7 +43,3 @@ def test_what_was_mended_is_shown_once_and_stays_in_the_log(untidy):
     (untidy / "scene_params.json").write_text(json.dumps({**params, "atlas_blocks_x": 99}))
     again = opened(app, untidy)
     assert "feature_000.png" not in again and again  # only what is new
-
-
-def test_a_sound_pack_is_opened_without_remarks(pack_folder):
-    assert opened(App(canvas=FakeCanvas()), pack_folder) == ""

@@ -12,7 +12,7 @@ from scenepack import Pack, load_pack, save_pack
 from scenepack.blocks import dense_from_pack
 from tests.messages import without_progress
 from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
-from tests.viewer.rendering.shapes import shapes_pack
+from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.scenes import SIDE, photographed
 from tools.scaling import scaling
 from viewer.benchmark.frames import same_view
@@ -88,8 +88,8 @@ def test_forward_facing_packs_render_without_a_pose_but_no_360_pictures(
     assert "perspective view alone" in capsys.readouterr().err and not (tmp_path / "b.png").exists()
 
 
-def test_the_surroundings_of_a_contracted_pack_can_be_left_out(surroundings: Pack, tmp_path: Path) -> None:
-    save_pack(surroundings, tmp_path / "pack")
+def test_the_surroundings_of_a_contracted_pack_can_be_left_out(tmp_path: Path) -> None:
+    save_pack(surroundings_pack(64), tmp_path / "pack")
     pack = str(tmp_path / "pack")
     seen = {}
     for name, words in (("all", []), ("inner", ["--no-surroundings"])):

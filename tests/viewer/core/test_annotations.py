@@ -83,11 +83,12 @@ def test_what_makes_no_sense_is_refused_or_left_out(part, value, words):
     assert all(getattr(left, name) == whole for name, whole in kept.items() if name != part)
 
 
-def test_a_name_is_one_line_and_not_endless():
+def test_a_name_is_one_line_and_not_endless_and_a_text_holds_no_control_characters():
     document = annotations_to_json(Annotations(bookmarks=(replace(VIEW, name="x" * 5000),)))
     assert len(annotations_from_json(document).bookmarks[0].name) < 120
-    document["bookmarks"][0]["name"] = "one\n\x1b[2Jtwo"
-    assert "\x1b" not in annotations_from_json(document).bookmarks[0].name
+    document["bookmarks"][0] |= {"name": "one\n\x1b[2Jtwo", "text": "A ball\n\x1b[31mred"}
+    read = annotations_from_json(document).bookmarks[0]
+    assert "\x1b" not in read.name and read.text == "A ball\n\ufffd[31mred"
 
 
 # With a pack

@@ -25,7 +25,10 @@ def files(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("snerg.*") if path.is_file()}
 
 
-def test_registering_twice_is_registering_once_and_nothing_is_left_behind(data, capsys):
+def test_registering_twice_is_registering_once_and_nothing_is_left_behind_or_taken_from_others(data, capsys):
+    other = data / "applications" / "other.desktop"
+    other.parent.mkdir(parents=True)
+    other.write_text("[Desktop Entry]\n")
     assert main(["--register"]) == 0
     first = files(data)
     assert set(first) == {
@@ -38,14 +41,6 @@ def test_registering_twice_is_registering_once_and_nothing_is_left_behind(data, 
     assert main(["--unregister"]) == 0 and not files(data)
     assert main(["--unregister"]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == "snerg-view: nothing was registered"
-
-
-def test_what_others_have_there_stays(data):
-    other = data / "applications" / "other.desktop"
-    other.parent.mkdir(parents=True)
-    other.write_text("[Desktop Entry]\n")
-    desktop_entry.register(["snerg-view"])
-    desktop_entry.unregister()
     assert other.read_text() == "[Desktop Entry]\n"
 
 

@@ -21,7 +21,7 @@ def pull_out(ui, to: tuple[float, float] = (300.0, 200.0)) -> None:
     ui.pull((ui.app.viewport.width + 60, 62.0), to, 12)
 
 
-def test_a_page_is_pulled_out_and_another_takes_its_place(ui, app):
+def test_a_page_is_pulled_out_another_takes_its_place_and_the_rail_opens_it_again(ui, app):
     usual = app.viewport.width
     pull_out(ui)
     assert app.interface.moved == ["view"] and app.interface.page == ""
@@ -32,9 +32,16 @@ def test_a_page_is_pulled_out_and_another_takes_its_place(ui, app):
     app.interface.opens("film")
     ui.settle()
     assert app.interface.moved == ["view"] and app.interface.page == "film" and ui.ctx.error == "GL_NO_ERROR"
+    app.interface.closes("view")
+    ui.settle()
+    assert not app.interface.shows("view")
+    app.interface.opens("view")
+    ui.settle()
+    assert app.interface.moved == ["view"]  # where it was left
 
 
-def test_a_layout_is_remembered_and_comes_back(ui, app, offscreen, tmp_path, pack, pack_folder):
+def test_a_layout_is_remembered_comes_back_and_is_reset(ui, app, offscreen, tmp_path, pack, pack_folder):
+    usual = app.viewport
     pull_out(ui)
     ui.pull((300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2), 12)
     app.interface.opens("film")
@@ -49,22 +56,6 @@ def test_a_layout_is_remembered_and_comes_back(ui, app, offscreen, tmp_path, pac
     other.settle()
     assert again.interface.moved == ["view"] and again.interface.page == "film"
     assert again.viewport.x == app.viewport.x > 200 and again.viewport.width == app.viewport.width
-
-
-def test_the_layout_is_reset(ui, app):
-    usual = app.viewport
-    pull_out(ui)
-    ui.pull((300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2), 12)
     assert app.run("layout")
     ui.settle()
-    assert app.interface.moved == [] and app.interface.page == "view" and app.viewport == usual
-
-
-def test_a_tab_is_closed_and_the_rail_opens_it_again(ui, app):
-    pull_out(ui)
-    app.interface.closes("view")
-    ui.settle()
-    assert not app.interface.shows("view")
-    app.interface.opens("view")
-    ui.settle()
-    assert app.interface.moved == ["view"]  # where it was left
+    assert app.interface.moved == [] and app.interface.page == "film" and app.viewport == usual

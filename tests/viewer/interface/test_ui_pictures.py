@@ -104,6 +104,19 @@ def _freeze(ui: OffscreenUi) -> None:
 
 
 TURN = ((0.5, 0.4, 0.08), (0.4, -0.1, 0.1), (0.0, -0.1, 0.4))
+ON_THE_PLATE = ((-0.6, -0.64, 0.2), (0.0, -0.64, 0.6), (0.6, -0.64, 0.2))
+WINDOWS = (
+    "photograph",
+    "frusta",
+    "crop-gizmo",
+    "measure",
+    "help",
+    "dialog",
+    "path",
+    "light",
+    "legend-depth",
+    "legend-samples",
+)
 SIDE = slice(SIZE[0] - 372, None)
 
 
@@ -140,39 +153,35 @@ def test_the_start_page_looks_as_before(offscreen, app, compare, tmp_path, monke
     compare(offscreen(app, size=SIZE), "start")
 
 
-def test_the_window_with_a_photograph_looks_as_before(ui, app, compare):
-    app.interface.page = "photographs"
-    app.gallery.stand_in(app, 1)
-    compare(ui, "photograph")
-
-
-def test_frusta_look_as_before(ui, app, compare):
-    app.interface.page, app.gallery.frusta = "", True
-    app.scene.rig.dolly(-9)
-    app.scene.rig.shown = app.scene.rig.goal
-    compare(ui, "frusta")
-
-
-def test_the_crop_gizmo_looks_as_before(ui, app, compare):
-    app.interface.page = "crop"
-    app.crop_tool = "move"
-    app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
-    compare(ui, "crop-gizmo")
-
-
-def test_measurements_look_as_before(ui, app, compare):
-    """A line and an angle in the picture, light and dark behind them, and a point that is about to be placed."""
-    app.interface.page = "measure"
-    on_the_plate = ((-0.6, -0.64, 0.2), (0.0, -0.64, 0.6), (0.6, -0.64, 0.2))
-    app.annotations.current = Annotations(measurements=(Measurement("line", on_the_plate), Measurement("angle", TURN)))
-    app.measure_tool.tool, app.measure_tool.selected = "line", 1
-    app.measure_tool.draft = ((-1.2, 0.6, 0.0), (-0.4, 0.6, 0.0))
-    compare(ui, "measure")
-
-
-def test_the_help_overlay_looks_as_before(ui, app, compare):
-    app.interface.help_shown = True
-    compare(ui, "help")
+@pytest.mark.parametrize("name", WINDOWS)
+def test_the_window_looks_as_before(ui, app, compare, name):
+    if name == "photograph":
+        app.interface.page = "photographs"
+        app.gallery.stand_in(app, 1)
+    elif name == "frusta":
+        app.interface.page, app.gallery.frusta = "", True
+        app.scene.rig.dolly(-9)
+        app.scene.rig.shown = app.scene.rig.goal
+    elif name == "crop-gizmo":
+        app.interface.page, app.crop_tool = "crop", "move"
+        app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
+    elif name == "measure":  # light and dark behind the lines, and a point that is about to be placed
+        app.interface.page = "measure"
+        lines = (Measurement("line", ON_THE_PLATE), Measurement("angle", TURN))
+        app.annotations.current = Annotations(measurements=lines)
+        app.measure_tool.tool, app.measure_tool.selected = "line", 1
+        app.measure_tool.draft = ((-1.2, 0.6, 0.0), (-0.4, 0.6, 0.0))
+    elif name == "light":
+        app.set_theme("light")
+        app.set_backdrop("gradient")
+        app.interface.page = "settings"
+    elif name == "dialog":
+        app.messages.fail("lego cannot be opened", "scene_params.json: is not JSON (expected an object, found 'x')")
+    elif name.startswith("legend"):
+        app.set(mode=name.removeprefix("legend-"))
+    else:
+        app.run({"help": "help", "path": "open"}[name])
+    compare(ui, name)
 
 
 @pytest.mark.parametrize("what", ["bar", "page", "keys"])
@@ -183,22 +192,6 @@ def test_the_smallest_window_looks_as_before(known, offscreen, app, compare, wha
     app.interface.over = "camera" if what == "page" else ""
     app.interface.help_shown = what == "keys"
     compare(ui, f"small-{what}")
-
-
-@pytest.mark.parametrize("mode", ["depth", "samples"])
-def test_legends_look_as_before(ui, app, compare, mode):
-    app.set(mode=mode)
-    compare(ui, f"legend-{mode}")
-
-
-def test_a_failure_looks_as_before(ui, app, compare):
-    app.messages.fail("lego cannot be opened", "scene_params.json: is not JSON (expected an object, found 'x')")
-    compare(ui, "dialog")
-
-
-def test_asking_for_a_path_looks_as_before(ui, app, compare):
-    app.run("open")
-    compare(ui, "path")
 
 
 @pytest.fixture(scope="module")
@@ -251,13 +244,6 @@ def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
     compare(ui, "make-job")
 
 
-def test_the_light_theme_looks_as_before(ui, app, compare):
-    app.set_theme("light")
-    app.set_backdrop("gradient")
-    app.interface.page = "settings"
-    compare(ui, "light")
-
-
 @pytest.mark.parametrize(("size", "density", "theme"), WHOLE)
 def test_whole_windows_look_as_before(known, offscreen, app, compare, size, density, theme):
     """size: in units, of `density` pixels. A dense screen's picture is compared at half its pixels."""
@@ -275,9 +261,8 @@ def _whole_name(size: tuple[int, int], theme: str) -> str:
 
 def test_no_picture_is_left_over():
     names = {f"page-{page.id}" for page in PAGES}
-    names |= {"start", "photograph", "frusta", "crop-gizmo", "measure", "help", "dialog", "path"}
+    names |= {"start", "small-bar", "small-page", "small-keys", "export", *WINDOWS}
     names |= {f"make-{what}" for what in ("scene", "again", "run", "refused", "job")}
-    names |= {"small-bar", "small-page", "small-keys", "light", "export", "legend-depth", "legend-samples"}
     names |= {_whole_name(size, theme) for size, _, theme in WHOLE}
     assert {path.stem for path in FOLDER.glob("*.png")} == names
 

@@ -26,15 +26,20 @@ def no_opengl_error_is_left(ctx: moderngl.Context) -> Iterator[None]:
         assert ctx.error == "GL_NO_ERROR"
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def offscreen(ctx: moderngl.Context) -> Iterator[Callable[..., OffscreenRenderer]]:
-    """Makes OffscreenRenderers in the shared context, released behind the test."""
-    made: list[OffscreenRenderer] = []
+    """Makes OffscreenRenderers in the shared context. One of a pack serves until another pack's is made."""
+    last: list[OffscreenRenderer] = []
 
     def make(pack: Pack, marcher: str = "exact") -> OffscreenRenderer:
-        made.append(OffscreenRenderer(pack, marcher, ctx=ctx))
-        return made[-1]
+        if not last or last[0].pack is not pack:
+            end()
+            last.append(OffscreenRenderer(pack, marcher, ctx=ctx))
+        return last[0]
+
+    def end() -> None:
+        while last:
+            last.pop().release()
 
     yield make
-    for renderer in made:
-        renderer.release()
+    end()

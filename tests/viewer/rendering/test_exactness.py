@@ -27,7 +27,7 @@ FISHEYE = MODELS["THIN_PRISM_FISHEYE"].lens({"k1": -0.03, "k3": 0.0005, "p1": 0.
 PANORAMA = MODELS["EQUIRECTANGULAR"].lens({})
 RATIONAL = MODELS["FULL_OPENCV"].lens({"k1": 0.09, "k3": 0.01, "p2": -0.004, "q1": 0.03, "q2": -0.01, "q3": 0.002})
 OPENCV = (0.09, -0.03, 0.004, -0.006)
-FEW = settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck), print_blob=True)
+FEW = settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck), print_blob=True)
 
 
 def random_camera(rng: np.random.Generator, pack: Pack) -> ViewCamera:
@@ -87,7 +87,7 @@ def test_exact_is_every_sample_on_forward_facing_packs(offscreen: Make, pack: Pa
         assert_exact(renderer, forward_facing_camera(rng))
 
 
-@settings(FEW, max_examples=5)
+@settings(FEW, max_examples=4)
 @given(pack=packs(ndc=None), seed=st.integers(0, 2**32 - 1))
 def test_crop_box_near_plane_and_background_keep_it_exact(offscreen: Make, pack: Pack, seed: int) -> None:
     rng = np.random.default_rng(seed)

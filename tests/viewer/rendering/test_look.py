@@ -20,8 +20,10 @@ def looked(colour: np.ndarray, look: Look) -> np.ndarray:
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
-@pytest.mark.parametrize("look", [Look(-2.0, 0.7, -0.4), Look(saturation=0.0), Look(0.3, -1.0, 1.0, 2.0)])
-@pytest.mark.parametrize("kind", ["shapes", "ndc_shapes"])
+@pytest.mark.parametrize(
+    ("kind", "look"),
+    [("shapes", Look(-2.0, 0.7, -0.4)), ("shapes", Look(saturation=0.0)), ("ndc_shapes", Look(0.3, -1.0, 1.0, 2.0))],
+)
 def test_opaque_colours_are_those_of_the_formula_and_the_background_is_left_alone(
     request, offscreen, kind, look
 ) -> None:

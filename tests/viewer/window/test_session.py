@@ -37,7 +37,7 @@ def test_what_was_changed_outlives_kill_9(viewer: RunningViewer, pack_folder: Pa
     assert [path.name for path in viewer.file.parent.iterdir()] == ["viewer.json"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_like_quit_and_is_told_in_the_exit_status(viewer: RunningViewer, number: int) -> None:
     assert viewer.signal(number) == 128 + number
     assert "Traceback" not in viewer.process.stderr.read()

@@ -9,7 +9,6 @@ from imgui_bundle import imgui
 
 from console import UserError
 from viewer.app.application import App
-from viewer.core.annotations import worded
 from viewer.core.pose import Pose
 from viewer.core.state import Viewport
 from viewer.features.bookmarks import bookmarks
@@ -41,12 +40,20 @@ def arrived(app: App) -> np.ndarray:
     return app.scene.rig.matrix
 
 
-def test_keys_step_through_the_views_in_their_order_and_round(app):
-    seen = []
+@pytest.fixture
+def seen(app) -> list[np.ndarray]:
+    """Where the camera was at each of three views that are bookmarked."""
+    with pytest.raises(UserError, match="two views"):
+        app.bookmarks.film(app)
+    cameras = []
     for i, azimuth in enumerate((0.0, 7.0, 14.0)):
-        seen.append(place(app, azimuth))
+        cameras.append(place(app, azimuth))
         app.scene.rig.fov = 30.0 + i
         app.run("bookmark")
+    return cameras
+
+
+def test_keys_step_through_the_views_in_their_order_and_round_and_a_film_flies_through_them(app, seen):
     assert [view.name for view in app.annotations.current.bookmarks] == ["View 1", "View 2", "View 3"]
     place(app, -9.0)
     for command, index in (("next-bookmark", 0), ("next-bookmark", 1), ("last-bookmark", 0), ("last-bookmark", 2)):
@@ -55,10 +62,15 @@ def test_keys_step_through_the_views_in_their_order_and_round(app):
         assert app.scene.rig.fov == pytest.approx(30.0 + index)
     app.run("undo")
     assert np.allclose(arrived(app), seen[0], atol=1e-6)
+    app.run("film-bookmarks")
+    path = app.filming.path
+    assert app.interface.page == "film" and len(path.keyframes) == 3
+    for i, matrix in enumerate(seen):
+        assert np.allclose(path.at(path.start_of(i))[0], matrix, atol=1e-6)
 
 
 @pytest.mark.parametrize("orthographic", [False, True])
-def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orthographic, monkeypatch):
+def test_places_are_covered_from_behind(pack, orthographic, monkeypatch):
     monkeypatch.setattr(bookmarks, "PAUSE_S", 0.0)
     app = App()
     app.show(pack, Path("toy"))
@@ -75,21 +87,10 @@ def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orth
             app.bookmarks.covered(app)
         hidden.append(app.bookmarks.covered(app))
     assert hidden == [set(), {BALL}]
-    app.bookmarks.edit(app, 0, text=worded("A ball\n\x1b[31mred"))
-    app.bookmarks.edit(app, 0, name="Ball")
-    app.bookmarks.update(app, 0)
-    first = app.annotations.current.bookmarks[0]
-    assert (first.name, first.text, first.point) == ("Ball", "A ball\n\ufffd[31mred", BALL)
-    assert first.eye != app.annotations.current.bookmarks[1].eye
-    for _ in range(3):
-        app.run("undo")
-    assert app.annotations.current.bookmarks[0].name == "Place 1"
 
 
+@pytest.mark.usefixtures("seen")
 def test_views_are_named_moved_changed_and_removed_and_all_of_it_is_undone(app):
-    for azimuth in (0.0, 7.0, 14.0):
-        place(app, azimuth)
-        app.run("bookmark")
     annotations, bookmarks = app.annotations, app.bookmarks
     bookmarks.edit(app, 0, name="The door")
     bookmarks.move(app, 0, 1)
@@ -110,20 +111,6 @@ def test_views_are_named_moved_changed_and_removed_and_all_of_it_is_undone(app):
     place(app, 3.0)
     app.run("bookmark")
     assert annotations.current.bookmarks[2].name == "View 1"  # behind the selected one, with a name that is free
-
-
-def test_a_film_flies_through_the_views(app):
-    with pytest.raises(UserError, match="two views"):
-        app.bookmarks.film(app)
-    seen = []
-    for azimuth in (0.0, 7.0, 14.0):
-        seen.append(place(app, azimuth))
-        app.run("bookmark")
-    app.run("film-bookmarks")
-    path = app.filming.path
-    assert app.interface.page == "film" and len(path.keyframes) == 3
-    for i, matrix in enumerate(seen):
-        assert np.allclose(path.at(path.start_of(i))[0], matrix, atol=1e-6)
 
 
 def test_a_photographs_camera_is_bookmarked_level_from_its_place(app):

@@ -37,7 +37,7 @@ def arrow(app, axis: int, share: float = 0.75) -> np.ndarray:
     return pixels[0] + (0, app.viewport.y) + 60 * share * direction
 
 
-def test_the_gizmo_moves_the_box_along_the_axis_that_is_dragged(ui, app):
+def test_the_gizmo_moves_the_box_along_the_axis_that_is_dragged_and_beside_it_the_mouse_is_the_cameras(ui, app):
     app.crop_tool = "move"
     ui.settle()
     before, rig = centre(app), app.scene.rig.goal
@@ -47,14 +47,9 @@ def test_the_gizmo_moves_the_box_along_the_axis_that_is_dragged(ui, app):
     assert moved[1] > 0.1 and np.abs(moved[[0, 2]]).max() < 1e-3
     np.testing.assert_allclose(size(app), 0.8, atol=1e-3)
     assert app.scene.rig.goal == rig and ui.ctx.error == "GL_NO_ERROR"
-
-
-def test_beside_the_gizmo_the_mouse_is_the_cameras(ui, app):
-    app.crop_tool = "move"
-    ui.settle()
-    cut, goal = app.settings.crop, app.scene.rig.goal
+    cut = app.settings.crop
     ui.pull((120.0, 650.0), (180.0, 670.0), 4)
-    assert app.settings.crop == cut and app.scene.rig.goal != goal
+    assert app.settings.crop == cut and app.scene.rig.goal != rig
 
 
 def test_a_box_stays_where_the_content_is_and_never_vanishes(pack):

@@ -33,13 +33,14 @@ def saved(ui: OffscreenUi, path: Path) -> Path:
 
 def test_a_still_is_blurred_and_a_click_chooses_the_focus(offscreen, app: App, tmp_path: Path) -> None:
     ui = offscreen(app, size=(1000, 700))
+    app.resolution.rest_scale = 0.25
     app.show(bars(), Path("bars"))
     rig, filming = app.scene.rig, app.filming
     rig.goal = rig.shown = Pose((-0.3, 0.0, 0.0), 0.0, 0.0, 3.0)
     rig.fov = 40.0
     app.interface.page = "film"
     ui.settle()
-    filming.size, filming.aperture, filming.lens_rays = (240, 120), 0.3, 64
+    filming.size, filming.aperture, filming.lens_rays = (240, 120), 0.3, 32
 
     def widths(name: str) -> tuple[float, float]:
         return edge_widths(np.asarray(Image.open(saved(ui, tmp_path / name)))[60, :, 0] / 255.0)
@@ -60,6 +61,7 @@ def test_a_still_is_blurred_and_a_click_chooses_the_focus(offscreen, app: App, t
 @pytest.fixture
 def ui(offscreen: Callable[..., OffscreenUi], app: App, pack, pack_folder: Path) -> OffscreenUi:
     ui = offscreen(app, size=(1000, 800))
+    app.resolution.rest_scale = 0.25
     app.show(pack, pack_folder)
     app.filming.size = (96, 64)
     ui.settle()

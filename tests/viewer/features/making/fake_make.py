@@ -1,8 +1,8 @@
 """Stands in for snerg-make: says how far it is as the real commands do, and ends as HOW says.
 
-python fake_make.py HOW FOLDER: "make" copies the pack FOLDER/source to FOLDER/pack; "fail" ends with a line and status 2;
-"wait" works until it is interrupted, then notes FOLDER/saved; "deaf" ignores interruptions;
-"until-told" works until there is FOLDER/go, then ends as "make".
+python fake_make.py HOW FOLDER: "fail" ends with a line and status 2; "wait" works until it is interrupted, then notes
+FOLDER/saved; "deaf" ignores interruptions; "until-told" works until there is FOLDER/go, then copies the pack FOLDER/source to
+FOLDER/pack.
 """
 
 import atexit

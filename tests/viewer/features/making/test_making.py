@@ -15,23 +15,12 @@ from tests.viewer.waiting import live, until
 from viewer.app.application import App
 
 
-def working(app: App):
-    return lambda: app.making.job is None or app.making.job.report is not None
-
-
 def gone(pid: int) -> bool:
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return True
     return False
-
-
-def test_a_scene_is_made_and_opens_by_itself(making, tmp_path):
-    app = making("make")
-    live(app, working(app))
-    live(app, lambda: app.making.job is None and app.loading is None)
-    assert app.scene is not None and app.scene.path == tmp_path / "pack" and not app.messages.dialogs
 
 
 def test_progress_is_shown_while_the_child_works(making, tmp_path):

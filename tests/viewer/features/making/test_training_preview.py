@@ -22,7 +22,7 @@ def came(app: App, steps: int) -> bool:
     return app.making.job.preview is not None and app.making.job.preview.steps == steps
 
 
-def test_what_is_trained_so_far_is_shown_by_itself_and_says_how_far_it_is(making, write):
+def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_camera_stays(making, write, tmp_path):
     app = making("until-told")
     live(app, lambda: app.making.job.report is not None)
     assert app.scene is None
@@ -30,12 +30,6 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_says_how_far_it_is(making
     live(app, lambda: came(app, 1200))
     assert app.scene.name == "photographs: preview after 1,200 steps" and app.making.training_preview_shown(app)
     assert app.canvas.shown == [app.making.job.preview.pack] and app.preferences.recent == []
-
-
-def test_the_camera_stays_while_states_are_exchanged_and_when_the_pack_is_done(making, write, tmp_path):
-    app = making("until-told")
-    write(1200)
-    live(app, lambda: came(app, 1200))
     untouched = app.scene.rig.goal
     app.scene.rig.orbit(80.0, 15.0)
     chosen, fov = app.scene.rig.goal, app.fov

@@ -61,7 +61,7 @@ def look_from(ui, azimuth: float, elevation: float, distance: float = 3.0) -> No
     ui.settle()
 
 
-@pytest.mark.parametrize(("azimuth", "elevation"), [(0, 40), (35, 25), (-30, 55)])
+@pytest.mark.parametrize(("azimuth", "elevation"), [(0, 40), (35, 25)])
 def test_lengths_between_known_corners_are_right_to_half_a_voxel(ui, app, azimuth, elevation):
     app.show(tiled_pack(), Path("tiles"))
     app.run("measure")

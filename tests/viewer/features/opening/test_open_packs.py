@@ -28,7 +28,7 @@ def names(app) -> str:
     return app.scene.name + "".join(entry.scene.name for entry in app.open_packs.packs)
 
 
-def test_the_next_and_the_previous_pack_go_round(three):
+def test_the_next_and_the_previous_pack_go_round_and_closing_shows_the_pack_before_and_then_the_start_page(three):
     assert names(three) == "cab"
     seen = ""
     for _ in range(4):
@@ -39,6 +39,10 @@ def test_the_next_and_the_previous_pack_go_round(three):
         three.run("last-pack")
         seen += three.scene.name
     assert seen == "abcacbac"
+    three.run("close")
+    assert names(three) == "ba"
+    three.run("close"), three.run("close")
+    assert three.scene is None and not three.open_packs.packs
 
 
 def test_a_pack_comes_back_with_its_camera_cuts_and_path(three):
@@ -55,13 +59,6 @@ def test_a_pack_comes_back_with_its_camera_cuts_and_path(three):
     assert (three.settings.crop, three.settings.near, three.settings.mode) == (box, 0.4, "alpha")
     assert len(three.filming.path.keyframes) == 1
     assert rig.history.undo() and three.settings.crop is None  # what is undone is this pack's
-
-
-def test_closing_shows_the_pack_before_and_then_the_start_page(three):
-    three.run("close")
-    assert names(three) == "ba"
-    three.run("close"), three.run("close")
-    assert three.scene is None and not three.open_packs.packs
 
 
 def test_what_the_card_refuses_changes_nothing(three, monkeypatch):
@@ -121,14 +118,11 @@ def test_a_copied_path_is_found_as_shells_and_file_managers_write_it(shelf, form
     assert path_in(form.format(path.as_uri())) == path
 
 
-def test_a_typed_folder_shows_what_of_it_can_be_opened_folders_first(shelf):
+def test_a_typed_folder_shows_what_of_it_can_be_opened_and_enter_looks_into_a_plain_folder(shelf):
     names = [path.name for path in suggestions(f"{shelf}/", [])]
     assert names == ["a päck", "plain", "Apples.zip", "film.mp4", "scene.zip"]
     assert [path.name for path in suggestions(f"{shelf}/a", [])] == ["a päck", "Apples.zip"]
     assert [path.name for path in suggestions(f"{shelf}/.h", [])] == [".hidden"]
-
-
-def test_enter_looks_into_a_plain_folder_and_says_what_is_not_there(shelf):
     open_prompt = OpenPrompt([])
     open_prompt.type(f"{shelf}/pl")
     open_prompt.step(1)

@@ -30,6 +30,7 @@ def many(tmp_path_factory, pack):
 @pytest.fixture
 def ui(offscreen, app, many, pack_folder):
     ui = offscreen(app)
+    app.resolution.rest_scale = 0.25
     app.show(many, pack_folder)
     app.interface.page = "photographs"
     return ui
@@ -168,6 +169,7 @@ def test_the_demo_brings_all_its_photographs_and_stays_small(offscreen):
     assert demo.stat().st_size < 8e6
     app = App()
     ui = offscreen(app, size=(1180, 800))
+    app.resolution.rest_scale = 0.25
     app.show(pack, demo)
     app.interface.page = "photographs"
     ui.settle()

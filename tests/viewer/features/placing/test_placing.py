@@ -120,7 +120,7 @@ def test_views_poses_and_bookmarks_are_of_the_placed_frame(ui, app) -> None:
     rig = app.scene.rig
     for command, axis in (("top", 1), ("front", 2), ("right", 0)):
         app.run(command)
-        ui.settle()
+        rig.shown = rig.goal
         assert np.allclose(rig.matrix[:3, 2], app.annotations.current.placement.rotation[axis], atol=1e-6), command
     before = rig.matrix.copy()
     app.run("copy-pose")
@@ -129,7 +129,7 @@ def test_views_poses_and_bookmarks_are_of_the_placed_frame(ui, app) -> None:
     assert np.allclose(values["eye"], (app.annotations.current.placed_T_grid @ [*before[:3, 3], 1.0])[:3], atol=1e-5)
     view = bookmark_of(rig, rig.fov, "right")
     app.run("home")
-    ui.settle()
+    rig.shown = rig.goal
     assert not np.allclose(rig.matrix, before)
     app.paste()
     assert np.allclose(rig.matrix, before, atol=1e-5)
