@@ -117,17 +117,6 @@ def test_images_that_do_not_fit_are_refused(tmp_path, name, change, words):
     refused(folder, name, *words)
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
-def test_indices_that_point_outside_of_the_atlas_are_refused(tmp_path: Path, axis: int) -> None:
-    pack = small_pack()
-    folder = written(tmp_path / "pack", pack)
-    image = read_image(folder / "atlas_indices.png")
-    row, column = np.argwhere(image[..., 0] != 255)[0]
-    image[row, column, axis] = pack.atlas_blocks[axis]
-    write_image(folder / "atlas_indices.png", image)
-    refused(folder, "atlas_indices.png", "outside of the atlas", "expected", "found")
-
-
 def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
     folder = written(tmp_path / "pack")
     image = folder / "rgba_000.png"
@@ -165,7 +154,7 @@ def test_a_second_header_is_refused_before_its_size_is_allocated(tmp_path: Path)
         refused(folder, "rgba_000.png", "more than one header")
 
 
-def test_an_atlas_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(tmp_path: Path) -> None:
+def test_an_atlas_or_a_grid_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(tmp_path: Path) -> None:
     folder = written(tmp_path / "pack")
     for image in [*folder.glob("rgba_*.png"), *folder.glob("feature_*.png")]:
         image.unlink()
@@ -176,10 +165,6 @@ def test_an_atlas_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(t
             (folder / f"{name}.png").write_bytes(claimed_png(side, 4 * side))
         with little_memory():
             refused(folder, *words)
-
-
-def test_a_grid_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(tmp_path: Path) -> None:
-    folder = written(tmp_path / "pack")
     edit_json(folder, lambda p: p.update(grid_width=1025, grid_height=1025, grid_depth=1025, block_size=1))
     (folder / "atlas_indices.png").write_bytes(claimed_png(1025, 1025 * 1025))
     with little_memory():
