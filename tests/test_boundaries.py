@@ -149,12 +149,6 @@ def test_within_a_package_arrows_run_downwards(package: str) -> None:
     assert not [name for name in homeless if names_of_modules()[name].name != "__init__.py"]
 
 
-def test_panels_know_the_canvas_and_no_window() -> None:
-    for module, imported in graph().items():
-        if any(fnmatch(module, pattern) for pattern in DRAWING):
-            assert not [name for name in imported if name.startswith(("viewer.window", "viewer.benchmark"))], module
-
-
 def test_only_commands_know_the_command_line_and_no_library_imports_a_command() -> None:
     for module, imported in graph().items():
         if ".commands" in module or not module.startswith(("baker", "viewer")):
@@ -207,10 +201,6 @@ def test_no_function_takes_more_than_ten_parameters_but_a_command_whose_paramete
     assert not greedy
 
 
-def test_shaders_is_glsl_only() -> None:
-    assert {path.suffix for path in (ROOT / "shaders").iterdir() if path.is_file()} <= {".glsl", ".vert", ".frag"}
-
-
 def decoders_left_to_guess(tree: ast.AST) -> list[int]:
     """Lines that open pictures with Pillow or films with PyAV and leave it to the content which format that is."""
     guarded = {
@@ -242,8 +232,3 @@ def test_whoever_opens_a_picture_or_a_film_names_the_formats_it_expects() -> Non
             names = {(node.module, alias.name, alias.asname) for node in imported for alias in node.names}
             renamed = {name for name in names if name[:2] in {("PIL", "Image"), ("PIL.Image", "open"), ("av", "open")}}
             assert renamed <= {("PIL", "Image", None)}, f"{path.relative_to(ROOT)} hides where it opens pictures"
-
-
-@pytest.mark.parametrize("code", ["Image.open(path)", "map(Image.open, paths)", "_av().open(file)", "av.open(p, 'r')"])
-def test_a_decoder_left_to_guess_is_found(code: str) -> None:
-    assert decoders_left_to_guess(ast.parse(code)) == [1]

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -42,8 +41,3 @@ def test_photographs_become_a_table_and_json(procedural_path, tmp_path, capsys, 
     assert figures["step"] == 3 and figures["step_ms"] > 0 and figures["samples_per_cpu_second"] > 0
     assert set(figures["parts"]) == set(PARTS[figures["engine"]])
     assert capsys.readouterr().out == (tmp_path / "p.md").read_text()
-
-
-def test_only_runs_of_the_field_can_be_profiled(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(Path(__file__).parents[1] / "data" / "runs" / "nerf")]) == 2
-    assert "only the multi-resolution field can be profiled" in capsys.readouterr().err
