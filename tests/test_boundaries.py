@@ -36,14 +36,19 @@ def modules(folder: str) -> list[Path]:
     return sorted((ROOT / folder).rglob("*.py"))
 
 
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imported_names(path: Path, *, for_types: bool = True) -> set[str]:
     """Every module that a file imports, at its top or later, as dotted names. for_types: also for type checking alone."""
     names: set[str] = set()
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    body = tree_of(path).body
     if not for_types:
-        guarded = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
-        tree.body = [node for node in tree.body if node not in guarded]
-    for node in ast.walk(tree):
+        body = [node for node in body if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")]
+    for node in (inner for outer in body for inner in ast.walk(outer)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
@@ -170,7 +175,7 @@ def test_no_modules_import_one_another_in_a_circle() -> None:
 
 
 def functions_in(path: Path) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             yield node
 
@@ -226,7 +231,7 @@ def test_whoever_opens_a_picture_or_a_film_names_the_formats_it_expects() -> Non
     """Pillow starts Ghostscript for PostScript, and FFmpeg opens sockets for session descriptions, whatever the name."""
     for package in (*sorted(PACKAGES), "scripts"):
         for path in modules(package):
-            tree = ast.parse(path.read_text(encoding="utf-8"))
+            tree = tree_of(path)
             assert not decoders_left_to_guess(tree), path.relative_to(ROOT)
             imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
             names = {(node.module, alias.name, alias.asname) for node in imported for alias in node.names}
