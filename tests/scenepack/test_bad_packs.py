@@ -117,6 +117,17 @@ def test_images_that_do_not_fit_are_refused(tmp_path, name, change, words):
     refused(folder, name, *words)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_indices_that_point_outside_of_the_atlas_are_refused(tmp_path: Path, axis: int) -> None:
+    pack = small_pack()
+    folder = written(tmp_path / "pack", pack)
+    image = read_image(folder / "atlas_indices.png")
+    row, column = np.argwhere(image[..., 0] != 255)[0]
+    image[row, column, axis] = pack.atlas_blocks[axis]
+    write_image(folder / "atlas_indices.png", image)
+    refused(folder, "atlas_indices.png", "outside of the atlas", "expected", "found")
+
+
 def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
     folder = written(tmp_path / "pack")
     image = folder / "rgba_000.png"
