@@ -136,9 +136,9 @@ def shadowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "imported"
 
 
-@pytest.mark.parametrize("module", ["baker.commands.make", "viewer.commands.view"])
-def test_commands_that_are_started_do_not_run_modules_of_the_user(shadowed: Path, module: str) -> None:
-    done = subprocess.run(module_command(module, "--help"), capture_output=True, text=True, timeout=60, check=False)
+def test_commands_that_are_started_do_not_run_modules_of_the_user(shadowed: Path) -> None:
+    command = module_command("baker.commands.make", "--help")
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0 and "--help" in done.stdout, done.stderr
     assert not shadowed.exists()
 

@@ -221,8 +221,11 @@ def ran(words: list[str], redirections: str) -> subprocess.CompletedProcess[str]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell closes the streams")
-@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
-@pytest.mark.parametrize(("words", "status"), [([], 0), (["--fail"], 2), (["--unknown"], 2), (["--help"], 0)])
+@pytest.mark.parametrize(
+    ("closed", "words", "status"),
+    [(">&-", [], 0), ("2>&-", ["--fail"], 2), ("<&- >&- 2>&-", [], 0), ("<&- >&- 2>&-", ["--fail"], 2),
+     (">&-", ["--help"], 0), ("2>&-", ["--unknown"], 2)],
+)  # fmt: skip
 def test_streams_that_were_closed_before_the_start_change_neither_the_status_nor_a_file(
     closed: str, words: list[str], status: int, tmp_path: Path
 ) -> None:

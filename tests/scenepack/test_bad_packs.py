@@ -165,7 +165,7 @@ def test_a_second_header_is_refused_before_its_size_is_allocated(tmp_path: Path)
         refused(folder, "rgba_000.png", "more than one header")
 
 
-def test_an_atlas_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(tmp_path: Path) -> None:
+def test_an_atlas_or_a_grid_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(tmp_path: Path) -> None:
     folder = written(tmp_path / "pack")
     for image in [*folder.glob("rgba_*.png"), *folder.glob("feature_*.png")]:
         image.unlink()
@@ -176,10 +176,6 @@ def test_an_atlas_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(t
             (folder / f"{name}.png").write_bytes(claimed_png(side, 4 * side))
         with little_memory():
             refused(folder, *words)
-
-
-def test_a_grid_that_its_bytes_cannot_hold_is_refused_before_it_is_allocated(tmp_path: Path) -> None:
-    folder = written(tmp_path / "pack")
     edit_json(folder, lambda p: p.update(grid_width=1025, grid_height=1025, grid_depth=1025, block_size=1))
     (folder / "atlas_indices.png").write_bytes(claimed_png(1025, 1025 * 1025))
     with little_memory():

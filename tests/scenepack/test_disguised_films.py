@@ -65,7 +65,7 @@ def test_text_that_reads_as_a_session_description_opens_no_socket(tmp_path, text
     with pytest.raises(CodecError):
         H264Codec().frames(text.encode(), (6, 16, 16), colour=True)  # though nothing looked at its head before
     assert not any(opened)
-    assert main(["info", str(folder)]) in (0, 2) and main(["check", str(folder)]) == 2
+    assert main(["check", str(folder)]) == 2
     assert "Traceback" not in capsys.readouterr().err and not any(opened)
 
 

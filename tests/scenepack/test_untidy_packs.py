@@ -91,12 +91,6 @@ def test_num_slices_is_not_trusted(tmp_path: Path, count: Any) -> None:
     assert same_pack(opened(folder, "num_slices"), small_pack())
 
 
-@pytest.mark.parametrize("size", [14, 5, 1])
-def test_other_block_sizes_open_silently(tmp_path: Path, size: int) -> None:
-    pack = small_pack(block_size=size)
-    assert same_pack(opened(written(tmp_path / "pack", pack)), pack)
-
-
 def test_an_old_forward_facing_pack_gets_the_published_viewers_camera(tmp_path: Path) -> None:
     folder = json_edited(tmp_path, lambda p: p.pop("input_focal"), ndc=True)
     pack = opened(folder, "input_focal")
