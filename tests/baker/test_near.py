@@ -1,4 +1,4 @@
-"""Where rays begin: one rule for pruning and evaluation of packs; tests/training/marching has that of the field.
+"""Where rays begin: one rule for the field, and for the pruning, the tuning and the evaluation of its packs.
 
 Notation: a speck hangs before the first camera, nearer than `near`, and hides an opaque ball from it.
 """
@@ -6,6 +6,8 @@ Notation: a speck hangs before the first camera, nearer than `near`, and hides a
 from dataclasses import replace
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -16,7 +18,13 @@ from scenepack.blocks import dense_from_pack
 from tests.baker.analytic import RADIUS
 from tests.scenepack.random_packs import BLENDER_FRAME
 from tests.scenepack.volumes import atlas_from_dense
+from training.config import QUICK
 from training.dataset import RayDataset, make_dataset
+from training.multires.config import MultiresConfig
+from training.multires.field import HIDDEN, decoder_size, inputs_of
+from training.multires.method import MultiresMethod
+from training.multires.occupancy import INITIAL, NEVER
+from training.multires.state import Box, Trainable
 from training.scenes import Camera, Scene
 
 SIDE, BLOCK = 42, 14
@@ -62,6 +70,33 @@ def ball_pack(alone: Scene, speck: bool) -> tuple[Pack, np.ndarray]:
 def hides_the_ball(pictures: list[np.ndarray]) -> bool:
     """Whether any of the pictures of ball and speck [2] differ anywhere."""
     return bool(np.abs(pictures[0] - pictures[1]).max() > 0.2)
+
+
+def test_the_field_is_drawn_without_what_is_nearer_than_near(alone: Scene, seen: RayDataset) -> None:
+    multires = MultiresConfig(resolutions=(16,), occupancy=32, steps_across=(64, 64, 64))
+    method = MultiresMethod(replace(QUICK, engine="fused", multires=multires), seen)
+    state = method.start(jax.random.key(0))
+    state.box = Box(np.full(3, -1.5), np.full(3, 3.0 / 32), np.full(3, 32, np.int32))
+    cells, vertices = (
+        np.stack(np.meshgrid(*[places] * 3, indexing="ij")[::-1], -1)
+        for places in ((np.arange(32) + 0.5) * 3 / 32 - 1.5, np.arange(17) * 3 / 16 - 1.5)
+    )
+    ball, speck = np.linalg.norm(cells, axis=-1) < RADIUS, speck_at(alone, cells)
+    assert ball.any() and speck.any()
+    table, parameters = np.zeros_like(state.values.table), np.zeros_like(state.values.parameters)
+    table[: 17**3, 0] = (np.linalg.norm(vertices, axis=-1) > 1.2 * RADIUS).ravel()  # the speck's colour
+    inputs = inputs_of(1)
+    w1, b1 = inputs * HIDDEN + HIDDEN, decoder_size(inputs) - 8
+    parameters[0], parameters[w1 + 1 : w1 + 4], parameters[b1 : b1 + 4] = 1.0, -6.0, (8.0, 3.0, 3.0, 3.0)
+    state.values = Trainable(table, parameters)
+    rays = seen.view_rays(camera_of(alone))
+    from_zero = rays._replace(near=jnp.zeros_like(rays.near))
+    shown: dict[str, list[np.ndarray]] = {"near": [], "zero": []}
+    for opaque in (ball | speck, ball):
+        state.codes = np.where(opaque, INITIAL, NEVER).astype(np.uint8)
+        for name, some in (("near", rays), ("zero", from_zero)):
+            shown[name].append(np.asarray(method.render(state, some).rgb))
+    assert not hides_the_ball(shown["near"]) and hides_the_ball(shown["zero"])
 
 
 def test_the_pack_is_drawn_and_scored_as_its_field_is(alone: Scene, tmp_path: Path) -> None:

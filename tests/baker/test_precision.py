@@ -6,6 +6,8 @@ Read in the programs themselves, so that no card is needed.
 import re
 from types import ModuleType
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -36,6 +38,13 @@ def recorded(module: ModuleType, name: str, monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(module, name, call)
     return programs
+
+
+def test_the_products_that_make_training_rays_ask_for_the_highest_precision(dataset: RayDataset) -> None:
+    program = (
+        jax.jit(lambda dataset, ids: dataset.rays_at(ids)).lower(dataset, jnp.arange(8, dtype=jnp.int32)).as_text()
+    )
+    assert precisions(program) == ["HIGHEST"]
 
 
 def test_so_do_those_of_culling_and_pruning(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -52,6 +52,41 @@ def test_what_was_found_once_is_not_found_again(worker: Worker) -> None:
     assert not broken
 
 
+# The fuzzer itself: one that finds nothing proves nothing.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("code", "key"),
+    [
+        ("pass", ""),
+        ("raise UserError('refused', where=path)", ""),
+        ("raise RuntimeError('broken')", "RuntimeError"),
+        ("error = UserError('x'); error.args = ('long' * 1000,); raise error", "words"),
+        ("try:\n bytearray(3 << 30)\nexcept MemoryError:\n raise UserError('cannot be decoded')", "memory"),
+        ("import os; os.kill(os.getpid(), 11)", "death SIGSEGV"),
+        ("open(path.parents[2] / 'outside', 'w')", "trespass writes"),
+        (
+            "import socket; socket.socket(socket.AF_INET, socket.SOCK_DGRAM).bind(('127.0.0.1', 0))",
+            "trespass socket.bind",
+        ),
+        ("import warnings; warnings.warn('overflow', RuntimeWarning)", "RuntimeWarning"),
+    ],
+)
+def test_the_fuzzer_sees_what_breaks(code: str, key: str, breaking: Worker) -> None:
+    recipe = {"subject": "breaking", "base": "code", "steps": [["insert", "code.py", 0, code.encode().hex(), 1]]}
+    outcome = breaking.outcome(recipe)
+    assert (outcome.kind == FINDING) == bool(key), outcome
+    assert outcome.key.startswith(key)
+    assert breaking.outcome({**recipe, "steps": []}).kind == OPENED, "it goes on, with another child where one died"
+
+
+@pytest.fixture(scope="module")
+def breaking(bases: Path) -> Iterator[Worker]:
+    with Worker("breaking", write_bases(bases, ("breaking",))) as worker:
+        yield worker
+
+
 # Scenes written otherwise have the same rays
 
 

@@ -10,14 +10,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from console import UserError
-from scenepack import PackWarning, ViewMlp, check_pack, load_pack, save_pack
+from scenepack import PackWarning, ViewMlp, check_pack, load_pack, open_pack, save_pack
 from scenepack.blocks import (
     MAX_SLICE_SIDE,
     atlas_from_volume,
     atlas_shape,
     choose_atlas_blocks,
+    dense_from_pack,
     grid_block_counts,
 )
+from scenepack.pack import Pack
 from tests.scenepack.helpers import edit_json, read_image, read_json, real_pack, same_pack, small_pack, written
 from tests.scenepack.random_packs import packs
 from tests.scenepack.volumes import atlas_from_dense
@@ -70,6 +72,15 @@ def test_equal_packs_make_equal_zips(tmp_path: Path) -> None:
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
 
 
+def test_an_outline_comes_first_and_takes_no_memory(tmp_path: Path) -> None:
+    pack = small_pack()
+    assert pack.atlas_features is not None
+    with open_pack(written(tmp_path / "pack", pack)) as reader:
+        outline = reader.outline
+        assert outline.atlas_rgba.shape == pack.atlas_rgba.shape and outline.atlas_blocks == pack.atlas_blocks
+        assert not outline.atlas_rgba.flags.writeable
+
+
 def test_packs_that_break_their_own_rules_are_not_written(tmp_path: Path) -> None:
     pack = small_pack()
     assert pack.view_mlp is not None
@@ -89,6 +100,18 @@ def test_packs_that_break_their_own_rules_are_not_written(tmp_path: Path) -> Non
 
 
 # Cutting a volume into padded macroblocks loses nothing
+
+
+@settings(max_examples=25, deadline=None)
+@given(pack=packs(block_sizes=(1, 2, 6, 14)))
+def test_putting_a_pack_together_and_cutting_it_again_gives_the_same_atlas(pack: Pack) -> None:
+    rgba, features = dense_from_pack(pack)
+    again = atlas_from_dense(rgba, features, pack.block_size, pack.occupied, atlas_blocks=pack.atlas_blocks)
+    np.testing.assert_array_equal(again[0], pack.atlas_indices)
+    np.testing.assert_array_equal(again[1], pack.atlas_rgba)
+    assert (again[2] is None) == (pack.atlas_features is None)
+    if again[2] is not None:
+        np.testing.assert_array_equal(again[2], pack.atlas_features)
 
 
 def test_a_volume_is_read_one_macroblock_at_a_time_and_never_outside_of_the_grid() -> None:

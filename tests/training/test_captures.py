@@ -121,6 +121,16 @@ def test_poses_that_other_programs_write_are_read_all_the_same(tmp_path: Path, c
     np.testing.assert_allclose(load_scene(path).splits["train"][2].camera.world_T_camera, before, atol=1e-5)
 
 
+def test_a_transforms_scene_stands_upright_about_what_its_cameras_look_at(tmp_path: Path):
+    scene = load_scene(write_transforms(tmp_path / "s", circle()))
+    P = np.stack([p.camera.world_T_camera for p in everyone(scene)])
+    assert np.linalg.norm(P[:, :3, 3], axis=-1).mean() == pytest.approx(1)
+    np.testing.assert_allclose(focus_point(P), 0, atol=1e-9)
+    assert P[:, 2, 1].min() > 0.5 and scene.kind == "transforms"  # every camera's up has much of z
+    camera = scene.splits["train"][0].camera
+    assert (camera.fx, camera.fy, camera.cx, camera.cy, camera.width) == (33, 34, 14, 11, 30)
+
+
 def test_real_captures_read(real_data: Path):
     fern = load_scene(real_data / "nerf_llff_data" / "fern", downscale=8)
     assert fern.ndc and len(fern.splits["test"]) == 3 and fern.ndc_camera[:2] == (504, 378)

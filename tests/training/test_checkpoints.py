@@ -8,11 +8,13 @@ import sys
 import time
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from console import Notice, UserError
 from training.checkpoints import (
+    from_arrays,
     list_checkpoints,
     read_checkpoint,
     read_newest_checkpoint,
@@ -61,6 +63,14 @@ def test_a_writer_killed_at_any_moment_leaves_a_readable_checkpoint(tmp_path: Pa
         for step, path in list_checkpoints(folder):
             read, arrays = read_checkpoint(path)
             assert read == step and (arrays["a"] == step).all()
+
+
+def test_arrays_of_another_shape_or_a_missing_one_are_refused():
+    template = {"a": jnp.ones((2, 2))}
+    with pytest.raises(UserError, match=r'"a" does not fit.*\[2, 2\].*\[3\]'):
+        from_arrays(template, {"a": np.ones(3, np.float32)})
+    with pytest.raises(UserError, match=r'"a" does not fit.*found none'):
+        from_arrays(template, {})
 
 
 # Going on with somebody else's run writes into that run, and nowhere else

@@ -77,6 +77,16 @@ def test_opaque_photographs_are_in_the_box_up_to_their_corners(tmp_path):
     assert inside.all() and np.abs(scene.aabb).max() <= 1.5
 
 
+def test_a_capture_that_looks_outwards_has_its_walls_in_the_box(tmp_path):
+    P = circle(10)
+    P[:, :3, 0] *= -1
+    P[:, :3, 2] *= -1  # turned round, and still no mirror
+    directions = np.random.default_rng(3).normal(size=(900, 3))
+    walls = 12 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    scene = load_scene(write_colmap(tmp_path, P, np.add(walls, (1, -2, 0.5)), ("PINHOLE",)))
+    assert np.ptp(scene.aabb, axis=0)[:2].min() > 2 * 12 / 3.3 and np.linalg.norm(scene.aabb.mean(0)[:2]) < 0.2
+
+
 def test_every_eighth_picture_by_name_is_held_out_and_folders_belong_to_names(tmp_path):
     scene = load_scene(write_colmap(tmp_path, circle(10), ball()))
     names = sorted(p.name for p in everyone(scene))

@@ -48,6 +48,18 @@ def test_rays_of_training_pixels_are_those_of_the_view(lens, changes):
     assert colours.shape == (1200, 3)
 
 
+def test_a_batch_comes_from_its_key_alone_and_is_composited_over_the_background():
+    dataset = make_dataset(scene_of(looking_down(), background=(0.0, 1.0, 0.0)))
+    rays, rgb = dataset.batch(jax.random.key(3), 64)
+    again, rgb_again = dataset.batch(jax.random.key(3), 64)
+    np.testing.assert_array_equal(rgb, rgb_again)
+    np.testing.assert_array_equal(rays.directions, again.directions)
+    assert rays.origins.shape == (64, 3) and rgb.shape == (64, 3)
+    every = dataset.colours_at(jnp.zeros(1, jnp.int32))
+    red, green, _, alpha = np.asarray(dataset.pixels[0]) / 255
+    np.testing.assert_allclose(every[0, :2], [red * alpha, green * alpha + 1 - alpha], atol=1e-6)
+
+
 def test_ndc_rays_start_at_the_near_plane_and_reach_the_far_end_at_one():
     camera = looking_down()
     origins, directions = numpy_rays.camera_rays(camera)

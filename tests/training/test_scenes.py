@@ -14,6 +14,7 @@ from PIL import Image
 from baker.reports.evaluation import reading_of
 from console import UserError
 from tests.training.reconstructions import ball, write_colmap
+from tests.training.scenes.test_pictures_formats import read_picture
 from tests.training.scenes.test_transforms import edit
 from tests.training.test_captures import circle, complaint, everyone, forward, write_llff, write_transforms
 from tests.training.test_training import MINUTE
@@ -72,7 +73,7 @@ def test_shrinking_keeps_the_mean_of_premultiplied_colour_and_alpha():
         np.testing.assert_allclose(white, over_background(picture, (1, 1, 1)).mean((0, 1)), atol=1e-5)
 
 
-def test_any_range_of_the_pixels_of_many_pictures_can_be_loaded(procedural_scene: Scene):
+def test_any_range_of_the_pixels_of_many_pictures_can_be_loaded(procedural_scene: Scene, tmp_path):
     train = procedural_scene.splits["train"]
     pixels = load_pixels(train)
     assert pixels.shape == (12 * 48 * 48, 4) and pixels.dtype == np.uint8
@@ -80,6 +81,12 @@ def test_any_range_of_the_pixels_of_many_pictures_can_be_loaded(procedural_scene
     np.testing.assert_array_equal(pixels[2 * 48 * 48 : 3 * 48 * 48], third)
     np.testing.assert_array_equal(load_pixels(train, 2 * 48 * 48 - 5, 3 * 48 * 48 - 7)[5:], third[:-7])
     assert not load_pixels(train, len(pixels) - 1, len(pixels) + 3)[1:].any(), "padding is 0"
+    for kind, grey in (("L", 128), ("RGB", 128), ("P", 5)):
+        Image.new(kind, (3, 2), grey if kind != "RGB" else (128,) * 3).save(tmp_path / f"{kind}.png")
+        assert read_picture(tmp_path / f"{kind}.png").shape == (2, 3, 4)
+    deep = np.full((2, 3), 32896, np.uint16)
+    Image.fromarray(deep).save(tmp_path / "deep.png")
+    np.testing.assert_allclose(read_picture(tmp_path / "deep.png")[0, 0], [128.5 / 256] * 3 + [1], atol=1e-3)
 
 
 def test_a_folder_without_a_scene_says_what_was_looked_for(tmp_path: Path):
@@ -110,6 +117,12 @@ def test_a_folder_without_a_scene_says_what_was_looked_for(tmp_path: Path):
 def test_a_description_that_is_wrong_gets_one_clear_line(copy: Path, change, words: str):
     edit(copy / "transforms_train.json", change)
     assert words in complaint(copy)
+
+
+def test_a_picture_of_another_size_is_refused_with_both_sizes(copy: Path):
+    Image.new("RGBA", (40, 48)).save(copy / "train" / "r_5.png")
+    line = complaint(copy)
+    assert "r_5.png" in line and "the shape of 48x48" in line and "found 40x48" in line
 
 
 def test_the_real_lego_scene_reads(real_data: Path):

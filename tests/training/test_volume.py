@@ -7,13 +7,27 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from baker.tuning.shading import from_params, to_params
 from tests.reference_marcher import view_residual
 from training.config import PAPER, REAL_BATCH, SYNTHETIC_BATCH, TrainConfig
 from training.nerf.method import learning_rate, make_optimizer, sparsity_of
 from training.view_mlp import apply_view_mlp, init_view_mlp
-from training.volume import cauchy_sparsity, shade
+from training.volume import cauchy_sparsity, shade, weights_of
+
+depths = arrays(np.float32, (3, 7), elements=st.floats(0, 20, width=32))
+
+
+@settings(max_examples=30, deadline=None)
+@given(depths)
+def test_weights_and_what_remains_of_the_light_sum_to_one(optical):
+    weights = weights_of(jnp.asarray(optical), jnp.ones_like(optical))
+    remaining = np.exp(-optical.sum(-1))
+    np.testing.assert_allclose(weights.sum(-1) + remaining, 1, atol=1e-5)
+    assert (np.asarray(weights) >= 0).all()
 
 
 def test_shading_puts_the_background_behind_before_it_asks_the_view_mlp():

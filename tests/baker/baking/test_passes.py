@@ -89,3 +89,14 @@ def test_photographs_come_first_and_each_has_a_view_between(dataset: RayDataset)
         apart = [(here.inv() * other).magnitude() for other in both]
         assert apart[0] == pytest.approx(apart[1], abs=1e-4), "turned as much from the one as from the other"
         assert sum(apart) == pytest.approx((both[0].inv() * both[1]).magnitude(), abs=1e-4)
+
+
+def test_a_view_between_shows_more_on_every_side_than_a_photograph(dataset: RayDataset) -> None:
+    views, pixels = with_views_between(dataset), 48 * 48
+
+    def widest(view: int) -> float:
+        """The largest angle between rays of a view, as a cosine."""
+        at = np.asarray(views.geometry_at(view * pixels + jnp.array([0, 47, pixels - 48, pixels - 1])).directions)
+        return float((at @ at.T).min())
+
+    assert widest(views.views - 1) < widest(0) - 0.1

@@ -19,6 +19,7 @@ from training.exposure import FITTED_FROM
 from training.multires.config import MultiresConfig
 from training.multires.fused.compiled import Workers
 from training.multires.hull import _in_panorama, box_around, hull_codes
+from training.multires.levels import ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.occupancy import INITIAL as INITIAL_CODE
 from training.multires.occupancy import NEVER, is_on
@@ -73,6 +74,25 @@ def test_a_restored_run_goes_on_to_the_last_bit(learnt: Learnt, dataset: RayData
         state, _ = method.step(state, step)
     for name, array in method.save(learnt.state).items():
         np.testing.assert_array_equal(method.save(state)[name], array, err_msg=name)
+
+
+def test_decay_is_the_gradient_of_the_mean_square_of_each_level(learnt: Learnt) -> None:
+    levels, table = make_levels(learnt.method.settings.resolutions, learnt.state.bricks), learnt.state.values.table
+    slopes = np.repeat(decay_of_blocks(levels, 0.3), ROWS_OF_BRICK)[:, None] * table
+    for first, rows in zip(levels.offset, levels.rows, strict=True):
+        some = slice(first, first + rows)
+        expected = jax.grad(lambda features: 0.3 * jnp.square(features).mean())(jnp.asarray(table[some]))
+        np.testing.assert_allclose(slopes[some], expected, rtol=1e-5)
+        assert np.abs(expected).max() > 0
+
+
+def test_what_may_hold_density_is_where_queries_find_it(learnt: Learnt, dataset: RayDataset) -> None:
+    low, high = dataset.aabb
+    points = (low + np.random.default_rng(0).random((3000, 3)) * (high - low)).astype(np.float32)
+    density = np.asarray(learnt.method.query(learnt.state, jnp.asarray(points)).density)
+    held = learnt.method.may_hold(learnt.state, points - 1e-4, points + 1e-4)
+    assert held[density > 0].all() and (density > 0).any() and not held.all()
+    assert (learnt.method.grain(learnt.state) > 0).all()
 
 
 def test_nothing_can_be_where_alpha_leaves_nothing(procedural_scene: Scene, learnt: Learnt) -> None:

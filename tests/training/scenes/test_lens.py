@@ -17,6 +17,8 @@ from training.scenes.lens import (
     FISHEYE,
     MODELS,
     directions_at,
+    image_of,
+    lens_reach,
     projection_of,
     whole_lens,
 )
@@ -53,6 +55,17 @@ def test_points_are_seen_where_colmap_sees_them(tmp_path: Path, model: str):
         np.testing.assert_allclose(directions, away / np.linalg.norm(away, axis=-1, keepdims=True), atol=1e-9)
     assert seen > 60
     assert read_camera(np.eye(4), as_transforms(model), SIZE, "here").distortion == pytest.approx(camera.distortion)
+
+
+@pytest.mark.parametrize("model", ["OPENCV_FISHEYE", "THIN_PRISM_FISHEYE", "EQUIRECTANGULAR"])
+def test_lenses_that_see_behind_themselves_show_all_directions_once(model: str):
+    lens = MODELS[model].lens(dict(zip(MODELS[model].parameters, LENSES[model], strict=True)))
+    directions = np.random.default_rng(0).normal(size=(500, 3))
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    u, v, shown = image_of(directions, lens)
+    shown &= np.arccos(-directions[:, 2]) < 0.9 * lens_reach(lens)  # where it folds over, nothing is exact
+    assert (shown & (directions[:, 2] > 0.1)).any() and (shown.all() or projection_of(lens) == FISHEYE)
+    np.testing.assert_allclose(directions_at(u[shown], v[shown], lens), directions[shown], atol=1e-6)
 
 
 @pytest.mark.parametrize("model", ["PINHOLE", "FULL_OPENCV", "THIN_PRISM_FISHEYE", "EQUIRECTANGULAR"])

@@ -1,6 +1,8 @@
 """Photographs of every format become the same pictures: also of 16 bits, of floats, turned by EXIF; or are refused by name."""
 
 import io
+import os
+import shutil
 import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -8,10 +10,11 @@ from pathlib import Path
 import imagecodecs
 import numpy as np
 import pytest
-from PIL import Image, ImageOps, features
+from PIL import EpsImagePlugin, Image, ImageOps, features
 
 from console import UserError
 from training.posing.photograph import link_or_convert, read_photograph
+from training.scenes import load_pixels, load_scene
 from training.scenes.files import PICTURE_SUFFIXES, UNREAD_FORMATS
 from training.scenes.picture_headers import SCAN, read_header
 from training.scenes.pictures import (
@@ -258,6 +261,53 @@ def test_a_mask_of_another_shape_is_refused_in_one_line(tmp_path: Path, size: tu
 
 # What lies under the name of a photograph is opened as a picture or not at all: no other program is started for it
 
+# All that Pillow wants to see before it hands a file to Ghostscript; 48 × 48, as the photographs are.
+EPS = b"""%!PS-Adobe-3.0 EPSF-3.0
+%%BoundingBox: 0 0 48 48
+%%EndComments
+0 0 48 48 rectfill
+showpage
+%%EOF
+"""
+
+
+@pytest.fixture
+def ghostscript_mark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file that a stand-in for Ghostscript leaves behind when it is started."""
+    programs, mark = tmp_path / "programs", tmp_path / "started"
+    programs.mkdir()
+    (programs / "gs").write_text(f"#!/bin/sh\ntouch '{mark}'\n")
+    (programs / "gs").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setattr(EpsImagePlugin, "gs_binary", None)  # it remembers where it found one
+    return mark
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the stand-in for Ghostscript is a shell script")
+@pytest.mark.parametrize("name", ["r_4.png", "r_4.jpg"])
+def test_postscript_named_like_a_photograph_does_not_start_ghostscript(
+    procedural_path: Path, tmp_path: Path, ghostscript_mark: Path, name: str
+) -> None:
+    scene = Path(shutil.copytree(procedural_path, tmp_path / "scene"))
+    picture = scene / "train" / "r_4.png"
+    picture.write_bytes(EPS)
+    if name != picture.name:
+        (scene / "transforms_train.json").write_text(
+            (scene / "transforms_train.json").read_text().replace('r_4"', f'{name}"')
+        )
+        picture = picture.rename(picture.with_name(name))
+    with pytest.raises(UserError, match=r"r_4.*found PostScript"):
+        load_pixels(load_scene(scene).splits["train"])
+    for read in (read_picture, lambda path: PictureLoader(path, (48, 48), (48, 48)).thumbnail(16)):
+        with pytest.raises(UserError, match="found PostScript"):
+            read(picture)
+    assert not ghostscript_mark.exists()
+
+    # The trap works: whoever does not name the formats starts it.
+    with pytest.raises(Exception), Image.open(picture) as opened:  # noqa: B017
+        opened.load()
+    assert ghostscript_mark.exists()
+
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP", "TIFF", "BMP"])
 def test_a_picture_of_another_format_than_its_name_says_opens(tmp_path: Path, kind: str) -> None:
@@ -270,7 +320,6 @@ def test_a_picture_of_another_format_than_its_name_says_opens(tmp_path: Path, ki
     [
         (b"GIF89a\1\0\1\0\0\0\0;", "found a GIF"),
         (b"%PDF-1.7\n", "found a PDF"),
-        (b"%!PS-Adobe-3.0 EPSF-3.0\n", "found PostScript"),  # for which Pillow would start Ghostscript
         (b"<html>\n<body>not found", "found text that begins '<html> <body>not found'"),
         (b"", "found an empty file"),
         (bytes(range(128, 160)), "found unknown data"),
