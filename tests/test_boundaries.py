@@ -237,3 +237,8 @@ def test_whoever_opens_a_picture_or_a_film_names_the_formats_it_expects() -> Non
             names = {(node.module, alias.name, alias.asname) for node in imported for alias in node.names}
             renamed = {name for name in names if name[:2] in {("PIL", "Image"), ("PIL.Image", "open"), ("av", "open")}}
             assert renamed <= {("PIL", "Image", None)}, f"{path.relative_to(ROOT)} hides where it opens pictures"
+
+
+@pytest.mark.parametrize("code", ["Image.open(path)", "map(Image.open, paths)", "_av().open(file)", "av.open(p, 'r')"])
+def test_a_decoder_left_to_guess_is_found(code: str) -> None:
+    assert decoders_left_to_guess(ast.parse(code)) == [1]

@@ -86,7 +86,7 @@ def test_the_same_line_again_goes_on_instead_of_starting_over(made: Path, scene:
     after = (run / "metrics.jsonl").read_bytes()
     assert after.startswith(journal), "what was done is kept"
     taken = [json.loads(row) for row in after[len(journal) :].splitlines()]
-    assert taken and all(200 < row["step"] <= 220 for row in taken), "and training goes on behind it"
+    assert taken and all(200 < row["step"] <= 220 for row in taken), "and training continues from there"
     assert (run / "checkpoints" / "step_00000200.safetensors").read_bytes() == checkpoints["step_00000200.safetensors"]
     assert json.loads((run / "config.json").read_text())["provenance"]["started"] == started
     assert load_pack(out / "pack").metadata["provenance"]["steps"] == 220

@@ -61,7 +61,7 @@ def test_only_linux_is_asked_for_egl(platform: str, options: dict[str, str], mon
     assert asked == [{"standalone": True, "require": 330, **options}]
 
 
-@pytest.mark.parametrize("encoding", ["cp437", "ascii"])
+@pytest.mark.parametrize("encoding", ["cp437", "cp1252", "ascii"])
 def test_a_console_without_unicode_gets_every_line(encoding: str, tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONPATH": str(ROOT), "PYTHONUTF8": "0"}
     words = ["pack", "info", str(ROOT / "viewer/demo/demo.zip")]

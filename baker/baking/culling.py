@@ -86,9 +86,10 @@ def content_box(
     counts = np.maximum(np.ceil((high - low) / cell - 1e-6).astype(int), 1)
     length = (high - low).max() / resolution
     rng = np.random.default_rng(0)
-    mass = [np.zeros(n) for n in counts]
-    for start in range(0, counts.prod(), BATCH):
-        cells = np.stack(np.unravel_index(np.arange(start, min(start + BATCH, counts.prod())), counts[::-1])[::-1], -1)
+    mass, total = [np.zeros(n) for n in counts], int(counts.prod())
+    for start in range(0, total, BATCH):
+        z, y, x = np.unravel_index(np.arange(start, min(start + BATCH, total)), counts[::-1])
+        cells = np.stack([x, y, z], -1)
         points = low + (cells + rng.random(cells.shape)) * cell
         alpha = 1 - np.exp(-np.asarray(query(to_training(worldspace_T_opengl, points)).density) * length)
         alpha[alpha < TAU_ALPHA] = 0

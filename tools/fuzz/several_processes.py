@@ -1,5 +1,5 @@
 """Programs with several processes, for kills and full disks: the window that exports a film or makes a scene, and two processes
-that bake one pack. Kills strike both of these, or one while the other goes on.
+that bake one pack. Either both bakes are killed, or one of them.
 
 `python -m tools.fuzz.several_processes RUN ... --out PACK` starts the two bakes. It ends with the exit status of process 0, which
 writes the pack.

@@ -100,11 +100,11 @@ def _remove(app: App) -> None:
 _other_projection = _rig(lambda rig: rig.set_orthographic(not rig.orthographic))
 
 
-def _erase(tool: Tool) -> Callable[[App], object]:
+def _erasing_tool(tool: Tool) -> Callable[[App], object]:
     return lambda app: app.erasing.choose(app, "" if tool == app.erasing.tool else tool)
 
 
-def _place(tool: Literal["ground", "origin"]) -> Callable[[App], object]:
+def _placing_tool(tool: Literal["ground", "origin"]) -> Callable[[App], object]:
     return lambda app: app.measure_tool.choose(app, "" if tool == app.measure_tool.tool else tool)
 
 
@@ -217,7 +217,7 @@ _ALL = (
     ),
     *_group(
         "Erasing",
-        *((f"erase-{tool}", title, _erase(tool), "") for tool, title in TOOLS.items()),
+        *((f"erase-{tool}", title, _erasing_tool(tool), "") for tool, title in TOOLS.items()),
         *((f"select-{a}", title, lambda app, a=a: app.erasing.select(app, a), "") for a, title in RULES.items()),
         *((f"selection-{a}", title, lambda app, a=a: app.erasing.change(app, a), "") for a, title in CHANGES.items()),
         ("erase-selected", "Erase what is selected", lambda app: app.erasing.erase(app), ""),
@@ -225,8 +225,8 @@ _ALL = (
     ),
     *_group(
         "Moving",
-        ("move-ground", "Level the ground by three points", _place("ground"), ""),
-        ("move-origin", "Set the origin", _place("origin"), ""),
+        ("move-ground", "Level the ground by three points", _placing_tool("ground"), ""),
+        ("move-origin", "Set the origin", _placing_tool("origin"), ""),
         ("move-find-ground", "Find the ground", placing.find_ground, ""),
         ("move-reset", "Back to the grid frame", placing.reset, ""),
     ),

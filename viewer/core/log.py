@@ -104,7 +104,7 @@ class Messages:
 
     @contextmanager
     def as_dialog(self, title: str) -> Iterator[None]:
-        """Shows an exception of the `with` block in a dialog; the program goes on."""
+        """Shows an exception that the `with` block raises in a dialog, instead of raising it."""
         try:
             yield
         except Exception as error:

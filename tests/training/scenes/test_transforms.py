@@ -63,6 +63,25 @@ def cameras(scene: Scene) -> dict[str, Any]:
 
 @pytest.mark.parametrize("write", [write_blender, write_capture])
 @pytest.mark.parametrize(
+    ("values", "fx", "fy"),
+    [
+        ({"fl_x": 60.0}, 60, 60),
+        ({"fl_y": 60.0}, 60, 60),
+        ({"camera_angle_x": 2 * np.arctan(20 / 60)}, 60, 60),
+        ({"camera_angle_y": 2 * np.arctan(15 / 60)}, 60, 60),
+        ({"camera_angle_x": 2 * np.arctan(20 / 60), "camera_angle_y": 2 * np.arctan(15 / 61)}, 60, 61),
+        ({"x_fov": 2 * np.degrees(np.arctan(20 / 60))}, 60, 60),
+        ({"fl_x": 60.0, "camera_angle_x": 0.3, "camera_angle_y": 0.2}, 60, 60),  # lengths win
+        ({"fl_x": 120.0, "fl_y": 122.0, "w": 80, "h": 60}, 60, 61),  # pictures stored at half the size
+    ],
+)
+def test_a_focal_length_is_named_in_several_ways(tmp_path: Path, write, values, fx, fy):
+    for camera in cameras(load_scene(write(tmp_path, **values))).values():
+        assert (camera.fx, camera.fy) == (pytest.approx(fx), pytest.approx(fy))
+
+
+@pytest.mark.parametrize("write", [write_blender, write_capture])
+@pytest.mark.parametrize(
     "values",
     [
         {"camera_model": "EQUIRECTANGULAR", "k1": 0.1},

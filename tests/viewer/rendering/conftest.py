@@ -31,10 +31,10 @@ def offscreen(ctx: moderngl.Context) -> Iterator[Callable[..., OffscreenRenderer
     """Makes OffscreenRenderers in the shared context. One of a pack serves until another pack's is made."""
     last: list[OffscreenRenderer] = []
 
-    def make(pack: Pack, marcher: str = "exact") -> OffscreenRenderer:
+    def make(pack: Pack) -> OffscreenRenderer:
         if not last or last[0].pack is not pack:
             end()
-            last.append(OffscreenRenderer(pack, marcher, ctx=ctx))
+            last.append(OffscreenRenderer(pack, ctx=ctx))
         return last[0]
 
     def end() -> None:

@@ -69,7 +69,7 @@ def test_exact_takes_every_sample_of_random_packs(offscreen: Make, seed: int) ->
 @pytest.mark.parametrize("name", ["inside", "outside"])
 def test_the_paper_marcher_comes_close(offscreen: Make, surroundings: Pack, name: str) -> None:
     camera = CAMERAS[name].resized(96, 72)
-    paper = offscreen(surroundings, "paper").render_float(camera, RenderSettings(marcher="paper"))
+    paper = offscreen(surroundings).render_float(camera, RenderSettings(marcher="paper"))
     exact = offscreen(surroundings).render_float(camera)
     assert 22 < -10 * np.log10(np.mean((paper - exact) ** 2)) < 60
 

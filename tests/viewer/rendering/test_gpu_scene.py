@@ -10,6 +10,7 @@ from tests.scenepack.random_packs import random_pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_scene import GpuScene, tightest_atlas
 from viewer.rendering.renderer import Renderer
+from viewer.rendering.skip_grid import chebyshev_distances
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 63, 64, 65, 455, 753, 4000, 4097, 5003, 62_000])
@@ -53,3 +54,14 @@ def arrived(scene: GpuScene, pack: Pack) -> np.ndarray:
     indirection = np.frombuffer(texture.read(alignment=1), np.uint8)
     indirection = indirection.reshape(*(n + 2 for n in pack.occupied.shape), 4)
     return indirection[1:-1, 1:-1, 1:-1, 3][pack.occupied] == 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_chebyshev_distances_are_those_of_a_plain_search(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    content = rng.random((9, 12, 7)) < (0.01, 0.1)[seed % 2]
+    content[tuple(rng.integers(0, n) for n in content.shape)] = True
+    places = np.argwhere(content)
+    everywhere = np.stack(np.indices(content.shape), axis=-1)
+    expected = np.abs(everywhere[..., None, :] - places).max(axis=-1).min(axis=-1)
+    assert np.array_equal(chebyshev_distances(content), expected)

@@ -26,8 +26,10 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
     return float(-10 * np.log10(np.mean((a.astype(np.float64) - b) ** 2)))
 
 
-def test_the_picture_stays_much_the_same_in_the_same_place(offscreen: Callable[..., OffscreenRenderer]) -> None:
-    side = 141  # odd: the last voxels of the half lie half outside
+@pytest.mark.parametrize("side", [140, 141])
+def test_the_picture_stays_much_the_same_in_the_same_place(
+    offscreen: Callable[..., OffscreenRenderer], side: int
+) -> None:
     pack = shapes_pack(side, 30)
     camera = ViewCamera.orbit(pack, 35, 28, size=(120, 90))
     whole = offscreen(pack).render_float(camera)

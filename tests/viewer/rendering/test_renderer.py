@@ -30,7 +30,7 @@ def camera(shapes: Pack) -> ViewCamera:
 def test_state_that_imgui_leaves_behind_changes_nothing(
     ctx: moderngl.Context, offscreen: Make, shapes: Pack, camera: ViewCamera, marcher: str
 ) -> None:
-    renderer = offscreen(shapes, marcher)
+    renderer = offscreen(shapes)
     wanted = RenderSettings(marcher=marcher)
     expected = renderer.render(camera, wanted)
     framebuffer = renderer.framebuffer(64, 48)

@@ -9,6 +9,7 @@ from imgui_bundle import imgui
 
 from console import UserError
 from viewer.app.application import App
+from viewer.core.annotations import worded
 from viewer.core.pose import Pose
 from viewer.core.state import Viewport
 from viewer.features.bookmarks import bookmarks
@@ -70,7 +71,7 @@ def test_keys_step_through_the_views_in_their_order_and_round_and_a_film_flies_t
 
 
 @pytest.mark.parametrize("orthographic", [False, True])
-def test_places_are_covered_from_behind(pack, orthographic, monkeypatch):
+def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orthographic, monkeypatch):
     monkeypatch.setattr(bookmarks, "PAUSE_S", 0.0)
     app = App()
     app.show(pack, Path("toy"))
@@ -87,6 +88,15 @@ def test_places_are_covered_from_behind(pack, orthographic, monkeypatch):
             app.bookmarks.covered(app)
         hidden.append(app.bookmarks.covered(app))
     assert hidden == [set(), {BALL}]
+    app.bookmarks.edit(app, 0, text=worded("A ball\n\x1b[31mred"))
+    app.bookmarks.edit(app, 0, name="Ball")
+    app.bookmarks.update(app, 0)
+    first = app.annotations.current.bookmarks[0]
+    assert (first.name, first.text, first.point) == ("Ball", "A ball\n\ufffd[31mred", BALL)
+    assert first.eye != app.annotations.current.bookmarks[1].eye
+    for _ in range(3):
+        app.run("undo")
+    assert app.annotations.current.bookmarks[0].name == "Place 1"
 
 
 @pytest.mark.usefixtures("seen")

@@ -138,6 +138,13 @@ def test_another_up_axis_keeps_the_eye_and_levels_the_camera(rig):
     assert rig.matrix[2, 0] == pytest.approx(0.0)  # the camera's right axis lies in the new horizon
 
 
+def test_flying_forward_moves_along_the_view(rig):
+    before = rig.matrix.copy()
+    rig.fly(0, 0, 1, 0.5)
+    rig.shown = rig.goal
+    np.testing.assert_allclose(rig.matrix[:3, 3] - before[:3, 3], -0.5 * rig.speed * before[:3, 2], atol=1e-9)
+
+
 def test_looking_around_while_flying_keeps_the_eye(rig):
     rig.navigate("fly")
     eye = rig.matrix[:3, 3].copy()

@@ -183,7 +183,7 @@ def test_a_rule_follows_its_slider_in_one_step_that_can_be_undone(ui, app):
     assert {f"selection-{how}" for how in CHANGES} <= set(COMMANDS)
 
 
-@pytest.mark.parametrize("marcher", ["exact", "paper"])
+@pytest.mark.parametrize("marcher", ["exact", "paper", "brute"])
 def test_the_picture_after_erasing_is_that_of_the_saved_pack(ui, app, marcher):
     app.set(marcher=marcher)
     ui.settle()
