@@ -19,15 +19,15 @@ def ctx() -> Iterator[moderngl.Context]:
 
 @pytest.fixture(autouse=True)
 def no_opengl_error_is_left(ctx: moderngl.Context) -> Iterator[None]:
-    """Every test of this room leaves OpenGL without a pending error."""
-    with ctx:  # tests of other rooms, run before in this process, have contexts of their own
+    """Every test here leaves OpenGL without a pending error."""
+    with ctx:  # tests of other folders, run before in this process, have contexts of their own
         assert ctx.error == "GL_NO_ERROR"
         yield
         assert ctx.error == "GL_NO_ERROR"
 
 
 @pytest.fixture(scope="module")
-def offscreen(ctx: moderngl.Context) -> Iterator[Callable[..., OffscreenRenderer]]:
+def offscreen(ctx: moderngl.Context) -> Iterator[Callable[[Pack], OffscreenRenderer]]:
     """Makes OffscreenRenderers in the shared context. One of a pack serves until another pack's is made."""
     last: list[OffscreenRenderer] = []
 

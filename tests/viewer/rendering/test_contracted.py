@@ -19,7 +19,7 @@ from viewer.rendering.layers import depth_along_axis, unit_normals
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
-Make = Callable[..., OffscreenRenderer]
+Make = Callable[[Pack], OffscreenRenderer]
 SIZE = (40, 30)
 VOXEL = 4.0 / 128  # of the fixture, in contracted space
 LENS = (0.09, -0.03, 0.004, -0.006)

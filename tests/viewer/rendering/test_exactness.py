@@ -21,7 +21,7 @@ from viewer.rendering.camera import ViewCamera, is_mirrored
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
-Make = Callable[..., OffscreenRenderer]
+Make = Callable[[Pack], OffscreenRenderer]
 SIZE = (40, 30)
 FISHEYE = MODELS["THIN_PRISM_FISHEYE"].lens({"k1": -0.03, "k3": 0.0005, "p1": 0.002, "s1": -0.001})
 PANORAMA = MODELS["EQUIRECTANGULAR"].lens({})

@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from scenepack import Pack
 from tests.viewer.rendering import pictures
 from tests.viewer.rendering.golden_variants import GOLDEN, VARIANTS, camera_for
 from tests.viewer.rendering.pictures import compare_with_golden
 from viewer.rendering.offscreen import OffscreenRenderer
 
-Make = Callable[..., OffscreenRenderer]
+Make = Callable[[Pack], OffscreenRenderer]
 
 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_each_picture_looks_as_before(request: pytest.FixtureRequest, offscreen: Make, name: str) -> None:
     pack, wanted = VARIANTS[name]
-    renderer = offscreen(request.getfixturevalue(pack), wanted.marcher)
+    renderer = offscreen(request.getfixturevalue(pack))
     picture = renderer.render(camera_for(renderer.pack), wanted)
     assert picture.std() > 5, "there is nothing to see"
     compare_with_golden(request.config, renderer.ctx.info["GL_RENDERER"], name, picture)

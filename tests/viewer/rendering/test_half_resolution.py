@@ -28,7 +28,7 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
 
 @pytest.mark.parametrize("side", [140, 141])
 def test_the_picture_stays_much_the_same_in_the_same_place(
-    offscreen: Callable[..., OffscreenRenderer], side: int
+    offscreen: Callable[[Pack], OffscreenRenderer], side: int
 ) -> None:
     pack = shapes_pack(side, 30)
     camera = ViewCamera.orbit(pack, 35, 28, size=(120, 90))

@@ -13,7 +13,7 @@ from viewer.rendering.layers import depth_along_axis, linear_rgb, straight_rgba,
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
-Make = Callable[..., OffscreenRenderer]
+Make = Callable[[Pack], OffscreenRenderer]
 SIDE = 56
 RADIUS = 0.6
 

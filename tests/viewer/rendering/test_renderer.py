@@ -18,7 +18,7 @@ from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 from viewer.rendering.settings import MODES, Mode, RenderSettings
 
-Make = Callable[..., OffscreenRenderer]
+Make = Callable[[Pack], OffscreenRenderer]
 
 
 @pytest.fixture
