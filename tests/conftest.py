@@ -1,7 +1,5 @@
 """Options and caches that all tests share."""
 
-import contextlib
-import ctypes
 import gc
 import os
 import signal
@@ -16,6 +14,7 @@ from hypothesis import settings
 
 from tests.compiling import as_users_have_it, compile_once_and_quickly
 from tests.messages import without_progress
+from training.libraries import release_freed_memory
 
 settings.register_profile("busy machine", deadline=None)  # how long an example takes says nothing there
 settings.load_profile("busy machine")
@@ -66,8 +65,7 @@ def _programs_are_let_go() -> Iterator[None]:
     if "jax" in sys.modules and _held() > HELD:
         sys.modules["jax"].clear_caches()
         gc.collect()
-        with contextlib.suppress(OSError, AttributeError):  # other C libraries than glibc
-            ctypes.CDLL(None).malloc_trim(0)
+        release_freed_memory()
 
 
 def _held() -> int:

@@ -48,6 +48,12 @@ def keep_freed_memory() -> None:
             mallopt(parameter, value)
 
 
+def release_freed_memory() -> None:
+    """Gives freed memory back to the system; does nothing with another C library than glibc."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
+
+
 def import_libraries() -> None:
     """The first half of begin_libraries, for processes that join others before JAX looks for devices."""
     _check_flags()

@@ -29,7 +29,7 @@ from baker.tuning.shading import from_params
 from console import Notice, Progress, UserError, progress
 from scenepack.blocks import fill_atlas
 from scenepack.pack import Pack
-from training.libraries import keep_freed_memory
+from training.libraries import keep_freed_memory, release_freed_memory
 from training.method import ViewMlpParams
 from training.run import Run, require_bakeable
 from training.scenes.scene import Box, cameras_of
@@ -104,7 +104,9 @@ def bake(
     del pack  # what pruning leaves takes its place
     for name, improve in passes_of(config):
         with job.stages(name) as bar:
+            release_freed_memory()  # which is in pieces, so that large arrays would not fit into it
             voxels = improve(voxels, bar)
+    release_freed_memory()
     counts = culling.counts()
     if (pruned := voxels.pruned) is not None:
         counts |= {"below_tau_weight": pruned.macroblocks, "kept": counts["kept"] - pruned.macroblocks}

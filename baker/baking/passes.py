@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from baker.baking.config import BakeConfig
 from baker.tuning.fine_tune import EPOCHS, fine_tune
 from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
-from baker.tuning.pruning import ArrivingTransmittance, Pruned, arriving_transmittance, prune, smooth_hidden
+from baker.tuning.pruning import Pruned, arriving_transmittance, prune, smooth_hidden
 from console.progress import Progress
 from scenepack.blocks import restore_pack_padding
 from scenepack.codecs.quantisation import EXACT, Steps
@@ -108,8 +108,8 @@ class Voxels:
         """How well a pack shows training rays, dB."""
         return shown_psnr(pack, self.photographs, self.config.seed, by_opacity=self.by_opacity)
 
-    def transmittance(self, bar: Progress) -> ArrivingTransmittance | None:
-        """The largest transmittance at the voxels in the photographs and in views between them; half of the work of its pass."""
+    def transmittance(self, bar: Progress) -> np.ndarray | None:
+        """As arriving_transmittance, in the photographs and in views between them; half of the work of its pass."""
         views = with_views_between(self.photographs)
         return arriving_transmittance(
             self.pack, views, self.config.seed, lambda share: bar.update(0.5 * share, "transmittance")

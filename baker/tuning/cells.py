@@ -121,7 +121,7 @@ class Work(NamedTuple):
     in the copy; weights float32 [., 8] of the corners; before float32: T. first int32 [chunks, CHUNK + 1]: where a ray's begin.
 
     Of cells: cells int32 [chunks, 8 C], slopes float32 [., 8]; entries int64 [chunks]: how many. Of rays: sums float32 [R, 8],
-    colour, features, T behind; whole bool [R]: which had room; supported int64 [chunks]: samples.
+    colour, features, T behind; whole bool [R]: which fitted into the capacity; supported int64 [chunks]: samples.
     """
 
     at: np.ndarray
@@ -138,33 +138,33 @@ class Work(NamedTuple):
     supported: np.ndarray
 
 
-def work_for(rays: int, room: int) -> Work:
-    """Unfilled arrays for `rays` rays, with up to `room` contributing samples a chunk."""
+def work_for(rays: int, capacity: int) -> Work:
+    """Unfilled arrays for `rays` rays, with up to `capacity` contributing samples a chunk."""
     chunks = -(-rays // CHUNK)
-    listed = (chunks, room)
+    listed = (chunks, capacity)
     return Work(
         np.empty(listed, np.int64), np.empty(listed, np.int32), np.empty((*listed, 3), np.int32),
         np.empty((*listed, 8), np.float32), np.empty(listed, np.float32), np.zeros((chunks, CHUNK + 1), np.int32),
-        np.empty((chunks, MOST_CORNERS * room), np.int32), np.empty((chunks, MOST_CORNERS * room, 8), np.float32),
+        np.empty((chunks, MOST_CORNERS * capacity), np.int32), np.empty((chunks, MOST_CORNERS * capacity, 8), np.float32),
         np.zeros(chunks, np.int64), np.zeros((rays, 8), np.float32), np.zeros(rays, bool), np.zeros(chunks, np.int64),
     )  # fmt: skip
 
 
 @njit(nogil=True, cache=True)
 def gather_chunk(tables: Tables, rays, chunk, low, high, found, work):
-    """Lists the contributing samples of rays low … high - 1, and accumulates them; rays without room count for nothing."""
+    """Lists the contributing samples of rays low … high - 1, and accumulates them; of rays beyond the capacity, nothing."""
     rgba, features, row, layer = tables.rgba, tables.features, np.int64(tables.row), np.int64(tables.layer)
-    one, room, total, n, supported = np.float32(1.0), work.at.shape[1], np.empty(8, np.float32), 0, 0
+    one, capacity, total, n, supported = np.float32(1.0), work.at.shape[1], np.empty(8, np.float32), 0, 0
     for ray in range(low, high):
         work.first[chunk, ray - low] = n
         passed, k, listed, own = one, np.int64(0), LISTED, n
         total[:] = np.float32(0.0)
-        while listed == LISTED and passed > np.float32(TRANSMITTANCE_STOP) and own <= room:
+        while listed == LISTED and passed > np.float32(TRANSMITTANCE_STOP) and own <= capacity:
             count, k, listed = list_contributing(tables, rays, ray, k, found)
             supported += listed
             for i in range(count):
-                if own == room:
-                    own = room + 1
+                if own == capacity:
+                    own = capacity + 1
                     break
                 scale = passed * np.float32(1 / 255)
                 for corner in range(8):
@@ -182,7 +182,7 @@ def gather_chunk(tables: Tables, rays, chunk, low, high, found, work):
                 passed *= one - min(found.alpha[i], np.float32(MAX_ALPHA))
                 if passed <= np.float32(TRANSMITTANCE_STOP):
                     break
-        work.whole[ray] = own <= room
+        work.whole[ray] = own <= capacity
         if work.whole[ray]:
             n = own
             for c in range(7):

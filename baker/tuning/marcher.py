@@ -9,7 +9,7 @@ whether all are empty: rays cross such a block in one jump.
 
 # pyright: reportCallIssue=false
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import jax
@@ -30,6 +30,7 @@ OnShare = Callable[[float], None]
 MAX_ALPHA = 1 - 1e-6  # keeps the optical depth of opaque samples finite
 TOGETHER = 65_536  # rays that are made together
 PART = 512  # rays that a worker claims
+MARKED = 16  # macroblocks that a worker claims
 LISTED = 16  # samples of a ray that are listed before they are looked at
 CLOSE = 1e-3  # steps: what is left to rounding when a ray jumps over empty space
 MOST_COPIES = 4  # workers that mark transmittance: each has a copy of all voxels
@@ -87,7 +88,7 @@ class Found(NamedTuple):
     alpha: np.ndarray
 
 
-def tables_of(pack: Pack) -> Tables:
+def tables_of(pack: Pack, workers: Workers) -> Tables:
     """The tables of a pack; its atlas is not copied."""
     _, height, width, _ = pack.atlas_rgba.shape
     side, occupied = pack.padded_block_size, pack.occupied
@@ -100,16 +101,20 @@ def tables_of(pack: Pack) -> Tables:
     features = np.zeros(rgba.shape, np.uint8) if features is None else np.ascontiguousarray(features).reshape(-1, 4)
     support = np.zeros((len(first), side**3), np.uint8)
     near = np.zeros((len(first), (-(-side // 4)) ** 3), np.uint8)
-    mark_support(rgba, first, width, width * height, side, support, near)
+
+    def mark(_: int, low: int, high: int) -> None:
+        mark_support(rgba, first, width, width * height, side, support, near, low, high)
+
+    workers.share_range(len(first), MARKED, mark)
     blocks = np.array(occupied.shape[::-1], np.int64)
     return Tables(slots.ravel(), blocks, pack.block_size, first, width, width * height, support, near, rgba, features)
 
 
 @kernel
-def mark_support(rgba, first, row, layer, side, support, near):
-    """Fills support and near of Tables from the alphas of the atlas."""
+def mark_support(rgba, first, row, layer, side, support, near, low, high):
+    """Fills support and near of Tables from the alphas of the atlas, of slots low … high - 1."""
     across = -(-side // 4)
-    for slot in range(len(first)):
+    for slot in range(low, high):
         for z in range(side - 1):
             for y in range(side - 1):
                 for x in range(side - 1):
@@ -131,10 +136,10 @@ def _wall(origin, direction, low, high):
 
 
 @kernel
-def list_samples(tables: Tables, rays, ray, k, room, found):
-    """Lists up to `room` samples with support of a ray, from its k-th place on: how many, and the place to go on from.
+def list_samples(tables: Tables, rays, ray, k, capacity, found):
+    """Lists up to `capacity` samples with support of a ray, from its k-th place on: how many, and the place to go on from.
 
-    Samples lie at start + 0.5 + k; the ray has no more where fewer than `room` are listed.
+    Samples lie at start + 0.5 + k; the ray has no more where fewer than `capacity` are listed.
     """
     start, stop = rays.start[ray], rays.end[ray]
     slots, support, near = tables.slots, tables.support, tables.near
@@ -145,7 +150,7 @@ def list_samples(tables: Tables, rays, ray, k, room, found):
     count = 0
     along = start + half + np.float32(k)
     piece, until, ox, oy, oz, dx, dy, dz = piece_from(rays, ray, 0, along)
-    while along < stop and count < room:
+    while along < stop and count < capacity:
         if along >= until:
             piece, until, ox, oy, oz, dx, dy, dz = piece_from(rays, ray, piece, along)
         gx, gy, gz = ox + along * dx, oy + along * dy, oz + along * dz
@@ -295,15 +300,16 @@ class PackMarcher:
     """
 
     def __init__(self, pack: Pack, dataset: RayDataset) -> None:
-        self.rays, self.tables, self.workers = pack_rays(pack, dataset), tables_of(pack), Workers()
+        self.rays, self.workers = pack_rays(pack, dataset), Workers()
+        self.tables = tables_of(pack, self.workers)
         self.side = pack.padded_block_size
         self.box = box_of(pack.min_xyz, pack.voxel_size, pack.grid_size, pack.contraction)
-        self.found = [room_for_samples() for _ in range(self.workers.count)]
+        self.found = [sample_buffers() for _ in range(self.workers.count)]
 
-    def meets(self, ids: np.ndarray, pixel_offset: np.ndarray | None = None) -> np.ndarray:
+    def meets(self, ids: np.ndarray) -> np.ndarray:
         """bool [N]: which rays have a sample with support."""
         meets = np.zeros(len(ids), bool)
-        self.over(ids, meeting_rays, lambda _, first: meets[first:], pixel_offset)
+        self.over(ids, meeting_rays, lambda _, first: meets[first:])
         return meets
 
     def half_depths(self, ids: np.ndarray) -> np.ndarray:
@@ -313,14 +319,14 @@ class PackMarcher:
         self.over(ids, half_depth_rays, lambda _, first: depths[first:])
         return depths
 
-    def transmittance(
-        self, ids: np.ndarray, pixel_offset: np.ndarray, on_share: OnShare = lambda share: None
-    ) -> np.ndarray:
+    def transmittance(self, batches: Iterable[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         """uint8 [slots, B, B, B] of the occupied macroblocks' padded copies, in the grid's order: the largest T before a
-        sample that a voxel is part of, in units of 1/255 and rounded up; 0 where there is none."""
+        sample that a voxel is part of, in units of 1/255 and rounded up; 0 where there is none. batches: ids and pixel_offset of
+        rays."""
         workers = Workers(min(self.workers.count, MOST_COPIES))
         copies = [np.zeros(self.tables.support.shape, np.uint8) for _ in range(workers.count)]
-        self.over(ids, raise_transmittance, lambda worker, _: copies[worker], pixel_offset, on_share, workers)
+        for ids, pixel_offset in batches:
+            self.over(ids, raise_transmittance, lambda worker, _: copies[worker], pixel_offset, workers=workers)
         best = copies[0]
         for other in copies[1:]:
             np.maximum(best, other, out=best)
@@ -368,7 +374,7 @@ def _in_grid(box: GridBox, source: GridFrameRays, ids: jax.Array, pixel_offset: 
     return to_grid(box, source.geometry_at(ids, pixel_offset))
 
 
-def room_for_samples() -> Found:
+def sample_buffers() -> Found:
     """What one worker looks at together."""
     return Found(
         np.empty(LISTED, np.int32), np.empty((LISTED, 3), np.int32), np.empty((LISTED, 3), np.float32),

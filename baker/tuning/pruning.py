@@ -11,16 +11,17 @@ The rays are a lattice over each photograph, begun at a random place. Its step f
 where the photographs see surfaces. A surface that is seen at 45 degrees is met by some ray within about `spacing` voxels of any
 of its points, in the worst corner of the lattice, and a sample lights the voxels within one of it. Most are seen from straighter
 ahead, or by several photographs, so light is taken to reach spacing - 2 voxels further: `reach`, so that no voxel lies between
-the rays. Rays that meet no content are not marched. Their number grows with the surface in view alone; beyond MOST_RAYS the step
-grows instead, which keeps more voxels, never fewer.
+the rays. The number of rays that meet content grows with the surface in view; beyond MOST_RAYS the step grows instead, which
+keeps more voxels, never fewer.
 
 Of the voxels that stay, hidden ones may copy their neighbours, so that they compress better: where little transmittance is left
 in every photograph and between them, a voxel takes the colour and features of the voxel before it, along x or else along y, as
 near as its own alpha allows. Alphas stay, so that no surface moves. Behind a surface this costs nothing; in mist half of a pixel
 lies where half of the transmittance is gone, so the photographs decide how much is hidden.
 
-Notation: B = block_size + 2; slots number the occupied macroblocks; T the transmittance before a sample, a voxel's
-transmittance the largest T of the samples that it is part of, in units of 1/255 and rounded up; 0 where there is none.
+Notation: bs = block_size, B = bs + 2; slots number the occupied macroblocks, in the grid's order; T the transmittance before a
+sample, a voxel's transmittance the largest T of the samples that it is part of, in units of 1/255 and rounded up; 0 where there
+is none. arriving: uint8 [slots, bs, bs, bs], the largest transmittance within `reach` of each voxel.
 """
 
 from __future__ import annotations
@@ -28,7 +29,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import ceil, sqrt
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -45,20 +45,11 @@ SPACING = 3.0  # voxels between neighbouring rays
 MOST_RAYS = 12_000_000  # that meet content
 PILOTS = 16_384  # rays that tell how many voxels wide pixels are
 FEW_WIDER = 0.9  # share of the pilots whose pixels are no wider than what is taken for the width
-LOOKED_AT = 1_048_576  # places at once that are tested for content
+TOGETHER = 1_048_576  # rays that are made together, of whole photographs
 
 
-class VisibilityRays(NamedTuple):
-    """Rays: ids int32 [N] of pixels and pixel_offset float32 [N, 2], in pixels from their centres. reach: see above."""
-
-    ids: np.ndarray
-    pixel_offset: np.ndarray
-    reach: int
-
-
-def visibility_rays_of(marcher: PackMarcher, dataset: RayDataset, seed: int) -> VisibilityRays | None:
-    """The rays; None where no photograph sees anything."""
-    rng = np.random.default_rng(seed)
+def _spacing(marcher: PackMarcher, dataset: RayDataset, rng: np.random.Generator) -> tuple[float, int] | None:
+    """Pixels between the rays, and `reach`; None where no photograph sees anything."""
     pilots = rng.integers(0, dataset.count, max(8 * PILOTS, 1), np.int32)
     meets = marcher.meets(pilots)
     if not meets.any():
@@ -66,15 +57,9 @@ def visibility_rays_of(marcher: PackMarcher, dataset: RayDataset, seed: int) -> 
     width = _pixel_width(marcher, np.resize(pilots[meets], PILOTS))
     if width is None:
         return None
-    step, expected = SPACING / width, meets.mean() * dataset.count * (width / SPACING) ** 2
+    expected = meets.mean() * dataset.count * (width / SPACING) ** 2
     wider = sqrt(max(expected / MOST_RAYS, 1.0))
-    ids, pixel_offset = [], []
-    for places, moved in _lattices(dataset, step * wider, rng):
-        chosen = marcher.meets(places, moved)
-        ids.append(places[chosen])
-        pixel_offset.append(moved[chosen])
-    reach = ceil(SPACING * wider - 2)
-    return VisibilityRays(np.concatenate(ids), np.concatenate(pixel_offset), reach)
+    return SPACING / width * wider, ceil(SPACING * wider - 2)
 
 
 def _pixel_width(marcher: PackMarcher, ids: np.ndarray) -> float | None:
@@ -103,7 +88,9 @@ def _widths(box: GridBox, source: GridFrameRays, ids: jax.Array, depths: jax.Arr
     return jnp.maximum(*steps)
 
 
-def _lattices(dataset: RayDataset, step: float, rng: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _lattices(
+    dataset: RayDataset, step: float, rng: np.random.Generator, on_share: OnShare
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """ids int32 [N] and pixel_offset float32 [N, 2] of a lattice over each photograph, `step` pixels apart, some at a time."""
     width, first = np.asarray(dataset.width), np.asarray(dataset.first)
     height = np.diff(np.append(first, dataset.count)) // width
@@ -116,8 +103,9 @@ def _lattices(dataset: RayDataset, step: float, rng: np.random.Generator) -> Ite
         ids.append((first[view] + row * w + column).ravel().astype(np.int32))
         pixel_offset.append(np.stack([x - column - 0.5, y - row - 0.5], -1).reshape(-1, 2).astype(np.float32))
         held += x.size
-        if held >= LOOKED_AT or view + 1 == dataset.views:
+        if held >= TOGETHER or view + 1 == dataset.views:
             yield np.concatenate(ids), np.concatenate(pixel_offset)
+            on_share((view + 1) / dataset.views)
             ids, pixel_offset, held = [], [], 0
 
 
@@ -138,9 +126,8 @@ class Pruned:
 
 
 def prune(
-    pack: Pack, arriving: ArrivingTransmittance, score: Callable[[Pack], float], most_lost: float,
-    tau_weight: float = TAU_WEIGHT,
-) -> tuple[Pack, Pruned]:  # fmt: skip
+    pack: Pack, arriving: np.ndarray, score: Callable[[Pack], float], most_lost: float, tau_weight: float = TAU_WEIGHT
+) -> tuple[Pack, Pruned]:
     """The pack without voxels that contribute less than tau_weight to every pixel, closed behind surfaces.
 
     score: PSNR (dB) of a pack; it may fall by most_lost. If it falls further, smaller thresholds (MILDER) are tried, and in the
@@ -156,30 +143,32 @@ def prune(
     return pack, Pruned(count, count, 0, 0.0)
 
 
-def _thinner(pack: Pack, arriving: ArrivingTransmittance, tau_weight: float) -> tuple[Pack, Pruned]:
+def _thinner(pack: Pack, arriving: np.ndarray, tau_weight: float) -> tuple[Pack, Pruned]:
     """The pack without its voxels that make up less than tau_weight, closed."""
     alpha, transmittance = np.arange(256)[:, None], np.arange(256)
     stays = (alpha > 0) & (alpha * transmittance >= tau_weight * 255**2)
     gains = (stays * closing_gain(alpha, transmittance)).astype(np.float32)  # [256, 256], 0 where a voxel is emptied
 
-    def thinned(block: tuple[int, ...]) -> tuple[tuple[int, ...], np.ndarray]:
-        gain = gains[_alpha(pack, block), arriving.at(block)]
+    def thinned(slot: int) -> tuple[tuple[int, ...], np.ndarray]:
+        block = blocks[slot]
+        gain = gains[_alpha(pack, block), arriving[slot]]
         some, voxels = gain > 0, np.zeros((*gain.shape, 8), np.uint8)
         before = np.concatenate([block_data(pack, atlas, block)[some] for atlas in pack.atlases], axis=-1)
         voxels[some] = np.round(gain[some][:, None] * before)
         return block, voxels
 
     before = after = 0
-    kept = np.zeros(pack.occupied.shape, bool)
-    for block in _blocks(pack):
-        stay = int(np.count_nonzero(gains[_alpha(pack, block), arriving.at(block)]))
-        before, after = before + int(np.count_nonzero(_alpha(pack, block))), after + stay
+    blocks, kept = _blocks(pack), np.zeros(pack.occupied.shape, bool)
+    for block, light in zip(blocks, arriving, strict=True):
+        alphas = _alpha(pack, block)
+        stay = int(np.count_nonzero(stays[alphas, light]))
+        before, after = before + int(np.count_nonzero(alphas)), after + stay
         kept[block] = stay > 0
-    left = [block for block in _blocks(pack) if kept[block]]
+    left = [slot for slot, block in enumerate(blocks) if kept[block]]
     indices, rgba, features = fill_atlas(map(thinned, left), kept, pack.block_size)
     thinner = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
     restore_pack_padding(thinner)
-    return thinner, Pruned(before, after, len(_blocks(pack)) - len(left), tau_weight)
+    return thinner, Pruned(before, after, len(blocks) - len(left), tau_weight)
 
 
 def _blocks(pack: Pack) -> list[tuple[int, ...]]:
@@ -201,23 +190,6 @@ def closing_gain(alpha: np.ndarray, transmittance: np.ndarray) -> np.ndarray:
     return (1 - (1 - opacity) ** (1 + (DENSER - 1) * depth)) / opacity
 
 
-@dataclass(frozen=True)
-class ArrivingTransmittance:
-    """transmittance uint8 [voxels z, y, x with a margin around], where rays went; how far it reaches beyond, in voxels."""
-
-    transmittance: np.ndarray
-    block_size: int
-    reach: int
-
-    def at(self, block: tuple[int, ...]) -> np.ndarray:
-        """uint8 [bs, bs, bs]: the largest transmittance within `reach` of each voxel of a macroblock."""
-        size, around = self.block_size, 2 * self.reach + 1
-        arriving = self.transmittance[tuple(slice(b * size, (b + 1) * size + around - 1) for b in block)]
-        for axis in range(3):
-            arriving = _most_of_neighbours(arriving, around, axis)
-        return arriving
-
-
 def _most_of_neighbours(values: np.ndarray, count: int, axis: int) -> np.ndarray:
     """The most of each `count` neighbours along an axis, which is count - 1 shorter then. By doubling: ten times as fast as
     looking at each of them."""
@@ -230,21 +202,29 @@ def _most_of_neighbours(values: np.ndarray, count: int, axis: int) -> np.ndarray
 
 def arriving_transmittance(
     pack: Pack, dataset: RayDataset, seed: int, on_share: OnShare = lambda share: None
-) -> ArrivingTransmittance | None:
-    """The largest transmittance with which rays of the views arrive at the voxels of a pack; None where they meet none."""
+) -> np.ndarray | None:
+    """uint8 [slots, bs, bs, bs]: the largest transmittance with which rays of the views arrive within `reach` of each voxel;
+    None where they meet none."""
     size, side, marcher = pack.block_size, pack.padded_block_size, PackMarcher(pack, dataset)
-    rays = visibility_rays_of(marcher, dataset, seed)
-    if rays is None:
+    rng = np.random.default_rng(seed)
+    if (spacing := _spacing(marcher, dataset, rng)) is None:
         return None
-    copies = marcher.transmittance(rays.ids, rays.pixel_offset, on_share)
+    step, reach = spacing
+    copies = marcher.transmittance(_lattices(dataset, step, rng, on_share))
     # A voxel is in the copies of up to eight macroblocks; a sample touches one of them.
-    margin = max(rays.reach, 1)
+    margin, around = max(reach, 1), 2 * reach + 1
     best = np.zeros([n * size + 2 * margin for n in pack.occupied.shape], np.uint8)
-    for slot, block in enumerate(np.argwhere(pack.occupied)):
+    for slot, block in enumerate(_blocks(pack)):
         at = best[tuple(slice(b * size + margin - 1, b * size + margin - 1 + side) for b in block)]
         np.maximum(at, copies[slot], out=at)
-    cut = margin - rays.reach
-    return ArrivingTransmittance(best[(slice(cut, -cut or None),) * 3], size, rays.reach) if best.any() else None
+    del copies
+    arriving, first = np.empty((len(_blocks(pack)), size, size, size), np.uint8), margin - reach
+    for slot, block in enumerate(_blocks(pack)):
+        light = best[tuple(slice(b * size + first, (b + 1) * size + first + around - 1) for b in block)]
+        for axis in range(3):
+            light = _most_of_neighbours(light, around, axis)
+        arriving[slot] = light
+    return arriving if arriving.any() else None
 
 
 # --- Hidden voxels ---
@@ -255,12 +235,12 @@ HIDDEN = (128, 64, 32)
 
 
 def smooth_hidden(
-    pack: Pack, arriving: ArrivingTransmittance, steps: Steps, score: Callable[[Pack], float], most_lost: float
+    pack: Pack, arriving: np.ndarray, steps: Steps, score: Callable[[Pack], float], most_lost: float
 ) -> tuple[Pack, int]:
     """The pack after hidden voxels took their neighbours' values, and the transmittance below which voxels count as hidden. The
     pack unchanged and 0 where every threshold costs too much.
 
-    arriving: at its voxels. steps: what it is stored in, and stays in. score (dB): may fall by most_lost.
+    steps: what it is stored in, and stays in. score (dB): may fall by most_lost.
     """
     least = score(pack) - most_lost
     for hidden in HIDDEN:
@@ -271,12 +251,12 @@ def smooth_hidden(
     return pack, 0
 
 
-def follow_neighbours(pack: Pack, arriving: ArrivingTransmittance, steps: Steps, hidden: int) -> Pack:
+def follow_neighbours(pack: Pack, arriving: np.ndarray, steps: Steps, hidden: int) -> Pack:
     """The pack with the voxels that get less transmittance than `hidden` like their neighbours."""
     rgba, features = (None if atlas is None else atlas.copy() for atlas in (pack.atlas_rgba, pack.atlas_features))
     assert rgba is not None
     pack = replace(pack, atlas_rgba=rgba, atlas_features=features)
-    found = [_hidden(pack, arriving, tuple(block), hidden) for block in np.argwhere(pack.occupied)]
+    found = [_hidden(pack, block, light < hidden) for block, light in zip(_blocks(pack), arriving, strict=True)]
     at, rank = (np.concatenate(parts) for parts in zip(*found, strict=True))
     at = at[np.argsort(rank, kind="stable")]
     row = rgba.shape[2]
@@ -288,12 +268,10 @@ def follow_neighbours(pack: Pack, arriving: ArrivingTransmittance, steps: Steps,
     return pack
 
 
-def _hidden(
-    pack: Pack, arriving: ArrivingTransmittance, block: tuple[int, ...], hidden: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Where hidden voxels of a macroblock are in the flat atlas, int64 [n]; x + y, which is their rank."""
-    alpha = block_data(pack, pack.atlas_rgba, block)[..., 3]
-    z, y, x = np.nonzero((alpha > 0) & (arriving.at(block) < hidden))
+def _hidden(pack: Pack, block: tuple[int, ...], dark: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where hidden voxels of a macroblock are in the flat atlas, int64 [n]; x + y, which is their rank. dark: bool
+    [bs, bs, bs]."""
+    z, y, x = np.nonzero((_alpha(pack, block) > 0) & dark)
     _, height, width, _ = pack.atlas_rgba.shape
     left, top, front = pack.atlas_indices[block].astype(np.int64) * pack.padded_block_size + 1
     return ((front + z) * height + top + y) * width + left + x, (x + y).astype(np.int32)

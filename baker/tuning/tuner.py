@@ -27,7 +27,7 @@ import numpy as np
 
 from baker.tuning import cells
 from baker.tuning.cells import BETAS, CHUNK, TINY, cells_of, work_for
-from baker.tuning.marcher import LISTED, PackMarcher, on_host, room_for_samples
+from baker.tuning.marcher import LISTED, PackMarcher, on_host, sample_buffers
 from baker.tuning.shading import Accumulated, ErrorTerms, ShadingInputs, from_params, psnr_of, squared_error, to_params
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
@@ -64,7 +64,7 @@ class Tuner:
         self.sums = np.zeros((-(-count // PART), 2, 8))  # see baker.tuning.cells.move_moments
         self.head = pack.view_mlp and to_params(pack.view_mlp)
         self.head_moments = [jax.tree.map(jnp.zeros_like, self.head) for _ in range(2)]
-        self.found = [room_for_samples() for _ in range(self.workers.count)]
+        self.found = [sample_buffers() for _ in range(self.workers.count)]
         self.steps = EXACT.channels
         self.rays, self.work = 0, work_for(0, 0)
 
@@ -79,10 +79,10 @@ class Tuner:
         self.rays, self.work = PROBE_RAYS, work_for(PROBE_RAYS, CHUNK * PROBED)
         self._gather(probe)
         counts = np.diff(self.work.first, axis=1)
-        room = int(SPARE * CHUNK * counts.mean()) + int(counts.max()) + LISTED
+        capacity = int(SPARE * CHUNK * counts.mean()) + int(counts.max()) + LISTED
         each = max(self.work.supported.sum() / PROBE_RAYS, 1.0)
         self.rays = max(int(samples / each) // CHUNK, 1) * CHUNK
-        self.work = work_for(self.rays, room)
+        self.work = work_for(self.rays, capacity)
 
     def update(self, ids: np.ndarray, rates: np.ndarray, count: int) -> None:
         """One step of Adam on the rays `ids` int32 [rays]; rates float32 [9]: of the 8 parts of delta, and of the view MLP.

@@ -26,7 +26,7 @@ from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, Settings
 from training.multires.state import PARTS, State, Trainable
 from training.volume import psnr_of
 
-LISTED = 2  # times the samples of a step have room: what lies behind a surface is listed, too
+LISTED = 2  # capacity of the lists, in samples of a step: what lies behind a surface is listed, too
 PROBE_RAYS = 4096  # whose sample counts set the sizes of lists
 HEADROOM = 1.15  # lists are this much longer than the mean asks for
 RENDER_RAYS, RENDER_SAMPLES = 4096, 262_144
@@ -233,11 +233,11 @@ class JaxEngine:
             segments = march.segments_across(np.asarray(state.box.dims), step)
             ids = jnp.asarray(np.random.default_rng(0).integers(0, self.dataset.count, PROBE_RAYS).astype(np.int32))
             coarse, fine = (agree(np.asarray(a)) for a in _count(cells, self.geometry, ids, segments, step))
-            room = LISTED * self.settings.samples
-            rays = int(np.clip(room / max(fine.mean() * HEADROOM, 1.0), 256, 131_072))
+            capacity = LISTED * self.settings.samples
+            rays = int(np.clip(capacity / max(fine.mean() * HEADROOM, 1.0), 256, 131_072))
             rays = int(2 ** (np.floor(2 * np.log2(rays)) / 2)) // 256 * 256
             listed = _rounded(rays * coarse.mean() * HEADROOM + 4096)
-            sizes = MarchSizes(segments, listed, room, _rounded(fine.max() * HEADROOM + 8))
+            sizes = MarchSizes(segments, listed, capacity, _rounded(fine.max() * HEADROOM + 8))
             state.kept[step] = Constants(levels, sizes, rays, step, self.settings)
         return state.kept[step]
 

@@ -150,5 +150,5 @@ def test_what_is_shown_scores_as_the_tuner_scores_it(dataset: RayDataset, monkey
     tuner.fill(every, SAMPLES, 0)
     assert dataset.count <= joint_loop.SCORED_RAYS, "so that all rays are looked at"
     known = tuner.score(every)[0]
-    assert tuner.work.whole[: len(every)].all(), "no ray is left out for want of room"
+    assert tuner.work.whole[: len(every)].all(), "no ray is left out for want of capacity"
     assert joint_loop.shown_psnr(pack, dataset, 0) == pytest.approx(known, abs=0.005)

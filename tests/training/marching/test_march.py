@@ -71,12 +71,12 @@ class KnownRays(NamedTuple):
 
 
 def test_each_ray_is_done_once_and_in_order_however_few_fit() -> None:
-    room = iter([3, 8, 1, 5, 2, 8, 8, 8])
+    capacity = iter([3, 8, 1, 5, 2, 8, 8, 8])
     asked: list[np.ndarray] = []
 
     def march_some(places: np.ndarray) -> tuple[np.ndarray, jax.Array]:
         asked.append(places)
-        return 10 * places, jnp.arange(8) < next(room)
+        return 10 * places, jnp.arange(8) < next(capacity)
 
     done = []
     for start, end, output in until_complete(21, 8, march_some):

@@ -71,7 +71,7 @@ class Numbers(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory of one worker for `room` samples."""
+    """Memory of one worker for `capacity` samples."""
 
     ray: np.ndarray  # of each sample: its ray, int32 (-1: padding)
     xs: np.ndarray  # place in the unit cube
@@ -100,7 +100,7 @@ class Scratch(NamedTuple):
     ray_sums: np.ndarray  # float64 [4, .]
 
 
-def make_scratch(room: int, levels: int, inputs: int) -> Scratch:
+def make_scratch(capacity: int, levels: int, inputs: int) -> Scratch:
     """Memory for chunks of so many samples, a multiple of BLOCK."""
 
     def floats(*shape: int) -> np.ndarray:
@@ -108,10 +108,10 @@ def make_scratch(room: int, levels: int, inputs: int) -> Scratch:
 
     corner = 2 * levels * CORNERS
     return Scratch(
-        np.zeros(room, np.int32), *(floats(room) for _ in range(8)), floats(room, inputs), floats(room, HIDDEN),
-        floats(room, OUTPUTS), floats(room, OUTPUTS), np.zeros(corner, np.int32), floats(corner), np.zeros(3 * BLOCK, np.int32),
-        floats(TOGETHER, HIDDEN), floats(TOGETHER, inputs), floats(CHUNK), np.zeros(CHUNK, np.int64),
-        np.zeros(CHUNK, np.bool_), floats(CHUNK), floats(CHUNK, 8), floats(CHUNK, 8),
+        np.zeros(capacity, np.int32), *(floats(capacity) for _ in range(8)), floats(capacity, inputs), floats(capacity, HIDDEN),
+        floats(capacity, OUTPUTS), floats(capacity, OUTPUTS), np.zeros(corner, np.int32), floats(corner),
+        np.zeros(3 * BLOCK, np.int32), floats(TOGETHER, HIDDEN), floats(TOGETHER, inputs), floats(CHUNK),
+        np.zeros(CHUNK, np.int64), np.zeros(CHUNK, np.bool_), floats(CHUNK), floats(CHUNK, 8), floats(CHUNK, 8),
         np.zeros((4, CHUNK)),
     )  # fmt: skip
 
@@ -140,7 +140,7 @@ def evaluate(field, largest_raw, scratch, begin, end):
 @kernel
 def forward(low, high, grid, field, batch, numbers, scratch):
     """Samples of rays low … high - 1 and what the rays gather: sums, behind, depth. The number of samples, with
-    padding; -1 where the room does not suffice."""
+    padding; -1 where the capacity does not suffice."""
     for r in range(high - low):
         scratch.behind[r], scratch.next_k[r], scratch.depth[r] = np.float32(1.0), 0, np.float32(0.0)
         scratch.alive[r] = batch.start[low + r] < batch.end[low + r]
@@ -252,11 +252,11 @@ def _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics):
 class Output(NamedTuple):
     """What chunks leave for the scatter."""
 
-    counts: np.ndarray  # chunk c has counts[c] samples (-1: the room did not suffice) from c * room on
+    counts: np.ndarray  # chunk c has counts[c] samples (-1: its capacity did not suffice) from c * capacity on
     xs: np.ndarray
     ys: np.ndarray
     zs: np.ndarray
-    slopes: np.ndarray  # [L, chunks * room, 4]: of their features
+    slopes: np.ndarray  # [L, chunks * capacity, 4]: of their features
     metrics: np.ndarray  # float64 [chunks, METRICS]
     gradient: np.ndarray  # float32 [parts, P]: of the parameters, by groups of chunks
 
@@ -345,7 +345,7 @@ def _move_row(rows, width, source, target, scale):
 @kernel
 def _leave_slopes(chunk, count, field, scratch, output, gradient):
     """From scratch.slopes of `count` samples to gradients of the parameters and to slopes of features in `output`."""
-    base, place, table_room = chunk * (scratch.ray.size - BLOCK), 0, output.xs.size
+    base, place, table_capacity = chunk * (scratch.ray.size - BLOCK), 0, output.xs.size
     for first in range(0, count, TOGETHER):
         some = min(TOGETHER, count - first)
         add_gradient(field, scratch, first, some, gradient)
@@ -355,7 +355,7 @@ def _leave_slopes(chunk, count, field, scratch, output, gradient):
             to = base + place
             output.xs[to], output.ys[to], output.zs[to] = scratch.xs[n], scratch.ys[n], scratch.zs[n]
             for level in range(field.levels.resolution.size):
-                at, source = (level * table_room + to) * FEATURES, (n - first) * field.inputs + level * FEATURES
+                at, source = (level * table_capacity + to) * FEATURES, (n - first) * field.inputs + level * FEATURES
                 for f in range(FEATURES):
                     output.slopes[at + f] = scratch.x_slopes[source + f]
             place += 1
@@ -395,7 +395,7 @@ def smooth_chunk(chunk, part, pairs, low, high, scale, field, numbers, scratch, 
 
 @kernel
 def gather_chunk(chunk, grid, field, batch, numbers, scratch, gathered):
-    """gathered [N, 9] of a chunk's rays: see training.multires.field.composite. Whether the room sufficed."""
+    """gathered [N, 9] of a chunk's rays: see training.multires.field.composite. Whether the capacity sufficed."""
     low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
     if forward(low, high, grid, field, batch, numbers, scratch) < 0:
         return False

@@ -144,15 +144,15 @@ def scatter(levels, level, output, low, high, gradient, marks):
     workers may share a level and each row's sum still runs in one order. marks uint8: set for each 64 rows that change.
     """
     counts, xs, ys, zs, slopes = output.counts, output.xs, output.ys, output.zs, output.slopes
-    room, level_start = xs.size // counts.size, level * xs.size
+    capacity, level_start = xs.size // counts.size, level * xs.size
     ids, weights = np.empty(2 * CORNERS, np.int32), np.empty(2 * CORNERS, np.float32)
     px, py, pz = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    picked, planes, cells = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(3 * BLOCK, np.int32)
+    picked, planes, cells = np.empty(capacity, np.int64), np.empty(capacity, np.int64), np.empty(3 * BLOCK, np.int32)
     resolution, far = np.float32(levels.resolution[level]), levels.rows[level] > PREFETCHED_ROWS
     last = levels.resolution[level] - 1
     for chunk in range(counts.size):
         count = 0
-        for n in range(chunk * room, chunk * room + counts[chunk]):
+        for n in range(chunk * capacity, chunk * capacity + counts[chunk]):
             cell = min(max(np.int64(zs[U(n)] * resolution), 0), last)
             if cell + 1 >= low and cell < high:
                 picked[count], planes[count] = n, cell

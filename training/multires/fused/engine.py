@@ -69,8 +69,8 @@ def move_marked(values, first, second, gradient, marks, decay, scale, rate, low,
 CHUNKS_TOGETHER = 4  # that a worker claims, and that share one sum of parameter gradients
 POINTS_TOGETHER = 4096  # that are queried together
 RENDERED_TOGETHER = 16_384  # rays
-SPARE = 1.5, 8  # room of a chunk: times the mean of samples a ray, and so many more
-PAIRS_TOGETHER = CHUNK * SPARE[1] // 2  # of points: as many as the smallest chunk has room for
+SPARE = 1.5, 8  # capacity of a chunk: times the mean of samples a ray, and so many more
+PAIRS_TOGETHER = CHUNK * SPARE[1] // 2  # of points: as many as the smallest chunk can hold
 
 
 class FusedEngine:
@@ -143,8 +143,8 @@ class FusedEngine:
         field, pairs = self._field(state), batch.pairs
         of_pairs = -(-len(pairs) // PAIRS_TOGETHER)  # chunks, and parts
         while True:
-            room = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
-            output = self._make_room(room, chunks + of_pairs, parts + of_pairs, len(field.levels.resolution))
+            capacity = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
+            output = self._make_output(capacity, chunks + of_pairs, parts + of_pairs, len(field.levels.resolution))
 
             def work(worker: int, low: int, high: int, output: Output = output) -> None:
                 memory, part = (self.scratch[worker], self.shading[worker]), low // CHUNKS_TOGETHER
@@ -153,7 +153,7 @@ class FusedEngine:
             self.workers.share_range(chunks, CHUNKS_TOGETHER, work)
             if output.counts.min() >= 0:
                 break
-            self._spare *= 1.5  # all is done again: what chunks leave does not depend on their room
+            self._spare *= 1.5  # all is done again: what chunks leave does not depend on their capacity
         # the mean over pairs, as others are over rays
         scale = np.float32(output.metrics[:, mlp.RAYS].sum() / max(len(pairs), 1))
 
@@ -223,7 +223,7 @@ class FusedEngine:
         gathered, chunks = np.empty((len(batch.start), 9), np.float32), -(-len(batch.start) // CHUNK)
         grid, field = self._derived(state)[0], self._field(state)
         numbers, suffices = self._numbers(state), np.zeros(chunks, bool)
-        room = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
+        capacity = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
         while not suffices.all():
 
             def look(worker: int, chunk: int) -> None:
@@ -231,9 +231,9 @@ class FusedEngine:
                     suffices[chunk] = gather_chunk(chunk, grid, field, batch, numbers, self.scratch[worker], gathered)
 
             with self._one_caller:
-                self._make_scratch(room, len(field.levels.resolution))
+                self._make_scratch(capacity, len(field.levels.resolution))
                 self.workers.share(chunks, look)
-            room *= 2
+            capacity *= 2
         return gathered
 
     def _derived(self, state: State) -> tuple[Grid, Levels, np.ndarray, np.ndarray]:
@@ -306,14 +306,14 @@ class FusedEngine:
         parameters = np.concatenate([flat[:decoder], view_mlp])
         return Field(self._derived(state)[1], state.values.table, parameters, turned, self.inputs)
 
-    def _make_scratch(self, room: int, levels: int) -> None:
-        room = -(-room // BLOCK) * BLOCK + BLOCK
-        if not self.scratch or self.scratch[0].ray.size < room:
-            self.scratch = [make_scratch(room, levels, self.inputs) for _ in range(self.workers.count)]
+    def _make_scratch(self, capacity: int, levels: int) -> None:
+        capacity = -(-capacity // BLOCK) * BLOCK + BLOCK
+        if not self.scratch or self.scratch[0].ray.size < capacity:
+            self.scratch = [make_scratch(capacity, levels, self.inputs) for _ in range(self.workers.count)]
 
-    def _make_room(self, room: int, chunks: int, parts: int, levels: int) -> Output:
-        """An output for so many chunks, of at least this room each."""
-        self._make_scratch(room, levels)
+    def _make_output(self, capacity: int, chunks: int, parts: int, levels: int) -> Output:
+        """An output for so many chunks, of at least this capacity each."""
+        self._make_scratch(capacity, levels)
         samples, parameters = chunks * (self.scratch[0].ray.size - BLOCK), decoder_size(self.inputs) + mlp.SIZE
         if self._output is None or len(self._output.xs) < samples or len(self._output.slopes) < levels * samples * 4:
             whole = samples + samples // 4

@@ -70,9 +70,9 @@ def piece_from(rays, ray, piece, t):
 
 
 @kernel
-def march_ray(grid, batch, ray, chunk_ray, step, most, scratch, count, room):
+def march_ray(grid, batch, ray, chunk_ray, step, most, scratch, count, capacity):
     """Adds at most so many samples of a ray in occupied cells to scratch, from its scratch.next_k on; their number then, -1 where
-    the room does not suffice. scratch: see training.multires.fused.chunk; scratch.alive is false where the ray has ended."""
+    the capacity does not suffice. scratch: see training.multires.fused.chunk; scratch.alive is false where the ray has ended."""
     distances, cells, side = grid.distances, grid.cells, np.int64(grid.side)
     unit, close, one, last = np.float32(1.0) / np.float32(side), np.float32(CLOSE), np.float32(1.0), side - 1
     coarse, bits, three = side >> COARSE_BITS, np.int64(COARSE_BITS), np.int64(3)
@@ -92,7 +92,7 @@ def march_ray(grid, batch, ray, chunk_ray, step, most, scratch, count, room):
         if distance == 0:
             within = np.uint64(((z & three) << 4) + ((y & three) << 2) + (x & three))
             if cells[place] >> within & np.uint64(1):
-                if count >= room:
+                if count >= capacity:
                     return -1
                 at = U(count)
                 scratch.ray[at], scratch.t[at] = chunk_ray, t

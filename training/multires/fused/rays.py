@@ -69,23 +69,23 @@ def photographs_of(dataset: RayDataset) -> Photographs:
 
 
 def empty_batch(rays: int, contraction: float, coloured: bool = True) -> Batch:
-    """Room for so many rays, of several pieces each where contraction is not 0; without room for viewing directions, target and
-    background where it is not coloured."""
+    """Arrays for so many rays, of several pieces each where contraction is not 0; unless it is coloured without viewing
+    directions, target and background."""
     pieces = MOST_PIECES if contraction > 0 else 1
 
-    def room(*shape: int) -> np.ndarray:
+    def array(*shape: int) -> np.ndarray:
         return np.empty((rays, *shape), np.float32)
 
     viewdirs, target, background = (np.empty((rays if coloured else 0, 3), np.float32) for _ in range(3))
-    ends = room(), room(), room()
-    return Batch(room(pieces, 3), room(pieces, 3), room(pieces), *ends, viewdirs, target, background, room())
+    ends = array(), array(), array()
+    return Batch(array(pieces, 3), array(pieces, 3), array(pieces), *ends, viewdirs, target, background, array())
 
 
 @njit(nogil=True, cache=True)
 def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
     """Fills rays low … high - 1 of `batch` from their ids, but for phase and background, which are there already.
 
-    Where the batch has no room for them (empty_batch), viewing directions and colours are left out.
+    Where the batch has no arrays for them (empty_batch), viewing directions and colours are left out.
     """
     coloured = batch.target.shape[0] > 0
     direction, position = np.empty(3), np.empty(3)
