@@ -1,7 +1,8 @@
 """From a trained run to a pack (SNeRG sections 5.3 to 5.5), pass by pass:
 
     box, opacity, visibility, supersampling      the field becomes voxels of 8 bits      this module
-    padding, pruning, tuning, hidden voxels      the voxels become the pack              baker.baking.passes
+    padding, pruning, feature scale, tuning,
+    hidden voxels                                the voxels become the pack              baker.baking.passes
 
 It works macroblock by macroblock, and keeps on disk what is done: no array of N³ × channels is ever made, and a bake that
 was killed goes on where it was (baker.baking.work_folder).

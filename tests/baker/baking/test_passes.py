@@ -12,6 +12,7 @@ from baker.baking import bake as baking
 from baker.baking import passes
 from baker.baking.config import BakeConfig
 from baker.baking.passes import passes_of, with_views_between
+from console.progress import progress
 from scenepack import Pack
 from scenepack.blocks import dense_from_pack
 from tests.scenepack.random_packs import random_pack
@@ -48,6 +49,19 @@ def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(scene, da
     shown = np.asarray(dataset.in_average_look(gains).colours_at(ids))
     assert np.abs(shown - np.asarray(dataset.colours_at(ids))).max() > 0.1
     assert len(seen) == 1 and np.array_equal(np.asarray(seen[0].colours_at(ids)), shown)
+
+
+def test_scaled_features_say_the_same_to_the_view_mlp(dataset: RayDataset) -> None:
+    pack = random_pack(np.random.default_rng(0))
+    assert pack.atlas_features is not None and pack.view_mlp is not None
+    before, weights = pack.atlas_features.astype(float), pack.view_mlp.weights[0][-4:]
+    with progress("", 1.0, quiet=True) as bar:
+        scaled = passes.with_scaled_features(passes.Voxels(pack, dataset, BakeConfig()), bar).pack
+    assert scaled.atlas_features is not None and scaled.view_mlp is not None
+    now = scaled.view_mlp.weights[0]
+    assert scaled.atlas_features.max() <= 64 and np.array_equal(now[:-4], pack.view_mlp.weights[0][:-4])
+    rounding = 0.5 * np.abs(now[-4:]).sum(axis=0) + 1e-3
+    assert np.all(np.abs(scaled.atlas_features @ now[-4:] - before @ weights) <= rounding)
 
 
 def voxels_in(pack: Pack) -> int:

@@ -68,7 +68,7 @@ def test_each_preset_and_quality_has_its_passes_in_the_papers_order() -> None:
     def names(preset: BakePreset, quality: Quality) -> list[str]:
         return [name for name, _ in passes_of(BakeConfig(preset=preset, quality=quality))]
 
-    ours = ["padding", "pruning", "tuning", "hidden voxels"]
+    ours = ["padding", "pruning", "feature scale", "tuning", "hidden voxels"]
     assert names("snerg", "compact") == names("snerg", "full") == ours and names("snerg", "draft") == ours[:2]
     assert names("paper", "compact") == names("paper", "full") == ["padding", "view MLP"]
     assert names("paper", "draft") == ["padding"], "the paper's row of 8 bits: nothing is emptied, nothing tuned"
