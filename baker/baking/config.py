@@ -35,7 +35,7 @@ class BakeConfig:
     preset: BakePreset = "snerg"
     """By whose method; see above."""
     quality: Quality = "full"
-    """draft: nothing is tuned. full: tuned, in 8 bits. compact: tuned in coarser steps, for half the bytes."""
+    """draft: nothing is tuned. full: tuned, in 8 bits. compact: tuned in coarser steps, for a third fewer bytes."""
     seed: int = 0
     """Seed of the Gaussian samples within voxels and of tuning."""
     most_macroblocks: int | None = None

@@ -33,7 +33,7 @@ class JointConfig:
 
     passes: float = 1.3
     """Passes over the training rays that meet content."""
-    most_steps: int = 700
+    most_steps: int = 1100
     """Fewer passes where they would take more steps than this: every ray of an indoor scene meets content."""
     samples: int = 393_216
     """Samples marched a step; rays are as many as fill them."""

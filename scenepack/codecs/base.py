@@ -70,6 +70,11 @@ class Codec(ABC):
         raise NotImplementedError
 
 
+def in_few_levels(features: np.ndarray) -> bool:
+    """Whether features take a quarter of their range at most, as bakes store them: codecs with loss code these as much finer."""
+    return int(features.max(initial=0)) <= 64
+
+
 def cut_off(data: bytes) -> CodecError:
     """For a file that ends before its header does."""
     return CodecError("the file is empty" if not data else f"the file ends after {len(data)} bytes")

@@ -11,7 +11,7 @@ import imagecodecs
 import numpy as np
 from PIL import Image
 
-from scenepack.codecs.base import Codec, CodecError, Decoded, Layout, Shape, cut_off, decoding
+from scenepack.codecs.base import Codec, CodecError, Decoded, Layout, Shape, cut_off, decoding, in_few_levels
 from scenepack.codecs.png import encode_png
 from scenepack.constants import PLANES_PER_IMAGE
 
@@ -49,6 +49,7 @@ class JpegCodec(Codec):
         files = [_jpeg(_stacked(rgba)[..., :3], quality), encode_png(_stacked(rgba)[..., 3], ALPHA_LEVEL)]
         if features is not None:
             stacked = _stacked(features)
+            quality = 100 - (100 - quality) // 4 if in_few_levels(features) else quality
             files += [_jpeg(stacked[..., :3], quality), _jpeg(stacked[..., 3], quality)]
         return tuple(files)
 

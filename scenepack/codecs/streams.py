@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from scenepack.codecs.base import Codec, CodecError, Decoded, Shape, cut_off, decoding
+from scenepack.codecs.base import Codec, CodecError, Decoded, Shape, cut_off, decoding, in_few_levels
 
 CELL = 16  # voxels
 GREY = 128
@@ -136,9 +136,9 @@ class StreamCodec(Codec):
         files = [pack_occupancy(alpha > 0), self.film(grey, "alpha", quality)]
         files.append(self.film(colours(rgba[..., :3]), "rgb", quality))
         if features is not None:
-            values = colours(features)
-            files.append(self.film(np.ascontiguousarray(values[..., :3]), "feature", quality))
-            files.append(self.film(np.ascontiguousarray(values[..., 3]), "feature", quality))
+            values, part = colours(features), "fine feature" if in_few_levels(features) else "feature"
+            files.append(self.film(np.ascontiguousarray(values[..., :3]), part, quality))
+            files.append(self.film(np.ascontiguousarray(values[..., 3]), part, quality))
         return tuple(files)
 
     def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
@@ -163,7 +163,7 @@ class StreamCodec(Codec):
         return rgba, np.concatenate([colours(names[3], True), colours(names[4], False)], axis=-1)
 
     def film(self, frames: np.ndarray, part: str, quality: int) -> bytes:
-        """uint8 frames [D, H, W] grey or [D, H, W, 3] coded; part: "alpha", "rgb" or "feature"."""
+        """uint8 frames [D, H, W] grey or [D, H, W, 3] coded; part: "alpha", "rgb", "feature", "fine feature" (in_few_levels)."""
         raise NotImplementedError
 
     def frames(self, data: bytes, shape: Shape, *, colour: bool) -> np.ndarray:

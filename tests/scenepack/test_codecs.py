@@ -102,6 +102,17 @@ def test_more_quality_is_more_bytes_and_less_error(codec: str, pack: Pack, tmp_p
             save_pack(pack, tmp_path / "pack", codec=codec, quality=quality)
 
 
+def test_features_in_few_levels_are_coded_as_much_finer(codec: str, pack: Pack, tmp_path: Path) -> None:
+    features, errors = pack.atlas_features, []
+    assert features is not None and features.max() > 128
+    for scale in (1, 4):  # bakes store a quarter (baker.baking.passes)
+        save_pack(replace(pack, atlas_features=features // scale), tmp_path / "pack", codec=codec)
+        stored = load_pack(tmp_path / "pack").atlas_features
+        assert stored is not None
+        errors.append(float(np.sqrt(np.mean((scale * stored.astype(float) - scale * (features // scale)) ** 2))))
+    assert errors[1] <= 1.5 * errors[0] + 1.0, "4 times as large where steps are as coarse"
+
+
 def test_a_file_of_any_kind_that_is_cut_off_or_of_another_size_is_refused_in_one_line(codec, tmp_path):
     """Otherwise spoilt ones: tests.fuzz."""
     save_pack(small_pack(), tmp_path / "pack", codec=codec)
