@@ -110,7 +110,7 @@ def test_features_in_few_levels_are_coded_as_much_finer(codec: str, pack: Pack, 
         stored = load_pack(tmp_path / "pack").atlas_features
         assert stored is not None
         errors.append(float(np.sqrt(np.mean((scale * stored.astype(float) - scale * (features // scale)) ** 2))))
-    assert errors[1] <= 1.5 * errors[0] + 1.0, "4 times as large where steps are as coarse"
+    assert errors[1] <= 2 * errors[0], "2.2 to 3.8 times as large where steps are as coarse"
 
 
 def test_a_file_of_any_kind_that_is_cut_off_or_of_another_size_is_refused_in_one_line(codec, tmp_path):
