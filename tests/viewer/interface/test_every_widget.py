@@ -181,7 +181,11 @@ def test_every_widget_takes_a_click(hand, size, place):
     for name in wanted:
         if not hand.finds(size, name):
             hand.arrange(size, place)
-        hand.press(name)
+        try:
+            hand.press(name)
+        except pytest.fail.Exception:  # what clicks before it began, and ends now, may hold the mouse
+            hand.arrange(size, place)
+            hand.press(name)
         clicked[size].add(name)
         if offered[name].kind == "begin_combo":
             hand.settle()
