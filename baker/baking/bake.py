@@ -105,9 +105,8 @@ def bake(
     del pack  # what pruning leaves takes its place
     for name, improve in passes_of(config):
         with job.stages(name) as bar:
-            release_freed_memory()  # which is in pieces, so that large arrays would not fit into it
             voxels = improve(voxels, bar)
-    release_freed_memory()
+            release_freed_memory()  # which is in pieces, so that large arrays would not fit into it
     counts = culling.counts()
     if (pruned := voxels.pruned) is not None:
         counts |= {"below_tau_weight": pruned.macroblocks, "kept": counts["kept"] - pruned.macroblocks}

@@ -212,14 +212,14 @@ def arriving_transmittance(
     step, reach = spacing
     copies = marcher.transmittance(_lattices(dataset, step, rng, on_share))
     # A voxel is in the copies of up to eight macroblocks; a sample touches one of them.
-    margin, around = max(reach, 1), 2 * reach + 1
+    blocks, margin, around = _blocks(pack), max(reach, 1), 2 * reach + 1
     best = np.zeros([n * size + 2 * margin for n in pack.occupied.shape], np.uint8)
-    for slot, block in enumerate(_blocks(pack)):
+    for slot, block in enumerate(blocks):
         at = best[tuple(slice(b * size + margin - 1, b * size + margin - 1 + side) for b in block)]
         np.maximum(at, copies[slot], out=at)
     del copies
-    arriving, first = np.empty((len(_blocks(pack)), size, size, size), np.uint8), margin - reach
-    for slot, block in enumerate(_blocks(pack)):
+    arriving, first = np.empty((len(blocks), size, size, size), np.uint8), margin - reach
+    for slot, block in enumerate(blocks):
         light = best[tuple(slice(b * size + first, (b + 1) * size + first + around - 1) for b in block)]
         for axis in range(3):
             light = _most_of_neighbours(light, around, axis)

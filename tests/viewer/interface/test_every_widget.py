@@ -183,7 +183,7 @@ def test_every_widget_takes_a_click(hand, size, place):
             hand.arrange(size, place)
         try:
             hand.press(name)
-        except pytest.fail.Exception:  # what clicks before it began, and ends now, may hold the mouse
+        except pytest.fail.Exception:  # a dialog may have opened, of work that an earlier click began
             hand.arrange(size, place)
             hand.press(name)
         clicked[size].add(name)

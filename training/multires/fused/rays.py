@@ -69,8 +69,8 @@ def photographs_of(dataset: RayDataset) -> Photographs:
 
 
 def empty_batch(rays: int, contraction: float, coloured: bool = True) -> Batch:
-    """Arrays for so many rays, of several pieces each where contraction is not 0; unless it is coloured without viewing
-    directions, target and background."""
+    """Unfilled arrays for so many rays, of several pieces each where contraction is not 0. coloured: with viewing directions,
+    target and background."""
     pieces = MOST_PIECES if contraction > 0 else 1
 
     def array(*shape: int) -> np.ndarray:
