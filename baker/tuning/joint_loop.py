@@ -24,7 +24,7 @@ TILE, PROBED = 4, 16_384  # pixels a side; tiles that are looked at together
 RAYS_PER_CELL, NARROWEST, WIDEST = 6, 2, 4
 MOST_CELLS = 1 << 27  # of a grid, empty ones included: a table of all of them is kept
 LEAST_STEPS, FEWEST_SAMPLES = 200, 32_768
-CHOOSING = 0.15  # of the time: which rays meet content
+CHOOSING = 0.05  # of the time: which tiles meet content
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ def joint_tune(
     """
     marcher, tiles = PackMarcher(pack, dataset), tiles_of(dataset, np.random.default_rng(config.seed))
     probed = tiles.rays(0, PROBED)
+    probed = probed[probed >= 0]
     probe = probed[marcher.meets(probed)]
     if not len(probe):
         return pack, {}
@@ -127,15 +128,15 @@ class Tiles(NamedTuple):
     begins: np.ndarray
     numbers: np.ndarray
 
-    def rays(self, start: int, count: int) -> np.ndarray:
-        """Ray ids int32 of so many tiles from the start-th on."""
+    def rays(self, start: int, count: int, apart: int = 1) -> np.ndarray:
+        """Ray ids int32 [count, N] of so many tiles from the start-th on, of pixels so far apart; -1 beyond the photograph."""
         number = self.numbers[start : start + count]
         view = np.searchsorted(self.begins, number, side="right") - 1
         row, column = np.divmod(number - self.begins[view], -(-self.width[view] // TILE))
-        y = (row * TILE)[:, None] + np.repeat(np.arange(TILE), TILE)
-        x = (column * TILE)[:, None] + np.tile(np.arange(TILE), TILE)
+        y, x = (part.ravel() for part in np.mgrid[0:TILE:apart, 0:TILE:apart])
+        y, x = (row * TILE)[:, None] + y, (column * TILE)[:, None] + x
         ids = self.first[view, None] + y * self.width[view, None] + x
-        return ids[(y < self.rows[view, None]) & (x < self.width[view, None])].astype(np.int32)
+        return np.where((y < self.rows[view, None]) & (x < self.width[view, None]), ids, -1).astype(np.int32)
 
 
 def tiles_of(dataset: RayDataset, rng: np.random.Generator) -> Tiles:
@@ -147,11 +148,14 @@ def tiles_of(dataset: RayDataset, rng: np.random.Generator) -> Tiles:
 
 
 def meeting(marcher: PackMarcher, tiles: Tiles, most: int, on_share: OnShare = lambda share: None) -> np.ndarray:
-    """The first `most` rays of tiles that meet content."""
+    """The first `most` rays of tiles that meet content, by a quarter of their rays."""
     found, count = [np.zeros(0, np.int32)], 0
     for start in range(0, len(tiles.numbers), PROBED):
-        rays = tiles.rays(start, PROBED)
-        found.append(rays[marcher.meets(rays)])
+        few = tiles.rays(start, PROBED, apart=2)
+        meets = few >= 0
+        meets[meets] = marcher.meets(few[meets])
+        rays = tiles.rays(start, PROBED)[meets.any(1)]
+        found.append(rays[rays >= 0])
         count += len(found[-1])
         on_share(max(count / most, start / len(tiles.numbers)))
         if count >= most:
