@@ -32,12 +32,12 @@ DESCRIPTION = "Times the parts of one training step of the multi-resolution fiel
 
 PARTS: Mapping[str, Mapping[str, str]] = {
     "jax": {
-        "draw": "random rays and their pixels, and samples where the occupancy grid is on",
+        "draw": "rays and their pixels, and samples where the occupancy grid is on",
         "gradient": "features, decoder, compositing, the view MLP, the losses, and all in reverse into one dense gradient",
         "adam": "the optimiser, over every row of the table",
     },
     "fused": {
-        "draw": "random rays and their pixels",
+        "draw": "rays and their pixels",
         "render": "samples, features, decoder, compositing, the view MLP, the losses, and all in reverse to each sample",
         "scatter": "slopes of the samples' features into those of their rows",
         "adam": "the optimiser, over the rows that were touched",
@@ -139,6 +139,7 @@ def steps_in_parts(engine: Any, state: State, step: int, progress: float) -> Ite
     """One step of an engine part by part: after each, its name and what it leaves. The last is ("adam", metrics)."""
     import jax
 
+    from training.dataset import evenly_spread
     from training.multires import jax_engine
 
     if not isinstance(engine, jax_engine.JaxEngine):
@@ -152,7 +153,10 @@ def steps_in_parts(engine: Any, state: State, step: int, progress: float) -> Ite
         return
     (cells, maps, absent, *_), constants = engine._derived(state), engine._constants(state)
     dataset, compiled = engine.dataset.in_average_look(state.gains), partial(jax.jit, static_argnames="constants")
-    samples, target = compiled(jax_engine.draw)(cells, dataset, engine.key, np.int32(step), constants=constants)
+    ids = evenly_spread(state.next_ray, constants.rays, dataset.count)
+    samples, target = compiled(jax_engine.draw)(
+        cells, dataset, ids, jax.random.fold_in(engine.key, step), constants=constants
+    )
     yield "draw", samples
     gradient, metrics = compiled(jax_engine.loss_and_gradient)(
         state.values, maps, samples, target, engine.pairs(state, step), constants=constants
@@ -163,6 +167,7 @@ def steps_in_parts(engine: Any, state: State, step: int, progress: float) -> Ite
         (state.values, state.first, state.second), gradient, absent, rates, constants=constants
     )
     state.updates += 1
+    state.next_ray += constants.rays
     jax.block_until_ready(state.values)
     yield "adam", metrics
 

@@ -36,6 +36,7 @@ from training.scenes.scene import Kind, camera_rays, ndc_rays, shown_pixels
 NEWTON_STEPS = 6  # float32 converges sooner than the reader's float64
 LENS = lens_functions(jnp)
 MOST_RAYS = 2**31 - 1  # ids are int32
+GOLDEN_RATIO = 0x9E3779B97F4A7C15  # less 1, times 2^64
 OPAQUE = (
     "the pictures have no alpha; what is behind the object counts as part of the scene and is trained and baked with it"
 )
@@ -124,13 +125,9 @@ class RayDataset:
         """The same with colours divided by the gains [V, 3] of their photographs; None: as they are."""
         return replace(self, gains=None if gains is None else put_whole(jnp.asarray(gains), self.mesh))
 
-    def draw(self, key: jax.Array, size: int) -> jax.Array:
-        """Ids int32 [size], drawn evenly from all pixels; jittable."""
-        return jax.random.randint(key, (size,), 0, self.count)
-
     def batch(self, key: jax.Array, size: int) -> tuple[Rays, jax.Array]:
-        """`size` rays through the centres of drawn pixels, and their colours [N, 3]; jittable."""
-        return self.rays_at(self.draw(key, size))
+        """`size` rays through the centres of random pixels, and their colours [N, 3]; jittable."""
+        return self.rays_at(jax.random.randint(key, (size,), 0, self.count))
 
     def rays_at(self, ids: jax.Array) -> tuple[Rays, jax.Array]:
         """Rays of int32 ids [N] in [0, count), and their colours [N, 3]; jittable."""
@@ -216,6 +213,13 @@ class RayDataset:
         near, far = (np.full(len(origins), t, np.float32) for t in (self.near, self.far))
         bounds = np.where(shown_pixels(camera).ravel(), near, far), far
         return Rays(*(jnp.asarray(v, jnp.float32) for v in (origins, directions, viewdirs)), *map(jnp.asarray, bounds))
+
+
+def evenly_spread(first: int, size: int, count: int) -> np.ndarray:
+    """int32 [size]: from the `first`-th on, numbers below `count` of a low-discrepancy sequence: multiples of the golden ratio,
+    modulo 1, times `count`. Any that follow one another lie evenly spread, and none comes again soon."""
+    turns = np.arange(first, first + size, dtype=np.uint64) * np.uint64(GOLDEN_RATIO)
+    return ((turns >> np.uint64(32)) * np.uint64(count) >> np.uint64(32)).astype(np.int32)
 
 
 def row_step_for(scene: Scene) -> int:

@@ -13,7 +13,7 @@ import pytest
 
 from console import Notice
 from tests.training.reconstructions import ndc_points
-from training.dataset import make_dataset
+from training.dataset import evenly_spread, make_dataset
 from training.method import Rays
 from training.recorder import render_photograph
 from training.scenes import Camera, Photograph, Scene
@@ -58,6 +58,16 @@ def test_a_batch_comes_from_its_key_alone_and_is_composited_over_the_background(
     every = dataset.colours_at(jnp.zeros(1, jnp.int32))
     red, green, _, alpha = np.asarray(dataset.pixels[0]) / 255
     np.testing.assert_allclose(every[0, :2], [red * alpha, green * alpha + 1 - alpha], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("size", "count"), [(1, 1), (100, 97), (3000, 952_560), (60_000, 64_000_000), (1000, 2**31 - 1)]
+)
+def test_evenly_spread_numbers_leave_no_wide_gaps(size: int, count: int) -> None:
+    some = np.sort(evenly_spread(2**40 + 3, size, count).astype(np.int64))
+    assert some[0] >= 0
+    assert some[-1] < count
+    assert np.diff(some, append=some[0] + count).max() <= 2.7 * count / size + 1  # random ones: ln(size) times the mean
 
 
 def test_ndc_rays_start_at_the_near_plane_and_reach_the_far_end_at_one():

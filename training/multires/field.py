@@ -15,12 +15,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from scenepack.constants import TRANSMITTANCE_SHADED, VIEW_MLP_WIDTHS
+from scenepack.constants import TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP, VIEW_MLP_WIDTHS
 from training.marching.march import MarchSizes, Samples, transmittance
 from training.marching.rays import GridRays
 from training.method import RenderOutput, ViewMlpParams
 from training.multires.levels import FEATURES, Level, Levels, rows_at
-from training.multires.settings import LARGEST_RAW, LEAST_LIGHT, Settings
+from training.multires.settings import LARGEST_RAW, Settings
 from training.view_mlp import VIEW_FREQUENCIES, apply_view_mlp
 from training.volume import alpha_of
 
@@ -133,11 +133,11 @@ def composite(
 ) -> tuple[jax.Array, jax.Array, jax.Array]:  # fmt: skip
     """What N rays gather [N, 9] (colours and features, T behind all, weights times t), the weights [S], and which samples count.
 
-    lengths [N]: of a step, in sides of the cube. A ray ends behind the sample at which less than LEAST_LIGHT is left.
+    lengths [N]: of a step, in sides of the cube. A ray ends behind the sample at which less than TRANSMITTANCE_STOP is left.
     """
     tau = density * lengths[samples.ray]
     before, _ = transmittance(samples, tau, count, per_ray)
-    counted = samples.valid & (jax.lax.stop_gradient(before) >= LEAST_LIGHT)
+    counted = samples.valid & (jax.lax.stop_gradient(before) >= TRANSMITTANCE_STOP)
     tau = jnp.where(counted, tau, 0.0)
     before, behind = transmittance(samples, tau, count, per_ray)
     weights = jnp.where(samples.valid, before * alpha_of(tau, 1.0), 0.0)

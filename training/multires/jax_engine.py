@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding
 
-from training.dataset import RayDataset
+from training.dataset import RayDataset, evenly_spread
 from training.devices import WHOLE, agree, here, put_whole, split
 from training.marching import march
 from training.marching.march import COARSE, Cells, MarchSizes, Samples
@@ -62,24 +62,23 @@ Optimised = tuple[Trainable, Trainable, Trainable]  # values, and Adam's first a
 
 
 def update(
-    optimised: Optimised, cells: Cells, maps: jax.Array, decay: jax.Array, pairs: jax.Array, dataset: RayDataset, key: jax.Array,
-    step: jax.Array, rates: jax.Array, *, constants: Constants,
+    optimised: Optimised, cells: Cells, maps: jax.Array, decay: jax.Array, pairs: jax.Array, ids: jax.Array, dataset: RayDataset,
+    key: jax.Array, rates: jax.Array, *, constants: Constants,
 ) -> tuple[Optimised, dict[str, jax.Array]]:  # fmt: skip
-    """One step. rates [3]: Adam's, of table, decoder and view MLP. decay: see training.multires.levels.decay_of_blocks.
-    pairs [M, 2, 3]: of points that the smoothness loss compares."""
-    samples, target = draw(cells, dataset, key, step, constants)
+    """One step, on training rays int32 [R]. decay: see training.multires.levels.decay_of_blocks. pairs [M, 2, 3]: of points that
+    the smoothness loss compares. rates [3]: Adam's, of table, decoder and view MLP."""
+    samples, target = draw(cells, dataset, ids, key, constants)
     samples, pairs = split((samples, pairs), dataset.mesh)
     gradient, metrics = loss_and_gradient(optimised[0], maps, samples, target, pairs, constants)
     return adam(optimised, gradient, decay, rates, constants), metrics
 
 
 def draw(
-    cells: Cells, dataset: RayDataset, key: jax.Array, step: jax.Array, constants: Constants
+    cells: Cells, dataset: RayDataset, ids: jax.Array, key: jax.Array, constants: Constants
 ) -> tuple[Samples, field.Target]:  # fmt: skip
-    """Samples of random training rays, and what these should show."""
+    """Samples of training rays int32 [R], and what these should show."""
     settings, rays = constants.settings, constants.rays
-    ray_key, phase_key, colour_key = jax.random.split(jax.random.fold_in(key, step), 3)
-    ids = dataset.draw(ray_key, rays)
+    phase_key, colour_key = jax.random.split(key)
     background = jax.random.uniform(colour_key, (rays, 3))
     if not settings.random_background:
         background = jnp.broadcast_to(jnp.asarray(settings.background), (rays, 3))
@@ -172,12 +171,15 @@ class JaxEngine:
         mesh, (cells, maps, decay, *_) = self.dataset.mesh, self._derived(state)
         dataset = self.dataset.in_average_look(state.gains)
         rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
+        constants, key = self._constants(state), jax.random.fold_in(self.key, step)
+        ids = evenly_spread(state.next_ray, constants.rays, dataset.count)
         optimised, metrics = compiled_update(mesh)(
-            (state.values, state.first, state.second), *put_whole((cells, maps, decay, self.pairs(state, step)), mesh),
-            dataset, self.key, np.int32(step), rates, constants=self._constants(state),
+            (state.values, state.first, state.second), *put_whole((cells, maps, decay, self.pairs(state, step), ids), mesh),
+            dataset, key, rates, constants=constants,
         )  # fmt: skip
         state.values, state.first, state.second = optimised
         state.updates += 1
+        state.next_ray += constants.rays
         return metrics
 
     def pairs(self, state: State, step: int) -> jax.Array:

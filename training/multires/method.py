@@ -61,7 +61,8 @@ class MultiresMethod:
         values, first, second = (Trainable(np.zeros((0, 4), np.float32), array) for array in begin)
         state = State(
             box=box, bricks=(None,) * len(settings.resolutions), codes=codes, values=values, first=first, second=second,
-            updates=0, samples_per_ray=SAMPLES_AT_FIRST, step_cells=settings.step_cells(0.0),
+            updates=0, next_ray=int(random.integers(self.dataset.count)), samples_per_ray=SAMPLES_AT_FIRST,
+            step_cells=settings.step_cells(0.0),
             gains=np.ones((self.dataset.views, 3), np.float32) if settings.gains else None,
         )  # fmt: skip
         return self._with_levels(state, 0, 0.0)

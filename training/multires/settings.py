@@ -19,7 +19,6 @@ CONTRACTED_FINER = 4  # contracted space has the inner cube in half of its side,
 SAMPLES, MOST_SAMPLES = 65_536, 262_144  # of a step
 SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness loss compares
 LARGEST_RAW = 12.0  # of density, before its exponential
-LEAST_LIGHT = 1e-3  # a ray ends where its transmittance falls below this
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
 PARALLAX = 0.6  # pixels between front and back of a cell of NDC; tried on fern alone, at three sizes (docs/notebook.md)
 DEEPEST, SHALLOWEST = 4.0, 1.0  # depth of a cell of NDC relative to its width

@@ -42,6 +42,7 @@ class State:
     second: Trainable
     codes: np.ndarray  # uint8 [R, R, R]: see training.multires.occupancy
     updates: int  # steps made
+    next_ray: int  # its number in the order in which pixels are drawn (training.dataset.evenly_spread)
     samples_per_ray: float  # of late
     step_cells: float  # distance between samples, in cells of the occupancy grid
     gains: np.ndarray | None = None  # float32 [V, 3]: of the photographs (training.exposure)
@@ -56,8 +57,8 @@ def saved(state: State, resolutions: tuple[int, ...]) -> dict[str, np.ndarray]:
     """Named arrays, from which `restored` makes the state again."""
     arrays: dict[str, np.ndarray] = {
         "origin": state.box.origin, "cell": state.box.cell, "dims": state.box.dims, "codes": state.codes,
-        "updates": np.int64(state.updates), "samples_per_ray": np.float64(state.samples_per_ray),
-        "step_cells": np.float64(state.step_cells),
+        "updates": np.int64(state.updates), "next_ray": np.int64(state.next_ray),
+        "samples_per_ray": np.float64(state.samples_per_ray), "step_cells": np.float64(state.step_cells),
     }  # type: ignore[dict-item]  # fmt: skip
     for part in PARTS:
         arrays[f"{part}.table"], arrays[f"{part}.parameters"] = getattr(state, part)
@@ -101,6 +102,7 @@ def restored(arrays: Mapping[str, np.ndarray], resolutions: tuple[int, ...], sid
     return State(
         box, bricks, values, first, second, array("codes", (side, side, side), np.uint8),
         updates=int(array("updates", (), np.int64, 0, 2**40)),
+        next_ray=int(array("next_ray", (), np.int64, 0, 2**60)),
         samples_per_ray=float(array("samples_per_ray", (), np.float64, 0.0, MOST_SAMPLES)),
         step_cells=float(array("step_cells", (), np.float64, 0.01, 2.0)),
         gains=None if views is None else array("gains", (views, 3), np.float32, fewest, most),

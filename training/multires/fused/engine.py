@@ -12,8 +12,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from scenepack.constants import TRANSMITTANCE_SHADED
-from training.dataset import RayDataset
+from scenepack.constants import TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP
+from training.dataset import RayDataset, evenly_spread
 from training.marching.rays import GridBox, to_grid
 from training.method import Rays, RenderOutput
 from training.multires.field import HIDDEN, decoder_size, finished, inputs_of, shade, split_parameters
@@ -38,7 +38,7 @@ from training.multires.fused.rays import Batch, empty_batch, fill_batch, photogr
 from training.multires.fused.vectors import FEATURES
 from training.multires.levels import HASHED, ROWS_OF_BRICK, Levels, absent_rows, decay_of_blocks, make_levels
 from training.multires.occupancy import is_on, neighbouring_points
-from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, LARGEST_RAW, LEAST_LIGHT, Settings
+from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, LARGEST_RAW, Settings
 from training.multires.state import PARTS, State, Trainable
 
 MARKED = 64 * FEATURES  # floats of the rows that share a mark
@@ -110,13 +110,14 @@ class FusedEngine:
         metrics = self.metrics(state, output)
         self._adam(state, gradient, marks, self.parameter_gradient(output), metrics["rays"], progress)
         state.updates += 1
+        state.next_ray += rays
         state.samples_per_ray += 0.2 * (max(metrics["samples"] / rays, 1.0) - state.samples_per_ray)
         return metrics
 
     def draw(self, state: State, step: int) -> Batch:
-        """Random rays of a step, in cells of the occupancy grid."""
+        """The rays of a step, in cells of the occupancy grid."""
         random, rays = np.random.default_rng((self.seed, step)), self.settings.rays(state.samples_per_ray)
-        ids = random.integers(0, self.count, rays)
+        ids = evenly_spread(state.next_ray, rays, self.count)
         batch = empty_batch(rays, self.photographs.contraction)
         batch.phase[:] = random.random(rays, np.float32)
         batch.background[:] = self.settings.background
@@ -290,7 +291,7 @@ class FusedEngine:
         side, distortion = settings.resolution, settings.by_kind.distortion_weight
         return Numbers(
             f(state.step_cells), f(state.box.cell[0] * side), f(distortion / side), f(settings.sparsity),
-            f(settings.sparsity_scale), f(LARGEST_RAW), f(LEAST_LIGHT), f(TRANSMITTANCE_SHADED),
+            f(settings.sparsity_scale), f(LARGEST_RAW), f(TRANSMITTANCE_STOP), f(TRANSMITTANCE_SHADED),
             np.int64(settings.own.view_octaves), settings.own.view_dependence,
             decoder_size(self.inputs), (8 + self.inputs + 1) * HIDDEN,
             (f(settings.smoothness[0]), f(settings.smoothness[1])), f(1 / settings.resolutions[-1]),
