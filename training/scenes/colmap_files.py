@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from console import UserError
 from training.scenes.lens import MODELS
@@ -56,8 +57,7 @@ class Reconstruction:
 class _Image(NamedTuple):
     name: str
     camera: int
-    quaternion: np.ndarray  # w, x, y, z of camera_T_world
-    translation: np.ndarray  # of camera_T_world
+    world_T_camera: np.ndarray  # OpenGL axes
     shown: np.ndarray  # ids of points
 
 
@@ -95,7 +95,7 @@ def _read(folder: Path, suffix: str, stamp: tuple[tuple[int, int], ...]) -> Reco
         raise _damaged(points3d, "a point at no finite place")
     return Reconstruction(
         names=tuple(image.name for image in images),
-        cameras=tuple(_camera(image, lenses[image.camera], posed) for image in images),
+        cameras=tuple(replace(lenses[image.camera], world_T_camera=image.world_T_camera) for image in images),
         points=table[:, :3], colours=np.clip(table[:, 3:6], 0, 255).astype(np.uint8), tracks=table[:, 6],
         seen=tuple(_rows_of(image.shown, ids) for image in images),
     )  # fmt: skip
@@ -115,17 +115,11 @@ def _rows_of(shown: np.ndarray, ids: np.ndarray) -> np.ndarray:
     return rows[ids[rows] == shown] if len(ids) else rows[:0]
 
 
-def _camera(image: _Image, lens: Camera, file: Path) -> Camera:
-    where = f"{file} {image.name}"
-    length = np.linalg.norm(image.quaternion)
-    with np.errstate(all="ignore"):
-        w, x, y, z = image.quaternion / length
-    camera_T_world = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), image.translation[0]],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), image.translation[1]],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), image.translation[2]],
-    ])  # fmt: skip
-    return replace(lens, world_T_camera=pose(np.linalg.inv(pose(camera_T_world, where)) @ OPENGL_FROM_OPENCV, where))
+def _pose(file: Path, name: str, numbers: Sequence[float]) -> np.ndarray:
+    """world_T_camera of COLMAP's w, x, y, z of a quaternion and translation of camera_T_world."""
+    (w, x, y, z, *translation), where = numbers, f"{file} {name}"
+    camera_T_world = np.column_stack([Rotation.from_quat([x, y, z, w]).as_matrix(), translation])
+    return pose(np.linalg.inv(pose(camera_T_world, where)) @ OPENGL_FROM_OPENCV, where)
 
 
 def _lens(number: int, model: str, size: tuple[float, float], values: np.ndarray, file: Path) -> tuple[int, Camera]:
@@ -188,7 +182,7 @@ def _images(file: Path) -> Iterator[_Image]:
         _, *placed, camera = _take(data, "<I7dI")
         name, (count,) = _name(data), _take(data, "<Q")
         shown = _array(data, KEYPOINT, count)["point"]
-        yield _Image(name, camera, np.array(placed[:4]), np.array(placed[4:]), shown[shown >= 0])
+        yield _Image(name, camera, _pose(file, name, placed), shown[shown >= 0])
 
 
 def _points(file: Path) -> Iterator[tuple[float, ...]]:
@@ -224,9 +218,9 @@ def _images_of_text(file: Path) -> Iterator[_Image]:
             *values, name = line.split(None, 9)
             if len(name) > LONGEST_NAME:
                 raise ValueError(f"a name of {len(name)} bytes")
-            _, w, x, y, z, a, b, c, camera = _numbers(values)
+            _, *placed, camera = _numbers(values)
             shown = _numbers(next(lines, b"").split())[2::3].astype(np.int64)
-            yield _Image(name.decode(), int(camera), np.array([w, x, y, z]), np.array([a, b, c]), shown[shown >= 0])
+            yield _Image(name.decode(), int(camera), _pose(file, name.decode(), placed), shown[shown >= 0])
 
 
 def _points_of_text(file: Path) -> Iterator[tuple[float, ...]]:
