@@ -3,12 +3,10 @@
 Notation: V views, P pixels in all (views need not share one size), C = 3 or 4 channels (4 where some pixel is not
 opaque: RGB not premultiplied); N rays of a batch. A ray's id in [0, P) counts views, then rows, then columns; (x, y)
 are pixel coordinates, centres at +0.5. Where a scene has more pixels than int32 counts, only one row in `row_step` of each
-photograph is taken, as if it had no others; no run draws so many rays anyway. Geometry and lens model:
-training.scenes.scene, whose JAX twin this is (a test compares them).
+photograph is taken, as if it had no others. Geometry and lens model: training.scenes.scene, whose JAX twin this is.
 
 RayDataset is a pytree: pass it to a jitted function as an argument, so that its pictures are no constants of the
-program. Pixels are stored along the mesh (training.devices): a process decodes only the photographs that its devices
-hold, and a batch's colours are fetched from whichever device has them.
+program. Pixels are stored along the mesh (training.devices): a process decodes only the photographs of its devices.
 """
 
 from __future__ import annotations

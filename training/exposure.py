@@ -1,13 +1,9 @@
 """Exposure and white balance of each photograph, fitted along with the field and left out of the pack.
 
-A camera on automatic meters and balances every photograph anew, which a field imitates with mist before the cameras and colours
-that change with the view. So each photograph has a gain for each colour channel (of display colours, about a power of the
-light):
-
     photograph = gain shown,      mean of log gain over the photographs = 0,
 
-where `shown` is the field's colour. The pack has the average; field and pack are compared with photograph / gain. Gains are
-fitted every few steps by least squares. A ridge towards 1 keeps gains from drifting slowly from view to view.
+for each channel of display colours, where `shown` is the field's colour. Field and pack are compared with photograph / gain.
+Gains are fitted every few steps by least squares. A ridge towards 1 keeps gains from drifting slowly from view to view.
 
 Notation: V photographs, K sampled rays of each.
 """

@@ -37,11 +37,7 @@ def begin_libraries() -> None:
 
 
 def keep_freed_memory() -> None:
-    """Makes glibc keep freed buffers; does nothing with another C library. Call once, early.
-
-    Every step of JAX on a CPU frees and takes the same large buffers. By default glibc returns those beyond 32 MB to the kernel,
-    which clears and maps their pages anew: a gather's gradient took 58 ms instead of 16 ms.
-    """
+    """Makes glibc, if it is there, keep freed buffers: each step of JAX on a CPU takes them anew. Call once, early."""
     with contextlib.suppress(OSError, AttributeError):
         mallopt = ctypes.CDLL("libc.so.6").mallopt
         for parameter, value in MALLOPT.items():

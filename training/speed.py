@@ -6,9 +6,6 @@ Lines of JSON go to standard output as they are known, for programs such as the 
   {"runs": {preset: {side: {"samples": that a whole run takes, "disk": bytes that its folder has in the end}}}}
   {"seconds_per_sample": as measured by training on pictures of a ball for some seconds}
 It ends with its standard input.
-
-A run takes `steps` steps of about as many samples each (training.multires.settings), and nearly all of its time goes with
-them.
 """
 
 import dataclasses

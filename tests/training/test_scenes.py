@@ -110,7 +110,7 @@ def test_a_folder_without_a_scene_says_what_was_looked_for(tmp_path: Path):
         (lambda d: d["frames"][1].update(transform_matrix=[[1, 2, 3], [4]]), "not numbers"),
         (lambda d: d["frames"][1].update(transform_matrix="north"), "not numbers"),
         (lambda d: d["frames"][1]["transform_matrix"][0].__setitem__(3, float("inf")), "not finite"),
-        (lambda d: d["frames"][1].update(transform_matrix=[[0] * 4] * 4), "dependent axes"),
+        (lambda d: d["frames"][1].update(transform_matrix=[[0] * 4] * 4), "right angles"),
         (lambda d: [frame.update(file_path="./train/absent") for frame in d["frames"]], "picture not found"),
     ],
 )

@@ -7,8 +7,7 @@ for the outermost corners of a Blender scene's, where only mist of fields is cut
 Frames: a grid's own (a pack's grid frame, say) and the training frame, in which a dataset makes its rays; they differ by
 the rigid grid_T_training [4, 4]. Of the trainer's own voxels the two are one.
 Where a grid is contracted (scenepack.contraction), a ray is a path of several straight pieces, as long as all of space.
-Products of geometry, here and wherever rays are made, ask for the highest precision: by default an NVIDIA card may multiply
-float32 in TF32, whose 10 bits of fraction move a ray by 0.2 pixels of a photograph of 800 × 800.
+Products of geometry ask for the highest precision: TF32, an NVIDIA GPU's default, moves a ray by 0.2 pixels of 800.
 """
 
 from typing import NamedTuple

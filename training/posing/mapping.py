@@ -1,8 +1,7 @@
 """COLMAP's pipeline on prepared pictures: features (SIFT), matches, and an incremental reconstruction. Runs in the child process.
 
 What is finished is in the database, from which a killed process goes on; the reconstruction itself starts over. One seed, and one
-thread where the order of a sum matters, give the same poses each time, but for pycolmap's matcher: on several threads it rarely
-loses matches (docs/results.md), and one thread would be as many times slower as there are cores.
+thread where the order of a sum matters, give the same poses each time, but for pycolmap's matcher, which rarely loses matches.
 
 Of few pictures all pairs are matched; of many, neighbours in their order and pictures whose features of the largest scale match
 ("preemptive matching", Wu, Towards Linear-time Incremental Structure from Motion, 3DV 2013). That also finds where a walk around

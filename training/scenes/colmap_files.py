@@ -7,14 +7,16 @@ Counts and lengths in a file are checked against its size.
 
 from __future__ import annotations
 
+import io
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from console import UserError
 from training.scenes.lens import MODELS
@@ -31,7 +33,8 @@ OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # y down and z ahead becom
 LONGEST_NAME = 4096  # bytes
 LARGEST_SIDE = 1e6  # pixels
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # UTF-8's, which editors on Windows write
-KEYPOINTS = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
+NUMBER, SHOWING = np.dtype("<f8"), np.dtype([("image", "<u4"), ("keypoint", "<u4")])
+KEYPOINT = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 
 
 @dataclass(frozen=True)
@@ -54,8 +57,7 @@ class Reconstruction:
 class _Image(NamedTuple):
     name: str
     camera: int
-    quaternion: np.ndarray  # w, x, y, z of camera_T_world
-    translation: np.ndarray  # of camera_T_world
+    world_T_camera: np.ndarray  # OpenGL axes
     shown: np.ndarray  # ids of points
 
 
@@ -80,8 +82,8 @@ def read_reconstruction(folder: Path) -> Reconstruction:
 def _read(folder: Path, suffix: str, stamp: tuple[tuple[int, int], ...]) -> Reconstruction:
     cameras, posed, points3d = (folder / f"{part}{suffix}" for part in PARTS)
     read_lenses, read_images, read_points = READERS[suffix]
-    lenses, images = dict(read_lenses(cameras)), sorted(read_images(posed), key=lambda image: image.name)
-    points = sorted(read_points(points3d)) if points3d.is_file() else []
+    lenses, images = dict(_all(read_lenses, cameras)), sorted(_all(read_images, posed), key=lambda image: image.name)
+    points = sorted(_all(read_points, points3d)) if points3d.is_file() else []
     if not images:
         raise UserError("the reconstruction is empty: no image has a pose", where=folder,
                         remedy="COLMAP found nothing to match; photographs need more overlap")  # fmt: skip
@@ -93,10 +95,18 @@ def _read(folder: Path, suffix: str, stamp: tuple[tuple[int, int], ...]) -> Reco
         raise _damaged(points3d, "a point at no finite place")
     return Reconstruction(
         names=tuple(image.name for image in images),
-        cameras=tuple(_camera(image, lenses[image.camera], posed) for image in images),
+        cameras=tuple(replace(lenses[image.camera], world_T_camera=image.world_T_camera) for image in images),
         points=table[:, :3], colours=np.clip(table[:, 3:6], 0, 255).astype(np.uint8), tracks=table[:, 6],
         seen=tuple(_rows_of(image.shown, ids) for image in images),
     )  # fmt: skip
+
+
+def _all(read: Callable[[Path], Iterator[Any]], file: Path) -> list[Any]:
+    """What a reader yields. UserError for what Python and NumPy raise where the file is not as it should be."""
+    try:
+        return list(read(file))
+    except (ValueError, IndexError, OverflowError, struct.error) as error:
+        raise _damaged(file, str(error)[:80]) from error
 
 
 def _rows_of(shown: np.ndarray, ids: np.ndarray) -> np.ndarray:
@@ -105,17 +115,11 @@ def _rows_of(shown: np.ndarray, ids: np.ndarray) -> np.ndarray:
     return rows[ids[rows] == shown] if len(ids) else rows[:0]
 
 
-def _camera(image: _Image, lens: Camera, file: Path) -> Camera:
-    where = f"{file} {image.name}"
-    length = np.linalg.norm(image.quaternion)
-    with np.errstate(all="ignore"):
-        w, x, y, z = image.quaternion / length
-    camera_T_world = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), image.translation[0]],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), image.translation[1]],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), image.translation[2]],
-    ])  # fmt: skip
-    return replace(lens, world_T_camera=pose(np.linalg.inv(pose(camera_T_world, where)) @ OPENGL_FROM_OPENCV, where))
+def _pose(file: Path, name: str, numbers: Sequence[float]) -> np.ndarray:
+    """world_T_camera of COLMAP's w, x, y, z of a quaternion and translation of camera_T_world."""
+    (w, x, y, z, *translation), where = numbers, f"{file} {name}"
+    camera_T_world = np.column_stack([Rotation.from_quat([x, y, z, w]).as_matrix(), translation])
+    return pose(np.linalg.inv(pose(camera_T_world, where)) @ OPENGL_FROM_OPENCV, where)
 
 
 def _lens(number: int, model: str, size: tuple[float, float], values: np.ndarray, file: Path) -> tuple[int, Camera]:
@@ -125,7 +129,7 @@ def _lens(number: int, model: str, size: tuple[float, float], values: np.ndarray
                         remedy="undistort the pictures with COLMAP first (colmap image_undistorter)")  # fmt: skip
     lens = MODELS[model]
     if len(values) != len(lens.parameters):
-        raise _damaged(file, f"{len(values)} parameters of a {model}")
+        raise ValueError(f"{len(values)} parameters of a {model}")
     named = dict(zip(lens.parameters, map(float, values), strict=True))
     fx, fy, cx, cy = lens.intrinsics(named, *size)
     if not np.isfinite(values).all() or min(fx, fy) <= 0 or not 1 <= min(size) <= max(size) <= LARGEST_SIDE:
@@ -138,65 +142,54 @@ def _lens(number: int, model: str, size: tuple[float, float], values: np.ndarray
 # --- binary -----------------------------------------------------------------------------------------------------------
 
 
-class _Bytes:
-    """A file from its beginning to its end. UserError where it ends earlier."""
-
-    def __init__(self, file: Path) -> None:
-        self.file, self.data, self.at = file, file.read_bytes(), 0
-
-    def bytes(self, size: int) -> bytes:
-        data = self.data[self.at : self.at + size]
-        if len(data) < size:
-            raise _damaged(self.file, "it ends too early")
-        self.at += size
-        return data
-
-    def take(self, form: str) -> tuple:
-        return struct.unpack(form, self.bytes(struct.calcsize(form)))
-
-    def array(self, dtype: np.dtype, count: int) -> np.ndarray:
-        return np.frombuffer(self.bytes(count * dtype.itemsize), dtype)
-
-    def name(self) -> str:
-        end = self.data.find(b"\0", self.at, self.at + LONGEST_NAME)
-        if end < 0:
-            raise _damaged(self.file, "it ends within a name")
-        name, self.at = self.data[self.at : end], end + 1
-        return _name(name, self.file)
-
-
-def _entries(file: Path) -> Iterator[_Bytes]:
+def _entries(file: Path) -> Iterator[io.BytesIO]:
     """The file at the beginning of each entry that it says it has; then it must end."""
-    data = _Bytes(file)
-    for _ in range(*data.take("<Q")):
+    data = io.BytesIO(file.read_bytes())
+    for _ in range(*_take(data, "<Q")):
         yield data
-    if data.at != len(data.data):
-        raise _damaged(file, f"{len(data.data):,} bytes where its contents take {data.at:,}")
+    if data.read(1):
+        raise ValueError("it goes on behind its contents")
+
+
+def _take(data: io.BytesIO, form: str) -> tuple:
+    return struct.unpack(form, data.read(struct.calcsize(form)))
+
+
+def _array(data: io.BytesIO, dtype: np.dtype, count: int) -> np.ndarray:
+    return np.frombuffer(data.read(count * dtype.itemsize), dtype, count)
+
+
+def _name(data: io.BytesIO) -> str:
+    """UTF-8, ended by 0."""
+    begin, whole = data.tell(), data.getvalue()
+    name = whole[begin : whole.index(b"\0", begin, begin + LONGEST_NAME)]
+    data.seek(begin + len(name) + 1)
+    return name.decode()
 
 
 def _lenses(file: Path) -> Iterator[tuple[int, Camera]]:
     """cameras.bin: count u64; each: id u32, model i32, width u64, height u64, parameters f64."""
     for data in _entries(file):
-        number, model, width, height = data.take("<IiQQ")
+        number, model, width, height = _take(data, "<IiQQ")
         name = NAMES[model] if 0 <= model < len(NAMES) else f"model number {model}"
-        values = data.array(np.dtype("<f8"), len(MODELS[name].parameters) if name in MODELS else 0)
+        values = _array(data, NUMBER, len(MODELS[name].parameters) if name in MODELS else 0)
         yield _lens(number, name, (width, height), values, file)
 
 
 def _images(file: Path) -> Iterator[_Image]:
     """images.bin: count u64; each: id u32, pose 7 f64, camera u32, name ended by 0, count u64, each (x, y) f64 and id u64."""
     for data in _entries(file):
-        _, *placed, camera = data.take("<I7dI")
-        name, (count,) = data.name(), data.take("<Q")
-        shown = data.array(KEYPOINTS, count)["point"]
-        yield _Image(name, camera, np.array(placed[:4]), np.array(placed[4:]), shown[shown >= 0])
+        _, *placed, camera = _take(data, "<I7dI")
+        name, (count,) = _name(data), _take(data, "<Q")
+        shown = _array(data, KEYPOINT, count)["point"]
+        yield _Image(name, camera, _pose(file, name, placed), shown[shown >= 0])
 
 
 def _points(file: Path) -> Iterator[tuple[float, ...]]:
     """points3D.bin: count u64; each: id u64, place 3 f64, colour 3 u8, error f64, count u64, each image u32 and index u32."""
     for data in _entries(file):
-        *point, _, count = data.take("<q3d3BdQ")
-        data.bytes(8 * count)
+        *point, _, count = _take(data, "<q3d3BdQ")
+        _array(data, SHOWING, count)
         yield (*point, count)
 
 
@@ -212,12 +205,9 @@ def _lines(file: Path) -> Iterator[bytes]:
 def _lenses_of_text(file: Path) -> Iterator[tuple[int, Camera]]:
     """cameras.txt: id, model, width, height, parameters."""
     for line in filter(None, _lines(file)):
-        words = line.split()
-        numbers = _numbers([*words[:1], *words[2:]], file)
-        if len(numbers) < 3:
-            raise _damaged(file, f"a camera with {len(numbers)} numbers")
-        name = words[1].decode("ascii", errors="replace")
-        yield _lens(int(numbers[0]), name, (numbers[1], numbers[2]), numbers[3:], file)
+        number, model, width, height, *values = line.split()
+        number, width, height, *values = _numbers([number, width, height, *values])
+        yield _lens(int(number), model.decode("ascii", errors="replace"), (width, height), np.array(values), file)
 
 
 def _images_of_text(file: Path) -> Iterator[_Image]:
@@ -226,39 +216,29 @@ def _images_of_text(file: Path) -> Iterator[_Image]:
     for line in lines:
         if line:
             *values, name = line.split(None, 9)
-            numbers = _numbers(values, file, 9)
-            shown = _numbers(next(lines, b"").split(), file)[2::3].astype(np.int64)
-            yield _Image(_name(name, file), int(numbers[8]), numbers[1:5], numbers[5:8], shown[shown >= 0])
+            if len(name) > LONGEST_NAME:
+                raise ValueError(f"a name of {len(name)} bytes")
+            _, *placed, camera = _numbers(values)
+            shown = _numbers(next(lines, b"").split())[2::3].astype(np.int64)
+            yield _Image(name.decode(), int(camera), _pose(file, name.decode(), placed), shown[shown >= 0])
 
 
 def _points_of_text(file: Path) -> Iterator[tuple[float, ...]]:
     """points3D.txt: id, place, colour, error; image and index of each that shows it."""
     for line in filter(None, _lines(file)):
         words = line.split()
-        yield (*_numbers(words[:8], file, 8)[:7], (len(words) - 8) // 2)
+        number, x, y, z, red, green, blue, _ = _numbers(words[:8])
+        yield number, x, y, z, red, green, blue, (len(words) - 8) // 2
 
 
-def _numbers(words: list[bytes], file: Path, count: int | None = None) -> np.ndarray:
-    try:
-        numbers = np.array(words, np.float64)
-    except ValueError:
-        numbers = np.array([np.nan])
-    if (count is not None and len(words) != count) or not (np.abs(numbers) < 2**53).all():
-        raise _damaged(file, f"a line with {b' '.join(words)[:40].decode(errors='replace')}")
+def _numbers(words: list[bytes]) -> np.ndarray:
+    numbers = np.array(words, np.float64)
+    if not (np.abs(numbers) < 2**53).all():
+        raise ValueError(f"a line with {b' '.join(words)[:40].decode(errors='replace')}")
     return numbers
 
 
 READERS = {".bin": (_lenses, _images, _points), ".txt": (_lenses_of_text, _images_of_text, _points_of_text)}
-
-
-def _name(name: bytes, file: Path) -> str:
-    if len(name) > LONGEST_NAME:
-        raise _damaged(file, f"a name of {len(name)} bytes")
-    try:
-        return name.decode()
-    except UnicodeDecodeError:
-        raise UserError("the name of an image is not UTF-8", where=file, found=repr(name)[1:60],
-                        remedy="rename the pictures and run COLMAP again") from None  # fmt: skip
 
 
 def _damaged(where: Path, found: str) -> UserError:

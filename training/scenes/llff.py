@@ -58,14 +58,11 @@ def read(path: Path, options: SceneOptions) -> Scene:
 def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, np.ndarray]:
     """world_T_camera [N, 4, 4] (OpenGL axes), (height, width) and focal length of full pictures, depths [N, 2]."""
     rows = _rows(path)
-    if not np.isfinite(rows).all():
-        row = int(np.argwhere(~np.isfinite(rows))[0, 0])
-        raise UserError("a pose or depth is not finite", where=path, found=f"row {row}")
     down, right, back, position, hwf = np.moveaxis(rows[:, :15].reshape(-1, 3, 5), -1, 0)
     bounds = rows[:, 15:]
     sound = (np.rint(hwf[:, :2]) >= 1) & (hwf[:, 2:] > 0) & (bounds[:, :1] > 0) & (bounds[:, 1:] > bounds[:, :1])
-    if not sound.all():
-        raise UserError("sizes and depths must be positive, near before far", where=path)
+    if not sound.all() or np.isinf(np.hstack([hwf, bounds])).any():
+        raise UserError("sizes or depths are not finite, not positive or not near before far", where=path)
     if np.ptp(hwf, axis=0).max() > 1e-6 * hwf.max():
         raise UserError("the poses name different cameras", where=path, expected="one size and focal length")
     height, width, focal = hwf[0]

@@ -45,8 +45,6 @@ def load_pixels(
     is left out. folder: where a file without a name is made, if needed. A notice names masks that hide or show everything.
     UserError where a picture fails to decode, or the disk is full.
     """
-    if not photographs:
-        raise UserError("no pictures to load", expected="at least one")
     sizes = pixel_counts([p.camera for p in photographs], row_step)
     starts = np.cumsum(sizes) - sizes
     last = int(sizes.sum()) if last is None else last

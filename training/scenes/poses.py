@@ -28,23 +28,17 @@ def pose(matrix: Any, where: str) -> np.ndarray:
         world_T_camera = np.vstack([world_T_camera, [0, 0, 0, 1]])
     if world_T_camera.shape != (4, 4):
         raise wrong("has another shape", expected="4x4", found="x".join(map(str, world_T_camera.shape)) or "nothing")
-    if not np.all(np.isfinite(world_T_camera)):
-        raise wrong("has values that are not finite")
-    if np.abs(world_T_camera).max() > FARTHEST:
-        raise wrong("has values that are too large", expected=f"at most {FARTHEST:g}")
-    lengths = np.linalg.norm(world_T_camera[:3, :3], axis=0)
-    determinant = np.linalg.det(world_T_camera[:3, :3] / np.maximum(lengths, 1e-300))
-    if lengths.min() < 1e-9 or abs(determinant) < 0.5:
-        raise wrong("is not a rotation and a position", found="dependent axes")
+    if not (np.abs(world_T_camera) <= FARTHEST).all():
+        raise wrong("has values that are not finite, or too large", expected=f"at most {FARTHEST:g}")
+    world_T_camera[:3, :3] /= np.maximum(np.linalg.norm(world_T_camera[:3, :3], axis=0), 1e-300)
+    if np.abs(world_T_camera[:3, :3].T @ world_T_camera[:3, :3] - np.eye(3)).max() > MOST_SHEAR:
+        raise wrong("is not a rotation and a position", expected="axes at right angles")
     if np.abs(world_T_camera[3] - (0, 0, 0, 1)).max() > LAST_ROW:
         raise wrong("has another last row", expected="0, 0, 0, 1", found=", ".join(f"{value:g}" for value in world_T_camera[3]),
                     remedy="write camera-to-world matrices row by row")  # fmt: skip
-    if determinant < 0:
+    if (determinant := np.linalg.det(world_T_camera[:3, :3])) < 0:
         raise wrong("mirrors the world", expected="a rotation, determinant 1", found=f"determinant {determinant:.3g}",
                     remedy="export with right-handed axes: x right, y up, z back")  # fmt: skip
-    world_T_camera[:3, :3] /= lengths
-    if np.abs(world_T_camera[:3, :3].T @ world_T_camera[:3, :3] - np.eye(3)).max() > MOST_SHEAR:
-        raise wrong("is not a rotation and a position", expected="axes at right angles")
     return world_T_camera
 
 

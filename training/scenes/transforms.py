@@ -5,6 +5,7 @@ Its keys are focal lengths, principal point, size, distortion and lens model. Le
 refused by name. docs/scenes.md has the table of keys.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -96,8 +97,10 @@ def number(values: dict[str, Any], key: str, where: str | Path, default: float |
 LOOKED_FOR = "transforms_train.json (Blender), transforms.json (nerfstudio, instant-ngp)"
 SPLITS = ("train", "val", "test")
 MOST_POINTS = 50_000  # that near, far and box are derived from
-MOST_PLY_BYTES, MOST_PLY_HEADER = 1 << 30, 1 << 16
-PLY_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
+MOST_PLY_BYTES = 1 << 30
+# The header up to the last property of the vertices, which come first. A property is a type and a name.
+PLY_HEADER = re.compile(r"ply\s+format (\w+) 1\.0\s+element vertex (\d+)\s+((?:property \w+ \w+\s+)+)")
+PLY_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 PLY_TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8",
     "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4",
@@ -324,43 +327,23 @@ def _points(path: Path, document: dict[str, Any], cameras: Sequence[Camera], fra
 
 def read_ply(path: Path) -> np.ndarray:
     """The finite places float64 [M, 3] of the vertices of a PLY file, its first element. UserError for anything else."""
-
-    def damaged(found: str) -> UserError:
-        return UserError("not a PLY file of points, or a damaged one", where=path, found=found)
-
     try:
         if path.stat().st_size > MOST_PLY_BYTES:
-            raise damaged(f"more than {MOST_PLY_BYTES >> 20} MiB")
-        data = path.read_bytes()
-    except OSError as error:
-        raise UserError("cannot be read", where=path, found=str(error)) from error
-    end = data.find(b"end_header", 0, MOST_PLY_HEADER)
-    body = data.find(b"\n", end) + 1
-    if not data.startswith(b"ply") or end < 0 or not body:
-        raise damaged("no header")
-    lines = [line.split() for line in data[:end].decode("ascii", errors="replace").splitlines()]
-    form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
-    elements = [index for index, line in enumerate(lines) if line[:1] == ["element"]]
-    begin, end = [*elements, len(lines), len(lines)][:2]
-    first = lines[begin] if elements else []
-    properties = [line for line in lines[begin:end] if line[:1] == ["property"]]
-    names = [line[-1] for line in properties]
-    sound = len(first) == 3 and first[1] == "vertex" and first[2].isdigit() and form in PLY_ORDERS
-    if not sound or any(len(line) != 3 or line[1] not in PLY_TYPES for line in properties) or not {*"xyz"} <= {*names}:
-        raise damaged("no vertices with x, y and z")
-    count, columns = int(first[2]), [names.index(axis) for axis in "xyz"]
-    if form == "ascii":
-        try:
-            words = [line.split() for line in data[body:].splitlines()[:count]]
-            places = np.array(words, np.float64).reshape(-1, len(names))[:, columns]
-        except ValueError:
-            raise damaged("a line that is no list of numbers") from None
-    else:
-        dtype = np.dtype([(f"{i}", PLY_ORDERS[form] + PLY_TYPES[line[1]]) for i, line in enumerate(properties)])
-        if count * dtype.itemsize > len(data) - body:
-            raise damaged("it ends too early")
-        rows = np.frombuffer(data, dtype, count, body)
-        places = np.stack([rows[f"{i}"].astype(np.float64) for i in columns], axis=-1)
+            raise ValueError(f"more than {MOST_PLY_BYTES >> 20} MiB")
+        header, *rest = re.split(rb"end_header\r?\n", path.read_bytes(), maxsplit=1)
+        plain = re.sub(rb"(comment|obj_info).*", b"", header).decode("ascii", errors="replace") if rest else ""
+        if (match := PLY_HEADER.match(plain)) is None:
+            raise ValueError("no header, or one without vertices")
+        form, count, properties = match[1], int(match[2]), re.findall(r"property (\w+) (\w+)", match[3])
+        if form == "ascii":
+            rows = np.array([line.split() for line in rest[0].splitlines()[:count]], np.float64)
+            columns = dict(zip((name for _, name in properties), rows.reshape(-1, len(properties)).T, strict=True))
+        else:
+            dtype = np.dtype([(name, PLY_ORDERS[form] + PLY_TYPES[kind]) for kind, name in properties])
+            columns = np.frombuffer(rest[0], dtype, count)
+        places = np.stack([columns[axis] for axis in "xyz"], axis=-1).astype(np.float64)
+    except (OSError, ValueError, KeyError, OverflowError) as error:
+        raise UserError("not a PLY file of points, or a damaged one", where=path, found=str(error)[:80]) from error
     return places[np.isfinite(places).all(-1)]
 
 
