@@ -83,7 +83,7 @@ def test_the_paper_takes_16_gaussian_samples_of_any_field_and_averages_colours_a
         return ball(points)._replace(diffuse=0.5 + 0.5 * np.sin(40 * points))  # also where it is empty
 
     grain = np.full(3, grid.voxel_size)  # of a field that our own bake asks once a voxel
-    sampler = Sampler.of(field, grid, kept, grain, 0, as_paper=True)
+    sampler = Sampler(field, grid, kept, grain, as_paper=True)
     with ThreadPoolExecutor(1) as pool:
         places, values = sampler.content(np.argwhere(kept.kept)[:1], pool)
     points = np.concatenate(asked).reshape(len(places), SAMPLES, 3)
