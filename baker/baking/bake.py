@@ -159,7 +159,7 @@ def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
     return {
         "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
         "scene": str(run.scene.path), "downscale": run.options.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
-        "resolution": config.resolution, "preset": config.preset, "most_macroblocks": config.block_limit,
+        "resolution": config.resolution_of(run), "preset": config.preset, "most_macroblocks": config.block_limit,
         "aabb": config.aabb, "keeps_hidden": config.keeps_hidden,
     }  # fmt: skip
 
@@ -170,7 +170,7 @@ def culled_grid(job: Bake) -> tuple[BakeGrid, Culling]:
     with job.stages("box"):
         box = once(job.work, "box", lambda: _find_box(job))
     contraction = run.dataset.facts.contraction if config.aabb is None else None
-    resolution = config.resolution
+    resolution = config.resolution_of(run)
     while True:
         grid = make_grid(box["low"], box["high"], resolution, BLOCK_SIZE, job.frame, contraction)
         with job.stages("opacity") as bar:
@@ -201,7 +201,7 @@ def _find_box(job: Bake) -> Arrays:
         found = box_in_grid_frame(_box_to_bake(run, config.aabb), job.frame)
     else:
         whole = box_in_grid_frame(run.dataset.aabb, job.frame)
-        found = content_box(job.query, *whole, config.resolution, job.frame)
+        found = content_box(job.query, *whole, config.resolution_of(run), job.frame)
     if found is None:
         raise _nothing_there(run)
     return {"low": found[0], "high": found[1]}
