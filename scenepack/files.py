@@ -6,11 +6,12 @@ A zip may hold the files at its root or inside one top folder. Nothing is ever e
 
 import lzma
 import math
+import re
 import struct
 import zipfile
 import zlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -37,7 +38,6 @@ _SUFFIXES = {
     **dict.fromkeys((".ckpt", ".pth"), "a checkpoint of another program"),
     **dict.fromkeys((".obj", ".glb", ".gltf", ".stl"), "a mesh"),
 }
-_PLANES = ("plane_features_", "plane_rgb_and_density_", "plane_density_")  # pictures of a MERF pack
 
 
 def refuse_other_params(raw: Mapping[str, Any], where: str) -> None:
@@ -62,15 +62,6 @@ def refuse_other_file(path: Path) -> None:
         name = None  # a .zip under another name
     if name is not None:
         raise UserError(f"this is {name} ({suffix})", where=path, remedy=REMEDY)
-
-
-def refuse_other_names(path: Path, names: Iterable[str]) -> None:
-    """UserError where the names of the files in a folder or .zip tell that it is another program's scene."""
-    for name in sorted(names):
-        if name.startswith(_PLANES):
-            raise UserError("this is a MERF pack", where=path, found=name, remedy=REMEDY)
-        if _SUFFIXES.get(Path(name).suffix.lower()) == _GAUSSIANS:
-            raise UserError(f"this holds {_GAUSSIANS}", where=path, found=name, remedy=REMEDY)
 
 
 PARAMS_NAME = "scene_params.json"
@@ -146,24 +137,16 @@ def open_files(path: Path) -> PackFiles:
         raise UserError(f"cannot be read: {error.strerror or error}", where=path) from error
     if PARAMS_NAME not in files.sizes:
         files.close()
-        refuse_other_names(path, files.sizes)
         raise _not_a_pack(path, list(files.sizes))
     return files
 
 
 def _not_a_pack(path: Path, names: list[str]) -> UserError:
-    inner = sorted(p.parent.name for p in path.glob(f"*/{PARAMS_NAME}")) if path.is_dir() else []
+    inner = sorted(path.glob(f"*/{PARAMS_NAME}")) if path.is_dir() else []
     if inner:
-        return UserError(
-            f"is not a pack, but contains {len(inner)}", where=path, remedy=f"open {path / inner[0]} instead"
-        )
-    if not names:
-        folders = sorted(p.name for p in path.glob("*/")) if path.is_dir() else []
-        found = f"only folders, such as {folders[0]}" if folders else None
-        return UserError(
-            "holds no files" if folders else "is empty", where=path, expected=f"a pack with {PARAMS_NAME}", found=found
-        )
-    found = f"{len(names)} other files, such as {min(names)}"
+        what, remedy = f"is not a pack, but contains {len(inner)}", f"open {inner[0].parent} instead"
+        return UserError(what, where=path, remedy=remedy)
+    found = f"{len(names)} other files, such as {min(names)}" if names else "no files"
     return UserError(f"is not a pack: it has no {PARAMS_NAME}", where=path, found=found,
                      remedy="name the folder or .zip that snerg-bake wrote")  # fmt: skip
 
@@ -199,19 +182,15 @@ class ZipFiles(PackFiles):
             for info in self._zip.infolist()
             if info.filename and not info.is_dir() and "__MACOSX" not in info.filename
         }
-        tops = {name.rpartition("/")[0] for name in entries if name.rpartition("/")[2] == PARAMS_NAME}
-        tops = {top for top in tops if "/" not in top}
-        if "" in tops:
-            tops = {""}
-        if len(tops) > 1:
+        tops = sorted(
+            name[: -len(PARAMS_NAME)] for name in entries if re.fullmatch(rf"([^/]*/)?{re.escape(PARAMS_NAME)}", name)
+        )
+        top = tops[0] if tops else ""  # the root, which is "", where a pack lies there
+        if top and len(tops) > 1:
             self.close()
             raise UserError(f"holds {len(tops)} packs", where=path, remedy="make a .zip of a single pack")
-        top = tops.pop() + "/" if tops and "" not in tops else ""
-        self._entries = {
-            name.removeprefix(top): info
-            for name, info in entries.items()
-            if name.startswith(top) and (not top or "/" not in name.removeprefix(top))
-        }
+        inside = {name.removeprefix(top): info for name, info in entries.items() if name.startswith(top)}
+        self._entries = {name: info for name, info in inside.items() if not top or "/" not in name}
         self.sizes = {name: info.file_size for name, info in self._entries.items()}
 
     def _open(self, name: str) -> IO[bytes]:
