@@ -32,7 +32,6 @@ NEW, OLD, GONE = "new", "old", "gone"
 _LEFTOVER_AGE_S = 3600.0  # a process id may have been given to another process since
 _SWAP_PATIENCE_S = 2.0
 _GIVE_WAY_S = 5.0
-_LOOK_S = 0.2  # far longer than any process holds a lock only to see whether it can be had
 
 
 def write_file(path: Path, data: bytes | str | Iterable[Any]) -> None:
@@ -109,7 +108,8 @@ class Replacement:
         self._lock = -1
         if fcntl:
             self._lock = os.open(self.path, _lock_flags(self.path))
-            _hold(self._lock)
+            with suppress(OSError):  # there are no locks; else it waits for those who look whether anybody holds it
+                fcntl.flock(self._lock, fcntl.LOCK_EX)
         if alone:
             try:
                 _require_alone(target, self.path)
@@ -255,7 +255,7 @@ def _require_alone(target: Path, own: Path | None = None) -> None:
 
     Two that begin in one moment see each other: the one whose name comes first waits for the other to give way.
     """
-    deadline = time.monotonic() + (_GIVE_WAY_S if own else _LOOK_S)
+    deadline = time.monotonic() + (_GIVE_WAY_S if own else 0.0)
     while others := [path for path in _siblings(target, NEW) if path != own and _is_held(path)]:
         if (own and own > min(others)) or time.monotonic() > deadline:
             raise OSError(errno.EBUSY, "another process is writing it", str(target))
@@ -273,13 +273,6 @@ def try_lock(handle: int, *, shared: bool = False) -> bool | None:
     except OSError:  # some network file systems have none
         return None
     return True
-
-
-def _hold(handle: int) -> None:
-    """Takes the lock on what one writes oneself, which another may hold for a moment to see whether it can be had."""
-    deadline = time.monotonic() + _LOOK_S
-    while try_lock(handle) is False and time.monotonic() < deadline:
-        time.sleep(0.01)
 
 
 def _is_held(path: Path) -> bool:
@@ -305,7 +298,7 @@ def _is_alive(path: Path) -> bool:
         young = time.time() - path.stat().st_mtime < _LEFTOVER_AGE_S
         if fcntl:
             with _opened(path) as handle:
-                locked = try_lock(handle)
+                locked = try_lock(handle, shared=True)
             if not locked:  # held; or no locks here: its process may run on another host, where its id tells nothing
                 return locked is False or young
     except FileNotFoundError:
