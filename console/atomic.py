@@ -156,15 +156,18 @@ def remove_leftovers(target: Path) -> None:
     if os.path.lexists(target):
         for path in _siblings(target, OLD):
             if not _is_alive(path):
-                _discard(path, target)
+                discard(path, target)
 
 
-def discard(path: Path) -> None:
+def discard(path: Path, target: Path | None = None) -> None:
     """Deletes a file or folder, gone from its name in one step: who still writes into it finds nothing there. Raises nothing.
 
-    What a kill leaves of it, under a hidden name, goes with the next remove_leftovers(path).
+    What a kill leaves of it, under a hidden name of `target` (by default `path`), goes with the next remove_leftovers(target).
     """
-    _discard(path, path)
+    gone = _sibling(target or path, GONE)
+    with suppress(OSError):
+        os.rename(path, gone)  # first: a half deleted .old must never be put back
+        _delete(gone)
 
 
 def is_leftover(name: str) -> bool:
@@ -195,35 +198,21 @@ def _take_place(new: Path, target: Path) -> None:
             shutil.copymode(target, new)
         os.replace(new, target)
         return
-    for _ in range(100):  # again only where another writer comes in between
-        try:
-            os.rename(new, target)  # absent, or an empty folder
-            return
-        except OSError as error:
-            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EACCES, errno.EPERM):
-                raise
-            if not target.is_dir():
-                raise
-        with suppress(FileNotFoundError):
-            shutil.copymode(target, new)
-            old = _sibling(target, OLD)
-            os.rename(target, old)
-            try:
-                os.rename(new, target)
-            except OSError:
-                os.rename(old, target)
-                raise
-            _discard(old, target)
-            return
-    raise OSError(errno.EBUSY, "other processes keep replacing it", str(target))
-
-
-def _discard(old: Path, target: Path) -> None:
-    # Under another name first: a half deleted .old must never be put back.
-    gone = _sibling(target, GONE)
-    with suppress(OSError):
-        os.rename(old, gone)
-        _delete(gone)
+    try:
+        os.rename(new, target)  # absent, or an empty folder
+        return
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EACCES, errno.EPERM) or not target.is_dir():
+            raise
+    shutil.copymode(target, new)
+    old = _sibling(target, OLD)
+    os.rename(target, old)
+    try:
+        os.rename(new, target)
+    except OSError:
+        os.rename(old, target)
+        raise
+    discard(old, target)
 
 
 def _delete(path: Path) -> None:
