@@ -10,8 +10,8 @@ import re
 import struct
 import zipfile
 import zlib
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -75,11 +75,14 @@ ZIP_ERRORS = (
 )  # fmt: skip
 
 
-class PackFiles(ABC):
+@dataclass(frozen=True)
+class PackFiles:
     """Files by name. Reading is safe from several threads; errors are UserError."""
 
     path: Path
-    sizes: dict[str, int]  # bytes of each file, as read
+    sizes: Mapping[str, int]  # bytes of each file, as read
+    opened: Callable[[str], IO[bytes]]
+    close: Callable[[], None] = lambda: None
 
     def where(self, name: str) -> str:
         """A file for messages."""
@@ -104,7 +107,7 @@ class PackFiles(ABC):
         if name not in self.sizes:
             raise UserError("is missing", where=self.where(name))
         try:
-            with self._open(name) as file:
+            with self.opened(name) as file:
                 data = file.read(count)
                 if to_end:
                     file.read(1)  # the checksum of a .zip is compared only once the end is reached
@@ -114,22 +117,16 @@ class PackFiles(ABC):
             raise UserError("cannot be read", where=self.where(name), found=found,
                             remedy="it may be damaged; copy it again") from error  # fmt: skip
 
-    @abstractmethod
-    def _open(self, name: str) -> IO[bytes]: ...
-
-    def close(self) -> None:
-        return
-
 
 def open_files(path: Path) -> PackFiles:
     """The files of the pack at `path`. UserError where no folder or readable zip holds one."""
     path = Path(path)
     try:
         if path.is_dir():
-            files: PackFiles = FolderFiles(path)
+            files = _in_folder(path)
         elif path.is_file():
             refuse_other_file(path)
-            files = ZipFiles(path)
+            files = _in_zip(path)
         else:
             what = "is neither a folder nor a file" if path.exists() else "does not exist"
             raise UserError(what, where=path, expected="the folder or .zip of a pack", remedy="check the path")
@@ -156,48 +153,32 @@ def stored_bytes(path: Path) -> int:
     return path.stat().st_size if path.is_file() else sum(f.stat().st_size for f in path.iterdir() if f.is_file())
 
 
-class FolderFiles(PackFiles):
-    """A pack as a folder."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.sizes = {entry.name: entry.stat().st_size for entry in path.iterdir() if entry.is_file()}
-
-    def _open(self, name: str) -> IO[bytes]:
-        return open(self.path / name, "rb")
+def _in_folder(path: Path) -> PackFiles:
+    sizes = {entry.name: entry.stat().st_size for entry in path.iterdir() if entry.is_file()}
+    return PackFiles(path, sizes, lambda name: open(path / name, "rb"))
 
 
-class ZipFiles(PackFiles):
-    """A pack as one .zip."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        try:
-            self._zip = zipfile.ZipFile(path)
-        except ZIP_ERRORS as error:
-            found, remedy = str(error) or type(error).__name__, "the file may be damaged or incomplete; copy it again"
-            raise UserError("cannot be opened as a .zip", where=path, found=found, remedy=remedy) from error
-        entries = {
-            info.filename.replace("\\", "/").removeprefix("./"): info
-            for info in self._zip.infolist()
-            if info.filename and not info.is_dir() and "__MACOSX" not in info.filename
-        }
-        tops = sorted(
-            name[: -len(PARAMS_NAME)] for name in entries if re.fullmatch(rf"([^/]*/)?{re.escape(PARAMS_NAME)}", name)
-        )
-        top = tops[0] if tops else ""  # the root, which is "", where a pack lies there
-        if top and len(tops) > 1:
-            self.close()
-            raise UserError(f"holds {len(tops)} packs", where=path, remedy="make a .zip of a single pack")
-        inside = {name.removeprefix(top): info for name, info in entries.items() if name.startswith(top)}
-        self._entries = {name: info for name, info in inside.items() if not top or "/" not in name}
-        self.sizes = {name: info.file_size for name, info in self._entries.items()}
-
-    def _open(self, name: str) -> IO[bytes]:
-        return self._zip.open(self._entries[name])
-
-    def close(self) -> None:
-        self._zip.close()
+def _in_zip(path: Path) -> PackFiles:
+    try:
+        archive = zipfile.ZipFile(path)
+    except ZIP_ERRORS as error:
+        found, remedy = str(error) or type(error).__name__, "the file may be damaged or incomplete; copy it again"
+        raise UserError("cannot be opened as a .zip", where=path, found=found, remedy=remedy) from error
+    every = {
+        info.filename.replace("\\", "/").removeprefix("./"): info
+        for info in archive.infolist()
+        if info.filename and not info.is_dir() and "__MACOSX" not in info.filename
+    }
+    at_top = re.compile(rf"([^/]*/)?{re.escape(PARAMS_NAME)}")
+    tops = sorted(name.removesuffix(PARAMS_NAME) for name in every if at_top.fullmatch(name))
+    top = tops[0] if tops else ""  # the root, which is "", where a pack lies there
+    if top and len(tops) > 1:
+        archive.close()
+        raise UserError(f"holds {len(tops)} packs", where=path, remedy="make a .zip of a single pack")
+    inside = {name.removeprefix(top): info for name, info in every.items() if name.startswith(top)}
+    entries = {name: info for name, info in inside.items() if not top or "/" not in name}
+    sizes = {name: info.file_size for name, info in entries.items()}
+    return PackFiles(path, sizes, lambda name: archive.open(entries[name]), archive.close)
 
 
 # --- Limits -----------------------------------------------------------------------------------------------------------
