@@ -32,7 +32,6 @@ NEW, OLD, GONE = "new", "old", "gone"
 _LEFTOVER_AGE_S = 3600.0  # a process id may have been given to another process since
 _SWAP_PATIENCE_S = 2.0
 _GIVE_WAY_S = 5.0
-_LOOK_S = 0.2  # far longer than any process holds a lock only to see whether it can be had
 
 
 def write_file(path: Path, data: bytes | str | Iterable[Any]) -> None:
@@ -109,7 +108,8 @@ class Replacement:
         self._lock = -1
         if fcntl:
             self._lock = os.open(self.path, _lock_flags(self.path))
-            _hold(self._lock)
+            with suppress(OSError):  # there are no locks; else it waits for those who look whether anybody holds it
+                fcntl.flock(self._lock, fcntl.LOCK_EX)
         if alone:
             try:
                 _require_alone(target, self.path)
@@ -156,15 +156,18 @@ def remove_leftovers(target: Path) -> None:
     if os.path.lexists(target):
         for path in _siblings(target, OLD):
             if not _is_alive(path):
-                _discard(path, target)
+                discard(path, target)
 
 
-def discard(path: Path) -> None:
+def discard(path: Path, target: Path | None = None) -> None:
     """Deletes a file or folder, gone from its name in one step: who still writes into it finds nothing there. Raises nothing.
 
-    What a kill leaves of it, under a hidden name, goes with the next remove_leftovers(path).
+    What a kill leaves of it, under a hidden name of `target` (by default `path`), goes with the next remove_leftovers(target).
     """
-    _discard(path, path)
+    gone = _sibling(target or path, GONE)
+    with suppress(OSError):
+        os.rename(path, gone)  # first: a half deleted .old must never be put back
+        _delete(gone)
 
 
 def is_leftover(name: str) -> bool:
@@ -195,35 +198,21 @@ def _take_place(new: Path, target: Path) -> None:
             shutil.copymode(target, new)
         os.replace(new, target)
         return
-    for _ in range(100):  # again only where another writer comes in between
-        try:
-            os.rename(new, target)  # absent, or an empty folder
-            return
-        except OSError as error:
-            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EACCES, errno.EPERM):
-                raise
-            if not target.is_dir():
-                raise
-        with suppress(FileNotFoundError):
-            shutil.copymode(target, new)
-            old = _sibling(target, OLD)
-            os.rename(target, old)
-            try:
-                os.rename(new, target)
-            except OSError:
-                os.rename(old, target)
-                raise
-            _discard(old, target)
-            return
-    raise OSError(errno.EBUSY, "other processes keep replacing it", str(target))
-
-
-def _discard(old: Path, target: Path) -> None:
-    # Under another name first: a half deleted .old must never be put back.
-    gone = _sibling(target, GONE)
-    with suppress(OSError):
-        os.rename(old, gone)
-        _delete(gone)
+    try:
+        os.rename(new, target)  # absent, or an empty folder
+        return
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EACCES, errno.EPERM) or not target.is_dir():
+            raise
+    shutil.copymode(target, new)
+    old = _sibling(target, OLD)
+    os.rename(target, old)
+    try:
+        os.rename(new, target)
+    except OSError:
+        os.rename(old, target)
+        raise
+    discard(old, target)
 
 
 def _delete(path: Path) -> None:
@@ -255,7 +244,7 @@ def _require_alone(target: Path, own: Path | None = None) -> None:
 
     Two that begin in one moment see each other: the one whose name comes first waits for the other to give way.
     """
-    deadline = time.monotonic() + (_GIVE_WAY_S if own else _LOOK_S)
+    deadline = time.monotonic() + (_GIVE_WAY_S if own else 0.0)
     while others := [path for path in _siblings(target, NEW) if path != own and _is_held(path)]:
         if (own and own > min(others)) or time.monotonic() > deadline:
             raise OSError(errno.EBUSY, "another process is writing it", str(target))
@@ -273,13 +262,6 @@ def try_lock(handle: int, *, shared: bool = False) -> bool | None:
     except OSError:  # some network file systems have none
         return None
     return True
-
-
-def _hold(handle: int) -> None:
-    """Takes the lock on what one writes oneself, which another may hold for a moment to see whether it can be had."""
-    deadline = time.monotonic() + _LOOK_S
-    while try_lock(handle) is False and time.monotonic() < deadline:
-        time.sleep(0.01)
 
 
 def _is_held(path: Path) -> bool:
@@ -305,7 +287,7 @@ def _is_alive(path: Path) -> bool:
         young = time.time() - path.stat().st_mtime < _LEFTOVER_AGE_S
         if fcntl:
             with _opened(path) as handle:
-                locked = try_lock(handle)
+                locked = try_lock(handle, shared=True)
             if not locked:  # held; or no locks here: its process may run on another host, where its id tells nothing
                 return locked is False or young
     except FileNotFoundError:

@@ -38,12 +38,6 @@ _EXTRAS = {
     "safetensors": "train", "av": "video", "pycolmap": "poses", "OpenEXR": "export", "skimage": "export",
     "fast_simplification": "export",
 }  # fmt: skip
-_PURPOSES = {
-    "train": "trains, bakes and measures",
-    "video": "reads and writes films",
-    "poses": "finds camera poses",
-    "export": "writes OpenEXR files and meshes",
-}
 
 
 class UserError(Exception):
@@ -106,9 +100,7 @@ def missing_extra(error: BaseException) -> str | None:
     """What to install, where `error` comes of a package that an optional part of snerg needs; else None."""
     name = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     extra = _EXTRAS.get(name)
-    if extra is None:
-        return None
-    return f"{name} is not installed, and this installation lacks what {_PURPOSES[extra]}; pip install 'snerg[{extra}]'"
+    return extra and f"{name} is not installed; pip install 'snerg[{extra}]'"
 
 
 # --- Warnings that a person should read ---

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 DPI, SAVED_DPI = 100, 150  # sizes are meant at the first; the second is for screens with fine pixels
 LEFT, RIGHT, ABOVE, BELOW, LEGEND_ROW = 80, 24, 34, 50, 20  # around axes, pixels at DPI
 LEGEND_LETTERS = 110  # in a row
-INK, FAINT, GRID, PAPER = (36, 41, 47), (101, 109, 118), (225, 228, 232), (255, 255, 255)
+INK, FAINT, GRID, PAPER = "#24292f", "#656d76", "#e1e4e8", "#ffffff"
 COLOURS = ("#0969da", "#cf4a22", "#1a7f37", "#8250df", "#9a6700", "#bf3989", "#57606a")
 
 
@@ -68,7 +68,7 @@ def draw_plots(path: Path, plots: Sequence[Plot], size: tuple[int, int] = (720, 
     from matplotlib.figure import Figure  # not pyplot, which keeps figures and may look for a display
 
     width, height = size
-    figure = Figure((width / DPI, height * len(plots) / DPI), DPI, facecolor=_rgb(PAPER))
+    figure = Figure((width / DPI, height * len(plots) / DPI), DPI, facecolor=PAPER)
     for number, plot in enumerate(reversed(plots)):  # matplotlib's own layout draws everything twice
         above = ABOVE + LEGEND_ROW * _legend_shape(plot.lines)[0]
         place = np.array([LEFT, number * height + BELOW, width - LEFT - RIGHT, height - BELOW - above])
@@ -95,24 +95,21 @@ def _draw(axes: Axes, plot: Plot) -> None:
     xs = [x for line in plot.lines for x in line.xs]
     if xs and 0 <= min(xs) < 0.35 * max(xs):
         axes.set_xlim(left=0)
-    axes.set_xlabel(plot.x_label, color=_rgb(FAINT), fontsize=9)
-    axes.set_ylabel(plot.y_label, color=_rgb(FAINT), fontsize=9)
-    axes.grid(axis="y", color=_rgb(GRID), linewidth=0.8)
+    axes.set_xlabel(plot.x_label, color=FAINT, fontsize=9)
+    axes.set_ylabel(plot.y_label, color=FAINT, fontsize=9)
+    axes.grid(axis="y", color=GRID, linewidth=0.8)
     axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8.5, labelcolor=_rgb(FAINT), color=_rgb(FAINT), which="major")
+    axes.tick_params(labelsize=8.5, labelcolor=FAINT, color=FAINT, which="major")
     axes.tick_params(axis="y", length=0, which="both")
-    for side in ("top", "left", "right"):
-        axes.spines[side].set_visible(False)
-    axes.spines["bottom"].set_color(_rgb(FAINT))
+    axes.spines[["top", "left", "right"]].set_visible(False)
+    axes.spines["bottom"].set_color(FAINT)
     rows, columns = _legend_shape(plot.lines)
-    title = printable(plot.title)
-    axes.set_title(
-        title, loc="left", parse_math=False, color=_rgb(INK), fontsize=11, pad=8 + (2 + 14 * rows if rows else 0)
-    )
+    pad = 8 + (2 + 14 * rows if rows else 0)
+    axes.set_title(printable(plot.title), loc="left", parse_math=False, color=INK, fontsize=11, pad=pad)
     if rows:
         legend = axes.legend(
             loc="lower left", bbox_to_anchor=(0, 1), ncols=columns, borderaxespad=0.6, borderpad=0, handlelength=1.4,
-            columnspacing=1.4, frameon=False, fontsize=8.5, labelcolor=_rgb(INK),
+            columnspacing=1.4, frameon=False, fontsize=8.5, labelcolor=INK,
         )  # fmt: skip
         for text in legend.get_texts():
             text.set_parse_math(False)  # a dollar in a name is a dollar
@@ -138,9 +135,3 @@ def _draw_line(axes: Axes, line: Line, colour: str) -> None:
     )
     for _, level in line.levels:
         axes.axhline(level, color=colour, linestyle=(0, (4, 3)), linewidth=1, alpha=0.55)
-
-
-def _rgb(colour: tuple[int, int, int]) -> tuple[float, float, float]:
-    """For matplotlib, which takes 0 … 1."""
-    r, g, b = colour
-    return r / 255, g / 255, b / 255

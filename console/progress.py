@@ -112,11 +112,6 @@ class Progress:
             self.report(at_once=done >= self.total)
             self._show(updated=True)
 
-    def resume_at(self, begun: float) -> None:
-        """It turns out that so many units were done before."""
-        self.begun, self._estimate = begun, Estimate(self.total)
-        self.update(begun, self.note, self.metrics)
-
     def pause(self, seconds: float) -> None:
         """Other work, with progress of its own, took so long."""
         self._estimate.pause(seconds)
@@ -151,10 +146,6 @@ class _Live(Progress):
     def __init__(self, bars: RichProgress, title: str, total: float, begun: float, *named: Any) -> None:
         super().__init__(title, total, begun, *named)
         self.bars, self._task = bars, bars.add_task(title, total=total, completed=int(begun), note="", work=self)
-
-    def resume_at(self, begun: float) -> None:
-        self.bars.reset(self._task, completed=int(begun))  # what was done before tells nothing of the speed
-        super().resume_at(begun)
 
     def _show(self, updated: bool) -> None:
         self.bars.update(self._task, completed=self.done, note=self.note)

@@ -12,7 +12,6 @@ Two variables of the environment, for every command:
 
 import contextlib
 import json
-import math
 import os
 import signal
 import sys
@@ -72,19 +71,8 @@ def in_words(metrics: Mapping[str, float]) -> str:
 def read_report(file: Path) -> Report | None:
     """The report in `file`; None where there is none yet, or none that can be read."""
     try:
-        values = read_json_file(file)
-        title, note = str(values["title"]), str(values["note"])
-        done, total, seconds, begun = (float(values[name]) for name in ("done", "total", "seconds", "begun"))
-        left = values["seconds_left"]
-        left = None if left is None else float(left)
-        if not all(map(math.isfinite, (done, total, seconds, begun, left or 0.0))):
-            return None
-        return Report(
-            title, done, total, note, seconds,
-            stage=str(values["stage"]), metrics={str(k): float(v) for k, v in values["metrics"].items()},
-            error=str(values["error"]), bug=bool(values["bug"]), begun=begun, seconds_left=left,
-        )  # fmt: skip
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return Report(**read_json_file(file))
+    except (OSError, ValueError, TypeError):
         return None
 
 

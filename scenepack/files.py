@@ -6,11 +6,12 @@ A zip may hold the files at its root or inside one top folder. Nothing is ever e
 
 import lzma
 import math
+import re
 import struct
 import zipfile
 import zlib
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -37,7 +38,6 @@ _SUFFIXES = {
     **dict.fromkeys((".ckpt", ".pth"), "a checkpoint of another program"),
     **dict.fromkeys((".obj", ".glb", ".gltf", ".stl"), "a mesh"),
 }
-_PLANES = ("plane_features_", "plane_rgb_and_density_", "plane_density_")  # pictures of a MERF pack
 
 
 def refuse_other_params(raw: Mapping[str, Any], where: str) -> None:
@@ -64,15 +64,6 @@ def refuse_other_file(path: Path) -> None:
         raise UserError(f"this is {name} ({suffix})", where=path, remedy=REMEDY)
 
 
-def refuse_other_names(path: Path, names: Iterable[str]) -> None:
-    """UserError where the names of the files in a folder or .zip tell that it is another program's scene."""
-    for name in sorted(names):
-        if name.startswith(_PLANES):
-            raise UserError("this is a MERF pack", where=path, found=name, remedy=REMEDY)
-        if _SUFFIXES.get(Path(name).suffix.lower()) == _GAUSSIANS:
-            raise UserError(f"this holds {_GAUSSIANS}", where=path, found=name, remedy=REMEDY)
-
-
 PARAMS_NAME = "scene_params.json"
 INDICES_NAME = "atlas_indices.png"
 COPY_OR_BAKE = "copy the pack again, or bake it again"  # a remedy
@@ -84,11 +75,14 @@ ZIP_ERRORS = (
 )  # fmt: skip
 
 
-class PackFiles(ABC):
+@dataclass(frozen=True)
+class PackFiles:
     """Files by name. Reading is safe from several threads; errors are UserError."""
 
     path: Path
-    sizes: dict[str, int]  # bytes of each file, as read
+    sizes: Mapping[str, int]  # bytes of each file, as read
+    opened: Callable[[str], IO[bytes]]
+    close: Callable[[], None] = lambda: None
 
     def where(self, name: str) -> str:
         """A file for messages."""
@@ -113,7 +107,7 @@ class PackFiles(ABC):
         if name not in self.sizes:
             raise UserError("is missing", where=self.where(name))
         try:
-            with self._open(name) as file:
+            with self.opened(name) as file:
                 data = file.read(count)
                 if to_end:
                     file.read(1)  # the checksum of a .zip is compared only once the end is reached
@@ -123,22 +117,16 @@ class PackFiles(ABC):
             raise UserError("cannot be read", where=self.where(name), found=found,
                             remedy="it may be damaged; copy it again") from error  # fmt: skip
 
-    @abstractmethod
-    def _open(self, name: str) -> IO[bytes]: ...
-
-    def close(self) -> None:
-        return
-
 
 def open_files(path: Path) -> PackFiles:
     """The files of the pack at `path`. UserError where no folder or readable zip holds one."""
     path = Path(path)
     try:
         if path.is_dir():
-            files: PackFiles = FolderFiles(path)
+            files = _in_folder(path)
         elif path.is_file():
             refuse_other_file(path)
-            files = ZipFiles(path)
+            files = _in_zip(path)
         else:
             what = "is neither a folder nor a file" if path.exists() else "does not exist"
             raise UserError(what, where=path, expected="the folder or .zip of a pack", remedy="check the path")
@@ -146,24 +134,16 @@ def open_files(path: Path) -> PackFiles:
         raise UserError(f"cannot be read: {error.strerror or error}", where=path) from error
     if PARAMS_NAME not in files.sizes:
         files.close()
-        refuse_other_names(path, files.sizes)
         raise _not_a_pack(path, list(files.sizes))
     return files
 
 
 def _not_a_pack(path: Path, names: list[str]) -> UserError:
-    inner = sorted(p.parent.name for p in path.glob(f"*/{PARAMS_NAME}")) if path.is_dir() else []
+    inner = sorted(path.glob(f"*/{PARAMS_NAME}")) if path.is_dir() else []
     if inner:
-        return UserError(
-            f"is not a pack, but contains {len(inner)}", where=path, remedy=f"open {path / inner[0]} instead"
-        )
-    if not names:
-        folders = sorted(p.name for p in path.glob("*/")) if path.is_dir() else []
-        found = f"only folders, such as {folders[0]}" if folders else None
-        return UserError(
-            "holds no files" if folders else "is empty", where=path, expected=f"a pack with {PARAMS_NAME}", found=found
-        )
-    found = f"{len(names)} other files, such as {min(names)}"
+        what, remedy = f"is not a pack, but contains {len(inner)}", f"open {inner[0].parent} instead"
+        return UserError(what, where=path, remedy=remedy)
+    found = f"{len(names)} other files, such as {min(names)}" if names else "no files"
     return UserError(f"is not a pack: it has no {PARAMS_NAME}", where=path, found=found,
                      remedy="name the folder or .zip that snerg-bake wrote")  # fmt: skip
 
@@ -173,52 +153,32 @@ def stored_bytes(path: Path) -> int:
     return path.stat().st_size if path.is_file() else sum(f.stat().st_size for f in path.iterdir() if f.is_file())
 
 
-class FolderFiles(PackFiles):
-    """A pack as a folder."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.sizes = {entry.name: entry.stat().st_size for entry in path.iterdir() if entry.is_file()}
-
-    def _open(self, name: str) -> IO[bytes]:
-        return open(self.path / name, "rb")
+def _in_folder(path: Path) -> PackFiles:
+    sizes = {entry.name: entry.stat().st_size for entry in path.iterdir() if entry.is_file()}
+    return PackFiles(path, sizes, lambda name: open(path / name, "rb"))
 
 
-class ZipFiles(PackFiles):
-    """A pack as one .zip."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        try:
-            self._zip = zipfile.ZipFile(path)
-        except ZIP_ERRORS as error:
-            found, remedy = str(error) or type(error).__name__, "the file may be damaged or incomplete; copy it again"
-            raise UserError("cannot be opened as a .zip", where=path, found=found, remedy=remedy) from error
-        entries = {
-            info.filename.replace("\\", "/").removeprefix("./"): info
-            for info in self._zip.infolist()
-            if info.filename and not info.is_dir() and "__MACOSX" not in info.filename
-        }
-        tops = {name.rpartition("/")[0] for name in entries if name.rpartition("/")[2] == PARAMS_NAME}
-        tops = {top for top in tops if "/" not in top}
-        if "" in tops:
-            tops = {""}
-        if len(tops) > 1:
-            self.close()
-            raise UserError(f"holds {len(tops)} packs", where=path, remedy="make a .zip of a single pack")
-        top = tops.pop() + "/" if tops and "" not in tops else ""
-        self._entries = {
-            name.removeprefix(top): info
-            for name, info in entries.items()
-            if name.startswith(top) and (not top or "/" not in name.removeprefix(top))
-        }
-        self.sizes = {name: info.file_size for name, info in self._entries.items()}
-
-    def _open(self, name: str) -> IO[bytes]:
-        return self._zip.open(self._entries[name])
-
-    def close(self) -> None:
-        self._zip.close()
+def _in_zip(path: Path) -> PackFiles:
+    try:
+        archive = zipfile.ZipFile(path)
+    except ZIP_ERRORS as error:
+        found, remedy = str(error) or type(error).__name__, "the file may be damaged or incomplete; copy it again"
+        raise UserError("cannot be opened as a .zip", where=path, found=found, remedy=remedy) from error
+    every = {
+        info.filename.replace("\\", "/").removeprefix("./"): info
+        for info in archive.infolist()
+        if info.filename and not info.is_dir() and "__MACOSX" not in info.filename
+    }
+    at_top = re.compile(rf"([^/]*/)?{re.escape(PARAMS_NAME)}")
+    tops = sorted(name.removesuffix(PARAMS_NAME) for name in every if at_top.fullmatch(name))
+    top = tops[0] if tops else ""  # the root, which is "", where a pack lies there
+    if top and len(tops) > 1:
+        archive.close()
+        raise UserError(f"holds {len(tops)} packs", where=path, remedy="make a .zip of a single pack")
+    inside = {name.removeprefix(top): info for name, info in every.items() if name.startswith(top)}
+    entries = {name: info for name, info in inside.items() if not top or "/" not in name}
+    sizes = {name: info.file_size for name, info in entries.items()}
+    return PackFiles(path, sizes, lambda name: archive.open(entries[name]), archive.close)
 
 
 # --- Limits -----------------------------------------------------------------------------------------------------------

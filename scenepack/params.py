@@ -195,8 +195,8 @@ def _short(value: object) -> str:
 def params_json(pack: Pack, format: str, metadata: Mapping[str, Any]) -> dict[str, Any]:
     """scene_params.json for `pack`: what it was read from, with every value that has changed since.
 
-    A value that still reads back as the pack's field keeps its place and spelling; `metadata` goes under
-    "snerg".
+    A value that still reads back as the pack's field keeps its place and spelling, and so does the view MLP of a pack that is
+    shown as diffuse; `metadata` goes under "snerg".
     """
     raw = dict(pack.params)
     depth, height, width = pack.atlas_rgba.shape[:3]
@@ -214,10 +214,6 @@ def params_json(pack: Pack, format: str, metadata: Mapping[str, Any]) -> dict[st
         for layer in LAYERS:
             values[f"{layer}_weights"] = pack.view_mlp.weights[layer]
             values[f"{layer}_bias"] = pack.view_mlp.biases[layer]
-    elif not _reads_as_diffuse(raw, pack):
-        for layer in LAYERS:
-            raw.pop(f"{layer}_bias", None)
-            raw.pop(f"{layer}_weights", None)
     if metadata:
         values["snerg"] = dict(metadata)
     for key, value in values.items():
@@ -234,16 +230,6 @@ def _input_values(pack: Pack, raw: Mapping[str, Any]) -> dict[str, float]:
     return {
         key: float(value) for key, value in known if value is not None and _as_number(raw.get(key), text=True) != value
     }
-
-
-def _reads_as_diffuse(raw: Mapping[str, Any], pack: Pack) -> bool:
-    """Whether the view MLP in `raw` is absent, all zero, or without the features that it needs."""
-    biases = [raw.get(f"{layer}_bias") for layer in LAYERS]
-    if all(bias is None for bias in biases) or pack.atlas_features is None:
-        return True
-    weights = [raw.get(f"{layer}_weights") for layer in LAYERS]
-    arrays = [number_array(values, np.float32) for values in (*weights, *biases)]
-    return all(array is not None and not array.any() for array in arrays)
 
 
 def _same(old: Any, new: Any) -> bool:

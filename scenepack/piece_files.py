@@ -30,7 +30,7 @@ from scenepack.coarse import order_of_groups
 from scenepack.codecs import Codec, CodecError, PngCodec
 from scenepack.codecs.base import Layout, Shape, decoding
 from scenepack.codecs.decoder_sandbox import Decoders
-from scenepack.codecs.png import decode_png, probe_png, require_room
+from scenepack.codecs.png import decode_png, probe_png
 from scenepack.codecs.quantisation import EXACT, MOST_STEP, Steps, from_counts, steps_of, to_counts
 from scenepack.constants import PLANES_PER_IMAGE
 from scenepack.files import COPY_OR_BAKE, PARAMS_NAME, PackFiles, require_memory
@@ -164,9 +164,7 @@ def all_there(files: PackFiles, features: Sequence[str], outline: Pack, note: Ca
 def png_channels(files: PackFiles, name: str, width: int, height: int, entries: str, unit: str) -> str:
     """The channels of a PNG. UserError where it is none of the size that `entries` of the JSON ask for."""
     try:
-        head = files.head(name, PngCodec.header_bytes)
-        *found, channels = probe_png(head)
-        require_room(head, files.sizes.get(name, 0))
+        *found, channels = probe_png(files.head(name, PngCodec.header_bytes), files.sizes[name])
     except CodecError as error:
         raise files.undecodable(name, error) from error
     if found != [width, height]:

@@ -227,19 +227,16 @@ def bake(
     from training.libraries import begin_libraries
 
     begin_libraries()
-    from baker.baking.config import BakeConfig, default_resolution
+    from baker.baking.config import BakeConfig
     from baker.baking.to_pack import bake_to
     from scenepack.writer import check_target
     from training.run import load_run
 
     check_target(Path(out))
-    config = BakeConfig(preset=method, quality=quality)
-    config = config if resolution is None else replace(config, resolution=resolution)
+    config = BakeConfig(resolution, method, quality)
     config.check()
     with _reporting(on_progress):
         loaded = run._loaded or load_run(run.path) if isinstance(run, Run) else load_run(run)
-        if resolution is None:
-            config = replace(config, resolution=default_resolution(method, loaded))
         bake_to(loaded, config, Path(out), codec, last=not isinstance(run, Run), say=lambda line: None)
     return load(out)
 

@@ -79,7 +79,7 @@ class Bake:
     def sampler(self, grid: BakeGrid, culling: Culling) -> Sampler:
         """What averages the field within voxels."""
         grain, as_paper = self.run.method.grain(self.run.state), self.config.preset == "paper"
-        return Sampler.of(self.query, grid, culling, grain, self.config.seed, as_paper=as_paper)
+        return Sampler(self.query, grid, culling, grain, self.config.seed, as_paper)
 
     @property
     def frame(self) -> np.ndarray:
@@ -123,9 +123,9 @@ def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:
     check_bake(run, config)
     job = Bake(run, config)
     grid, culling = culled_grid(job)
-    sampler, count = job.sampler(grid, culling), int(culling.kept.sum())
-    with job.stages("supersampling, in floats", count) as bar:
-        indices, rows, values = assemble(supersample_floats(sampler, _Rate(bar, count)), culling.kept, BLOCK_SIZE)
+    with job.stages("supersampling, in floats") as bar:
+        parts = supersample_floats(job.sampler(grid, culling), bar.update)
+        indices, rows, values = assemble(parts, culling.kept, BLOCK_SIZE)
     support = np.zeros((*rows.shape, 4), np.uint8)
     support[..., 3] = (rows > 0) * np.uint8(255)
     return FloatGrid(assembled(run, grid, (indices, support, None), None), rows, values)
@@ -159,7 +159,7 @@ def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
     return {
         "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
         "scene": str(run.scene.path), "downscale": run.options.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
-        "resolution": config.resolution, "preset": config.preset, "most_macroblocks": config.block_limit,
+        "resolution": config.resolution_of(run), "preset": config.preset, "most_macroblocks": config.block_limit,
         "aabb": config.aabb, "keeps_hidden": config.keeps_hidden,
     }  # fmt: skip
 
@@ -170,7 +170,7 @@ def culled_grid(job: Bake) -> tuple[BakeGrid, Culling]:
     with job.stages("box"):
         box = once(job.work, "box", lambda: _find_box(job))
     contraction = run.dataset.facts.contraction if config.aabb is None else None
-    resolution = config.resolution
+    resolution = config.resolution_of(run)
     while True:
         grid = make_grid(box["low"], box["high"], resolution, BLOCK_SIZE, job.frame, contraction)
         with job.stages("opacity") as bar:
@@ -201,7 +201,7 @@ def _find_box(job: Bake) -> Arrays:
         found = box_in_grid_frame(_box_to_bake(run, config.aabb), job.frame)
     else:
         whole = box_in_grid_frame(run.dataset.aabb, job.frame)
-        found = content_box(job.query, *whole, config.resolution, job.frame)
+        found = content_box(job.query, *whole, config.resolution_of(run), job.frame)
     if found is None:
         raise _nothing_there(run)
     return {"low": found[0], "high": found[1]}
@@ -231,7 +231,7 @@ def _content(job: Bake, grid: BakeGrid, culling: Culling) -> Iterator[tuple[tupl
     """The kept macroblocks' voxels, as baker.baking.supersample.supersample gives them, with a progress line."""
     count = int(culling.kept.sum())
     with job.stages("supersampling", count) as bar:
-        yield from supersample(job.sampler(grid, culling), _Rate(bar, count), job.work)
+        yield from supersample(job.sampler(grid, culling), lambda share: bar.update(count * share), job.work)
 
 
 def _box_to_bake(run: Run, box: Box) -> np.ndarray:
@@ -244,23 +244,6 @@ def _box_to_bake(run: Run, box: Box) -> np.ndarray:
         raise UserError("nothing was trained in this box", where=AABB, expected=f"a part of {box_text(trained)}",
                         found=box_text(asked))  # fmt: skip
     return both
-
-
-class _Rate:
-    """Tells a bar how many macroblocks are done, and how many samples a second were taken since it was made.
-
-    What is there before any sample was taken was made by an earlier bake that this one goes on with.
-    """
-
-    def __init__(self, bar: Progress, count: int) -> None:
-        self.bar, self.count, self.samples, self.started = bar, count, 0, time.monotonic()
-
-    def __call__(self, blocks: int, samples: int) -> None:
-        if self.samples == samples == 0 and blocks < self.count:
-            self.bar.resume_at(blocks)
-        self.samples += samples
-        rate = self.samples / max(time.monotonic() - self.started, 1e-3) / 1e6
-        self.bar.update(blocks, f"macroblock {blocks} of {self.count}, {rate:.1f} M samples/s")
 
 
 class NothingThere(UserError):

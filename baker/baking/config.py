@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from console import UserError
 from scenepack.constants import MAX_BLOCK_INDEX
-from training.scenes.presets import FEWEST_VOXELS, voxels_for
+from training.scenes.presets import voxels_for
 
 if TYPE_CHECKING:
     from training.run import Run
@@ -30,8 +30,8 @@ UNLIMITED = 2**31 - 1
 class BakeConfig:
     """How to bake."""
 
-    resolution: int = FEWEST_VOXELS
-    """Voxels along the longest side of the content's box."""
+    resolution: int | None = None
+    """Voxels along the longest side of the content's box. None: by the run, see resolution_of."""
     preset: BakePreset = "snerg"
     """By whose method; see above."""
     quality: Quality = "full"
@@ -52,22 +52,23 @@ class BakeConfig:
             return self.most_macroblocks
         return UNLIMITED if self.preset == "paper" else MOST_MACROBLOCKS
 
+    def resolution_of(self, run: Run) -> int:
+        """Voxels along the longest side; in the paper's preset "slightly larger than the size of the training images"."""
+        scene = run.scene
+        if self.resolution is not None:
+            return self.resolution
+        if self.preset == "paper":
+            return SYNTHETIC_RESOLUTION if scene.kind == "blender" else REAL_RESOLUTION
+        pixels = max(max(photo.camera.width, photo.camera.height) for photo in scene.splits["train"])
+        return voxels_for(pixels, contracted=run.dataset.facts.contraction is not None)
+
     def check(self) -> None:
         """UserError where a number makes no sense: for commands to ask before hours of work, not after."""
         most = MAX_BLOCK_INDEX * BLOCK_SIZE
         ranges = {"resolution": (BLOCK_SIZE, most), "seed": (0, LARGEST_SEED), "block_limit": (1, UNLIMITED)}
         for name, (low, high) in ranges.items():
             value = getattr(self, name)
-            if not low <= value <= high:
+            if value is not None and not low <= value <= high:
                 what = "too coarse" if name == "resolution" and value < low else "is out of range"
                 option = "most-macroblocks" if name == "block_limit" else name
                 raise UserError(what, where=f"--{option}", expected=f"{low} to {high}", found=str(value)[:40])
-
-
-def default_resolution(preset: BakePreset, run: Run) -> int:
-    """Voxels along the longest side; in the paper's preset "slightly larger than the size of the training images"."""
-    scene = run.scene
-    if preset == "paper":
-        return SYNTHETIC_RESOLUTION if scene.kind == "blender" else REAL_RESOLUTION
-    pixels = max(max(photo.camera.width, photo.camera.height) for photo in scene.splits["train"])
-    return voxels_for(pixels, contracted=run.dataset.facts.contraction is not None)

@@ -9,7 +9,6 @@ transmittance of a ray so far; samples lie one cell apart, as those of a pack li
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -18,7 +17,7 @@ import numpy as np
 
 from baker.baking.field_query import BATCH, FieldQuery, Occupied
 from baker.baking.grid import BakeGrid, to_training
-from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
+from baker.baking.work_folder import Arrays, Tick, WorkFolder, in_order, once
 from baker.tuning.marcher import box_of, share_rays
 from training.dataset import RayDataset
 from training.marching.march import dilate
@@ -33,8 +32,6 @@ BOX_PROBE = 256  # most cells a side when looking for the box around the content
 BOX_MARGIN = 1.0  # probe cells added on every side of it
 BOX_TAIL, BOX_GROWTH = 0.0005, 1.1  # share of the opacity cut off at either end of an axis; what the rest is grown by
 DILATION = 2  # cells: what lies this near to a visible cell counts as visible
-
-Tick = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -126,20 +123,11 @@ def opaque_macroblocks(
         holds = holds if may_hold is None else may_hold.reshape(bz, by, bx)
     opaque = np.zeros((bz, by, bx), bool)
     density = np.zeros((bz * per_block, by * per_block, bx * per_block), np.float32)
-    total, done = max(int(holds.sum()), 1), 0
-
-    def on_some(count: int) -> None:
-        nonlocal done
-        done += count
-        tick(min(done / total, 1.0))
-
-    layers = {k: (f"{grid.resolution}_opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid, on_some))
-              for k in range(bz) if holds[k].any()}  # fmt: skip
-    share_out(work, list(layers.values()))
-    for k, piece in layers.items():
-        before = done
-        layer = once(work, *piece)
-        on_some(before + int(holds[k].sum()) - done)
+    layers = [k for k in range(bz) if holds[k].any()]
+    pieces = [
+        (f"{grid.resolution}_opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid)) for k in layers
+    ]
+    for k, layer in zip(layers, in_order(work, pieces, tick), strict=True):
         opaque[k], density[k * per_block : (k + 1) * per_block] = layer["opaque"], layer["density"]
     return Opacity(opaque, density)
 
@@ -167,9 +155,7 @@ def seen_macroblocks(
     return opacity.culling(grid, opacity.opaque & in_blocks)
 
 
-def _opacity_of_layer(
-    query: FieldQuery, holds: np.ndarray, k: int, grid: BakeGrid, tick: Callable[[int], None]
-) -> Arrays:
+def _opacity_of_layer(query: FieldQuery, holds: np.ndarray, k: int, grid: BakeGrid, tick: Tick) -> Arrays:
     """opaque bool [blocks y, x] and density float32 [cells z, y, x] of the layer k of macroblocks; holds [blocks y, x]."""
     size, per_block = grid.block_size, grid.block_size // grid.cell
     by, bx = holds.shape
@@ -187,7 +173,7 @@ def _opacity_of_layer(
             opaque[j, i] = alpha.max() >= TAU_ALPHA
             at = tuple(slice(b * per_block, (b + 1) * per_block) for b in (j, i))
             density[(slice(None), *at)] = np.where(alpha >= FAINTEST, values.mean(axis=(1, 3, 5)), 0)
-        tick(len(part))
+        tick(min(start + group, len(blocks)) / len(blocks))
     return {"opaque": opaque, "density": density}
 
 

@@ -13,9 +13,7 @@ from math import ceil
 
 import numpy as np
 
-from console import UserError
 from scenepack.blocks import atlas_layout, atlas_shape, choose_atlas_blocks, restore_padding
-from scenepack.constants import MAX_BLOCK_INDEX
 from scenepack.pack import Pack
 
 MAX_CELLS = 512  # of culling, along an axis
@@ -78,18 +76,9 @@ def make_grid(
     low: np.ndarray, high: np.ndarray, resolution: int, block_size: int, worldspace_T_opengl: np.ndarray,
     contraction: float | None = None,
 ) -> BakeGrid:  # fmt: skip
-    """The grid with `resolution` voxels along the longest side of the box, rounded up to whole blocks and centred on it.
-
-    UserError where more than 254 blocks would lie along an axis.
-    """
+    """The grid with `resolution` voxels along the longest side of the box, rounded up to whole blocks and centred on it."""
     voxel_size = float((high - low).max()) / resolution
     blocks = [max(ceil((side / voxel_size - 1e-6) / block_size), 1) for side in high - low]
-    if max(blocks) > MAX_BLOCK_INDEX:
-        limit = MAX_BLOCK_INDEX * block_size
-        raise UserError(
-            "the grid has too many macroblocks along one axis", where="--resolution", expected=f"at most {limit}",
-            found=resolution, remedy="bake at a lower resolution",
-        )  # fmt: skip
     extent = np.array(blocks) * block_size * voxel_size
     x, y, z = blocks
     return BakeGrid(

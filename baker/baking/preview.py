@@ -41,7 +41,7 @@ def preview_pack(run: Run, resolution: int = RESOLUTION) -> Pack | None:
     culling = opacity.culling(grid, opacity.opaque)  # what no camera sees stays
     if not culling.kept.any():
         return None
-    macroblocks = supersample(Sampler.of(query, grid, culling, run.method.grain(run.state), run.config.seed))
+    macroblocks = supersample(Sampler(query, grid, culling, run.method.grain(run.state), run.config.seed))
     provenance = {
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "of_steps": run.config.steps,
         "preview": True, **vars(run.options),

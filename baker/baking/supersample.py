@@ -13,17 +13,17 @@ voxels that are not empty. The random numbers of a macroblock depend on the seed
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from baker.baking.culling import Culling
 from baker.baking.field_query import BATCH, FieldQuery
 from baker.baking.grid import BakeGrid
-from baker.baking.work_folder import Arrays, WorkFolder, once, share_out
+from baker.baking.work_folder import Arrays, Tick, WorkFolder, in_order
 
 SAMPLES = 16
 SIGMA = np.float32(1 / np.sqrt(12))  # of the Gaussian, in voxels: a voxel's own standard deviation
@@ -32,88 +32,70 @@ MOST_ALONG = 3  # samples along an axis of a voxel, of a field with a grain
 MOST_THREADS = 4
 BLOCKS_AT_ONCE = 32  # macroblocks to a piece of work: about a second of it on two cores
 
-OnBlocks = Callable[[int, int], None]  # macroblocks done, samples taken since the last call
-
 
 def supersample(
-    sampler: Sampler, on_blocks: OnBlocks = lambda blocks, samples: None, work: WorkFolder | None = None
+    sampler: Sampler, tick: Tick = lambda share: None, work: WorkFolder | None = None
 ) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
     """(place z, y, x; uint8 [block_size³ as z, y, x, 8]) of the kept macroblocks: rgb and alpha, premultiplied, features.
 
-    Voxels far from any opacity stay zero without being asked.
+    Voxels far from any opacity stay zero without being asked. tick: called with the share that is done.
     """
-    blocks = np.argwhere(sampler.culling.kept)
-    size = sampler.grid.block_size
+    size, parts = sampler.grid.block_size, _parts(sampler)
 
-    def make(part: np.ndarray) -> Arrays:
-        nonlocal done
+    def make(part: np.ndarray, _: Tick) -> Arrays:
         places, values = sampler.content(part, pool)
-        done += len(part)
-        on_blocks(done, sampler.samples * len(places))
         values = np.round(255 * values).astype(np.uint8)
         values[values[:, 3] == 0] = 0
         some = values.any(axis=1)
         return {"places": places[some], "values": values[some]}
 
-    with ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS)) as pool:
-        parts = np.split(blocks, range(BLOCKS_AT_ONCE, len(blocks), BLOCKS_AT_ONCE))
+    with _threads() as pool:
         pieces = [(f"voxels_{BLOCKS_AT_ONCE * i:06d}", partial(make, part)) for i, part in enumerate(parts)]
-        done = sum(
-            len(part) for part, (name, _) in zip(parts, pieces, strict=True) if work is not None and work.has(name)
-        )
-        on_blocks(done, 0)
-        share_out(work, pieces)
-        reached = 0
-        for part, piece in zip(parts, pieces, strict=True):
-            made = once(work, *piece)
+        for part, made in zip(parts, in_order(work, pieces, tick), strict=True):
             voxels = np.zeros((len(part), size, size, size, 8), np.uint8)
             voxels.reshape(-1, 8)[made["places"]] = made["values"]
-            reached += len(part)
-            done = max(done, reached)  # others may have made it
-            on_blocks(done, 0)
             yield from zip(map(tuple, part.tolist()), voxels, strict=True)
 
 
-def supersample_floats(
-    sampler: Sampler, on_blocks: OnBlocks = lambda blocks, samples: None
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def supersample_floats(sampler: Sampler, tick: Tick) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """The same content before it is quantised: macroblocks [n, 3] (z, y, x), places and content as Sampler.content gives them."""
-    blocks, done = np.argwhere(sampler.culling.kept), 0
-    with ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS)) as pool:
-        for part in np.split(blocks, range(BLOCKS_AT_ONCE, len(blocks), BLOCKS_AT_ONCE)):
-            places, content = sampler.content(part, pool)
-            done += len(part)
-            on_blocks(done, sampler.samples * len(places))
-            yield part, places, content
+    parts = _parts(sampler)
+    with _threads() as pool:
+        for i, part in enumerate(parts):
+            yield part, *sampler.content(part, pool)
+            tick((i + 1) / len(parts))
 
 
-def lattice_of(grid: BakeGrid, grain: np.ndarray) -> np.ndarray:
-    """float32 [S, 3], x, y, z in voxels from a voxel's centre: where a field that is smooth within `grain` is sampled."""
-    own = np.abs(grid.worldspace_T_opengl[:3, :3]).T @ grain / grid.voxel_size
-    counts = np.clip(np.round(1 / np.maximum(own, 1e-6)), 1, MOST_ALONG).astype(int)
-    axes = [(np.arange(n, dtype=np.float32) + 0.5) / n - 0.5 for n in counts]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3).astype(np.float32)
+def _parts(sampler: Sampler) -> list[np.ndarray]:
+    """The kept macroblocks int [n, 3] (z, y, x), BLOCKS_AT_ONCE or fewer in each part."""
+    blocks = np.argwhere(sampler.culling.kept)
+    return np.split(blocks, range(BLOCKS_AT_ONCE, len(blocks), BLOCKS_AT_ONCE))
+
+
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS))
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """Averages a field within the voxels of a grid. lattice: see lattice_of; None for Gaussian samples. as_paper: see above."""
+    """Averages a field of this grain (training.method.Method.grain) within the voxels of a grid. as_paper: see above."""
 
     query: FieldQuery
     grid: BakeGrid
     culling: Culling
-    lattice: np.ndarray | None
-    seed: int
-    as_paper: bool
+    grain: np.ndarray | None = None
+    seed: int = 0
+    as_paper: bool = False
 
-    @classmethod
-    def of(
-        cls, query: FieldQuery, grid: BakeGrid, culling: Culling, grain: np.ndarray | None = None, seed: int = 0,
-        *, as_paper: bool = False,
-    ) -> Sampler:  # fmt: skip
-        """The sampler of a field of this grain (training.method.Method.grain)."""
-        lattice = None if as_paper or grain is None else lattice_of(grid, grain)
-        return cls(query, grid, culling, lattice, seed, as_paper)
+    @cached_property
+    def lattice(self) -> np.ndarray | None:
+        """float32 [S, 3], x, y, z in voxels from a voxel's centre: where the field is sampled; None for Gaussian samples."""
+        if self.as_paper or self.grain is None:
+            return None
+        own = np.abs(self.grid.worldspace_T_opengl[:3, :3]).T @ self.grain / self.grid.voxel_size
+        counts = np.clip(np.round(1 / np.maximum(own, 1e-6)), 1, MOST_ALONG).astype(int)
+        axes = [(np.arange(n, dtype=np.float32) + 0.5) / n - 0.5 for n in counts]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3).astype(np.float32)
 
     @property
     def samples(self) -> int:

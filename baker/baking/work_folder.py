@@ -13,7 +13,7 @@ import json
 import os
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -105,16 +105,6 @@ class WorkFolder:
                 raise BakeEnded from error
         return arrays
 
-    def share_out(self, pieces: Sequence[tuple[str, Callable[[], Arrays]]]) -> None:
-        """Makes, with the other processes of the bake, all pieces (name, how); afterwards each is there."""
-        for number in self.share.order(len(pieces)):
-            name, make = pieces[number]
-            if self.has(name):
-                continue
-            if self.share.helps and not self.path.is_dir():
-                raise BakeEnded
-            self.once(name, make)
-
     def read(self, name: str) -> Arrays | None:
         """The arrays of a piece, None where it is not there or damaged. Zip's checksums tell."""
         try:
@@ -168,12 +158,39 @@ class WorkFolder:
                          remedy=f"free some space; then {AGAIN}")  # fmt: skip
 
 
-def share_out(work: WorkFolder | None, pieces: Sequence[tuple[str, Callable[[], Arrays]]]) -> None:
-    """WorkFolder.share_out where a bake has several processes; one alone makes pieces as it needs them."""
-    if work is not None and work.share.processes > 1:
-        work.share_out(pieces)
-
-
 def once(work: WorkFolder | None, name: str, make: Callable[[], Arrays]) -> Arrays:
     """WorkFolder.once, or just `make()` where nothing is kept."""
     return make() if work is None else work.once(name, make)
+
+
+Tick = Callable[[float], None]  # called with the share that is done
+Piece = tuple[str, Callable[[Tick], Arrays]]  # its name, and what makes it
+
+
+def in_order(work: WorkFolder | None, pieces: Sequence[Piece], tick: Tick) -> Iterator[Arrays]:
+    """The arrays of each piece. A bake of several processes makes all before the first, a bake of one each when it is its turn.
+
+    tick: first called with what was made before, so that an estimate of the time left does not count it.
+    """
+    total = max(len(pieces), 1)
+
+    def there() -> int:
+        return 0 if work is None else sum(work.has(name) for name, _ in pieces)
+
+    def made(number: int, done: int) -> Arrays:
+        name, make = pieces[number]
+        return once(work, name, lambda: make(lambda share: tick((done + share) / total)))
+
+    done = there()
+    tick(done / total)
+    if work is not None and work.share.processes > 1:
+        for number in work.share.order(len(pieces)):
+            if not work.has(pieces[number][0]):
+                made(number, done)
+                done = there()
+                tick(done / total)
+    for number in range(len(pieces)):
+        arrays = made(number, max(done, number))
+        done = max(done, number + 1)
+        tick(done / total)
+        yield arrays

@@ -2,10 +2,9 @@
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
-from baker.baking.config import BakeConfig, BakePreset, Quality, default_resolution
+from baker.baking.config import BakeConfig, BakePreset, Quality
 from console import run_command
 from console.arguments import require_in_range
 from scenepack.constants import CodecName
@@ -63,16 +62,10 @@ def snerg_bake(
 
     share = share_of(processes, process_id)
     check_target(out)  # now, not after the work is done
-    config = BakeConfig(
-        preset=preset, quality=quality, seed=seed, most_macroblocks=most_macroblocks, aabb=parse_box(aabb)
-    )
-    if resolution is not None:
-        config = replace(config, resolution=resolution)
+    config = BakeConfig(resolution, preset, quality, seed, most_macroblocks, aabb=parse_box(aabb))
     config.check()
     require_in_range("--pictures", pictures, 0, LARGEST_SIDE)
     loaded = load_run(run, scene_path=scene)
-    if resolution is None:
-        config = replace(config, resolution=default_resolution(preset, loaded))
     if share.helps:
         help_with(loaded, config, out, share)
     else:

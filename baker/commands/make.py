@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from baker.baking.config import BakeConfig, Quality, default_resolution
+from baker.baking.config import BakeConfig, Quality
 from console import Notice, UserError, check_results, run_command, write_json
 from console.child_process import module_command
 from console.desktop import has_display
@@ -114,11 +114,8 @@ def snerg_make(
     if steps is not None:
         config = dataclasses.replace(config, steps=steps)
     require_valid(config)
-    baking = BakeConfig(preset="paper" if preset in BAKED_AS_THE_PAPER else "snerg", quality=quality)
-    if resolution is None:
-        resolution = PRESETS[preset].resolution
-    if resolution is not None:
-        baking = dataclasses.replace(baking, resolution=resolution)
+    resolution = PRESETS[preset].resolution if resolution is None else resolution
+    baking = BakeConfig(resolution, "paper" if preset in BAKED_AS_THE_PAPER else "snerg", quality)
     baking.check()
     began = time.monotonic()
     scene = posed_scene(scene, out, seed=seed, most_frames=frames)
@@ -146,8 +143,6 @@ def snerg_make(
     shown = Previews(out / NAME, previews)
     run = train(scene, run_path, config, options, resume=stored, after_step=shown.update if previews > 0 else None)
     trained = time.monotonic()
-    if resolution is None:
-        baking = dataclasses.replace(baking, resolution=default_resolution(baking.preset, run))
     bake_to(run, baking, pack_path, codec, last=True)
     shown.remove()
     baked = time.monotonic()

@@ -16,7 +16,7 @@ from textwrap import wrap
 from typing import Any
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from baker.reports.report_cache import Study
 from console.atomic import replacing
@@ -166,7 +166,7 @@ def _over(rows: Iterable[Mapping[str, Any]], key: str, label: str, value: Callab
 
 # --- Cross-sections ---------------------------------------------------------------------------------------------------
 
-STORED = (221, 234, 251)  # behind voxels of macroblocks that take room
+STORED = "#ddeafb"  # behind voxels of macroblocks that take room
 SIDE, TITLE, DPI = 5.6, 0.4, 100  # inches of a section's longer side, and above it
 OPAQUE = 128  # of 255: alpha from which a voxel counts as opaque
 # (rows, columns) of the picture, as axes of the grid, and whether rows run against their axis
@@ -219,8 +219,8 @@ def shares(cut: Section) -> dict[str, float]:
 def opacity_picture(rgba: np.ndarray, stored: np.ndarray) -> np.ndarray:
     """uint8 [rows, columns, 3]: ink by the square root of alpha, so that faint fog is seen; stored macroblocks are blue."""
     ink = np.sqrt(rgba[..., 3:] / 255.0)
-    paper = np.where(stored[..., None], np.array(STORED, float), np.array(PAPER, float))
-    return np.round(paper * (1 - ink) + np.array(INK, float) * ink).astype(np.uint8)
+    behind, paper, full = (np.array(ImageColor.getrgb(colour), float) for colour in (STORED, PAPER, INK))
+    return np.round(np.where(stored[..., None], behind, paper) * (1 - ink) + full * ink).astype(np.uint8)
 
 
 def draw_sections(path: Path, cuts: Mapping[str, Section]) -> None:

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from baker.baking.config import BLOCK_SIZE, Quality
+from baker.baking.config import Quality
 from console import UserError
 from console.arguments import parse_size
-from scenepack.constants import MAX_BLOCK_INDEX
 from training.scenes.scene_options import parse_box
 from viewer.benchmark.protocols import given_distance
 
@@ -75,14 +74,6 @@ class ReportOptions:
         if self.frames < 1 or self.views < 0 or (self.resolution is not None and self.resolution < 1):
             raise UserError("is too small", where="--resolution, --frames or --views")
         given_distance(self.distance)
-
-    def check_resolutions(self, resolution: int) -> None:
-        """UserError where a grid, of `resolution` or of the table of resolutions, would be too coarse or too fine to be baked."""
-        most = MAX_BLOCK_INDEX * BLOCK_SIZE
-        for side in (resolution, *self.sides):
-            if not BLOCK_SIZE <= side <= most:
-                raise UserError("cannot be baked", where="--resolution, --resolutions",
-                                expected=f"{BLOCK_SIZE} ... {most} voxels", found=side)  # fmt: skip
 
     def tables_of(self, kind: str) -> list[str]:
         """Which tables to make of a scene of this kind (baker.reports.paper_figures.Kind)."""

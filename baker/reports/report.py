@@ -17,7 +17,7 @@ import jax
 import numpy as np
 
 from baker.baking.bake import check_bake
-from baker.baking.config import BakeConfig, default_resolution
+from baker.baking.config import BakeConfig
 from baker.reports import tables
 from baker.reports.evaluation import photographs_of
 from baker.reports.fields import OWN, row_of, row_of_run, size_of_rows
@@ -36,7 +36,8 @@ def write_tables(study: Study, chosen: Sequence[str]) -> None:
 
     UserError, before anything is baked, where a resolution cannot be.
     """
-    study.options.check_resolutions(study.resolution)
+    for side in (study.resolution, *study.options.sides):
+        study.config("paper", resolution=side).check()
     document = _begun(study)
     makers = {
         "quality": tables.quality_table, "storage": tables.storage_table, "performance": tables.performance_table,
@@ -73,7 +74,7 @@ def open_study(path: Path, options: ReportOptions) -> Study:
         places = np.linspace(0, len(photographs) - 1, options.views).round().astype(int)
         photographs = tuple(photographs[i] for i in places)
     scored = replace(run.scene, splits={**run.scene.splits, split: photographs})
-    resolution = default_resolution("paper", run) if options.resolution is None else options.resolution
+    resolution = BakeConfig(options.resolution, "paper").resolution_of(run)
     return Study(run, scored, options, resolution, _baselines(run, options.baseline_folders))
 
 

@@ -8,7 +8,6 @@ baker.reports.paper_figures. What is not known is None. Times are seconds or, of
 import sys
 import tempfile
 import time
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,8 @@ from baker.reports.figures import draw_sections, section, shares
 from baker.reports.options import ReportOptions
 from baker.reports.pack_compare import compare_packs
 from baker.reports.report_cache import Baked, Score, Study
-from console import Notice, UserError
+from console import UserError
+from console.errors import handle_notices
 from scenepack import Pack, load_pack, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
 from scenepack.files import stored_bytes
@@ -315,15 +315,12 @@ def timed(
     """ms_mean, ms_std, ms_p50, fps, gpu_bytes, watts and fps_per_watt of contenders by name, and fps_per_nominal_watt where that
     power was given; and device, clock and path."""
     flown = flight(pack, protocol_for(pack), options.frames, size=options.pixels, distance=options.distance)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", Notice)
-        with taking_turns(pack, contenders) as turns:
-            turns.warm_up(flown.cameras[0])
-            turns.time(flown.cameras)
-            power = {c.name: _power(turns, c, flown, options.power_seconds) for c in turns.contenders}
-            gpu_bytes = turns.gpu_bytes
-    for warning in caught:
-        warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+    notices: list[str] = []
+    with handle_notices(notices.append, show_too=True), taking_turns(pack, contenders) as turns:
+        turns.warm_up(flown.cameras[0])
+        turns.time(flown.cameras)
+        power = {c.name: _power(turns, c, flown, options.power_seconds) for c in turns.contenders}
+        gpu_bytes = turns.gpu_bytes
     rows = {}
     for contender in turns.contenders:
         times = contender.statistics()
@@ -331,7 +328,6 @@ def timed(
         if options.nominal_watts is not None:
             kept["fps_per_nominal_watt"] = times["fps"] / options.nominal_watts
         rows[contender.name] = {**kept, "gpu_bytes": gpu_bytes[contender.name], **power[contender.name]}
-    notices = [str(w.message) for w in caught if w.category is Notice]
     return rows, {
         "renderer": turns.device, "clock": turns.clock, "frames": options.frames, **flown.facts, "notices": notices,
     }  # fmt: skip

@@ -20,7 +20,8 @@ from scenepack.constants import PLANES_PER_IMAGE
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_BYTES = 33  # signature and the IHDR chunk
 MOST_DEFLATED = 1032  # bytes that DEFLATE can make of one
-_PNG_CHANNELS = {0: "grey", 2: "RGB", 3: "palette", 4: "grey and alpha", 6: "RGBA"}
+# By IHDR's colour type: the channels, and values to a pixel.
+_PNG_CHANNELS = {0: ("grey", 1), 2: ("RGB", 3), 3: ("palette", 1), 4: ("grey and alpha", 2), 6: ("RGBA", 4)}
 
 
 class PngCodec(Codec):
@@ -41,8 +42,11 @@ class PngCodec(Codec):
         return tuple(encode_png(part, quality) for part in parts)
 
 
-def probe_png(head: bytes) -> tuple[int, int, str]:
-    """Width, height and channels ("RGBA", "RGB", …) from a PNG's first 33 bytes. CodecError if it is none of 8 bits or fewer."""
+def probe_png(head: bytes, size: int) -> tuple[int, int, str]:
+    """Width, height and channels ("RGBA", "RGB", …) from the first 33 of a PNG's `size` bytes.
+
+    CodecError if it is none of 8 bits or fewer, or claims more pixels than its bytes can hold.
+    """
     if len(head) < len(PNG_SIGNATURE):
         raise cut_off(head)
     if not head.startswith(PNG_SIGNATURE):
@@ -52,15 +56,10 @@ def probe_png(head: bytes) -> tuple[int, int, str]:
     width, height, bits, colour = struct.unpack(">IIBB", head[16:26])
     if bits > 8 or colour not in _PNG_CHANNELS:
         raise CodecError(f"it has {bits} bits a channel, expected 8")
-    return width, height, _PNG_CHANNELS[colour]
-
-
-def require_room(head: bytes, size: int) -> None:
-    """CodecError where a PNG of `size` bytes cannot hold the pixels that its header, first in `head`, claims."""
-    width, height, channels = probe_png(head)
-    bits = head[24] * {"RGB": 3, "grey and alpha": 2, "RGBA": 4}.get(channels, 1)
-    if height * -(-width * bits // 8) > MOST_DEFLATED * size:
+    channels, values = _PNG_CHANNELS[colour]
+    if height * -(-width * bits * values // 8) > MOST_DEFLATED * size:
         raise CodecError(f"its header claims {width}×{height} pixels, more than {size} bytes can hold")
+    return width, height, channels
 
 
 def _require_one_header(data: bytes) -> None:
@@ -87,10 +86,9 @@ def decode_png(data: bytes, out: np.ndarray) -> None:
     Layouts that optimisers leave behind are put back as the PNG standard has it: grey and palette become RGB,
     a missing alpha is 255. Releases the GIL while it decodes RGBA. CodecError where it cannot be decoded.
     """
-    width, height, channels = probe_png(data[:PNG_HEADER_BYTES])
+    width, height, channels = probe_png(data[:PNG_HEADER_BYTES], len(data))
     if (height, width) != out.shape[:2]:
         raise CodecError(f"it is {width}×{height} pixels, expected {out.shape[1]}×{out.shape[0]}")
-    require_room(data[:PNG_HEADER_BYTES], len(data))
     _require_one_header(data)
     try:
         if channels == "RGBA":

@@ -55,12 +55,6 @@ def test_work_taken_up_again_counts_from_its_place_in_the_whole_and_its_time_fro
             clock(second)
             bar.update(600 + 10 * second)
         assert bar.seconds_left == pytest.approx(30)
-    with progress("supersampling", 1000) as bar:
-        bar.resume_at(600)
-        for second in (11, 15, 20):
-            clock(second)
-            bar.update(500 + 10 * second)
-        assert bar.seconds_left == pytest.approx(30)
 
 
 def test_work_that_says_nothing_still_shows_that_time_passes(clock, capsys, monkeypatch):

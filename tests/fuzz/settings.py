@@ -1,4 +1,4 @@
-"""Small files of the viewer: preferences, camera paths, poses, progress of a program that it started."""
+"""Small files of the viewer: preferences, camera paths, poses."""
 
 import dataclasses
 import json
@@ -8,7 +8,6 @@ import numpy as np
 
 from console import UserError
 from console.json_text import read_json_file
-from console.progress_protocol import Report, read_report
 from viewer.core.annotations import (
     Annotations,
     Bookmark,
@@ -22,7 +21,7 @@ from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, sa
 from viewer.features.opening.session import Seen, Session, load_session, save_session
 from viewer.features.preferences import preferences
 
-BASES = ("preferences", "path", "older-path", "pose", "progress", "session", "marks")
+BASES = ("preferences", "path", "older-path", "pose", "session", "marks")
 FILE = "file.json"
 VIEW = Bookmark("The door", (0.0, 1.0, 4.0), (0.0, 0.0, 0.0))
 ANNOTATIONS = Annotations(Scale(2.0, "m"), (Measurement("line", ((0.0,) * 3, (1.0, 2.0, 3.0))),), (VIEW,))
@@ -49,11 +48,8 @@ def write_base(name: str, folder: Path) -> None:
         save_session(
             Session((Seen(folder / "pack", VIEW, crop=((0.0,) * 3, (1.0,) * 3), annotations=ANNOTATIONS),)), file
         )
-    elif name == "marks":
-        file.write_text(json.dumps(annotations_to_json(ANNOTATIONS)))
     else:
-        report = Report("training", 1.0, 2.0, "PSNR", 3.0, "training", {"psnr": 20.0})
-        file.write_text(json.dumps(dataclasses.asdict(report)))
+        file.write_text(json.dumps(annotations_to_json(ANNOTATIONS)))
 
 
 def open_it(path: Path, base: str) -> None:
@@ -68,10 +64,6 @@ def open_it(path: Path, base: str) -> None:
         ):
             raise AssertionError("no window is of that size")
         preferences.save(found, path / "again.json", preferences.Preferences())
-    elif base == "progress":
-        report = read_report(file)
-        if report is not None and not (0 <= report.share <= 1):
-            raise AssertionError("no share of the work")
     elif base == "session":
         found = load_session(file)
         save_session(found, path / "again.json")

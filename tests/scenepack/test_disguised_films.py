@@ -94,7 +94,7 @@ def film(container: str, *codecs: str) -> bytes:
         (lambda: film("matroska", "libx264"), "a Matroska or WebM film"),
         (lambda: film("avi", "libx264"), "an AVI film"),
         (lambda: b"#EXTM3U\nhttp://127.0.0.1/x.ts\n", "text that begins '#EXTM3U http"),
-        (lambda: film("mp4", "libx264")[:300], "it is cut off"),
+        (lambda: film("mp4", "libx264")[:300], "the film is damaged"),
         (lambda: b"", "an empty file"),
     ],
     ids=["another codec", "two streams", "matroska", "avi", "playlist", "cut off", "empty"],

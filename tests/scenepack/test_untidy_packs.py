@@ -137,8 +137,6 @@ def as_pack(params: dict[str, Any]) -> dict[str, bytes]:
         ("pack", as_pack({"sparse_grid_resolution": 1024, "scene_scale_factor": 1.0}), "a binary opacity grid"),
         ("pack", as_pack({**MERF, "num_local_submodels": 3, "sm_to_params": [0, 1, 2]}), "a SMERF pack"),
         ("pack.zip", as_pack(MERF), "a MERF pack"),
-        ("images alone", {"plane_features_0.png": b"x"}, "a MERF pack"),
-        ("folder", {"a.splat": b"x"}, "a file of 3D Gaussians"),
         ("garden.ply", (GAUSSIANS + "end_header\n").encode() + bytes(28), "a file of 3D Gaussians"),
         ("points.ply", POINTS.encode(), "a cloud of points"),
         ("mesh.ply", MESH.encode(), "a mesh"),

@@ -81,7 +81,7 @@ def test_where_more_macroblocks_would_be_kept_than_cards_hold_the_grid_is_coarse
 
 def baked(culling, grid, work=None) -> Pack:
     """What supersample gives, as a pack of its own."""
-    atlas = fill_atlas(supersample(Sampler.of(ball, grid, culling), work=work), culling.kept, grid.block_size)
+    atlas = fill_atlas(supersample(Sampler(ball, grid, culling), work=work), culling.kept, grid.block_size)
     pack = Pack(grid.voxel_size, grid.min_xyz, grid.size, grid.block_size, *atlas, None, BLENDER_FRAME)
     for part in atlas[1:]:
         restore_padding(part, pack.atlas_indices, pack.block_size)
@@ -115,7 +115,7 @@ def test_a_field_no_finer_than_the_grid_is_asked_once_a_voxel_and_stays_as_sharp
         asked.append(points)
         return ball(points)._replace(density=60 * (1 + np.sin(points[:, 0] * 40)))  # type: ignore[arg-type]
 
-    blocks = dict(supersample(Sampler.of(ramp, grid, culling, np.full(3, grid.voxel_size))))
+    blocks = dict(supersample(Sampler(ramp, grid, culling, np.full(3, grid.voxel_size))))
     points = np.concatenate(asked)
     voxels = (points @ grid.worldspace_T_opengl[:3, :3] - grid.min_xyz) / grid.voxel_size
     np.testing.assert_allclose(voxels % 1, 0.5, atol=1e-3)
@@ -142,7 +142,7 @@ def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, t
         return ball(points)
 
     limit, times, last = 0, 0, None
-    reported: list[tuple[int, int]] = []  # macroblocks, samples
+    reported: list[float] = []
     while last is None:
         times += 1
         assert times < 60, "each try must get further"
@@ -151,14 +151,13 @@ def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, t
         work = WorkFolder(tmp_path / "work", {"bake": 1})
         try:
             culling = culled(mortal, grid, dataset, work)
-            blocks = supersample(Sampler.of(mortal, grid, culling), lambda *now: reported.append(now), work)
+            blocks = supersample(Sampler(mortal, grid, culling), reported.append, work)
             last = fill_atlas(blocks, culling.kept, 30)
         except KeyboardInterrupt:
             pass
         work.close()
     assert times >= 3
-    begun, samples = reported[0]  # the first progress counts what was made before
-    assert samples == 0 and 0 < begun < reported[-1][0] == culling.kept.sum()
+    assert 0 < reported[0] < reported[-1] == 1.0  # the first progress counts what was made before
     assert np.array_equal(last[0], whole.atlas_indices)
     for part, expected in zip(last[1:], (whole.atlas_rgba, whole.atlas_features), strict=True):
         restore_padding(part, whole.atlas_indices, whole.block_size)

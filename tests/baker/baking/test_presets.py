@@ -22,6 +22,15 @@ from tests.scenepack.random_packs import BLENDER_FRAME, random_pack
 from training.scenes import Scene
 
 
+def note_bakes(monkeypatch: pytest.MonkeyPatch, configs: list[BakeConfig]) -> None:
+    """Adds how a run would be baked to `configs`, in place of baking it."""
+
+    def bake_to(run: Any, config: BakeConfig, *_: Any, **__: Any) -> None:
+        configs.append(replace(config, resolution=config.resolution_of(run)))
+
+    monkeypatch.setattr("baker.baking.to_pack.bake_to", bake_to)
+
+
 def config_of(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str = "blender") -> BakeConfig:
     """What snerg-bake would bake with."""
     configs: list[BakeConfig] = []
@@ -29,7 +38,7 @@ def config_of(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind:
     scene = SimpleNamespace(kind=kind, splits={"train": (photograph,)})
     dataset = SimpleNamespace(facts=SimpleNamespace(contraction=None))
     monkeypatch.setattr("training.run.load_run", lambda *_, **__: SimpleNamespace(scene=scene, dataset=dataset))
-    monkeypatch.setattr("baker.baking.to_pack.bake_to", lambda run, config, *_, **__: configs.append(config))
+    note_bakes(monkeypatch, configs)
     assert snerg_bake(["run", "--out", str(tmp_path / "pack"), *words.split()]) == 0
     return configs[0]
 
@@ -43,7 +52,7 @@ def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_single_op
     assert asked("--preset paper", "llff").resolution == 1300
     assert asked("--preset=paper --resolution 64 --seed 3") == replace(paper, resolution=64, seed=3)
     assert asked("--preset paper --most-macroblocks 9").block_limit == 9
-    assert asked("") == BakeConfig() == asked("--preset snerg") and BakeConfig().block_limit == MOST_MACROBLOCKS
+    assert asked("") == BakeConfig(512) == asked("--preset snerg") and BakeConfig().block_limit == MOST_MACROBLOCKS
 
 
 def test_snerg_make_bakes_the_preset_paper_as_the_paper_does_and_others_our_way(
@@ -52,7 +61,7 @@ def test_snerg_make_bakes_the_preset_paper_as_the_paper_does_and_others_our_way(
     configs: list[BakeConfig] = []
     trained = SimpleNamespace(scene=scene, dataset=SimpleNamespace(facts=SimpleNamespace(contraction=None)))
     monkeypatch.setattr("training.loop.train", lambda *_, **__: trained)
-    monkeypatch.setattr("baker.baking.to_pack.bake_to", lambda run, config, *_, **__: configs.append(config))
+    note_bakes(monkeypatch, configs)
     papers = ("--preset paper", "--preset deferred", "--preset paper --resolution 64")
     for words in (*papers, "--preset normal --quality compact", "--preset small"):
         assert snerg_make([str(procedural_path), "--out", str(tmp_path / "out"), "--no-view", *words.split()]) == 0
@@ -83,7 +92,7 @@ def test_the_paper_takes_16_gaussian_samples_of_any_field_and_averages_colours_a
         return ball(points)._replace(diffuse=0.5 + 0.5 * np.sin(40 * points))  # also where it is empty
 
     grain = np.full(3, grid.voxel_size)  # of a field that our own bake asks once a voxel
-    sampler = Sampler.of(field, grid, kept, grain, 0, as_paper=True)
+    sampler = Sampler(field, grid, kept, grain, as_paper=True)
     with ThreadPoolExecutor(1) as pool:
         places, values = sampler.content(np.argwhere(kept.kept)[:1], pool)
     points = np.concatenate(asked).reshape(len(places), SAMPLES, 3)
