@@ -241,8 +241,8 @@ class Renderer:
         values = self._ray_frame.uniforms(camera, settings) | {
             "viewport_origin": viewport[:2],
             "atlas_slots": scene.slots,
-            "atlas_count": len(scene.places),
-            "atlas_side": ceil(round(max(len(scene.places), 1) ** (1 / 3), 9)),  # of the smallest cube that holds all
+            "atlas_count": len(scene.blocks),
+            "atlas_side": ceil(round(max(len(scene.blocks), 1) ** (1 / 3), 9)),  # of the smallest cube that holds all
             "grid_size": self.pack.grid_size,
             "content_min": scene.content_min,
             "content_max": scene.content_max,
