@@ -140,8 +140,6 @@ class View:
         path = self.pack or demo_pack()
         if path is None:
             raise UserError("there is no pack to serve", remedy="name one: snerg-view PACK --serve")
-        if self.pose is not None:
-            _check_pose(self.pose)
         box = None if self.crop is None else parse_corners(self.crop, "--crop")
         serve(path, self.host, port, PageContent(self.title or "", self.credits, self.path, box, self.pose))
         return 0
