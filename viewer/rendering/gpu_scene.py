@@ -62,7 +62,7 @@ class GpuScene:
         self._arrived = np.zeros(self.slots[2], bool)  # layers of slots
         while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
             pass
-        taken_before = software.private_memory() if software.software_draws(ctx) else None
+        taken_before = software.huge_pages() if software.software_draws(ctx) else None
         self.arriving: Iterator[None] | None = self._fill(taken_before)  # its steps; None once all is there
         try:
             self._allocate(layout)
@@ -149,7 +149,7 @@ class GpuScene:
                 break
         return self.arriving is None
 
-    def _fill(self, taken_before: list[software.Range] | None) -> Iterator[None]:
+    def _fill(self, taken_before: set[int] | None) -> Iterator[None]:
         """One layer of slots at a time, whose macroblocks are shown from then on."""
         shown = time.perf_counter()
         while not self._arrived.all():
@@ -163,7 +163,7 @@ class GpuScene:
                 shown = time.perf_counter()
             yield
         if taken_before is not None:
-            yield from software.move_to_huge_pages(software.memory_taken_since(taken_before))
+            yield from software.move_to_huge_pages(sorted(software.huge_pages() - taken_before))
 
     def _next_layer(self) -> int:
         """The layer whose nearest macroblock is closest to `near`, of those that have not arrived."""
