@@ -154,7 +154,7 @@ class CrashLog:
         self._file: TextIO | None = None
         with contextlib.suppress(OSError, ValueError):
             folder.mkdir(parents=True, exist_ok=True)
-            path = folder / f"{RUNNING}{os.getpid()}.log"
+            path = folder / f"{RUNNING}{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.log"
             self._file = open(path, "w", encoding="utf-8", errors="replace")  # noqa: SIM115  (for as long as it runs)
             try_lock(self._file.fileno())
             faulthandler.enable(self._file)
@@ -205,24 +205,17 @@ def versions() -> str:
 def left_behind(folder: Path) -> list[Path]:
     """Renames the logs of viewers that crashed and returns them, the newest last. Each is returned once."""
     found = []
-    for file in sorted(folder.glob(f"{RUNNING}*.log"), key=_changed):
+    for file in sorted(folder.glob(f"{RUNNING}*.log")):
         if _in_use(file):
             continue
-        when = time.strftime("%Y%m%d-%H%M%S", time.localtime(_changed(file)))
-        crashed = file.with_name(f"{CRASHED}{when}-{file.stem.removeprefix(RUNNING)}.log")
+        crashed = file.with_name(CRASHED + file.name.removeprefix(RUNNING))
         with contextlib.suppress(OSError):  # another viewer was faster; or, on Windows, it is in use
             file.rename(crashed)
             found.append(crashed)
-    for old in sorted(folder.glob(f"{CRASHED}*.log"), key=_changed)[:-KEPT]:
+    for old in sorted(folder.glob(f"{CRASHED}*.log"))[:-KEPT]:
         with contextlib.suppress(OSError):
             old.unlink()
-    return [file for file in found if file.exists()]
-
-
-def _changed(file: Path) -> float:
-    with contextlib.suppress(OSError):
-        return file.stat().st_mtime
-    return 0.0
+    return found
 
 
 def _in_use(file: Path) -> bool:
