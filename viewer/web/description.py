@@ -207,23 +207,15 @@ def _shaders(pack: Pack, look: Look | None) -> dict[str, Any]:
     shown = backdrop("gradient", "dark")
     assert shown is not None
 
-    def lines(settings: RenderSettings) -> list[str]:
-        return define_lines(renderer.shader_defines(pack, settings, sizes={}, features_beside=features)).splitlines(
-            True
-        )
-
-    modes = {
-        mode: lines(RenderSettings(mode=mode, look=look))  # type: ignore[arg-type]
-        for mode in MODES
-        if features or mode not in ("features", "view-dependent")
-    }
-    common = [line for line in modes["normal"] if all(line in each for each in modes.values())]
-    behind = lines(RenderSettings(backdrop=shown, look=look))
+    modes = [mode for mode in MODES if features or mode not in ("features", "view-dependent")]
+    settings = {mode: RenderSettings(mode=mode, look=look) for mode in modes}  # type: ignore[arg-type]
     return {
         "texts": texts,
-        "common": "".join(common),
-        "modes": {mode: "".join(line for line in each if line not in common) for mode, each in modes.items()},
-        "backdrop": "".join(line for line in behind if line not in modes["normal"]),
+        "modes": {
+            mode: define_lines(renderer.shader_defines(pack, each, sizes={}, features_beside=features))
+            for mode, each in settings.items()
+        },
+        "backdrop": define_lines({"BACKDROP": True}),
         "look": renderer.look_uniforms(look),
         "backdropColours": [shown.first, shown.second],
         "overBackground": [mode for mode in modes if mode in renderer.MODES_OVER_BACKGROUND],
