@@ -320,14 +320,13 @@ def timed(
         turns.warm_up(flown.cameras[0])
         turns.time(flown.cameras)
         power = {c.name: _power(turns, c, flown, options.power_seconds) for c in turns.contenders}
-        gpu_bytes = turns.gpu_bytes
     rows = {}
     for contender in turns.contenders:
         times = contender.statistics()
-        kept = {key: times[key] for key in ("ms_mean", "ms_std", "ms_p50", "fps")}
+        kept = {key: times[key] for key in ("ms_mean", "ms_std", "ms_p50", "fps", "gpu_bytes")}
         if options.nominal_watts is not None:
             kept["fps_per_nominal_watt"] = times["fps"] / options.nominal_watts
-        rows[contender.name] = {**kept, "gpu_bytes": gpu_bytes[contender.name], **power[contender.name]}
+        rows[contender.name] = {**kept, **power[contender.name]}
     return rows, {
         "renderer": turns.device, "clock": turns.clock, "frames": options.frames, **flown.facts, "notices": notices,
     }  # fmt: skip

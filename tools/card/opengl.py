@@ -188,14 +188,13 @@ def times(pack: Pack, cameras: Sequence[ViewCamera]) -> Facts:
     contenders = [Contender("exact", RenderSettings()), Contender("paper", RenderSettings(marcher="paper"))]
     measured = measure(pack, list(cameras), contenders)
     exact, paper = measured.contenders
-    psnr = measured.psnr["paper"]
     return {
         "frames": len(cameras),
         "clock": measured.clock,
-        "exact": {**exact.statistics(), "gpu_bytes": measured.gpu_bytes["exact"]},
-        "paper": {**paper.statistics(), "gpu_bytes": measured.gpu_bytes["paper"]},
+        "exact": exact.statistics(),
+        "paper": paper.statistics(),
         **paper.ratio_to(exact),
-        "psnr": psnr if np.isfinite(psnr) else None,
+        "psnr": paper.psnr if np.isfinite(paper.psnr) else None,
         "ms_exact": [round(ms, 4) for ms in exact.ms],
         "ms_paper": [round(ms, 4) for ms in paper.ms],
     }

@@ -241,23 +241,18 @@ class App:
         """Handles files dropped on the window: opens a pack or session; offers to make a scene or run into one."""
         if not paths or self.kiosk is not None:
             return
-        try:
-            self._drop(paths[0])
-        except (OSError, UserError) as error:
-            self.messages.fail(f"{paths[0].name} cannot be opened", error)
+        with self.messages.as_dialog(f"{paths[0].name} cannot be opened"):
+            path = scene_around(paths[0])
+            kind = kind_of(path)
+            if kind == "session":
+                self.sessions.open(self, path)
+                self.preferences.opened(path)
+            elif kind in ("scene", "run", "pictures"):
+                self.preferences.opened(path)
+                self.making.offer(self, "run" if kind == "run" else "scene", path)
+            else:
+                self.open(pack_in(path))
         self.touch()
-
-    def _drop(self, path: Path) -> None:
-        path = scene_around(path)
-        kind = kind_of(path)
-        if kind == "session":
-            self.sessions.open(self, path)
-            self.preferences.opened(path)
-        elif kind in ("scene", "run", "pictures"):
-            self.preferences.opened(path)
-            self.making.offer(self, "run" if kind == "run" else "scene", path)
-        else:
-            self.open(pack_in(path))
 
     @property
     def loading(self) -> Loading | None:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -35,19 +36,23 @@ WARM_UP_FRAMES = 3
 
 @dataclass
 class Contender:
-    """A way to draw, and the milliseconds that each frame took. pack: what it draws; None: the pack that is measured."""
+    """A way to draw, and what was measured of it."""
 
     name: str
     settings: RenderSettings
-    pack: Pack | None = None
-    ms: list[float] = field(default_factory=list)
+    pack: Pack | None = None  # what it draws; None: the pack that is measured
+    ms: list[float] = field(default_factory=list)  # that each frame took
+    gpu_bytes: int = 0  # of its textures
+    psnr: float = nan  # against the first contender, of the same pack alone, dB; infinite where equal
+    photographs_psnr: float | None = None  # dB, the mean over views; None where there are no photographs
 
     def statistics(self) -> dict[str, float]:
-        """Mean, standard deviation, percentiles (ms) and frames per second of the mean."""
+        """Mean, standard deviation, percentiles (ms), frames per second of the mean, and bytes of textures."""
         times = np.asarray(self.ms)
         percentiles = {f"ms_p{share}": float(np.percentile(times, share)) for share in (50, 95, 99)}
         mean = float(times.mean())
-        return {"ms_mean": mean, "ms_std": float(times.std()), **percentiles, "fps": 1000.0 / mean}
+        rate = {"fps": 1000.0 / mean, "gpu_bytes": self.gpu_bytes}
+        return {"ms_mean": mean, "ms_std": float(times.std()), **percentiles, **rate}
 
     def ratio_to(self, first: Contender) -> dict[str, float]:
         """How many times `first`'s frame time ours is: of the medians, and between which most pairs of frames lie."""
@@ -65,10 +70,6 @@ class Turns:
         self.device = str(self.offscreen.ctx.info["GL_RENDERER"])
         self.clock = "wall time around finish()" if is_software(self.device) else "GPU timer queries"
 
-    @property
-    def gpu_bytes(self) -> dict[str, int]:
-        return {c.name: self.drawn_by[c.name].renderer.gpu_bytes(c.settings.marcher) for c in self.contenders}
-
     def _drawing(self, contender: Contender, camera: ViewCamera) -> Callable[[], None]:
         """Draws a camera with a contender, in the grid frame of the pack that it draws."""
         framebuffer = self.offscreen.framebuffer(camera.width, camera.height)
@@ -84,7 +85,7 @@ class Turns:
                 self.offscreen.ctx.finish()
 
     def time(self, cameras: Sequence[ViewCamera]) -> None:
-        """Draws every camera, all of one size, with every contender in turn, and notes the times with each."""
+        """Draws every camera, all of one size, with every contender in turn, and notes times and memory with each."""
         clock = GpuClock(self.offscreen.ctx)
         with progress("measuring", len(cameras)) as bar:
             for camera in cameras:
@@ -94,6 +95,8 @@ class Turns:
                     gpu, wall = clock.time(draw)
                     contender.ms.append(wall if gpu is None else gpu)
                 bar.advance()
+        for contender in self.contenders:
+            contender.gpu_bytes = self.drawn_by[contender.name].renderer.gpu_bytes(contender.settings.marcher)
 
 
 def same_view(camera: ViewCamera, pack: Pack, other: Pack) -> ViewCamera:
@@ -191,12 +194,9 @@ class Measurement:
 
     renderer: str
     clock: str  # what measured the times
-    contenders: list[Contender]  # with their times, in the order given
-    gpu_bytes: dict[str, int]
+    contenders: list[Contender]  # in the order given
     watts: float | None  # None where unknown
-    psnr: dict[str, float]  # by name, of others of the same pack against the first, dB; infinite where equal
     grid_size: tuple[int, int, int]  # voxels (x, y, z) of the pack as it was drawn
-    photographs: dict[str, float]  # by name, PSNR in dB against photographs, the mean over views
 
 
 def measure(
@@ -216,17 +216,16 @@ def measure(
         with PowerMeter(turns.device) as meter:
             turns.time(cameras)
         compared, first = cameras[:: max(1, len(cameras) // PSNR_FRAMES)], contenders[0].settings
-        same = [c for c in contenders[1:] if c.pack is None]
-        psnr = {c.name: _psnr(turns.offscreen, compared, c.settings, first) for c in same}
-        shown = _against(turns, photographs) if photographs is not None else {}
-        drawn = turns.offscreen.pack.grid_size
-        return Measurement(
-            turns.device, turns.clock, turns.contenders, turns.gpu_bytes, meter.watts, psnr, drawn, shown
-        )
+        for contender in contenders[1:]:
+            if contender.pack is None:
+                contender.psnr = _psnr(turns.offscreen, compared, contender.settings, first)
+        if photographs is not None:
+            _compare_with_photographs(turns, photographs)
+        return Measurement(turns.device, turns.clock, contenders, meter.watts, turns.offscreen.pack.grid_size)
 
 
-def _against(turns: Turns, photographs: Photographs) -> dict[str, float]:
-    """PSNR (dB) of each contender's pictures, as snerg-eval has it: of 8-bit pictures, the mean over views."""
+def _compare_with_photographs(turns: Turns, photographs: Photographs) -> None:
+    """Notes the PSNR of each contender's pictures, as snerg-eval has it: of 8-bit pictures, the mean over views."""
     scene = photographs.scene
     views = scene.splits[photographs.split]
     scores: dict[str, list[float]] = {c.name: [] for c in turns.contenders}
@@ -241,7 +240,8 @@ def _against(turns: Turns, photographs: Photographs) -> dict[str, float]:
                 error = max(float(np.mean(np.square(picture - truth, dtype=np.float64))), 1e-12)
                 scores[contender.name].append(-10.0 * float(np.log10(error)))
             bar.advance()
-    return {name: float(np.mean(values)) for name, values in scores.items()}
+    for contender in turns.contenders:
+        contender.photographs_psnr = float(np.mean(scores[contender.name]))
 
 
 def _psnr(

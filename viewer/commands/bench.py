@@ -27,7 +27,7 @@ HEADINGS = ("", "ms mean ± std", "p50", "p95", "p99", "FPS", "p50 / ours", "GPU
 def figures(
     measurement: Measurement, photographs: Photographs | None = None, *, systems: bool = False
 ) -> dict[str, Any]:
-    """The measured part of the JSON that docs/commands.md promises. photographs: what `measurement.photographs` is of.
+    """The measured part of the JSON that docs/commands.md promises. photographs: that pictures were compared with.
 
     systems: the contenders are two packs, each with a marcher of its own.
     """
@@ -35,11 +35,9 @@ def figures(
     first = ours.statistics()
     result: dict[str, Any] = {
         **first,
-        "gpu_bytes": measurement.gpu_bytes[ours.name],
         "watts": measurement.watts,
         "fps_per_watt": None if measurement.watts is None else first["fps"] / measurement.watts,
     }
-    shown = measurement.photographs
     if photographs is not None:
         views = photographs.scene.splits[photographs.split]
         result["photographs"] = {
@@ -48,16 +46,15 @@ def figures(
             "views": len(views),
             "width": views[0].camera.width,
             "height": views[0].camera.height,
-            "psnr": shown[ours.name],
+            "psnr": ours.photographs_psnr,
         }
     for other in others:
-        statistics = {**other.statistics(), "gpu_bytes": measurement.gpu_bytes[other.name]}
+        statistics = other.statistics()
         if systems:
-            names, psnr = [ours.name, other.name], shown.get(other.name)
-            result["against"] = {"systems": names, **statistics, **other.ratio_to(ours), "psnr": psnr}
+            compared = {**statistics, **other.ratio_to(ours), "psnr": other.photographs_psnr}
+            result["against"] = {"systems": [ours.name, other.name], **compared}
         elif other.name == "paper":
-            psnr = measurement.psnr["paper"]
-            psnr = psnr if isfinite(psnr) else None  # JSON knows no infinity
+            psnr = other.psnr if isfinite(other.psnr) else None  # JSON knows no infinity
             result["compare"] = {"paper": statistics, **other.ratio_to(ours), "psnr": psnr}
         else:
             result.setdefault("ablations", {})[other.name] = statistics
@@ -70,9 +67,9 @@ def rows(measurement: Measurement) -> list[tuple[str, ...]]:
     for contender in measurement.contenders:
         s = contender.statistics()
         times = (f"{s[key]:.2f}" for key in ("ms_p50", "ms_p95", "ms_p99"))
-        mebibytes = f"{measurement.gpu_bytes[contender.name] / 2**20:.1f}"
         spread = f"{s['ms_mean']:.2f} ± {s['ms_std']:.2f}"
-        table.append((contender.name, spread, *times, f"{s['fps']:.1f}", f"{s['ms_p50'] / base:.2f}", mebibytes))
+        rest = f"{s['fps']:.1f}", f"{s['ms_p50'] / base:.2f}", f"{contender.gpu_bytes / 2**20:.1f}"
+        table.append((contender.name, spread, *times, *rest))
     return table
 
 
@@ -91,14 +88,14 @@ def notes(result: Mapping[str, Any], measurement: Measurement) -> list[str]:
     if measurement.watts is not None:
         lines.append(f"{measurement.watts:.1f} W, {result['fps'] / measurement.watts:.3f} FPS/W")
     if "compare" in result:
-        psnr = measurement.psnr["paper"]
+        psnr = measurement.contenders[1].psnr
         lines.append(f"exact is {_times(result['compare'])} as fast as paper; PSNR between them {psnr:.1f} dB")
     if "against" in result:
         ours, theirs = result["against"]["systems"]
         lines.append(f"{ours} is {_times(result['against'])} as fast as {theirs}")
     if "photographs" in result:
         about = result["photographs"]
-        scores = ", ".join(f"{name} {value:.2f} dB" for name, value in measurement.photographs.items())
+        scores = ", ".join(f"{c.name} {c.photographs_psnr:.2f} dB" for c in measurement.contenders)
         lines.append(f"PSNR against {about['views']} photographs ({about['width']}x{about['height']}): {scores}")
     return lines
 

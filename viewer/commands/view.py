@@ -140,8 +140,6 @@ class View:
         path = self.pack or demo_pack()
         if path is None:
             raise UserError("there is no pack to serve", remedy="name one: snerg-view PACK --serve")
-        if self.pose is not None:
-            _check_pose(self.pose)
         box = None if self.crop is None else parse_corners(self.crop, "--crop")
         serve(path, self.host, port, PageContent(self.title or "", self.credits, self.path, box, self.pose))
         return 0
@@ -292,16 +290,13 @@ def _trail(app: App) -> Iterator[CrashLog]:
     app.messages.crash_log = crash_log.add
     try:
         yield crash_log
-    except (UserError, NoDisplay, KeyboardInterrupt, SystemExit):
-        crash_log.end()
-        raise
-    except BaseException as error:
-        path = crash_log.crash(error)
-        if path is not None:
+    except Exception as error:
+        if not isinstance(error, UserError | NoDisplay) and crash_log.crash(error):
             with contextlib.suppress(OSError):
-                print(f"snerg-view: this crash is described in {path.parent}", file=sys.stderr)
+                print(f"snerg-view: this crash is described in {default_folder()}", file=sys.stderr)
         raise
-    crash_log.end()
+    finally:
+        crash_log.end()
 
 
 def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: CrashLog) -> None:

@@ -140,7 +140,6 @@ def in_plain_words(error: BaseException) -> str:
 
 RUNNING, CRASHED = "running-", "crash-"
 KEPT = 5  # crash logs; older ones are removed
-MOST_BYTES = 1 << 20  # of a log; a longer one starts again
 PACKAGES = ("snerg", "imgui-bundle", "glfw", "moderngl", "numpy")
 
 
@@ -149,18 +148,16 @@ def default_folder() -> Path:
 
 
 class CrashLog:
-    """The file of this process. path: None if it cannot be written; then nothing is logged."""
+    """The file of this process, while it can be written and until it ends."""
 
     def __init__(self, folder: Path) -> None:
-        path = folder / f"{RUNNING}{os.getpid()}.log"
-        self.path: Path | None = None
-        self._file: TextIO | None = None  # while it is written
+        self._file: TextIO | None = None
         with contextlib.suppress(OSError, ValueError):
             folder.mkdir(parents=True, exist_ok=True)
+            path = folder / f"{RUNNING}{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}.log"
             self._file = open(path, "w", encoding="utf-8", errors="replace")  # noqa: SIM115  (for as long as it runs)
             try_lock(self._file.fileno())
             faulthandler.enable(self._file)
-            self.path = path
         self.add(versions())
 
     def add(self, text: str) -> None:
@@ -168,33 +165,30 @@ class CrashLog:
         if self._file is None:
             return
         with contextlib.suppress(OSError, ValueError):  # a full disk
-            if self._file.tell() > MOST_BYTES:  # after a long session only the end matters
-                self._file.seek(0)
-                self._file.truncate()
-                self._file.write(versions() + "\n…\n")
             line = text if "\n" in text else f"{time.strftime('%H:%M:%S')} {' '.join(text.split())}"
             self._file.write(f"{line}\n")
             self._file.flush()
 
     def end(self) -> None:
-        """Removes the file, because the program ends normally."""
-        self._close()
-        if self.path is not None:
+        """Removes the file, because the program ends normally; not after crash()."""
+        if (path := self._close()) is not None:
             with contextlib.suppress(OSError):
-                self.path.unlink()
+                path.unlink()
 
-    def crash(self, error: BaseException) -> Path | None:
-        """Logs the exception that ends the program; returns the file, if there is one."""
+    def crash(self, error: BaseException) -> bool:
+        """Logs the exception that ends the program; whether there is a file that describes it."""
         self.add("".join(traceback.format_exception(error)))
-        self._close()
-        return self.path
+        return self._close() is not None
 
-    def _close(self) -> None:
-        if self._file is not None:
-            faulthandler.disable()
-            with contextlib.suppress(OSError):
-                self._file.close()
-            self._file = None
+    def _close(self) -> Path | None:
+        """The file, if it was open."""
+        if self._file is None:
+            return None
+        faulthandler.disable()
+        with contextlib.suppress(OSError):
+            self._file.close()
+        path, self._file = Path(self._file.name), None
+        return path
 
 
 def versions() -> str:
@@ -211,24 +205,17 @@ def versions() -> str:
 def left_behind(folder: Path) -> list[Path]:
     """Renames the logs of viewers that crashed and returns them, the newest last. Each is returned once."""
     found = []
-    for file in sorted(folder.glob(f"{RUNNING}*.log"), key=_changed):
+    for file in sorted(folder.glob(f"{RUNNING}*.log")):
         if _in_use(file):
             continue
-        when = time.strftime("%Y%m%d-%H%M%S", time.localtime(_changed(file)))
-        crashed = file.with_name(f"{CRASHED}{when}-{file.stem.removeprefix(RUNNING)}.log")
+        crashed = file.with_name(CRASHED + file.name.removeprefix(RUNNING))
         with contextlib.suppress(OSError):  # another viewer was faster; or, on Windows, it is in use
             file.rename(crashed)
             found.append(crashed)
-    for old in sorted(folder.glob(f"{CRASHED}*.log"), key=_changed)[:-KEPT]:
+    for old in sorted(folder.glob(f"{CRASHED}*.log"))[:-KEPT]:
         with contextlib.suppress(OSError):
             old.unlink()
-    return [file for file in found if file.exists()]
-
-
-def _changed(file: Path) -> float:
-    with contextlib.suppress(OSError):
-        return file.stat().st_mtime
-    return 0.0
+    return found
 
 
 def _in_use(file: Path) -> bool:

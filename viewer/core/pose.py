@@ -141,23 +141,18 @@ def pose_from_text(text: str) -> tuple[np.ndarray, float | None, float | None]:
     except ValueError:
         values = text.replace(";", " ").replace(",", " ").split()
     try:
-        if isinstance(values, dict):
-            eye, target = values["eye"], values["target"]
-            up, fov = values.get("up", (0.0, 1.0, 0.0)), values.get("fov")
-            given = values.get("ortho_height")
-            height = float(given) if isinstance(given, int | float) and 0 < given < FARTHEST else None
-        else:
-            numbers = [float(v) for v in values]
-            if len(numbers) != 6:
-                raise ValueError
-            eye, target, up, fov, height = numbers[:3], numbers[3:], (0.0, 1.0, 0.0), None, None
-        eye, target, up = (np.asarray(v, np.float64) for v in (eye, target, up))
+        if not isinstance(values, dict):
+            values = {"eye": values[:3], "target": values[3:]}
+        vectors = values["eye"], values["target"], values.get("up", (0.0, 1.0, 0.0))
+        eye, target, up = (np.asarray(vector, np.float64) for vector in vectors)
         if any(v.shape != (3,) or not (np.abs(v) <= FARTHEST).all() for v in (eye, target, up)):
             raise ValueError
         camera = ViewCamera.look_at(eye, target, up)
-        fov = None if fov is None else float(fov)
+        fov = None if values.get("fov") is None else float(values["fov"])
         if fov is not None and not 1.0 <= fov <= 170.0:
             raise ValueError
+        given = values.get("ortho_height")
+        height = float(given) if isinstance(given, int | float) and 0 < given < FARTHEST else None
     except (KeyError, TypeError, ValueError):
         raise ValueError(
             'this is not a pose: expected {"eye": [x, y, z], "target": [x, y, z]} with "up" and "fov" if wanted, '

@@ -189,10 +189,6 @@ MACOS = (
     *("Supplemental/Arial Unicode.ttf", "GeezaPro.ttc", "ArialHB.ttc"),
     *("Kohinoor.ttc", "Thonburi.ttc", "Apple Symbols.ttf"),
 )
-UNIX = (  # where fontconfig's programs are not installed
-    *("NotoSansCJK-Regular.ttc", "wqy-microhei.ttc", "wqy-zenhei.ttc"),
-    *("DroidSansFallbackFull.ttf", "DroidSansFallback.ttf", "DejaVuSans.ttf"),
-)
 
 
 @dataclass(frozen=True)
@@ -206,7 +202,7 @@ class FontFile:
 
 def load_fonts(missing: str) -> list[FontFile]:
     """Fonts that have `missing` letters, the best first, read from the disk once: the window then finds them in memory."""
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, subprocess.TimeoutExpired):
         found = [font for font in find_fonts(missing) if font.path.stat().st_size <= LARGEST_BYTES]
         for font in found:
             font.path.read_bytes()
@@ -215,24 +211,18 @@ def load_fonts(missing: str) -> list[FontFile]:
 
 
 def find_fonts(missing: str) -> list[FontFile]:
+    """OSError or TimeoutExpired where fontconfig's programs are not there or do not answer."""
     if sys.platform == "win32":
         return _in_folder(Path(os.environ.get("SYSTEMROOT", "C:/Windows")) / "Fonts", WINDOWS)
     if sys.platform == "darwin":
         return _in_folder(Path("/System/Library/Fonts"), MACOS)
-    return _by_fontconfig(missing)
+    command = ["fc-match", "--sort", "--format", FORMAT, "sans-serif"]
+    done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, stdin=subprocess.DEVNULL)
+    return chosen_fonts(done.stdout.decode(errors="replace"), missing)
 
 
 def _in_folder(folder: Path, names: Iterable[str]) -> list[FontFile]:
     return [FontFile(folder / name) for name in names if (folder / name).is_file()]
-
-
-def _by_fontconfig(missing: str) -> list[FontFile]:
-    command = ["fc-match", "--sort", "--format", FORMAT, "sans-serif"]
-    try:
-        done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, stdin=subprocess.DEVNULL)
-    except (OSError, subprocess.TimeoutExpired):
-        return [FontFile(path) for name in UNIX for path in Path("/usr/share/fonts").rglob(name)]
-    return chosen_fonts(done.stdout.decode(errors="replace"), missing)
 
 
 def chosen_fonts(listed: str, missing: str) -> list[FontFile]:

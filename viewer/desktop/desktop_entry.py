@@ -49,15 +49,13 @@ def register(command: list[str]) -> list[Path]:
 def unregister() -> list[Path]:
     """Removes them; those that were there. UserError as of register()."""
     _check_system("--unregister")
-    folder, gone = data_folder(), []
-    for path in (ENTRY, ICON, TYPES):
+    folder = data_folder()
+    gone = [folder / path for path in (ENTRY, ICON, TYPES) if (folder / path).exists()]
+    for path in gone:
         try:
-            (folder / path).unlink()
-            gone.append(folder / path)
-        except FileNotFoundError:
-            continue
+            path.unlink()
         except OSError as error:
-            raise UserError(f"cannot be removed: {error.strerror}", where=folder / path) from error
+            raise UserError(f"cannot be removed: {error.strerror}", where=path) from error
     if gone:
         _refresh(folder)
     return gone

@@ -47,21 +47,16 @@ def plan(width: float, unit: float, widths: tuple[float, float, float], buttons:
     what there is not. buttons: how many there are.
     """
     name, details, speed = widths
-
-    def free_width(word: bool, with_details: bool, with_speed: bool, shown: int) -> float:
+    # From everything to the least; the first of which the name has enough space.
+    steps = [(True, True, True, buttons), (True, False, True, buttons), (False, False, True, buttons)]
+    steps += [(False, False, False, shown) for shown in range(buttons, LEAST_BUTTONS - 1, -1)]
+    while True:
+        word, with_details, with_speed, shown = steps.pop(0)
         fixed = MARK + WORD * word + NAME_GAP * (name > 0) + STEP * (shown + (shown < buttons)) + EDGE
         fixed += GAP * (with_details and details > 0) + GAP * (1 + (with_speed and speed > 0))
-        return width - unit * fixed - details * with_details - speed * with_speed
-
-    wanted = min(name, unit * NAME)
-    for word, with_details, with_speed in ((1, 1, 1), (1, 0, 1), (0, 0, 1), (0, 0, 0)):
-        left = free_width(bool(word), bool(with_details), bool(with_speed), buttons)
-        if left >= wanted:
-            return Plan(bool(word), min(name, left), bool(with_details), bool(with_speed), buttons)
-    shown = buttons
-    while shown > LEAST_BUTTONS and free_width(False, False, False, shown) < min(wanted, unit * SHORTEST_NAME):
-        shown -= 1
-    return Plan(False, max(0.0, min(name, free_width(False, False, False, shown))), False, False, shown)
+        left = width - unit * fixed - details * with_details - speed * with_speed
+        if not steps or left >= min(name, unit * (NAME if with_speed else SHORTEST_NAME)):
+            return Plan(word, max(0.0, min(name, left)), with_details, with_speed, shown)
 
 
 def show(app: App, box: Box) -> None:

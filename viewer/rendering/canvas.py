@@ -163,10 +163,9 @@ class Canvas:
         self, geometry: Geometry, camera: ViewCamera, ground: tuple[float, float, float]
     ) -> np.ndarray:
         """A picture of what an export would write, uint8 [height, width, 3], over the colour `ground` (sRGB, 0 … 1)."""
-        width, height = camera.width, camera.height
-        framebuffer = self._still.fit(width, height)
+        framebuffer = self._still.fit(camera.width, camera.height)
         self._preview_picture.draw(framebuffer, geometry, camera, ground)
-        return read_pixels(framebuffer, width, height)
+        return read_pixels(framebuffer, camera.width, camera.height)
 
     def drop_export_preview(self) -> None:
         """Frees the GPU memory of `draw_export_preview`."""
@@ -185,10 +184,9 @@ class Canvas:
     def snapshot(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
         """The picture, uint8 [height, width, 3]; waits until the whole pack is uploaded."""
         renderer = self._receive_all()
-        width, height = camera.width, camera.height
-        framebuffer = self._still.fit(width, height)
-        renderer.render(framebuffer, camera, settings, (0, 0, width, height))
-        return read_pixels(framebuffer, width, height)
+        framebuffer = self._still.fit(camera.width, camera.height)
+        renderer.render(framebuffer, camera, settings)
+        return read_pixels(framebuffer, camera.width, camera.height)
 
     @property
     def gpu_name(self) -> str:
@@ -269,7 +267,7 @@ class Canvas:
         whole = with_margin(camera)
         target = self._quick.fit(whole.width, whole.height)
         settings = of_picture(settings, camera.height, camera.fy)
-        self._timed(target, drawn, settings, (0, 0, drawn.width, drawn.height))
+        self._timed(target, drawn, settings, (0, 0))
         self.picture_ms, self.picture_gpu_ms = self.scene_ms, self.gpu_ms
         resolution.moved(self.scene_ms, drawn.width * drawn.height)
         self.drawn_size = size
@@ -288,7 +286,7 @@ class Canvas:
         x, y, w, h = self._tiles.pop(0)
         part = replace(whole, width=w, height=h, cx=whole.cx - x, cy=whole.cy - y)
         settings = of_picture(settings, camera.height, camera.fy)
-        self._timed(target, part, settings, (x, whole.height - y - h, w, h))
+        self._timed(target, part, settings, (x, whole.height - y - h))
         resolution.measured(self.scene_ms, w * h)
         self._tile_ms += self.scene_ms
         self._tile_gpu_ms += self.gpu_ms or 0.0
@@ -316,10 +314,10 @@ class Canvas:
             self._blending = whole.opacity < 1.0
             self.layers = [*self.layers, whole] if self._blending else [whole]
 
-    def _timed(self, target: moderngl.Framebuffer, camera: ViewCamera, settings: RenderSettings, viewport) -> None:
+    def _timed(self, target: moderngl.Framebuffer, camera: ViewCamera, settings: RenderSettings, corner) -> None:
         renderer = self.renderer
         assert renderer is not None
-        self.gpu_ms, self.scene_ms = self.clock.time(lambda: renderer.render(target, camera, settings, viewport))
+        self.gpu_ms, self.scene_ms = self.clock.time(lambda: renderer.render(target, camera, settings, corner))
 
     def release(self) -> None:
         self.show_other(None)

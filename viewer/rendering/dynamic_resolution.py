@@ -1,18 +1,12 @@
 """How many pixels to draw: few enough while the camera moves to hold a frame rate, all of them once it rests.
 
 Notation: scale, the side of the drawn picture over that of its place in the window. All times are in milliseconds.
-A frame takes
+A frame takes panels + swap + picture, and scale changes the picture alone, which gets
 
-    frame = panels + swap + picture,    picture = fixed + pixels / speed,
-
-and scale changes `pixels` only. What it cannot change, rest = panels + swap + fixed, is measured while the camera moves,
-and the pixels get
-
-    max(target - rest, rest / 2).
+    max(target - rest, rest / 2),    rest = panels + swap.
 
 The first term holds the target. The second takes over where the rest leaves less than that: the rate is then lost
-anyway, and a still smaller picture would hardly bring any of it back. With half of the rest for the pixels, a frame takes
-at most 1.5 times as long as one without a picture; this is also where pixels × rate³ is largest.
+anyway, and a still smaller picture would hardly bring any of it back.
 
 A swap that is long may be waiting for the screen (v-sync) and cost nothing: then a larger picture fits into the same
 frame. So only as much of it counts as makes frames late: this share grows while they are, and shrinks while they are not.
@@ -20,9 +14,9 @@ frame. So only as much of it counts as makes frames late: this share grows while
 At rest the full picture is drawn tile by tile, some each frame, so that the window answers on slow GPUs too.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
-from math import ceil, exp, inf, log, sqrt
+from math import ceil, exp, log, sqrt
 
 SMALLEST_SCALE = 0.12
 STEP = 1.25  # the most that scale changes in one frame
@@ -32,54 +26,7 @@ LATE = 1.02  # times the target: a frame that takes longer is late; screens of 5
 SWAP_GAIN = 0.1  # how fast the counted share of the swap follows
 NOISE = 0.08  # pictures that take so much more or less than expected (logarithm) tell of a change, others waver
 WAVERING, CHANGING = 0.3, 0.85  # how much of the difference is believed in either case
-TELLING = 0.2  # successive pictures must differ by such a share in size to tell the pixels' part of the cost
-MOST_FIXED = 0.95  # of a picture's time, also of the quickest of late: no picture takes less than what is fixed
-FORGETTING = 0.02  # by so much a frame that one is allowed to have been slower
 FIRST_TILE = 96  # pixels a side, until speed is known
-
-
-@dataclass
-class _PictureCost:
-    """What the next picture costs: `ms` for one of `pixels`, of which `fixed` (ms) is not the pixels' own.
-
-    Costs follow the view at once, for a camera that comes near a surface may double them within some frames. `fixed` is
-    learnt from successive pictures of very different size alone: where the scale holds the time while the view changes,
-    pictures of all sizes take as long, and pixels would seem to cost nothing.
-    """
-
-    fixed: float = 0.0
-    ms: float = 0.0
-    pixels: float = 0.0
-    _before: tuple[float, float] = (0.0, 0.0)  # milliseconds and pixels of the picture before
-    _quickest: float = inf  # of the pictures of late, ms
-
-    def add(self, milliseconds: float, pixels: int) -> None:
-        """A picture of `pixels` took so long."""
-        if not self.pixels:
-            self.ms, self.pixels, self._before = milliseconds, float(pixels), (milliseconds, pixels)
-            return
-        self._quickest = min(self._quickest * (1.0 + FORGETTING), milliseconds)
-        self._learn_fixed(milliseconds, pixels)
-        fixed, slope = self.line()
-        expected = fixed + slope * pixels
-        surprise = log(milliseconds / expected)
-        believed = CHANGING if abs(surprise) > NOISE else WAVERING
-        self.ms, self.pixels = expected * exp(believed * surprise), float(pixels)
-
-    def _learn_fixed(self, milliseconds: float, pixels: int) -> None:
-        ms_before, pixels_before = self._before
-        self._before = milliseconds, pixels
-        change = abs(pixels - pixels_before) / (0.5 * (pixels + pixels_before))
-        if change < TELLING:
-            return
-        slope = (milliseconds - ms_before) / (pixels - pixels_before)
-        found = min(max(milliseconds - slope * pixels, 0.0), self._quickest)
-        self.fixed += change**2 / (change**2 + TELLING**2) * (found - self.fixed)
-
-    def line(self) -> tuple[float, float]:
-        """fixed (ms) and slope (ms a pixel)."""
-        fixed = min(self.fixed, MOST_FIXED * min(self.ms, self._quickest))
-        return fixed, (self.ms - fixed) / self.pixels
 
 
 @dataclass
@@ -94,7 +41,7 @@ class DynamicResolution:
     _panels_ms: float | None = None
     _swap_ms: float = 0.0
     _counted_swap_ms: float = 0.0
-    _cost: _PictureCost = field(default_factory=_PictureCost)
+    _ms_per_pixel: float | None = None  # of pictures while the camera moves
     _picture_ms: float = 0.0  # of the pictures of this frame that were drawn because the camera moved
     _pixels: int = 0
 
@@ -131,10 +78,13 @@ class DynamicResolution:
         self._swap_ms = 0.7 * self._swap_ms + 0.3 * swap_ms
         late = frame_ms - LATE * self.target_ms
         self._counted_swap_ms = min(max(self._counted_swap_ms + SWAP_GAIN * late, 0.0), self._swap_ms)
-        self._cost.add(picture_ms, pixels)
-        fixed, slope = self._cost.line()
-        rest = self._panels_ms + self._counted_swap_ms + fixed
-        factor = sqrt(max(HEADROOM * self.target_ms - rest, 0.5 * rest) / (slope * pixels))
+        before, now = self._ms_per_pixel, picture_ms / pixels
+        if before is not None:  # a camera that comes near a surface may double the cost within some frames
+            surprise = log(now / before)
+            now = before * exp((CHANGING if abs(surprise) > NOISE else WAVERING) * surprise)
+        self._ms_per_pixel = now
+        rest = self._panels_ms + self._counted_swap_ms
+        factor = sqrt(max(HEADROOM * self.target_ms - rest, 0.5 * rest) / (now * pixels))
         if abs(factor - 1.0) > STEADY:
             factor = min(max(factor, 1.0 / STEP), STEP)
             self.scale = min(max(self.moving_scale * factor, SMALLEST_SCALE), 1.0)

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
+from scenepack.blocks import block_data
 from scenepack.pack import Pack, cached_per_pack
 from scenepack.placement import placement_of
 from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, inner_box, orbit_path
@@ -60,14 +61,12 @@ def outline(pack: Pack) -> np.ndarray:
 
 def _seen_box(pack: Pack, block: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Corners (x, y, z; voxels of the grid) of the box around what is seen of a macroblock (z, y, x); None where nothing is."""
-    x, y, z = pack.atlas_indices[tuple(block)].astype(int) * pack.padded_block_size + 1
-    size = pack.block_size
-    seen = pack.atlas_rgba[z : z + size, y : y + size, x : x + size, 3] >= SEEN
+    seen = block_data(pack, pack.atlas_rgba, tuple(block))[..., 3] >= SEEN
     if not seen.any():
         return None
     spans = [np.flatnonzero(seen.any(axis=axes)) for axes in ((0, 1), (0, 2), (1, 2))]  # along x, y, z
     low, high = (np.array([span[end] for span in spans], np.float64) for end in (0, -1))
-    start = block[::-1] * float(size)
+    start = block[::-1] * float(pack.block_size)
     return start + low, start + high + 1.0
 
 

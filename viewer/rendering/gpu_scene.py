@@ -18,7 +18,7 @@ from math import ceil, inf
 import moderngl
 import numpy as np
 
-from scenepack.blocks import Triple
+from scenepack.blocks import Triple, block_copy
 from scenepack.pack import Pack
 from viewer.rendering import software_rasteriser as software
 from viewer.rendering.gpu_memory import NoRoomError
@@ -50,8 +50,8 @@ class GpuScene:
         self.ctx, self.pack, self.features_beside = ctx, pack, features_beside
         self.gpu_bytes = 0
         block, beside = pack.padded_block_size, 2 if features_beside else 1
-        self.places = pack.atlas_indices[pack.occupied].astype(np.intp) * block  # in the pack's atlas, (x, y, z)
-        self.slots = tightest_atlas(len(self.places), block, largest_texture_side(ctx), beside)
+        self.blocks = np.argwhere(pack.occupied)  # (z, y, x), in the grid's order
+        self.slots = tightest_atlas(len(self.blocks), block, largest_texture_side(ctx), beside)
         self.size = atlas_size(self.slots, block, beside)
         self.near: np.ndarray | None = None  # a point of the grid, voxels: layers of slots close to it arrive first
         self.textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {}  # by the name of their sampler
@@ -62,7 +62,7 @@ class GpuScene:
         self._arrived = np.zeros(self.slots[2], bool)  # layers of slots
         while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
             pass
-        taken_before = software.private_memory() if software.software_draws(ctx) else None
+        taken_before = software.huge_pages() if software.software_draws(ctx) else None
         self.arriving: Iterator[None] | None = self._fill(taken_before)  # its steps; None once all is there
         try:
             self._allocate(layout)
@@ -149,7 +149,7 @@ class GpuScene:
                 break
         return self.arriving is None
 
-    def _fill(self, taken_before: list[software.Range] | None) -> Iterator[None]:
+    def _fill(self, taken_before: set[int] | None) -> Iterator[None]:
         """One layer of slots at a time, whose macroblocks are shown from then on."""
         shown = time.perf_counter()
         while not self._arrived.all():
@@ -163,14 +163,14 @@ class GpuScene:
                 shown = time.perf_counter()
             yield
         if taken_before is not None:
-            yield from software.move_to_huge_pages(software.memory_taken_since(taken_before))
+            yield from software.move_to_huge_pages(sorted(software.huge_pages() - taken_before))
 
     def _next_layer(self) -> int:
         """The layer whose nearest macroblock is closest to `near`, of those that have not arrived."""
         coming = np.flatnonzero(~self._arrived)
-        if self.near is None or not len(self.places):
+        if self.near is None or not len(self.blocks):
             return int(coming[0])
-        middles = (np.argwhere(self.pack.occupied)[:, ::-1] + 0.5) * self.pack.block_size
+        middles = (self.blocks[:, ::-1] + 0.5) * self.pack.block_size
         away = np.full(len(self._arrived), inf)
         layers = np.arange(len(middles)) // (self.slots[0] * self.slots[1])  # of each macroblock, in the grid's order
         np.minimum.at(away, layers, np.square(middles - self.near).sum(axis=1))
@@ -181,12 +181,11 @@ class GpuScene:
         width, height, _ = self.size
         size = self.pack.padded_block_size
         volume = np.zeros((size, height, width, texture.components), np.uint8)
-        for slot, (x, y, z) in enumerate(self.places[layer * nx * ny : (layer + 1) * nx * ny].tolist()):
-            to_y = slot // nx * size
+        for slot, block in enumerate(self.blocks[layer * nx * ny : (layer + 1) * nx * ny]):
+            y = slot // nx * size
             for k, (atlas, channels) in enumerate(parts):
-                to_x = (slot % nx * len(parts) + k) * size
-                block = atlas[z : z + size, y : y + size, x : x + size, channels]
-                volume[:, to_y : to_y + size, to_x : to_x + size] = block
+                x = (slot % nx * len(parts) + k) * size
+                volume[:, y : y + size, x : x + size] = block_copy(self.pack, atlas, tuple(block))[..., channels]
         texture.write(volume, viewport=(0, 0, layer * size, width, height, size), alignment=1)
 
     def _indirection(self) -> np.ndarray:
@@ -198,11 +197,11 @@ class GpuScene:
         nx, ny, _ = self.slots
         size = self.pack.padded_block_size
         for number in numbers:
-            x, y, z = self.places[number].tolist()
             slot = number % nx, number // nx % ny, number // (nx * ny)
             for _, texture, parts in self._atlases:
                 wide = size * len(parts)
-                cubes = [atlas[z : z + size, y : y + size, x : x + size, chosen] for atlas, chosen in parts]
+                block = tuple(self.blocks[number])
+                cubes = [block_copy(self.pack, atlas, block)[..., chosen] for atlas, chosen in parts]
                 viewport = (slot[0] * wide, slot[1] * size, slot[2] * size, wide, size, size)
                 texture.write(np.concatenate(cubes, axis=2), viewport=viewport, alignment=1)
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
 from typing import Any
 
-import glcontext
 import moderngl
 import numpy as np
 
@@ -18,7 +16,6 @@ from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings
 
 GL_VERSION = 330
-OLDER = (320, 310, 210)  # asked for to learn what is there; drivers give the newest that they have of the kind
 
 
 def create_context() -> moderngl.Context:
@@ -28,23 +25,10 @@ def create_context() -> moderngl.Context:
     try:
         ctx = moderngl.create_context(standalone=True, require=GL_VERSION, **options)
     except Exception as error:  # glcontext raises bare Exception for a missing library, moderngl its own for versions
-        raise opengl.opengl_refusal(_version_at_hand(), str(error)) from error
+        raise opengl.opengl_refusal("", str(error)) from error
     while ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
         pass
     return ctx
-
-
-def _version_at_hand() -> str:
-    """What OpenGL there is without a display, where it is older than ours; "" where there is none."""
-    backend = glcontext.get_backend_by_name("egl") if sys.platform.startswith("linux") else glcontext.default_backend()
-    for version in OLDER:
-        with contextlib.suppress(Exception):  # as create_context: whatever a driver that is not there leads to
-            context = backend(mode="standalone", glversion=version)
-            found = opengl.version_at(context.load("glGetString"))
-            context.release()
-            if found:
-                return found
-    return ""
 
 
 def lost(ctx: moderngl.Context) -> bool:

@@ -126,31 +126,24 @@ class Renderer:
         framebuffer: moderngl.Framebuffer,
         camera: ViewCamera,
         settings: RenderSettings | None = None,
-        viewport: tuple[int, int, int, int] | None = None,
+        corner: tuple[int, int] = (0, 0),
     ) -> None:
-        """Draws the view of `camera` into `framebuffer`, over whatever was there.
-
-        viewport: x, y, width, height in pixels from the lower left corner; by default camera.width × camera.height at
-        (0, 0). A viewport of another size than the camera's shows the camera's picture scaled to it.
-        """
+        """Draws the view of `camera` into `framebuffer`, over whatever was there. corner: the lower left one's pixel."""
         settings = settings or RenderSettings()
-        viewport = viewport or (0, 0, camera.width, camera.height)
         if camera.orthographic and self.pack.ndc:
             raise ValueError("a forward-facing pack has no orthographic view: its warp begins at one point")
-        if viewport[2:] != (camera.width, camera.height):
-            camera = camera.resized(*viewport[2:])
         aperture = settings.aperture if settings.mode in MODES_WITH_BLUR and not settings.counts else None
         if settings.samples > 1 or aperture is not None:
-            self._supersampling.draw(self.render, framebuffer, camera, replace(settings, aperture=aperture), viewport)
+            self._supersampling.draw(self.render, framebuffer, camera, replace(settings, aperture=aperture), corner)
             return
         scene = self.scene(settings.marcher)
         rays = self._rays(settings, camera)
-        uniforms = self._uniforms(scene, camera, settings, viewport)
+        uniforms = self._uniforms(scene, camera, settings, corner)
         rays.write(uniforms)
         ctx = self.ctx
         framebuffer.use()
         framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
-        framebuffer.viewport = viewport
+        framebuffer.viewport = viewport = (*corner, camera.width, camera.height)
         framebuffer.color_mask = (True, True, True, True)
         framebuffer.depth_mask = False
         ctx.enable_only(moderngl.NOTHING)
@@ -236,13 +229,13 @@ class Renderer:
         return self._drawings[key]
 
     def _uniforms(
-        self, scene: GpuScene, camera: ViewCamera, settings: RenderSettings, viewport: tuple[int, int, int, int]
+        self, scene: GpuScene, camera: ViewCamera, settings: RenderSettings, corner: tuple[int, int]
     ) -> dict[str, Any]:
         values = self._ray_frame.uniforms(camera, settings) | {
-            "viewport_origin": viewport[:2],
+            "viewport_origin": corner,
             "atlas_slots": scene.slots,
-            "atlas_count": len(scene.places),
-            "atlas_side": ceil(round(max(len(scene.places), 1) ** (1 / 3), 9)),  # of the smallest cube that holds all
+            "atlas_count": len(scene.blocks),
+            "atlas_side": ceil(round(max(len(scene.blocks), 1) ** (1 / 3), 9)),  # of the smallest cube that holds all
             "grid_size": self.pack.grid_size,
             "content_min": scene.content_min,
             "content_max": scene.content_max,

@@ -18,6 +18,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull
 
+from scenepack.blocks import block_copy
 from scenepack.pack import Pack, cached_per_pack
 
 COARSE = 32  # coarse cells along the longest side; the hull goes around these
@@ -105,12 +106,10 @@ def content_cells(pack: Pack, side: int = CELL) -> np.ndarray:
 
     A texel cube across a macroblock's border counts for both macroblocks, whose padded copies need not agree.
     """
-    size, padded = pack.block_size, pack.padded_block_size
+    size = pack.block_size
     cells = np.zeros([n * size // side + 1 for n in pack.grid_blocks[::-1]], bool)
-    blocks, slots = np.argwhere(pack.occupied).tolist(), pack.atlas_indices[pack.occupied].tolist()
-    for block, slot in zip(blocks, slots, strict=True):
-        copy = tuple(slice(i * padded, (i + 1) * padded) for i in reversed(slot))
-        content = np.asarray(pack.atlas_rgba[copy][..., 3] > 0)
+    for block in map(tuple, np.argwhere(pack.occupied).tolist()):
+        content = np.asarray(block_copy(pack, pack.atlas_rgba, block)[..., 3] > 0)
         first = [b * size for b in block]  # of the copy's first texel cube, counted from j = -1
         for axis in range(3):
             content = _pairs_then_cells(content, axis, first[axis] % side, side)

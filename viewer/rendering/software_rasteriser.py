@@ -11,7 +11,7 @@ pages are: with pages of 4 KiB that is 6 MB of textures, with pages of 2 MiB all
 
 import ctypes
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 
@@ -47,10 +47,7 @@ def finish(ctx: moderngl.Context) -> None:
 
 MADV_HUGEPAGE, MADV_COLLAPSE = 14, 25
 HUGE = 2 << 20  # bytes of a huge page
-PIECE = 16 << 20  # bytes moved at once
 SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software")  # in GL_RENDERER
-
-Range = tuple[int, int]
 
 
 def is_software(renderer: str) -> bool:
@@ -63,43 +60,22 @@ def software_draws(ctx: moderngl.Context) -> bool:
     return sys.platform.startswith("linux") and is_software(ctx.info["GL_RENDERER"])
 
 
-def move_to_huge_pages(ranges: list[Range]) -> Iterator[None]:
-    """Moves what lies there, a piece a step."""
-    try:
-        madvise = ctypes.CDLL(None).madvise
-    except (OSError, AttributeError):
-        return
-    for start, end in ranges:
-        start, end = -(-start // HUGE) * HUGE, end // HUGE * HUGE
-        for first in range(start, end, PIECE):
-            address, length = ctypes.c_void_p(first), ctypes.c_size_t(min(PIECE, end - first))
-            madvise(address, length, MADV_HUGEPAGE)
-            madvise(address, length, MADV_COLLAPSE)  # what the kernel cannot do now, it leaves
-            yield
-
-
-def private_memory() -> list[Range]:
-    """Addresses [start, end), in order, of writable memory that no file backs."""
-    found = []
+def huge_pages() -> set[int]:
+    """Numbers (address / HUGE) of the pages that lie wholly in writable memory of this process that no file backs."""
+    found: set[int] = set()
     with suppress(OSError), open("/proc/self/maps", encoding="ascii", errors="replace") as maps:
         for line in maps:
             addresses, access, _, _, inode, *name = line.split()
             if access == "rw-p" and inode == "0" and not name:
                 start, end = (int(part, 16) for part in addresses.split("-"))
-                found.append((start, end))
+                found.update(range(-(-start // HUGE), end // HUGE))
     return found
 
 
-def memory_taken_since(before: list[Range]) -> list[Range]:
-    """What this process has allocated since private_memory() gave `before`."""
-    left = []
-    for start, end in private_memory():
-        for low, high in before:
-            if high <= start or low >= end:
-                continue
-            if low > start:
-                left.append((start, low))
-            start = max(start, high)
-        if start < end:
-            left.append((start, end))
-    return left
+def move_to_huge_pages(pages: Iterable[int]) -> Iterator[None]:
+    """Has the kernel keep what lies in `pages` (see huge_pages) in huge pages indeed, one a step."""
+    madvise = ctypes.CDLL(None).madvise
+    for page in pages:
+        for advice in (MADV_HUGEPAGE, MADV_COLLAPSE):  # what the kernel cannot do now, it leaves
+            madvise(ctypes.c_void_p(page * HUGE), ctypes.c_size_t(HUGE), advice)
+        yield

@@ -21,8 +21,9 @@ from viewer.rendering.settings import Aperture, RenderSettings, of_picture
 from viewer.rendering.shader_source import assemble
 from viewer.rendering.targets import Target
 
-Box = tuple[int, int, int, int]  # x, y, width, height in pixels, from the lower left corner
-Draw = Callable[[moderngl.Framebuffer, ViewCamera, RenderSettings, Box], None]
+Pixel = tuple[int, int]  # x, y, from the lower left corner
+Box = tuple[int, int, int, int]  # the same, and width and height
+Draw = Callable[[moderngl.Framebuffer, ViewCamera, RenderSettings], None]
 TILE = 1024  # rays a side that are drawn at once
 GOLDEN_ANGLE = pi * (3.0 - sqrt(5.0))
 
@@ -51,13 +52,13 @@ class Supersampling:
         self._filters: dict[int, Drawing] = {}
 
     def draw(
-        self, draw: Draw, framebuffer: moderngl.Framebuffer, camera: ViewCamera, settings: RenderSettings, viewport: Box
+        self, draw: Draw, framebuffer: moderngl.Framebuffer, camera: ViewCamera, settings: RenderSettings, corner: Pixel
     ) -> None:
-        """Fills `viewport` of `framebuffer` with the view of `camera`, which has the viewport's size.
+        """Draws the view of `camera` as Renderer.render does. UserError where the driver refuses the texture that it needs.
 
-        draw: draws a view with one ray a pixel. UserError where the driver refuses the texture that it needs.
+        draw: draws a view with one ray a pixel into the lower left corner of a framebuffer.
         """
-        n, (left, bottom, width, height) = settings.samples, viewport
+        n, (left, bottom), width, height = settings.samples, corner, camera.width, camera.height
         settings = of_picture(settings, camera.height, camera.fy)
         one, side = replace(settings, samples=1, aperture=None), max(1, TILE // n)
         cameras = [camera] if settings.aperture is None else lens_cameras(camera, settings.aperture)
@@ -75,7 +76,7 @@ class Supersampling:
                     mean.clear()
                 for each in larger:
                     part = replace(each, width=n * w, height=n * h, cx=each.cx - n * x, cy=each.cy - n * y)
-                    draw(rays, part, one, (0, 0, n * w, n * h))
+                    draw(rays, part, one)
                     self._average(rays, n, count, *into)
                 if mean is not None:
                     self._average(mean, 1, 1, framebuffer, box)

@@ -4,8 +4,8 @@ A level is the pack at one resolution. The page shows the coarsest first, and st
 """
 
 import zlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from math import log2
 from pathlib import Path
 from typing import Any
@@ -74,7 +74,8 @@ def with_annotations(pack: Pack, path: Path) -> Pack:
 def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple[dict[str, Any], dict[str, bytes]]:
     """What viewer/web/static/scene.js reads, and the data of its levels by the name of their files, coarsest first.
 
-    on_progress is called with the share that is done. UserError where the pack is too large, or the path is none.
+    Arrays are row-major. on_progress is called with the share that is done. UserError where the pack is too large, or the path
+    is none.
     """
     path = None if content.path is None else _path(load_path(content.path, pack.worldspace_T_opengl))
     annotations = annotations_of(pack)  # bookmarks become buttons, measurements are drawn
@@ -111,7 +112,7 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
         "measurements": [{"points": m.points, "text": words.measurement(m)} for m in annotations.measurements],
         "live": content.live,
     }
-    return _plain(description), data
+    return description, data
 
 
 def _atlas_voxels(pack: Pack) -> int:
@@ -206,23 +207,15 @@ def _shaders(pack: Pack, look: Look | None) -> dict[str, Any]:
     shown = backdrop("gradient", "dark")
     assert shown is not None
 
-    def lines(settings: RenderSettings) -> list[str]:
-        return define_lines(renderer.shader_defines(pack, settings, sizes={}, features_beside=features)).splitlines(
-            True
-        )
-
-    modes = {
-        mode: lines(RenderSettings(mode=mode, look=look))  # type: ignore[arg-type]
-        for mode in MODES
-        if features or mode not in ("features", "view-dependent")
-    }
-    common = [line for line in modes["normal"] if all(line in each for each in modes.values())]
-    behind = lines(RenderSettings(backdrop=shown, look=look))
+    modes = [mode for mode in MODES if features or mode not in ("features", "view-dependent")]
+    settings = {mode: RenderSettings(mode=mode, look=look) for mode in modes}  # type: ignore[arg-type]
     return {
         "texts": texts,
-        "common": "".join(common),
-        "modes": {mode: "".join(line for line in each if line not in common) for mode, each in modes.items()},
-        "backdrop": "".join(line for line in behind if line not in modes["normal"]),
+        "modes": {
+            mode: define_lines(renderer.shader_defines(pack, each, sizes={}, features_beside=features))
+            for mode, each in settings.items()
+        },
+        "backdrop": define_lines({"BACKDROP": True}),
         "look": renderer.look_uniforms(look),
         "backdropColours": [shown.first, shown.second],
         "overBackground": [mode for mode in modes if mode in renderer.MODES_OVER_BACKGROUND],
@@ -260,10 +253,7 @@ def _camera(pack: Pack, start: str | None, annotations: Annotations) -> dict[str
 
 
 def _view(pose: Pose, table: Turntable) -> dict[str, Any]:
-    axes = [axis.tolist() for axis in table.axes]
-    return {
-        "pivot": pose.pivot, "azimuth": pose.azimuth, "elevation": pose.elevation, "distance": pose.distance, "axes": axes,
-    }  # fmt: skip
+    return {**asdict(pose), "axes": table.axes}
 
 
 def _path(path: CameraPath) -> dict[str, Any] | None:
@@ -272,12 +262,3 @@ def _path(path: CameraPath) -> dict[str, Any] | None:
     frames = path.sample(PATH_FPS)
     rows = [[*np.round(matrix[:3].ravel(), 7).tolist(), round(fov, 4)] for matrix, fov in frames]
     return {"fps": PATH_FPS, "closed": path.closed, "frames": rows}
-
-
-def _plain(value: Any) -> Any:
-    """Arrays and tuples as lists, row-major."""
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return {key: _plain(each) for key, each in value.items()}
-    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value

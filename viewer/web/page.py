@@ -57,13 +57,13 @@ def assemble_page(title: str, description: Mapping[str, Any], data: Iterable[byt
         f"worker-src blob:; child-src blob:; img-src data:; connect-src {asks}; base-uri 'none'; form-action 'none'"
     )
     whole = {**description, "script": script, "worker": _text(WORKER)}
-    packed = json.dumps(whole, separators=(",", ":"), allow_nan=False).encode()
+    text = json.dumps(whole, separators=(",", ":"), allow_nan=False, default=lambda array: array.tolist())
     parts = {
         "title": html.escape(one_line(title, LONGEST_TITLE)),
         "policy": csp,
         "style": style,
         "loader": loader,
-        "scene": _base64(zlib.compress(packed, 9)),
+        "scene": _base64(zlib.compress(text.encode(), 9)),
         "data": "\n".join(f'<script type="text/plain" class="data">{_base64(each)}</script>' for each in inside),
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _text("index.html")).encode()

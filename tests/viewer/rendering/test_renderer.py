@@ -152,7 +152,7 @@ def test_tiles_make_the_same_picture_in_its_place_and_nowhere_else(
     framebuffer = ctx.simple_framebuffer((WIDTH + 9, HEIGHT + 5), 4)
     framebuffer.clear(1, 0, 1)
     framebuffer.scissor = (3, 4, 5, 6)  # such as imgui leaves
-    renderer.renderer.render(framebuffer, view(shapes), settings, (4, 3, WIDTH, HEIGHT))
+    renderer.renderer.render(framebuffer, view(shapes), settings, (4, 3))
     framebuffer.scissor = None
     data = framebuffer.read(components=3, alignment=1)
     pixels = np.frombuffer(data, np.uint8).reshape(HEIGHT + 5, WIDTH + 9, 3)

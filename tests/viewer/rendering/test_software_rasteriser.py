@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from viewer.rendering.opengl import GpuClock, free_framebuffer, is_software, unbind_framebuffers
-from viewer.rendering.software_rasteriser import HUGE, memory_taken_since, move_to_huge_pages, private_memory
+from viewer.rendering.software_rasteriser import HUGE, huge_pages, move_to_huge_pages
 
 # What a software rasteriser allocates ends in huge pages, and its contents stay
 
@@ -23,12 +23,12 @@ def test_new_memory_is_moved_and_keeps_its_contents() -> None:
         pytest.skip("this kernel gives no huge pages")
     import mmap
 
-    before, huge = private_memory(), huge_bytes()
+    before, huge = huge_pages(), huge_bytes()
     memory = mmap.mmap(-1, 16 * HUGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     memory.madvise(mmap.MADV_NOHUGEPAGE)  # as if the kernel had not had any at first
     values = np.frombuffer(memory, np.uint32)
     values[:] = np.arange(len(values))
-    steps = sum(1 for _ in move_to_huge_pages(memory_taken_since(before)))
+    steps = sum(1 for _ in move_to_huge_pages(huge_pages() - before))
     assert steps >= 1 and np.array_equal(values, np.arange(len(values)))
     if tuple(map(int, platform.release().split(".")[:2])) < (6, 1):
         pytest.skip("this kernel moves memory when it pleases")

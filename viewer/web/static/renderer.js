@@ -106,9 +106,9 @@ export class Renderer {
   }
 
   program(mode, gradient) {
-    const { common, modes, backdrop, overBackground } = this.scene.shaders;
+    const { defines, modes, backdrop, overBackground } = this.scene.shaders;
     const behind = gradient && overBackground.includes(mode) ? backdrop : "";
-    return this.linked(`${mode} ${behind !== ""}`, "fullscreen.vert", "snerg.frag", common + modes[mode] + behind);
+    return this.linked(`${mode} ${behind !== ""}`, "fullscreen.vert", "snerg.frag", defines + modes[mode] + behind);
   }
 
   linked(key, vertex, fragment, defines) {

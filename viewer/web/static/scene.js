@@ -5,7 +5,7 @@ const FROM_DISK =
 
 // A description, see viewer/web/description.py, of a page: this one, or a newer one.
 export function sceneOf(scene, page = document) {
-  for (const level of scene.levels) level.shaders = { ...scene.shaders, common: level.defines + scene.shaders.common };
+  for (const level of scene.levels) level.shaders = { ...scene.shaders, defines: level.defines };
   scene.inside = [...page.querySelectorAll("script.data")];
   scene.worker = new Worker(URL.createObjectURL(new Blob([scene.worker], { type: "text/javascript" })));
   return scene;
