@@ -40,10 +40,8 @@ ENDLESS = {"loop": "0"}  # of .webp and .gif
 
 def require_video() -> None:
     """UserError, with the remedy, where PyAV is not installed."""
-    try:
-        import av  # noqa: F401
-    except ImportError as error:
-        raise UserError("writing a film needs PyAV", remedy="pip install 'snerg[video]', or name a folder") from error
+    if not films_possible():
+        raise UserError("writing a film needs PyAV", remedy="pip install 'snerg[video]', or name a folder")
 
 
 def films_possible() -> bool:
