@@ -33,7 +33,6 @@ from viewer.features.export.exporting import Exporting, Sharing
 from viewer.features.film.camera_path import CameraPath
 from viewer.features.film.filming import Filming
 from viewer.features.film.kiosk import Kiosk
-from viewer.features.making.make_job import TrainingPreview
 from viewer.features.making.making import Making
 from viewer.features.making.review import SparsePreview
 from viewer.features.measuring.measure_tool import MeasureTool
@@ -157,17 +156,17 @@ class App:
         self.gallery.frusta = True
         self.touch()
 
-    def show_training_preview(self, training_preview: TrainingPreview, path: Path, name: str) -> None:
+    def show_training_preview(self, pack: Pack, path: Path, name: str) -> None:
         """Shows a preview of the training. If an earlier preview or the sparse points are shown, the camera stays."""
         before = self.scene
-        if before is not None and before.path == path and before.pack.ndc == training_preview.pack.ndc:
+        if before is not None and before.path == path and before.pack.ndc == pack.ndc:
             if self.filming.export is not None:
                 return  # a film is of one scene; the next state may be shown
-            self.refine(before, training_preview.pack, dialog=False)
+            self.refine(before, pack, dialog=False)
             before.name = name
-            before.rig.follow(orbit_camera_for(training_preview.pack))
+            before.rig.follow(orbit_camera_for(pack))
         else:
-            self._show_passing(training_preview.pack, path, name)
+            self._show_passing(pack, path, name)
         self.touch()
 
     def _show_passing(self, pack: Pack, path: Path, name: str) -> OpenScene:

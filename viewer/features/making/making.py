@@ -19,7 +19,7 @@ from viewer.core.command_process import CommandProcess
 from viewer.core.files import FileRequest, existing_folder
 from viewer.core.log import Dialog
 from viewer.core.tasks import Task
-from viewer.features.making.make_job import MakeJob, RejectedPhotographs, rejected_photographs_of
+from viewer.features.making.make_job import MakeJob, RejectedPhotographs, preview_title, rejected_photographs_of
 from viewer.features.making.make_plan import Plan, Subject
 from viewer.features.making.review import Kind, Review, SparsePreview, read_sparse_preview
 from viewer.features.making.survey import PhotographCheck, Survey
@@ -53,7 +53,6 @@ class Making:
     reading: SparsePreviewJob | None = None  # reads the sparse points now
     sparse_preview: SparsePreview | None = None  # the points that were read
     _looked: float = 0.0
-    _surveyed: bool = False
     _left_shown: int | None = None
     _rejected: RejectedPhotographs | None = None  # whose thumbnails are being read
 
@@ -66,7 +65,7 @@ class Making:
             return
         plan = Plan.of(subject, path)
         self.dismiss()
-        self.plan, self._surveyed = plan, False
+        self.plan = plan
 
     def again(self, app: App) -> None:
         if self.failed is not None and self.job is None:
@@ -82,7 +81,7 @@ class Making:
         """Whether something goes on that tick should look at now and then."""
         waits = any(each is not None for each in (self.job, self.reading, self.review, self._rejected))
         checks = self.check is not None and self.check.running
-        return waits or checks or (self._survey is not None and (self._survey.busy or not self._surveyed))
+        return waits or checks or (self._survey is not None and self._survey.busy)
 
     def dismiss(self) -> None:
         """Closes the question."""
@@ -212,9 +211,9 @@ class Making:
         if self.job is None or self.job.preview is None:
             return
         stand_there = self._kept_camera(app)
-        plan, preview = self.job.plan, self.job.preview
-        shown = self.training_preview_shown(app)
-        app.show_training_preview(preview, plan.preview_file, f"{plan.name}: {preview.description}")
+        plan, shown = self.job.plan, self.training_preview_shown(app)
+        preview = self.job.preview
+        app.show_training_preview(preview, plan.preview_file, f"{plan.name}: {preview_title(preview)}")
         if not shown:
             stand_there()
 
@@ -307,8 +306,7 @@ class Making:
             self.job = None
 
     def tick(self, app: App) -> None:
-        if self._survey is not None and self._survey.finished and (not self._surveyed or self._survey.news()):
-            self._surveyed = True
+        if self._survey is not None and self._survey.news():
             app.touch()
         if self._rejected is not None and self._rejected.finished:
             self._rejected = None

@@ -13,7 +13,7 @@ from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.widgets import Box, px
 from viewer.features.making import survey
-from viewer.features.making.make_job import MakeJob, RejectedPhotographs
+from viewer.features.making.make_job import MakeJob, RejectedPhotographs, preview_title
 from viewer.features.making.make_plan import RESOLUTIONS, Plan
 from viewer.features.making.review import Kind, Review
 from viewer.features.making.survey import OFFERED, BarePreview, few_with_reasons, result_lines
@@ -302,7 +302,7 @@ def _training_preview(app: App) -> None:
     making = app.making
     if making.job is None or making.job.preview is None:
         return
-    name = making.job.preview.description
+    name = preview_title(making.job.preview)
     if making.training_preview_shown(app):
         ui.hint(f"You see a {name}. It is small and coarse; a newer one takes its place by itself.")
     else:

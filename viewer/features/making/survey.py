@@ -189,12 +189,12 @@ class Survey(Task[None]):
 
     @property
     def busy(self) -> bool:
-        """Whether there will be more to see."""
-        return not self.finished or any(each is not None and not each.finished for each in (self.preview, self.time))
+        """Whether there will be more to see, or is since news() was asked last."""
+        coming = any(each is not None and not each.finished for each in (self, self.preview, self.time))
+        return coming or self._seen != (self.state(), self.finished)
 
-    def news(self) -> bool:
-        """Whether more of the preview, or of the time, is known since this was asked last."""
-        return any([each.news() for each in (self.preview, self.time) if each is not None])
+    def state(self) -> object:
+        return [(each.state(), each.finished) for each in (self.preview, self.time) if each is not None]
 
     def close(self) -> None:
         """Nobody asks any more."""
