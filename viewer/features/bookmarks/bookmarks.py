@@ -121,7 +121,7 @@ class Bookmarks:
         self.selected = index
         if view.up != rig.table.up:
             rig.set_up(view.up)
-        rig.go(pose_of(view, rig.table), remember=False)
+        rig.go(pose_of(view, rig.table))
         rig.fov = min(max(view.fov, FOVS[0]), FOVS[1])
         app.touch()
 

@@ -62,6 +62,7 @@ class ForwardFacingCamera(OrbitCamera):
 
     def frame(self) -> None:
         """Straight ahead again, at the distance it has."""
+        self.remember()
         self.go(replace(self.home_pose, distance=self.goal.distance))
 
     def look_along(self, azimuth: float, elevation: float) -> None:

@@ -265,9 +265,8 @@ class OrbitCamera:
 
     # Commands
 
-    def go(self, pose: Pose, *, remember: bool = True) -> None:
-        if remember:
-            self.remember()
+    def go(self, pose: Pose) -> None:
+        """Glides there; remember() beforehand."""
         self.stop_walking()
         self._let_go()
         self._anchor_eye = False
@@ -277,14 +276,14 @@ class OrbitCamera:
         self.remember()
         self.stop_walking()
         self.fov, self.orthographic = self.home_fov, False
-        self.go(self.home_pose, remember=False)
+        self.go(self.home_pose)
 
     def frame(self) -> None:
         """Shows the whole scene, from where the camera looks now."""
         self.remember()
         self.stop_walking()
         distance = self.framing_distance(self.goal.azimuth, self.goal.elevation, self.fov)
-        self.go(replace(self.goal, pivot=triple(self.middle), distance=distance), remember=False)
+        self.go(replace(self.goal, pivot=triple(self.middle), distance=distance))
 
     def begin_at(self, pose: Pose) -> None:
         """The first view is this one, whatever the picture's shape."""
@@ -294,6 +293,7 @@ class OrbitCamera:
 
     def look_along(self, azimuth: float, elevation: float) -> None:
         """An axis view; degrees."""
+        self.remember()
         self.go(replace(self.goal, azimuth=azimuth, elevation=float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))))
 
     def look_from(self, axis: np.ndarray) -> None:
@@ -381,13 +381,9 @@ class OrbitCamera:
         self.held, self.fov = None, other.fov
         self.goal = self.shown = self._bounded(other.goal)
 
-    def hold(self, camera: ViewCamera | None, *, remember: bool = False) -> None:
-        """Shows exactly `camera` until the next movement; None lets go of it."""
-        if remember:
-            self.remember()
+    def hold(self, camera: ViewCamera) -> None:
+        """Shows exactly `camera` until the next movement; remember() beforehand."""
         self.stop_walking()
-        if camera is None:
-            self.take_over()
         self.held = camera
 
     def _distance_to_middle(self, grid_T_camera: np.ndarray) -> float:

@@ -213,7 +213,7 @@ def _apply(app: App, seen: Seen) -> None:
     rig.held, rig.fov = None, seen.camera.fov
     rig.table = replace(rig.table, up=seen.camera.up)
     rig.orthographic = seen.orthographic and not rig.bounded
-    rig.go(pose_of(seen.camera, rig.table), remember=False)
+    rig.go(pose_of(seen.camera, rig.table))
     rig.shown = rig.goal
     app.set(crop=None if rig.bounded else seen.crop, near=seen.near)
     app.touch()

@@ -255,7 +255,8 @@ class Gallery:
         if app.scene is None or self.photographs is None:
             return
         shot = self.photographs.shots[index]
-        app.scene.rig.hold(shot.view, remember=True)
+        app.scene.rig.remember()
+        app.scene.rig.hold(shot.view)
         if self.split_shown != shot.split:
             self.split_shown = ""
         self.chosen, self.reveal = index, True
