@@ -9,8 +9,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import platformdirs
 
 from console import not_written
-from console.atomic import try_lock, write_file
+from console.atomic import write_file
 from console.json_text import read_json_file
 from viewer.core.annotations import is_number
 from viewer.core.tasks import Autosave
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
     from viewer.app.application import App
 
 MOST_RECENT = 8
-LOCK_PATIENCE_S = 2.0
 LARGEST = 1 << 16  # units of the screen
 CHECK_EVERY_S = 0.4
 LIMITS = {  # of numbers, which are brought to the nearest that makes sense
@@ -91,21 +89,18 @@ def save(preferences: Preferences, file: Path, before: Preferences | None = None
     """Writes a new file and renames it. Returns what went wrong, or None.
 
     before: what this program last read or wrote. Only what differs from it is changed, because another viewer may have
-    written since. `preferences.recent` becomes the merged list.
+    written since.
     """
     try:
         file = file.resolve()  # what a link leads to
         file.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(file):
-            there, wanted = _read(file), asdict(preferences)
-            if before is not None and there:
-                old = asdict(before)
-                opened = opened_since(before.recent, preferences.recent)
-                others = _like(there.get("recent"), []) or []
-                wanted["recent"] = merged_recent(opened, others)
-                wanted = {name: value for name, value in wanted.items() if value != old[name]}
-            write_file(file, json.dumps({**there, **wanted}, indent=1))
-        preferences.recent = list(wanted.get("recent", preferences.recent))
+        there, wanted = _read(file), asdict(preferences)
+        if before is not None and there:
+            old = asdict(before)
+            opened = opened_since(before.recent, preferences.recent)
+            wanted["recent"] = merged_recent(opened, _like(there.get("recent"), []) or [])
+            wanted = {name: value for name, value in wanted.items() if value != old[name]}
+        write_file(file, json.dumps({**there, **wanted}, indent=1))
     except OSError as error:
         words, remedy = not_written(error)
         return f"settings are not saved: {file.parent}: {words}; {remedy}"
@@ -131,19 +126,6 @@ def _read(file: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return values if isinstance(values, dict) else {}
-
-
-@contextmanager
-def _locked(file: Path) -> Iterator[None]:
-    """Holds a lock against other viewers; goes on without it after LOCK_PATIENCE_S, or where there are no locks."""
-    handle = os.open(file.parent, os.O_RDONLY)  # the folder: the file itself is another one after each save
-    try:
-        end = time.monotonic() + LOCK_PATIENCE_S
-        while try_lock(handle) is False and time.monotonic() < end:
-            time.sleep(0.02)
-        yield
-    finally:
-        os.close(handle)  # which ends the lock
 
 
 def _like(value: Any, default: Any) -> Any:
@@ -197,8 +179,7 @@ class PreferencesAutosave:
         self._written = current_preferences(self.app)  # what is in the file, as far as this program knows
         self._autosave = Autosave(self._save, self._written, CHECK_EVERY_S, LONGEST_UNSAVED_S)
         self._checked_at = time.monotonic()
-        self._result: tuple[Preferences, Preferences, str | None] | None = None  # sent, written, and what went wrong
-        self._problem: str | None = None
+        self._problem: str | None = None  # why the last changes are not saved
         self._was_reported = False
 
     def poll(self) -> None:
@@ -206,7 +187,10 @@ class PreferencesAutosave:
         now = time.monotonic()
         if now - self._checked_at >= CHECK_EVERY_S:
             self._checked_at = now
-            self._take_result()
+            if self._problem is not None and not self._was_reported:
+                self._was_reported = True
+                self.app.messages.say(self._problem[:1].upper() + self._problem[1:], "warning")
+                self.app.touch()
             self._read_window()
             self._autosave.follow(current_preferences(self.app))
 
@@ -216,29 +200,13 @@ class PreferencesAutosave:
             self._read_window()
         if self._problem is not None:  # what was refused is tried again
             self._autosave.saved = self._written
-        was_reported, self._problem = self._was_reported, None
         self._autosave.finish(current_preferences(self.app))
-        self._take_result()
-        return None if was_reported else self._problem
+        return None if self._was_reported else self._problem
 
     def _read_window(self) -> None:
         self.app.preferences.window, self.app.interface.layout = self._size(), self._layout()
 
     def _save(self, wanted: Preferences) -> None:
-        written = replace(wanted, recent=list(wanted.recent))
-        problem = save(written, self.file, self._written)
-        self._result = wanted, written, problem
-
-    def _take_result(self) -> None:
-        """Takes over what the thread did, with packs that other viewers opened. Reports a failure once."""
-        if self._result is None or self._autosave.writing:
-            return
-        (sent, written, self._problem), self._result = self._result, None
+        self._problem = save(wanted, self.file, self._written)
         if self._problem is None:
-            opened = opened_since(sent.recent, self.app.preferences.recent)
-            self.app.preferences.recent = merged_recent(opened, written.recent)
-            self._written = self._autosave.saved = written
-        elif not self._was_reported:
-            self._was_reported = True
-            self.app.messages.say(self._problem[:1].upper() + self._problem[1:], "warning")
-            self.app.touch()
+            self._written = wanted
