@@ -181,10 +181,6 @@ class Survey(Task[None]):
         self.forward = False  # cameras (LLFF, COLMAP) that may be read as looking all around
         self.masks = False  # whether there are any
         self.masked: set[int] = set()  # downscales at which there is one for each photograph
-        with contextlib.suppress(UserError):  # several films: reported by the thread
-            self.bare = None if has_poses(path) else find_source(path)
-        if self.bare is None:
-            self.masks = any(path.glob("masks*"))
         super().__init__(self._read)
 
     @property
@@ -215,7 +211,7 @@ class Survey(Task[None]):
 
     def _read(self) -> None:
         try:
-            self.bare = self.bare or (None if has_poses(self.path) else find_source(self.path))
+            self.bare = None if has_poses(self.path) else find_source(self.path)
             if self.bare is not None:
                 self._look_at_bare(self.bare)
                 self.text = " ".join([self.text, *(f"{note}." for note in self.bare.notes)])
@@ -230,7 +226,7 @@ class Survey(Task[None]):
                         if scene.kind in MASKED_KINDS:
                             load_scene(self.path, downscale=downscale, masks=True)
                             self.masked.add(downscale)
-            self.masks = self.masks or bool(self.masked)
+            self.masks = bool(self.masked) or any(self.path.glob("masks*"))
             self.forward, self.kind = scene.ndc, scene.kind
             width, height = _size(scene)
             count = sum(len(photographs) for photographs in scene.splits.values())
