@@ -42,6 +42,9 @@ class Loading(Task[None]):
         self.notes: list[str] = []  # what was repaired meanwhile
         super().__init__(self._read)
 
+    def state(self) -> object:
+        return self.images
+
     @property
     def share(self) -> float:
         """Of its images that are decoded, 0 … 1."""
@@ -85,7 +88,6 @@ class Opening:
     other: bool = False  # it shall be compared with, not shown instead
     then: Callable[[], None] | None = None  # called once it is shown
     noted: set[tuple[Path, str]] = field(default_factory=set)  # which notes of which pack were shown
-    _share_shown: float = -1.0
 
     def start(self, app: App, path: Path, *, other: bool = False, then: Callable[[], None] | None = None) -> None:
         self.cancel(app)
@@ -106,8 +108,7 @@ class Opening:
         loading = self.loading
         if loading is None:
             return
-        if loading.share != self._share_shown:
-            self._share_shown = loading.share
+        if loading.news():
             app.touch(1)
         try:
             if not loading.finished:
