@@ -56,13 +56,12 @@ class Bookmarks:
     """selected: index of the one chosen last, also once the camera has moved."""
 
     selected: int | None = None
-    typed: dict[str, str] = field(default_factory=dict)  # its name and text, by field, while they are typed
     placing: bool = False  # a click annotates the place under it
     shown: bool = True  # places are marked in the picture
     _looked: dict[Point, tuple[float, object, bool]] = field(default_factory=dict)  # when, in which view, if covered
 
     def drop(self) -> None:
-        self.selected, self.typed, self.placing, self._looked = None, {}, False, {}
+        self.selected, self.placing, self._looked = None, False, {}
 
     def annotate(self, app: App) -> None:
         """Waits for a click on the place to annotate, or does not any more."""
