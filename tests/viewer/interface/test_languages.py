@@ -106,8 +106,8 @@ def test_everything_that_the_interface_shows_is_in_the_catalogues(offscreen, app
     for command in ("walk", "help", "export-scene"):
         app.run(command)
         ui.settle()
-        app.interface.help_shown, app.exporting.asking = False, False
-    app.exporting.dismiss()
+        app.interface.help_shown = False
+        app.exporting.dismiss()
     ask_to_open(app)
     ui.settle()
     app.open_prompt = None
