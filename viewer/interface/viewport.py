@@ -225,7 +225,7 @@ def _corner(app: App, box: Box) -> None:
     if rig.orthographic and rig.held is None:
         notes.append("orthographic")
     comparison, gallery = app.comparison, app.gallery
-    if comparison.against == "photograph" and gallery.photographs is not None and gallery.chosen is not None:
+    if comparison.against == "photograph" and gallery.chosen is not None:
         name = gallery.photographs.shots[gallery.chosen].name
         known = comparison.psnr_db is not None
         notes.append(f"{name}   {comparison.psnr_db:.2f} dB" if known else name)

@@ -30,8 +30,7 @@ def compare_controls(app: App, title: str) -> None:
             width, height = comparison.psnr_size
             if comparison.psnr_db is not None:
                 ui.figure("Measured at", f"{width} × {height}")
-            photographs = app.gallery.photographs
-            if photographs is not None and not photographs.reachable:
+            if not app.gallery.photographs.reachable:
                 ui.hint("Compared with the copy in the pack.")
         if ui.button("End comparison"):
             comparison.drop_other(app) if comparison.against == "pack" else comparison.stop()
