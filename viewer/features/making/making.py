@@ -19,7 +19,7 @@ from viewer.core.command_process import CommandProcess
 from viewer.core.files import FileRequest, existing_folder
 from viewer.core.log import Dialog
 from viewer.core.tasks import Task
-from viewer.features.making.make_job import MakeJob, RejectedPhotographs, preview_title, rejected_photographs_of
+from viewer.features.making.make_job import MakeJob, preview_title, rejected_photographs_of
 from viewer.features.making.make_plan import Plan, Subject
 from viewer.features.making.review import Kind, Review, SparsePreview, read_sparse_preview
 from viewer.features.making.survey import PhotographCheck, Survey
@@ -54,7 +54,6 @@ class Making:
     sparse_preview: SparsePreview | None = None  # the points that were read
     _looked: float = 0.0
     _left_shown: int | None = None
-    _rejected: RejectedPhotographs | None = None  # whose thumbnails are being read
 
     def offer(self, app: App, subject: Subject, path: Path) -> None:
         """Asks whether, and how, a scene or a run shall be made into a pack."""
@@ -79,7 +78,7 @@ class Making:
     @property
     def busy(self) -> bool:
         """Whether something goes on that tick should look at now and then."""
-        waits = any(each is not None for each in (self.job, self.reading, self.review, self._rejected))
+        waits = any(each is not None for each in (self.job, self.reading, self.review))
         checks = self.check is not None and self.check.running
         return waits or checks or (self._survey is not None and self._survey.busy)
 
@@ -108,10 +107,8 @@ class Making:
         """Begins to check the plan's photographs, instead of what was found before."""
         if self.plan is not None and self.plan.can_be_checked:
             self.end_check()
-            try:
+            with app.messages.as_dialog("The photographs cannot be checked"):
                 self.check = PhotographCheck(self.plan.source, self.plan.out)
-            except UserError as error:
-                app.messages.fail("The photographs cannot be checked", error)
 
     def end_check(self) -> None:
         if self.check is not None:
@@ -249,8 +246,8 @@ class Making:
                 self._begin(app, replace(reading.plan, poses_only=False))
                 return
             if (earlier := reading.before) is None:
-                self._rejected = rejected_photographs_of(reading.plan.out)
-                self.review = Review(reading.plan, self.sparse_preview, self._rejected)
+                rejected = rejected_photographs_of(reading.plan.out)
+                self.review = Review(reading.plan, self.sparse_preview, rejected)
             else:
                 self.review = Review(reading.plan, self.sparse_preview, earlier.rejected, until=None)
                 self.review.kind = earlier.kind if earlier.kind in self.review.kinds else self.review.kind
@@ -308,9 +305,6 @@ class Making:
     def tick(self, app: App) -> None:
         if self._survey is not None and self._survey.news():
             app.touch()
-        if self._rejected is not None and self._rejected.finished:
-            self._rejected = None
-            app.touch()
         self._tick_look(app)
         job, now = self.job, time.monotonic()
         if now - self._looked < POLL_EVERY_S:
@@ -344,8 +338,8 @@ class Making:
             app.messages.say(f"{name} was stopped; make it again to continue")
         else:
             self.failed = job.plan
-            self._rejected = rejected_photographs_of(job.plan.out) if job.plan.poses_only else None
+            rejected = rejected_photographs_of(job.plan.out) if job.plan.poses_only else None
             text = f"{job.child.error_line()}\n\nThe full log is in {job.plan.log}"
-            app.messages.fail(f"{name} could not be made", text, AGAIN, rejected=self._rejected)
+            app.messages.fail(f"{name} could not be made", text, AGAIN, rejected=rejected)
         if self.quit_after:
             app.quitting = True
