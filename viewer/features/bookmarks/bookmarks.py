@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -189,18 +188,18 @@ Key = tuple[bytes, float]
 
 @dataclass
 class ViewPictures:
-    """pictures: uint8 [90, 144, 3] by view, least recently used first."""
+    """pictures: uint8 [90, 144, 3] by view."""
 
-    _pictures: OrderedDict[Key, np.ndarray] = field(default_factory=OrderedDict)
+    _pictures: dict[Key, np.ndarray] = field(default_factory=dict)
     _drawn_with: tuple[object, ...] = ()
     _drew: bool = False  # in this frame
 
     def tick(self, app: App) -> None:
-        """A new frame. Another background, or a finer pack, is another picture."""
+        """A new frame. Another background, or a finer pack, is another picture; too many begin anew."""
         self._drew = False
         pack = app.scene.pack if app.scene is not None else None
         now = (id(pack), app.settings.background)
-        if now == self._drawn_with:
+        if now == self._drawn_with and len(self._pictures) <= MOST_KEPT:
             return
         self._drawn_with = now
         for key in self._pictures:
@@ -221,10 +220,7 @@ class ViewPictures:
             self._drew = True
             camera = view_camera(grid_T_camera, fov, SIZE)
             self._pictures[key] = canvas.snapshot(camera, RenderSettings(background=app.settings.background))
-            if len(self._pictures) > MOST_KEPT:
-                canvas.drop_image(_name(self._pictures.popitem(last=False)[0]))
             app.touch(2)
-        self._pictures.move_to_end(key)
         return canvas.image(_name(key), self._pictures[key])
 
 
