@@ -62,18 +62,15 @@ class Photographs:
         self.reachable = self.folder is not None and self.folder.is_dir()
         self._copies = any(shot.has_copy for shot in self.shots)
         self.background: tuple[float, ...] = (1.0, 1.0, 1.0)
-        self._found: dict[tuple[str, str], Photograph] | None = None
+        self.found: dict[
+            tuple[str, str], Photograph
+        ] = {}  # by split and name, once the folder was read; also by "" and name
         self._reading = threading.Lock()  # thumbnails are read in a thread of their own
         self._cache: dict[int, np.ndarray] = {}
         self._frusta: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.shots)
-
-    @property
-    def found(self) -> bool:
-        """Whether the scene's folder was read already, and is one."""
-        return self._found is not None
 
     @property
     def splits(self) -> tuple[str, ...]:
@@ -118,12 +115,11 @@ class Photographs:
         """The file behind a shot. UserError where it is not there; any thread may ask."""
         shot = self.shots[index]
         with self._reading:
-            if self._found is None:
+            if not self.found:
                 if self.folder is None:
                     raise UserError("the pack does not say where its photographs are", remedy="choose the scene folder")
                 self._read(self.folder)
-            assert self._found is not None
-            photograph = self._found.get((shot.split, shot.name)) or self._found.get(("", shot.name))
+            photograph = self.found.get((shot.split, shot.name)) or self.found.get(("", shot.name))
         if photograph is None:
             raise UserError("has no such photograph", where=self.folder, expected=f"{shot.split} {shot.name}")
         return photograph
@@ -151,7 +147,7 @@ class Photographs:
             for photograph in photographs:
                 found[(split, label_of(photograph.name))] = photograph
                 found.setdefault(("", label_of(photograph.name)), photograph)
-        self.background, self._found = scene.background, found
+        self.background, self.found = scene.background, found
 
 
 def shots_of(pack: Pack) -> list[Shot]:
