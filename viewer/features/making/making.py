@@ -313,7 +313,8 @@ class Making:
         if (check := self.check) is not None:
             if check.poll():
                 app.touch(2)
-            if check.no_browser():
+            if check.no_browser:
+                check.no_browser = False
                 app.messages.say(f"No browser was found. The page is {check.page}", "warning")
         if job is None:
             return

@@ -303,7 +303,7 @@ class PhotographCheck:
         self.result: Mapping[str, Any] | None = None  # what it found, as `--json` has it
         self.error = ""  # why there is no result
         self.report: Report | None = None  # the last progress
-        self._browser: Task[bool] | None = None
+        self.no_browser = False  # whether none could be started for the page, until that was said
         words = [str(source), "--out", str(out), "--check", "--json"]
         self._process: FolderProcess | None = FolderProcess.start(
             "baker.commands.make", lambda folder: [*words, str(folder / RESULT)]
@@ -339,16 +339,10 @@ class PhotographCheck:
             Task(process.end, kept=True)
 
     def open_page(self) -> None:
-        """Opens the page in the browser; `no_browser` says whether that failed."""
-        self._browser = Task(lambda: webbrowser.open(self.page.resolve().as_uri()))
+        Task(self._open)
 
-    def no_browser(self) -> bool:
-        """Whether no browser could be started, once after open_page."""
-        task = self._browser
-        if task is None or not task.finished:
-            return False
-        self._browser = None
-        return not task.result()
+    def _open(self) -> None:
+        self.no_browser = not webbrowser.open(self.page.resolve().as_uri())
 
 
 def result_lines(result: Mapping[str, Any]) -> list[tuple[str, bool]]:
