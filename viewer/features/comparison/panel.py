@@ -39,7 +39,7 @@ def compare_controls(app: App, title: str) -> None:
 def show(app: App, canvas: Canvas) -> None:
     comparison = app.comparison
     with ui.card("other", "The other pack"):
-        if comparison.other is not None and comparison.other_path is not None:
+        if comparison.other_path is not None:
             ui.figure("Left", app.scene.name if app.scene is not None else "")
             ui.figure("Right", comparison.other_path.name)
         else:
