@@ -15,7 +15,7 @@ from viewer.core.annotations import MOST_ANNOTATIONS, Bookmark, Point
 from viewer.core.pose import Pose, Turntable, project, triple, view_camera
 from viewer.features.camera.orbit_camera import FOVS, OrbitCamera
 from viewer.features.film.camera_path import CameraPath, Keyframe
-from viewer.features.measuring.surface import surface_at, view_key
+from viewer.features.measuring.surface import surface_at
 from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
@@ -83,7 +83,7 @@ class Bookmarks:
         if app.scene is None or camera is None:
             return set()
         pack = app.scene.pack
-        view = view_key(pack, camera, settings)
+        view = id(pack), camera.key, settings.crop, settings.near, settings.surroundings  # what surface_at depends on
         points = {view.point for view in app.annotations.current.bookmarks if view.point is not None}
         self._looked = {point: found for point, found in self._looked.items() if point in points}
         stale = [point for point in points if self._looked.get(point, (0.0, None))[1] != view]

@@ -82,11 +82,6 @@ def surface_under(app: App, x: float, y: float) -> Hit | None:
     return surface_at(app.scene.pack, camera, app.settings, x * scale, y * scale)
 
 
-def view_key(pack: Pack, camera: ViewCamera, settings: RenderSettings) -> tuple[object, ...]:
-    """Equal while what surface_at says is the same for each pixel."""
-    return id(pack), camera.key, settings.crop, settings.near, settings.surroundings
-
-
 def depth_in_middle(pack: Pack, camera: ViewCamera, settings: RenderSettings) -> float | None:
     """How far along the optical axis what is seen in the middle of the picture lies, grid units; None for nothing."""
     hit = surface_at(pack, camera, settings, 0.5 * camera.width, 0.5 * camera.height)
