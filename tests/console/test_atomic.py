@@ -21,7 +21,7 @@ from training.checkpoints import write_checkpoint
 from viewer.commands.render import main as snerg_render
 from viewer.features.film.camera_path import CameraPath, save_path
 from viewer.features.film.film_export import write_film
-from viewer.features.preferences.preferences import Preferences, save
+from viewer.features.preferences.preferences import save
 
 ROOT = Path(__file__).parents[2]
 PICTURE = np.zeros((16, 16, 3), np.uint8)
@@ -41,7 +41,7 @@ def film(path: Path) -> None:
     ("name", "write"),
     [
         ("figures.json", lambda path: write_json(path, {"psnr": 30.0})),
-        ("viewer.json", lambda path: save(Preferences(), path)),
+        ("viewer.json", lambda path: save({"page": "view"}, path)),
         ("path.json", lambda path: save_path(CameraPath(), path, np.eye(4), (320, 200), 30.0)),
         ("sections.png", draw_a_section),
         ("film.mp4", film),

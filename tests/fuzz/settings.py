@@ -8,6 +8,7 @@ import numpy as np
 
 from console import UserError
 from console.json_text import read_json_file
+from viewer.app.application import App
 from viewer.core.annotations import (
     Annotations,
     Bookmark,
@@ -35,7 +36,9 @@ def write_base(name: str, folder: Path) -> None:
     pose = np.eye(4)
     pose[:3, 3] = 1.0, 2.0, 3.0
     if name == "preferences":
-        file.write_text(json.dumps(dataclasses.asdict(preferences.Preferences(recent=["/a", "/b"], moved=["view"]))))
+        app = App()
+        app.preferences.recent, app.interface.moved = ["/a", "/b"], ["view"]
+        file.write_text(json.dumps(preferences.current_preferences(app)))
     elif name == "path":
         keys = [Keyframe(np.eye(4), 50.0), Keyframe(pose, 40.0, 1.0)]
         save_path(CameraPath(keys, closed=True), file, np.eye(4), (64, 48), 1.0)
@@ -56,14 +59,14 @@ def open_it(path: Path, base: str) -> None:
     """Reads it as the viewer does, and asks for what the viewer then asks for."""
     file = path / FILE
     if base == "preferences":
-        found = preferences.load(file)
-        found.recent_packs()
-        if (
-            not all(0 <= side < 2**31 for side in found.window)
-            or not np.isfinite([*found.background, found.target_fps]).all()
-        ):
+        app = App()
+        preferences.apply_preferences(app, preferences.load(file))
+        app.preferences.recent_packs()
+        numbers = [*app.preferences.window, *app.settings.background, app.resolution.target_fps]
+        if not np.isfinite(numbers).all() or not 0 <= min(numbers) <= max(numbers) < 2**31:
             raise AssertionError("no window is of that size")
-        preferences.save(found, path / "again.json", preferences.Preferences())
+        values = preferences.current_preferences(app)
+        preferences.save(values, path / "again.json", preferences.current_preferences(App()))
     elif base == "session":
         found = load_session(file)
         save_session(found, path / "again.json")

@@ -33,13 +33,12 @@ from viewer.features.export.exporting import Exporting, Sharing
 from viewer.features.film.camera_path import CameraPath
 from viewer.features.film.filming import Filming
 from viewer.features.film.kiosk import Kiosk
-from viewer.features.making.make_job import TrainingPreview
 from viewer.features.making.making import Making
 from viewer.features.making.review import SparsePreview
 from viewer.features.measuring.measure_tool import MeasureTool
 from viewer.features.measuring.surface import surface_at
 from viewer.features.opening.open_prompt import OpenPrompt, looks_like_path, path_in
-from viewer.features.opening.opening import Loading, Opening, OpenPack, OpenPacks
+from viewer.features.opening.opening import Loading, Opening, OpenPacks
 from viewer.features.opening.session import Sessions
 from viewer.features.performance.frame_stats import CostMeter, FrameStats
 from viewer.features.photographs.photographs import Gallery
@@ -113,42 +112,43 @@ class App:
         """Shows a pack; whole: False where more of it is coming. UserError, with the old scene kept, if the GPU has no room."""
         scene = OpenScene(path, name or name_of(path), pack, self.undoable(orbit_camera_for(pack)), whole)
         left = self.left_now()
-        self.turn_to(OpenPack(scene, None, 0.0, CameraPath()), dialog=whole)
+        self.turn_to(scene, dialog=whole)
         self.open_packs.drop(path)
-        if left is not None and left.scene.path != path:
+        if left is not None and left.path != path:
             self.open_packs.keep(self, left)
         if whole:
             self.opened()
 
-    def turn_to(self, entry: OpenPack, *, dialog: bool = True) -> None:
+    def turn_to(self, scene: OpenScene, *, dialog: bool = True) -> None:
         """Shows a pack with its camera, crop and camera path. UserError, with nothing changed, if it does not fit on the GPU."""
-        pack = entry.scene.pack
+        pack = scene.pack
         if self.canvas is not None:
             with self.messages.noting_warnings(dialog=dialog):
                 self.canvas.show(pack)
         if self.scene is not None:
             self.scene.rig.stop_walking()
-        self.scene = entry.scene
+        self.scene = scene
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
             self.settings = replace(self.settings, mode="normal")
-        self.settings = replace(self.settings, crop=entry.crop, near=entry.near)
+        self.settings = replace(self.settings, crop=scene.crop, near=scene.near)
         if self.filming.export is not None:
             self.filming.cancel(self)
-        self.filming = replace(self.filming.of_another_scene(), path=entry.path)
+        self.filming = replace(self.filming.of_another_scene(), path=scene.camera_path or CameraPath())
         self.comparison.stop()
         self.gallery.scene_changed(pack)
-        path = entry.scene.path
-        self.annotations.open_pack(self, pack, path if path.exists() else None, entry.annotations)
+        self.annotations.open_pack(self, pack, scene.path if scene.path.exists() else None, scene.annotations)
         # the annotations may be kept elsewhere than in the pack, which the rig knows
-        self.scene.rig.begin_placed(self.annotations.current.placement.rotation)
+        scene.rig.begin_placed(self.annotations.current.placement.rotation)
         self._put_tools_away()
 
-    def left_now(self) -> OpenPack | None:
-        """The shown pack as an entry of `open_packs`; None if it does not stay open."""
+    def left_now(self) -> OpenScene | None:
+        """The shown pack, with what it will be shown with again; None if it does not stay open."""
         scene = self.scene
         if scene is None or not scene.whole or not scene.stays:
             return None
-        return OpenPack(scene, self.settings.crop, self.settings.near, self.filming.path, self.annotations.current)
+        scene.crop, scene.near = self.settings.crop, self.settings.near
+        scene.camera_path, scene.annotations = self.filming.path, self.annotations.current
+        return scene
 
     def show_sparse_preview(self, sparse_preview: SparsePreview, path: Path, name: str) -> None:
         """Shows the points and cameras of a scene that is being made, from outside, with their photographs."""
@@ -156,17 +156,17 @@ class App:
         self.gallery.frusta = True
         self.touch()
 
-    def show_training_preview(self, training_preview: TrainingPreview, path: Path, name: str) -> None:
+    def show_training_preview(self, pack: Pack, path: Path, name: str) -> None:
         """Shows a preview of the training. If an earlier preview or the sparse points are shown, the camera stays."""
         before = self.scene
-        if before is not None and before.path == path and before.pack.ndc == training_preview.pack.ndc:
+        if before is not None and before.path == path and before.pack.ndc == pack.ndc:
             if self.filming.export is not None:
                 return  # a film is of one scene; the next state may be shown
-            self.refine(before, training_preview.pack, dialog=False)
+            self.refine(before, pack, dialog=False)
             before.name = name
-            before.rig.follow(orbit_camera_for(training_preview.pack))
+            before.rig.follow(orbit_camera_for(pack))
         else:
-            self._show_passing(training_preview.pack, path, name)
+            self._show_passing(pack, path, name)
         self.touch()
 
     def _show_passing(self, pack: Pack, path: Path, name: str) -> OpenScene:

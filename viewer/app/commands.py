@@ -86,8 +86,8 @@ def _close(app: App) -> None:
 
 
 def _quit(app: App) -> None:
-    scenes = [entry.scene for entry in app.open_packs.packs]
-    if not app.erasing.ask_to_leave(app, [*([app.scene] if app.scene else []), *scenes], "quit-unsaved"):
+    shown = [app.scene] if app.scene else []
+    if not app.erasing.ask_to_leave(app, [*shown, *app.open_packs.packs], "quit-unsaved"):
         app.making.ask_to_quit(app)
 
 

@@ -184,7 +184,6 @@ class View:
 
     def _stand(self, app: App) -> None:
         photographs, gallery = app.gallery.photographs, app.gallery
-        assert photographs is not None
         if self.photographs is not None:
             photographs.look_in(self.photographs)
         if not len(photographs):

@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenepack.editing import NOTHING, EditPreview, Selection
+from scenepack.exports.field import Corners
 from scenepack.pack import Pack
+from viewer.core.annotations import Annotations
 from viewer.rendering.camera import ViewCamera
 
 if TYPE_CHECKING:
     from viewer.features.camera.orbit_camera import OrbitCamera
+    from viewer.features.film.camera_path import CameraPath
 
 FRAMES_AFTER_EVENT = 3  # imgui needs a frame to see an event and another to draw what follows from it
 SCALES = (0.75, 0.85, 1.0, 1.15, 1.3, 1.5, 1.75, 2.0)  # of the interface
@@ -25,9 +28,9 @@ class Edits:
     selected: Selection = NOTHING
 
 
-@dataclass
+@dataclass(eq=False)
 class OpenScene:
-    """A pack that is shown."""
+    """A pack that is shown, or was and is still open."""
 
     path: Path
     name: str  # what the title bar says
@@ -38,6 +41,11 @@ class OpenScene:
     edits: Edits = Edits()
     preview: EditPreview | None = None  # shows them in the pack's atlas; None until something is to be edited
     saved: Selection = NOTHING  # what was erased when it was saved last
+    # of when another pack was shown, for when this one is shown again
+    crop: Corners | None = None  # as in RenderSettings, as the next
+    near: float = 0.0
+    camera_path: CameraPath | None = None
+    annotations: Annotations | None = None  # None: as saved
 
     @property
     def unsaved(self) -> bool:

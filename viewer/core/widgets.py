@@ -388,7 +388,7 @@ def in_front(app: App) -> Modal:
         return "open"
     if app.making.plan is not None:
         return "make"
-    return "export" if app.exporting.asking else ""
+    return "export" if app.exporting.preview is not None else ""
 
 
 CARD_WIDTH, CARD_MARGIN, BUTTON_WIDTH = 372.0, 16.0, 86.0

@@ -25,7 +25,7 @@ def show(app: App, canvas: Canvas) -> None:
     paragraph(dialog.text, theme.MUTED)
     if dialog.rejected is not None:
         imgui.dummy(ImVec2(0, px(2)))
-        show_rejected(canvas, dialog.rejected)
+        show_rejected(app, canvas, dialog.rejected)
     imgui.dummy(ImVec2(0, px(6)))
     answer = _buttons(dialog.buttons)
     if answer is None and pressed_here(imgui.Key.escape):

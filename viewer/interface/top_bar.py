@@ -107,9 +107,9 @@ def _packs(app: App) -> None:
         return
     if app.scene is not None:
         imgui.menu_item(f"{fa.ICON_FA_CUBE}   {app.scene.name}##shown", "", True)
-    for i, entry in enumerate(app.open_packs.packs):
-        if imgui.menu_item(f"{fa.ICON_FA_CUBE}   {entry.scene.name}##{i}", "", False)[0]:
-            app.open_packs.switch_to(app, entry)
+    for i, scene in enumerate(app.open_packs.packs):
+        if imgui.menu_item(f"{fa.ICON_FA_CUBE}   {scene.name}##{i}", "", False)[0]:
+            app.open_packs.switch_to(app, scene)
             break
     imgui.separator()
     if imgui.menu_item(f"{fa.ICON_FA_XMARK}   Close this one", shown_keys("Ctrl+W"), False)[0]:

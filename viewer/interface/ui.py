@@ -16,7 +16,6 @@ from viewer.core.input import Keyboard, KeyPress
 from viewer.core.state import Clipboard
 from viewer.core.tasks import Task
 from viewer.core.widgets import in_front
-from viewer.features.camera.panel import AxisGizmo
 from viewer.features.crop.panel import CropGizmo
 from viewer.features.export import panel as export_panel
 from viewer.features.export.panel import PreviewPane
@@ -59,7 +58,7 @@ class Ui:
         self.context.config_nav_windowing_key_next = imgui.Key.none  # Ctrl+Tab is the packs'
         self.context.config_nav_windowing_key_prev = imgui.Key.none
         self._docking = layout.Docking()
-        self._gizmo, self._axes, self._preview_pane = CropGizmo(), AxisGizmo(), PreviewPane()
+        self._gizmo, self._preview_pane = CropGizmo(), PreviewPane()
         self.fonts = theme.Fonts()
         self.keyboard = Keyboard()
         self._presses = keys.Presses()
@@ -130,7 +129,7 @@ class Ui:
         size = imgui.get_io().display_size
         regions = layout.regions(size.x, size.y, app)
         picture = self._docking.space(app, regions.dock, regions.pages)
-        viewport.show(app, canvas, picture, self._gizmo, self._axes)
+        viewport.show(app, canvas, picture, self._gizmo)
         if app.interface.panels_shown:
             top_bar.show(app, regions.top)
             layout.show_rail(app, regions)

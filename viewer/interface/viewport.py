@@ -12,7 +12,7 @@ from viewer.core import screen, theme
 from viewer.core.state import Viewport
 from viewer.core.widgets import Box, button, chip, in_front, px, style
 from viewer.features.bookmarks import panel as bookmarks_panel
-from viewer.features.camera.panel import AxisGizmo
+from viewer.features.camera.panel import show_axes
 from viewer.features.comparison import panel as comparison_panel
 from viewer.features.crop import crop
 from viewer.features.crop import panel as crop_panel
@@ -33,7 +33,7 @@ TOAST_WIDTH = 560.0
 KEY_HEIGHTS_PER_S = 0.4  # an arrow key is a drag of so many picture heights a second
 
 
-def show(app: App, canvas: Canvas, box: Box, gizmo: CropGizmo, axes: AxisGizmo) -> None:
+def show(app: App, canvas: Canvas, box: Box, gizmo: CropGizmo) -> None:
     """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
@@ -50,7 +50,7 @@ def show(app: App, canvas: Canvas, box: Box, gizmo: CropGizmo, axes: AxisGizmo) 
     else:
         screen.draw_layers(canvas.layers, box)
         comparison_panel.draw_comparison(app, canvas, box)
-        axes.show(app, box)
+        show_axes(app, box)
         if not gizmo.over:
             imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), ANY_BUTTON)
         else:
@@ -225,7 +225,7 @@ def _corner(app: App, box: Box) -> None:
     if rig.orthographic and rig.held is None:
         notes.append("orthographic")
     comparison, gallery = app.comparison, app.gallery
-    if comparison.against == "photograph" and gallery.photographs is not None and gallery.chosen is not None:
+    if comparison.against == "photograph" and gallery.chosen is not None:
         name = gallery.photographs.shots[gallery.chosen].name
         known = comparison.psnr_db is not None
         notes.append(f"{name}   {comparison.psnr_db:.2f} dB" if known else name)

@@ -17,7 +17,7 @@ from console import UserError
 from scenepack.reader import load_pack
 from viewer.core.files import kind_of, pack_in
 from viewer.core.state import name_of
-from viewer.features.making.make_job import FileWatch, read_preview
+from viewer.features.making.make_job import FileWatch, preview_title, read_preview
 from viewer.features.making.make_plan import PREVIEW_FILE
 from viewer.web.description import PageContent, with_annotations
 from viewer.web.page import INDEX, scene_files, scene_page
@@ -126,8 +126,8 @@ def _follow(server: PageServer, run: Path, content: PageContent, ended: threadin
                 return
             newer = preview.poll()
             if newer is not None:
-                title = content.title or f"{name_of(folder)}: {newer.description}"
+                title = content.title or f"{name_of(folder)}: {preview_title(newer)}"
                 shown = replace(content, title=title, path=None, live=True)
-                server.files = {INDEX: scene_page(newer.pack, shown)}
+                server.files = {INDEX: scene_page(newer, shown)}
         except UserError as error:  # a preview that cannot be shown; the next may
             print(f"snerg-view: warning: {error}", flush=True)

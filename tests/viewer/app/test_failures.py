@@ -4,19 +4,20 @@ import errno
 import shutil
 import subprocess
 import threading
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from console.atomic import replacing
 from scenepack import save_pack
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.texture_limits import limit_textures
 from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.features.film import film_export as export_module
-from viewer.features.film.film_export import FilmWriter
 from viewer.features.opening import opening as loading_module
 
 
@@ -135,15 +136,19 @@ def small_disk(tmp_path, monkeypatch):
         subprocess.run(["umount", "--lazy", str(folder)], check=True, timeout=10)
         return
 
-    def full(self, picture) -> None:
-        (self.aside.path / "part" if self.aside.path.is_dir() else self.aside.path).write_bytes(b"half")
-        raise OSError(errno.ENOSPC, "No space left on device", str(self.aside.path))
+    def full(path, *film):
+        def add(picture) -> None:
+            (aside if film else aside / "part").write_bytes(b"half")
+            raise OSError(errno.ENOSPC, "No space left on device", str(aside))
+
+        with replacing(path, folder=not film) as aside:
+            yield add
 
     def full_still(path, *_) -> None:
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
-    for sink in (export_module._Sequence, FilmWriter):
-        monkeypatch.setattr(sink, "add", full)
+    for name in ("sequence_writer", "film_writer"):
+        monkeypatch.setattr(export_module, name, contextmanager(full))
     monkeypatch.setattr(export_module, "write_pngs", full_still)
     yield folder
 

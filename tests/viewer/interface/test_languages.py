@@ -15,7 +15,7 @@ from viewer.core.language import FIELD, LANGUAGES, catalogue, translated
 from viewer.core.log import Dialog
 from viewer.features.crop import crop
 from viewer.features.opening.open_prompt import ask_to_open
-from viewer.features.preferences.preferences import Preferences, apply_preferences, current_preferences
+from viewer.features.preferences.preferences import apply_preferences, current_preferences
 from viewer.interface.layout import PAGES
 
 OTHERS = [name for name in LANGUAGES if name != "en"]
@@ -106,8 +106,8 @@ def test_everything_that_the_interface_shows_is_in_the_catalogues(offscreen, app
     for command in ("walk", "help", "export-scene"):
         app.run(command)
         ui.settle()
-        app.interface.help_shown, app.exporting.asking = False, False
-    app.exporting.dismiss()
+        app.interface.help_shown = False
+        app.exporting.dismiss()
     ask_to_open(app)
     ui.settle()
     app.open_prompt = None
@@ -131,9 +131,9 @@ def test_the_language_is_switched_while_running_and_remembered(offscreen, app) -
     app.interface.page = "settings"
     app.show(toy_pack(), Path("toy"))
     ui.settle()
-    apply_preferences(app, Preferences(language="de", page="settings"))
+    apply_preferences(app, {"language": "de", "page": "settings"})
     ui.settle()
-    assert language.current() == "de" and current_preferences(app).language == "de"
+    assert language.current() == "de" and current_preferences(app)["language"] == "de"
     app.interface.language = "en"
     ui.settle()
     assert language.current() == "en"

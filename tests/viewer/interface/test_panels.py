@@ -126,7 +126,7 @@ def test_the_surroundings_of_a_contracted_pack_have_a_switch_that_is_remembered(
     whole = ui.scene_picture()
     ui.press("##surroundings")
     ui.settle()
-    assert not app.settings.surroundings and not current_preferences(app).surroundings
+    assert not app.settings.surroundings and not current_preferences(app)["surroundings"]
     assert np.abs(ui.scene_picture().astype(int) - whole).mean() > 20
     again = App()
     apply_preferences(again, current_preferences(app))

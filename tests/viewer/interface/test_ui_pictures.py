@@ -228,7 +228,7 @@ def test_the_question_what_to_export_looks_as_before_with_a_preview_that_turns(u
     goal = app.scene.rig.goal
     ui.drag([(730, 300), (770, 310), (800, 320)])
     ui.settle()
-    assert app.scene.rig.goal.azimuth != goal.azimuth and app.exporting.asking
+    assert app.scene.rig.goal.azimuth != goal.azimuth and app.exporting.preview is not None
     app.exporting.dismiss()
     ui.frame()
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ from viewer.core.annotations import MOST_ANNOTATIONS, Bookmark, Point
 from viewer.core.pose import Pose, Turntable, project, triple, view_camera
 from viewer.features.camera.orbit_camera import FOVS, OrbitCamera
 from viewer.features.film.camera_path import CameraPath, Keyframe
-from viewer.features.measuring.surface import surface_at, view_key
+from viewer.features.measuring.surface import surface_at
 from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
@@ -56,13 +55,12 @@ class Bookmarks:
     """selected: index of the one chosen last, also once the camera has moved."""
 
     selected: int | None = None
-    typed: dict[str, str] = field(default_factory=dict)  # its name and text, by field, while they are typed
     placing: bool = False  # a click annotates the place under it
     shown: bool = True  # places are marked in the picture
     _looked: dict[Point, tuple[float, object, bool]] = field(default_factory=dict)  # when, in which view, if covered
 
     def drop(self) -> None:
-        self.selected, self.typed, self.placing, self._looked = None, {}, False, {}
+        self.selected, self.placing, self._looked = None, False, {}
 
     def annotate(self, app: App) -> None:
         """Waits for a click on the place to annotate, or does not any more."""
@@ -85,7 +83,7 @@ class Bookmarks:
         if app.scene is None or camera is None:
             return set()
         pack = app.scene.pack
-        view = view_key(pack, camera, settings)
+        view = id(pack), camera.key, settings.crop, settings.near, settings.surroundings  # what surface_at depends on
         points = {view.point for view in app.annotations.current.bookmarks if view.point is not None}
         self._looked = {point: found for point, found in self._looked.items() if point in points}
         stale = [point for point in points if self._looked.get(point, (0.0, None))[1] != view]
@@ -121,7 +119,7 @@ class Bookmarks:
         self.selected = index
         if view.up != rig.table.up:
             rig.set_up(view.up)
-        rig.go(pose_of(view, rig.table), remember=False)
+        rig.go(pose_of(view, rig.table))
         rig.fov = min(max(view.fov, FOVS[0]), FOVS[1])
         app.touch()
 
@@ -190,18 +188,18 @@ Key = tuple[bytes, float]
 
 @dataclass
 class ViewPictures:
-    """pictures: uint8 [90, 144, 3] by view, least recently used first."""
+    """pictures: uint8 [90, 144, 3] by view."""
 
-    _pictures: OrderedDict[Key, np.ndarray] = field(default_factory=OrderedDict)
+    _pictures: dict[Key, np.ndarray] = field(default_factory=dict)
     _drawn_with: tuple[object, ...] = ()
     _drew: bool = False  # in this frame
 
     def tick(self, app: App) -> None:
-        """A new frame. Another background, or a finer pack, is another picture."""
+        """A new frame. Another background, or a finer pack, is another picture; too many begin anew."""
         self._drew = False
         pack = app.scene.pack if app.scene is not None else None
         now = (id(pack), app.settings.background)
-        if now == self._drawn_with:
+        if now == self._drawn_with and len(self._pictures) <= MOST_KEPT:
             return
         self._drawn_with = now
         for key in self._pictures:
@@ -222,10 +220,7 @@ class ViewPictures:
             self._drew = True
             camera = view_camera(grid_T_camera, fov, SIZE)
             self._pictures[key] = canvas.snapshot(camera, RenderSettings(background=app.settings.background))
-            if len(self._pictures) > MOST_KEPT:
-                canvas.drop_image(_name(self._pictures.popitem(last=False)[0]))
             app.touch(2)
-        self._pictures.move_to_end(key)
         return canvas.image(_name(key), self._pictures[key])
 
 

@@ -71,25 +71,15 @@ def _chosen(app: App) -> None:
     imgui.new_line()
     ui.label("Name")
     imgui.push_id(index)
-    typed = bookmarks.typed
-    name = _entered(typed, "name", imgui.input_text("##name", typed.get("name") or views[index].name))
-    if name and name.strip():
+    _, name = imgui.input_text("##name", views[index].name)
+    if imgui.is_item_deactivated_after_edit() and name.strip():
         bookmarks.edit(app, index, name=named(name))
     if views[index].point is not None:
-        text = typed.get("text", views[index].text)
-        text = _entered(typed, "text", imgui.input_text_multiline("##text", text, ImVec2(-1, px(TEXT_HEIGHT))))
-        if text is not None:
+        _, text = imgui.input_text_multiline("##text", views[index].text, ImVec2(-1, px(TEXT_HEIGHT)))
+        if imgui.is_item_deactivated_after_edit():
             bookmarks.edit(app, index, text=worded(text))
         bookmarks.shown = ui.switch("places", bookmarks.shown, "Show places")
     imgui.pop_id()
-
-
-def _entered(typed: dict[str, str], name: str, field: tuple[bool, str]) -> str | None:
-    """Keeps what is typed into a text field, the item before; what was typed, once the keyboard leaves it, else None."""
-    changed, text = field
-    if changed:
-        typed[name] = text
-    return typed.pop(name, None) if imgui.is_item_deactivated() else None
 
 
 # --- Annotated places over the picture ---

@@ -49,19 +49,18 @@ class ForwardFacingCamera(OrbitCamera):
     def orbit(self, dx: float, dy: float) -> None:
         """Turns, within the bounds, about a point just ahead."""
         self.take_over()
-        self._anchor_eye = False
         self.goal = self._bounded(self._turned(0.3 * dx, 0.3 * dy))
 
     def pan(self, dx: float, dy: float) -> None:
         """Slides parallel to the photographs' plane, within the bounds."""
         self.take_over()
-        self._anchor_eye = False
         scale = PAN_PER_HEIGHT * tan(radians(self.fov) / 2) * self.goal.distance / START_DISTANCE
         rotation = self.table.rotation(AHEAD, 0.0)
         self._shift(scale * (-dx * rotation[:, 0] + dy * rotation[:, 1]))
 
     def frame(self) -> None:
         """Straight ahead again, at the distance it has."""
+        self.remember()
         self.go(replace(self.home_pose, distance=self.goal.distance))
 
     def look_along(self, azimuth: float, elevation: float) -> None:

@@ -60,7 +60,6 @@ class OrbitCamera:
         self.home_pose = self._home()
         self.goal = self.shown = self.home_pose
         self.held: ViewCamera | None = None
-        self._anchor_eye = False  # what the damping keeps straight: the eye's way (looking around) or the pivot's
         self.history = History()
         self.history.follow(self._state, self._return)
 
@@ -145,12 +144,13 @@ class OrbitCamera:
             shown.elevation + share * (goal.elevation - shown.elevation),
             exp(log(shown.distance) + share * log(goal.distance / shown.distance)),
         )
-        if self._anchor_eye:
-            start, end = shown.eye(self.table), goal.eye(self.table)
-            pose = pose.seen_from(start + share * (end - start), self.table)
+        eye, pivot = shown.eye(self.table), np.asarray(shown.pivot)
+        eye_way, pivot_way = goal.eye(self.table) - eye, np.asarray(goal.pivot) - pivot
+        looks = np.linalg.norm(eye_way) < np.linalg.norm(pivot_way)  # around: who does so stays in place meanwhile
+        if looks and not self.bounded:
+            pose = pose.seen_from(eye + share * eye_way, self.table)
         else:
-            pivot, end = np.asarray(shown.pivot), np.asarray(goal.pivot)
-            pose = replace(pose, pivot=triple(pivot + share * (end - pivot)))
+            pose = replace(pose, pivot=triple(pivot + share * pivot_way))
         off = np.linalg.norm(pose.eye(self.table) - goal.eye(self.table)) / goal.distance
         angles_off = max(abs(shortest_turn(pose.azimuth, goal.azimuth)), abs(pose.elevation - goal.elevation))
         self.shown = goal if off < 2e-4 and angles_off < 0.02 else pose
@@ -177,7 +177,6 @@ class OrbitCamera:
         if self.looks_around:
             self.stand_at(self.goal.eye(self.table), self._turned(0.6 * dx, 0.6 * dy))
         else:
-            self._anchor_eye = False
             self.goal = self._turned(dx, dy)
 
     def _turned(self, dx: float, dy: float) -> Pose:
@@ -198,7 +197,6 @@ class OrbitCamera:
     def dolly(self, notches: float, cursor: tuple[float, float] = (0.0, 0.0)) -> None:
         """Moves towards (notches > 0) what lies under the cursor at the pivot's depth, or away from it."""
         self.take_over()
-        self._anchor_eye = False
         smallest, largest = self._distance_limits()
         distance = float(np.clip(self.goal.distance * DOLLY_STEP**notches, smallest, largest))
         half_height = tan(radians(self.fov) / 2)
@@ -217,7 +215,6 @@ class OrbitCamera:
         if self.walking:
             self._steps += seconds * np.array([right, up, forward])
             return
-        self._anchor_eye = True
         rotation = self.goal.rotation(self.table)
         self._shift(self.speed * seconds * (rotation @ np.array([right, up, -forward])))
 
@@ -247,7 +244,6 @@ class OrbitCamera:
 
     def stand_at(self, eye: np.ndarray, pose: Pose | None = None) -> None:
         """Goes to `eye` (float [3], grid frame) with the angles it has, or with those of `pose`."""
-        self._anchor_eye = True
         self.goal = (pose or self.goal).seen_from(eye, self.table)
 
     def grown(self, finer: OrbitCamera) -> OrbitCamera:
@@ -265,26 +261,24 @@ class OrbitCamera:
 
     # Commands
 
-    def go(self, pose: Pose, *, remember: bool = True) -> None:
-        if remember:
-            self.remember()
+    def go(self, pose: Pose) -> None:
+        """Glides there; remember() beforehand."""
         self.stop_walking()
         self._let_go()
-        self._anchor_eye = False
         self.goal = self._bounded(pose)
 
     def home(self) -> None:
         self.remember()
         self.stop_walking()
         self.fov, self.orthographic = self.home_fov, False
-        self.go(self.home_pose, remember=False)
+        self.go(self.home_pose)
 
     def frame(self) -> None:
         """Shows the whole scene, from where the camera looks now."""
         self.remember()
         self.stop_walking()
         distance = self.framing_distance(self.goal.azimuth, self.goal.elevation, self.fov)
-        self.go(replace(self.goal, pivot=triple(self.middle), distance=distance), remember=False)
+        self.go(replace(self.goal, pivot=triple(self.middle), distance=distance))
 
     def begin_at(self, pose: Pose) -> None:
         """The first view is this one, whatever the picture's shape."""
@@ -294,6 +288,7 @@ class OrbitCamera:
 
     def look_along(self, azimuth: float, elevation: float) -> None:
         """An axis view; degrees."""
+        self.remember()
         self.go(replace(self.goal, azimuth=azimuth, elevation=float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))))
 
     def look_from(self, axis: np.ndarray) -> None:
@@ -328,12 +323,10 @@ class OrbitCamera:
         if distance < 1e-9:
             return
         if self.orthographic:  # turning would show another side, and the distance tells the size
-            self._anchor_eye = False
             self.goal = self._bounded(replace(self.goal, pivot=triple(point)))
             return
         azimuth, elevation = self.table.angles(back)
         azimuth = self.goal.azimuth if abs(elevation) > STEEP else azimuth
-        self._anchor_eye = True
         self.goal = self._bounded(Pose(triple(point), azimuth, elevation, distance))
 
     def set_up(self, up: str) -> None:
@@ -381,13 +374,9 @@ class OrbitCamera:
         self.held, self.fov = None, other.fov
         self.goal = self.shown = self._bounded(other.goal)
 
-    def hold(self, camera: ViewCamera | None, *, remember: bool = False) -> None:
-        """Shows exactly `camera` until the next movement; None lets go of it."""
-        if remember:
-            self.remember()
+    def hold(self, camera: ViewCamera) -> None:
+        """Shows exactly `camera` until the next movement; remember() beforehand."""
         self.stop_walking()
-        if camera is None:
-            self.take_over()
         self.held = camera
 
     def _distance_to_middle(self, grid_T_camera: np.ndarray) -> float:

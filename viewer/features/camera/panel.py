@@ -82,45 +82,34 @@ NAMES = "XYZ"
 ON_BALL = "#10151c"
 
 
-class AxisGizmo:
-    def __init__(self) -> None:
-        self._travelled = 0.0
-
-    def show(self, app: App, box: Box) -> None:
-        """Draws it in the picture's upper right corner and takes the mouse there, before whatever else listens to it."""
-        camera, rig = app.viewport.camera, app.open_scene.rig
-        if camera is None or rig.bounded or not app.interface.axes_shown or app.kiosk is not None:
-            return
-        if min(box[2], box[3]) < px(LEAST_ROOM):
-            return
-        radius, reach = px(RADIUS), px(RADIUS) + px(BALL)
-        middle = np.array([box[0] + box[2] - px(AXES_MARGIN) - reach, box[1] + px(AXES_MARGIN) + reach])
-        imgui.set_cursor_screen_pos(ImVec2(*(float(v) for v in middle - reach)))
-        imgui.invisible_button("##axes", ImVec2(2 * reach, 2 * reach))
-        hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
-        placed = np.array(rig.table.placed)
-        ends = axis_ends(placed @ camera.grid_T_camera[:3, :3])
-        io = imgui.get_io()
-        places = middle + radius * ends[:, :2]
-        under = _under(places, ends[:, 2], np.array([io.mouse_pos.x, io.mouse_pos.y])) if hovered else None
-        self._listen(app, box, under)
-        if hovered or active:
-            disc = ImVec2(float(middle[0]), float(middle[1]))
-            imgui.get_window_draw_list().add_circle_filled(disc, reach, theme.packed(theme.BASE, 0.55))
-        _draw_axes(middle, places, ends[:, 2], under, hovered or active)
-        imgui.set_cursor_pos(ImVec2(0, 0))
-
-    def _listen(self, app: App, box: Box, under: int | None) -> None:
-        rig, io = app.open_scene.rig, imgui.get_io()
-        if imgui.is_item_activated():
-            self._travelled = 0.0
-            rig.remember()
-        elif imgui.is_item_active() and (io.mouse_delta.x or io.mouse_delta.y):
-            self._travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
-            if self._travelled >= px(CLICK):
-                rig.orbit(io.mouse_delta.x / box[3], io.mouse_delta.y / box[3])
-        if imgui.is_item_deactivated() and self._travelled < px(CLICK) and under is not None:
-            rig.look_from(axis_of(under) @ np.array(rig.table.placed))
+def show_axes(app: App, box: Box) -> None:
+    """Draws them in the picture's upper right corner and takes the mouse there, before whatever else listens to it."""
+    camera, rig = app.viewport.camera, app.open_scene.rig
+    if camera is None or rig.bounded or not app.interface.axes_shown or app.kiosk is not None:
+        return
+    if min(box[2], box[3]) < px(LEAST_ROOM):
+        return
+    radius, reach = px(RADIUS), px(RADIUS) + px(BALL)
+    middle = np.array([box[0] + box[2] - px(AXES_MARGIN) - reach, box[1] + px(AXES_MARGIN) + reach])
+    imgui.set_cursor_screen_pos(ImVec2(*(float(v) for v in middle - reach)))
+    imgui.invisible_button("##axes", ImVec2(2 * reach, 2 * reach))
+    hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
+    ends = axis_ends(np.array(rig.table.placed) @ camera.grid_T_camera[:3, :3])
+    io = imgui.get_io()
+    places = middle + radius * ends[:, :2]
+    under = _under(places, ends[:, 2], np.array([io.mouse_pos.x, io.mouse_pos.y])) if hovered else None
+    dragged = io.mouse_drag_max_distance_sqr[0] >= px(CLICK) ** 2
+    if imgui.is_item_activated():
+        rig.remember()
+    elif active and dragged and (io.mouse_delta.x or io.mouse_delta.y):
+        rig.orbit(io.mouse_delta.x / box[3], io.mouse_delta.y / box[3])
+    elif imgui.is_item_deactivated() and not dragged and under is not None:
+        rig.look_from(axis_of(under) @ np.array(rig.table.placed))
+    if hovered or active:
+        disc = ImVec2(float(middle[0]), float(middle[1]))
+        imgui.get_window_draw_list().add_circle_filled(disc, reach, theme.packed(theme.BASE, 0.55))
+    _draw_axes(middle, places, ends[:, 2], under, hovered or active)
+    imgui.set_cursor_pos(ImVec2(0, 0))
 
 
 def axis_of(end: int) -> np.ndarray:

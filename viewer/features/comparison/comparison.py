@@ -32,8 +32,7 @@ class Comparison:
     split: float = 0.5  # 0 … 1, where the wipe's edge is
     gain: float = 4.0  # how much a difference is amplified
     pixels: np.ndarray | None = None  # the photograph's, uint8 [h, w, 3]
-    other: Pack | None = None  # the other pack
-    other_path: Path | None = None
+    other_path: Path | None = None  # of the other pack, which the canvas has
     psnr_db: float | None = None  # against the photograph
     psnr_size: tuple[int, int] = (0, 0)  # width, height that it was measured at
     clock: float = 0.0
@@ -54,13 +53,13 @@ class Comparison:
             with app.messages.noting_warnings():
                 app.canvas.show_other(pack)
         self.stop()
-        self.other, self.other_path, self.against = pack, path, "pack"
+        self.other_path, self.against = path, "pack"
         app.touch()
 
     def drop_other(self, app: App) -> None:
         if app.canvas is not None:
             app.canvas.show_other(None)
-        self.other = self.other_path = None
+        self.other_path = None
         if self.against == "pack":
             self.stop()
 

@@ -30,8 +30,7 @@ def compare_controls(app: App, title: str) -> None:
             width, height = comparison.psnr_size
             if comparison.psnr_db is not None:
                 ui.figure("Measured at", f"{width} × {height}")
-            photographs = app.gallery.photographs
-            if photographs is not None and not photographs.reachable:
+            if not app.gallery.photographs.reachable:
                 ui.hint("Compared with the copy in the pack.")
         if ui.button("End comparison"):
             comparison.drop_other(app) if comparison.against == "pack" else comparison.stop()
@@ -40,7 +39,7 @@ def compare_controls(app: App, title: str) -> None:
 def show(app: App, canvas: Canvas) -> None:
     comparison = app.comparison
     with ui.card("other", "The other pack"):
-        if comparison.other is not None and comparison.other_path is not None:
+        if comparison.other_path is not None:
             ui.figure("Left", app.scene.name if app.scene is not None else "")
             ui.figure("Right", comparison.other_path.name)
         else:

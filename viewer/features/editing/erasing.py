@@ -165,10 +165,7 @@ class Erasing:
     def _select_within(self, app: App, outline: np.ndarray) -> None:
         camera, settings, scale = app.viewport.camera, app.settings, app.resolution.moving_scale
         assert camera is not None
-        found, depth = part_around(camera, outline), None
-        if found is None:
-            return
-        part, drawn = found
+        (part, drawn), depth = part_around(camera, outline), None
         if not self.through and app.canvas is not None:
             size = max(1, round(scale * part.width)), max(1, round(scale * part.height))
             depth = app.canvas.depth(part.resized(*size), settings)
@@ -378,16 +375,11 @@ def _preview(app: App) -> EditPreview:
 REACH = 2.0  # voxels behind the mean depth of a pixel that still show in it
 
 
-def part_around(camera: ViewCamera, outline: np.ndarray) -> tuple[ViewCamera, np.ndarray] | None:
-    """The camera of the part of a picture that an outline (pixels, float [m, 2]) may hold, and the outline there.
-
-    None where it holds no pixel of the picture.
-    """
-    corners = np.floor([outline.min(axis=0), outline.max(axis=0) + 1])
-    x, y, right, foot = np.clip(corners, 0, (camera.width, camera.height)).astype(int).ravel().tolist()
-    if right == x or foot == y:
-        return None
-    part = replace(camera, width=right - x, height=foot - y, cx=camera.cx - x, cy=camera.cy - y)
+def part_around(camera: ViewCamera, outline: np.ndarray) -> tuple[ViewCamera, np.ndarray]:
+    """The camera of the part of a picture that an outline (pixels, float [m, 2]) may hold, and the outline there."""
+    corners = np.floor([outline.min(axis=0), outline.max(axis=0)])
+    x, y, right, foot = np.clip(corners, 0, (camera.width - 1, camera.height - 1)).astype(int).ravel().tolist()
+    part = replace(camera, width=right - x + 1, height=foot - y + 1, cx=camera.cx - x, cy=camera.cy - y)
     return part, outline - (x, y)
 
 

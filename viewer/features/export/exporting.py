@@ -110,9 +110,8 @@ class Writing(FolderProcess):
 class Exporting:
     """The export dialog and what is being written."""
 
-    asking: bool = False  # the dialog is open
-    plan: ExportPlan = field(default_factory=ExportPlan)  # its choices, which stay
-    preview: ExportPreview | None = None  # of these
+    plan: ExportPlan = field(default_factory=ExportPlan)  # the choices of the dialog, which stay
+    preview: ExportPreview | None = None  # of these, while the dialog is open
     writing: Writing | None = None
 
     def ask(self, app: App) -> None:
@@ -120,10 +119,9 @@ class Exporting:
         self._check_is_idle()
         check_is_on_disk(app.open_scene, "open a pack, then export it")
         self.plan = replace(self.plan, crop=True)
-        self.asking, self.preview = True, ExportPreview()
+        self.preview = ExportPreview()
 
     def dismiss(self) -> None:
-        self.asking = False
         if self.preview is not None:
             self.preview.close()
         self.preview = None

@@ -58,11 +58,6 @@ class CameraPath:
         fov = _catmull_rom(np.array([key.fov for key in self.keyframes])[near, None], share)[:, 0]
         return matrices, np.clip(fov, 1.0, 170.0)
 
-    def places(self, seconds: np.ndarray) -> np.ndarray:
-        """Where the camera is at N times, float64 [N, 3]."""
-        near, share = self._near(seconds)
-        return _catmull_rom(np.array([key.grid_T_camera[:3, 3] for key in self.keyframes])[near], share)
-
     def start_of(self, index: int) -> float:
         """Seconds at which keyframe `index` is passed."""
         return sum(keyframe.seconds for keyframe in self.keyframes[:index])

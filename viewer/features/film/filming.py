@@ -17,7 +17,7 @@ from viewer.core.files import FileRequest
 from viewer.core.pose import fitted, triple, view_camera
 from viewer.features.bookmarks.place_labels import with_places
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
-from viewer.features.film.film_export import Export, Layers
+from viewer.features.film.film_export import Export
 from viewer.features.film.pictures import EXR, passes_for
 from viewer.features.measuring.surface import depth_in_middle, depth_of
 from viewer.rendering.camera import ViewCamera
@@ -242,16 +242,14 @@ class Filming:
         side = max(app.resolution.tile_side() // self.samples, SMALLEST_TILE)
         side = side if lens is None else max(round(side / lens.rays**0.5), SMALLEST_TILE)
         settings = replace(app.picture_settings, samples=self.samples, aperture=lens)
-        layers = None
-        exr = target.suffix.lower() == EXR
+        passes, exr = None, target.suffix.lower() == EXR
         if still and (exr or self.besides or self.transparent):
             modes = tuple(dict.fromkeys((settings.mode, *self.besides)))
             passes = passes_for(modes, settings, transparent=self.transparent, exr=exr)
-            layers = Layers(passes, app.canvas.raw, app.scene.pack)
-        put, finish = copy_picture if target is COPY else None, None
+        pack, put, finish = app.scene.pack, copy_picture if target is COPY else None, None
         if self.annotated:
-            finish = partial(with_places, pack=app.scene.pack, settings=settings, annotations=app.annotations.current)
-        self.export = Export(cameras, settings, target, app.canvas.snapshot, self.fps, side, layers, finish, put)
+            finish = partial(with_places, pack=pack, settings=settings, annotations=app.annotations.current)
+        self.export = Export(cameras, settings, target, app.canvas, pack, self.fps, side, passes, finish, put)
         self.playing = False
         app.touch()
 

@@ -168,8 +168,8 @@ def draw_path(app: App, box: Box) -> None:
     screen, path = Screen(app, box), filming.path
     if len(path.keyframes) > 1:
         count = PATH_STEPS * len(path.keyframes)
-        track = path.places(path.duration * np.arange(count + 1) / count)
-        screen.lines(track, [(i, i + 1) for i in range(count)], theme.packed(theme.ACCENT), px(2))
+        matrices, _ = path.poses(path.duration * np.arange(count + 1) / count)
+        screen.lines(matrices[:, :3, 3], [(i, i + 1) for i in range(count)], theme.packed(theme.ACCENT), px(2))
     rig = app.open_scene.rig
     depth = 0.05 if rig.bounded else 0.12 * rig.radius
     for i, key in enumerate(path.keyframes):

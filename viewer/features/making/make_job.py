@@ -1,5 +1,6 @@
 """Make job: the process that makes a scene, and what it leaves to look at: progress, previews, rejected photographs."""
 
+import contextlib
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -36,19 +37,15 @@ class FileWatch(Generic[T]):
 
     def poll(self) -> T | None:
         """What was read since the last call, if anything. Never waits; starts to read a file that has changed."""
-        if self._task is not None:
-            if not self._task.finished:
-                return None
+        if self._task is not None and self._task.finished:
             task, self._task = self._task, None
-            if (read := task.result()) is not None:
-                return read
-        try:
-            there = self._file.stat()
-        except OSError:  # none yet, or no more
-            return None
-        if self._seen != (there.st_ino, there.st_mtime_ns):
-            self._seen = there.st_ino, there.st_mtime_ns
-            self._task = Task(self._try_to_read)
+            return task.result()
+        if self._task is None:
+            with contextlib.suppress(OSError):  # none yet, or no more
+                there = self._file.stat()
+                if self._seen != (there.st_ino, there.st_mtime_ns):
+                    self._seen = there.st_ino, there.st_mtime_ns
+                    self._task = Task(self._try_to_read)
         return None
 
     def _try_to_read(self) -> T | None:
@@ -67,24 +64,16 @@ def _read_picture(file: Path) -> np.ndarray:
     return np.asarray(picture)
 
 
-@dataclass(frozen=True)
-class TrainingPreview:
+def read_preview(file: Path) -> Pack:
     """The state of a training run as a pack."""
-
-    pack: Pack
-    steps: int  # done
-
-    @property
-    def description(self) -> str:
-        return f"preview after {self.steps:,} steps"
-
-
-def read_preview(file: Path) -> TrainingPreview:
-    """The preview in a file; whatever load_pack raises where there is none."""
     pack = load_pack(file)
     work_out_ahead(pack)
-    provenance: Any = pack.metadata["provenance"]
-    return TrainingPreview(pack, int(provenance["steps"]))
+    return pack
+
+
+def preview_title(preview: Pack) -> str:
+    provenance: Any = preview.metadata["provenance"]
+    return f"preview after {provenance['steps']:,} steps"
 
 
 @dataclass
@@ -96,7 +85,7 @@ class MakeJob:
     report: Report | None = None  # the last progress that the process reported
     figures: list[float] = field(default_factory=list)  # PSNR (dB) during training
     picture: np.ndarray | None = None  # a held-out photograph beside its rendering, uint8 [h, w, 3]
-    preview: TrainingPreview | None = None  # the newest
+    preview: Pack | None = None  # the newest state of the training
     preview_offered: bool = False  # whether one was shown without being asked for
 
     def __post_init__(self) -> None:

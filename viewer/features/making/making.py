@@ -19,7 +19,7 @@ from viewer.core.command_process import CommandProcess
 from viewer.core.files import FileRequest, existing_folder
 from viewer.core.log import Dialog
 from viewer.core.tasks import Task
-from viewer.features.making.make_job import MakeJob, RejectedPhotographs, rejected_photographs_of
+from viewer.features.making.make_job import MakeJob, preview_title, rejected_photographs_of
 from viewer.features.making.make_plan import Plan, Subject
 from viewer.features.making.review import Kind, Review, SparsePreview, read_sparse_preview
 from viewer.features.making.survey import PhotographCheck, Survey
@@ -53,9 +53,7 @@ class Making:
     reading: SparsePreviewJob | None = None  # reads the sparse points now
     sparse_preview: SparsePreview | None = None  # the points that were read
     _looked: float = 0.0
-    _surveyed: bool = False
     _left_shown: int | None = None
-    _rejected: RejectedPhotographs | None = None  # whose thumbnails are being read
 
     def offer(self, app: App, subject: Subject, path: Path) -> None:
         """Asks whether, and how, a scene or a run shall be made into a pack."""
@@ -66,7 +64,7 @@ class Making:
             return
         plan = Plan.of(subject, path)
         self.dismiss()
-        self.plan, self._surveyed = plan, False
+        self.plan = plan
 
     def again(self, app: App) -> None:
         if self.failed is not None and self.job is None:
@@ -80,9 +78,9 @@ class Making:
     @property
     def busy(self) -> bool:
         """Whether something goes on that tick should look at now and then."""
-        waits = any(each is not None for each in (self.job, self.reading, self.review, self._rejected))
+        waits = any(each is not None for each in (self.job, self.reading, self.review))
         checks = self.check is not None and self.check.running
-        return waits or checks or (self._survey is not None and (self._survey.busy or not self._surveyed))
+        return waits or checks or (self._survey is not None and self._survey.busy)
 
     def dismiss(self) -> None:
         """Closes the question."""
@@ -109,10 +107,8 @@ class Making:
         """Begins to check the plan's photographs, instead of what was found before."""
         if self.plan is not None and self.plan.can_be_checked:
             self.end_check()
-            try:
+            with app.messages.as_dialog("The photographs cannot be checked"):
                 self.check = PhotographCheck(self.plan.source, self.plan.out)
-            except UserError as error:
-                app.messages.fail("The photographs cannot be checked", error)
 
     def end_check(self) -> None:
         if self.check is not None:
@@ -212,9 +208,9 @@ class Making:
         if self.job is None or self.job.preview is None:
             return
         stand_there = self._kept_camera(app)
-        plan, preview = self.job.plan, self.job.preview
-        shown = self.training_preview_shown(app)
-        app.show_training_preview(preview, plan.preview_file, f"{plan.name}: {preview.description}")
+        plan, shown = self.job.plan, self.training_preview_shown(app)
+        preview = self.job.preview
+        app.show_training_preview(preview, plan.preview_file, f"{plan.name}: {preview_title(preview)}")
         if not shown:
             stand_there()
 
@@ -250,8 +246,8 @@ class Making:
                 self._begin(app, replace(reading.plan, poses_only=False))
                 return
             if (earlier := reading.before) is None:
-                self._rejected = rejected_photographs_of(reading.plan.out)
-                self.review = Review(reading.plan, self.sparse_preview, self._rejected)
+                rejected = rejected_photographs_of(reading.plan.out)
+                self.review = Review(reading.plan, self.sparse_preview, rejected)
             else:
                 self.review = Review(reading.plan, self.sparse_preview, earlier.rejected, until=None)
                 self.review.kind = earlier.kind if earlier.kind in self.review.kinds else self.review.kind
@@ -307,11 +303,7 @@ class Making:
             self.job = None
 
     def tick(self, app: App) -> None:
-        if self._survey is not None and self._survey.finished and (not self._surveyed or self._survey.news()):
-            self._surveyed = True
-            app.touch()
-        if self._rejected is not None and self._rejected.finished:
-            self._rejected = None
+        if self._survey is not None and self._survey.news():
             app.touch()
         self._tick_look(app)
         job, now = self.job, time.monotonic()
@@ -321,7 +313,8 @@ class Making:
         if (check := self.check) is not None:
             if check.poll():
                 app.touch(2)
-            if check.no_browser():
+            if check.no_browser:
+                check.no_browser = False
                 app.messages.say(f"No browser was found. The page is {check.page}", "warning")
         if job is None:
             return
@@ -346,8 +339,8 @@ class Making:
             app.messages.say(f"{name} was stopped; make it again to continue")
         else:
             self.failed = job.plan
-            self._rejected = rejected_photographs_of(job.plan.out) if job.plan.poses_only else None
+            rejected = rejected_photographs_of(job.plan.out) if job.plan.poses_only else None
             text = f"{job.child.error_line()}\n\nThe full log is in {job.plan.log}"
-            app.messages.fail(f"{name} could not be made", text, AGAIN, rejected=self._rejected)
+            app.messages.fail(f"{name} could not be made", text, AGAIN, rejected=rejected)
         if self.quit_after:
             app.quitting = True

@@ -13,7 +13,7 @@ from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.widgets import Box, px
 from viewer.features.making import survey
-from viewer.features.making.make_job import MakeJob, RejectedPhotographs
+from viewer.features.making.make_job import MakeJob, RejectedPhotographs, preview_title
 from viewer.features.making.make_plan import RESOLUTIONS, Plan
 from viewer.features.making.review import Kind, Review
 from viewer.features.making.survey import OFFERED, BarePreview, few_with_reasons, result_lines
@@ -253,11 +253,13 @@ def _status_lines(preview: BarePreview) -> list[tuple[str, str]]:
     return lines
 
 
-def show_rejected(canvas: Canvas, rejected: RejectedPhotographs) -> None:
+def show_rejected(app: App, canvas: Canvas, rejected: RejectedPhotographs) -> None:
     """A line that counts and names photographs that are left out, and a row of them, with the reason where the mouse rests."""
     names = list(rejected.why)
     count = "1 photograph is left out" if len(names) == 1 else f"{len(names)} photographs are left out"
     ui.hint(f"{count}: {few_with_reasons(rejected.why)}.", theme.WARN)
+    if not rejected.finished:
+        app.touch(2)
     if rejected.sheet is None:
         return
     pictures = [(box, f"{name}\n{rejected.why[name]}", False) for name, box in rejected.boxes.items()]
@@ -302,7 +304,7 @@ def _training_preview(app: App) -> None:
     making = app.making
     if making.job is None or making.job.preview is None:
         return
-    name = making.job.preview.description
+    name = preview_title(making.job.preview)
     if making.training_preview_shown(app):
         ui.hint(f"You see a {name}. It is small and coarse; a newer one takes its place by itself.")
     else:
@@ -389,7 +391,7 @@ def show_review(app: App, canvas: Canvas, box: Box) -> None:
     with ui.corner_card("##review", box):
         _head(review)
         if review.rejected is not None:
-            show_rejected(canvas, review.rejected)
+            show_rejected(app, canvas, review.rejected)
         shown = app.making.sparse_preview_shown(app)
         if not shown:
             if ui.button(f"{fa.ICON_FA_EYE}  Show the points", height=px(30)):

@@ -149,14 +149,10 @@ def points_pack(scene: Scene, points: SparsePoints) -> Pack:
 def _macroblocks(voxels: np.ndarray, colours: np.ndarray) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
     """Place (z, y, x) and content uint8 [bs, bs, bs, 8] of each macroblock with points: voxels [M, 3] (z, y, x)."""
     places, of = np.unique(voxels // BLOCK_SIZE, axis=0, return_inverse=True)
-    order = np.argsort(of.ravel(), kind="stable")
-    ends = np.searchsorted(of.ravel()[order], np.arange(len(places) + 1))
-    for number, place in enumerate(places.tolist()):
-        rows = order[ends[number] : ends[number + 1]]
-        content = np.zeros((BLOCK_SIZE,) * 3 + (8,), np.uint8)
-        z, y, x = (voxels[rows] % BLOCK_SIZE).T
-        content[z, y, x, :3], content[z, y, x, 3] = colours[rows], 255
-        yield tuple(place), content
+    content = np.zeros((len(places),) + (BLOCK_SIZE,) * 3 + (8,), np.uint8)
+    z, y, x = (voxels % BLOCK_SIZE).T
+    content[of.ravel(), z, y, x, :3], content[of.ravel(), z, y, x, 3] = colours, 255
+    return zip(map(tuple, places.tolist()), content, strict=True)
 
 
 # --- The ground among the points ---

@@ -181,20 +181,16 @@ class Survey(Task[None]):
         self.forward = False  # cameras (LLFF, COLMAP) that may be read as looking all around
         self.masks = False  # whether there are any
         self.masked: set[int] = set()  # downscales at which there is one for each photograph
-        with contextlib.suppress(UserError):  # several films: reported by the thread
-            self.bare = None if has_poses(path) else find_source(path)
-        if self.bare is None:
-            self.masks = any(path.glob("masks*"))
         super().__init__(self._read)
 
     @property
     def busy(self) -> bool:
-        """Whether there will be more to see."""
-        return not self.finished or any(each is not None and not each.finished for each in (self.preview, self.time))
+        """Whether there will be more to see, or is since news() was asked last."""
+        coming = any(each is not None and not each.finished for each in (self, self.preview, self.time))
+        return coming or self._seen != (self.state(), self.finished)
 
-    def news(self) -> bool:
-        """Whether more of the preview, or of the time, is known since this was asked last."""
-        return any([each.news() for each in (self.preview, self.time) if each is not None])
+    def state(self) -> object:
+        return [(each.state(), each.finished) for each in (self.preview, self.time) if each is not None]
 
     def close(self) -> None:
         """Nobody asks any more."""
@@ -215,7 +211,7 @@ class Survey(Task[None]):
 
     def _read(self) -> None:
         try:
-            self.bare = self.bare or (None if has_poses(self.path) else find_source(self.path))
+            self.bare = None if has_poses(self.path) else find_source(self.path)
             if self.bare is not None:
                 self._look_at_bare(self.bare)
                 self.text = " ".join([self.text, *(f"{note}." for note in self.bare.notes)])
@@ -230,7 +226,7 @@ class Survey(Task[None]):
                         if scene.kind in MASKED_KINDS:
                             load_scene(self.path, downscale=downscale, masks=True)
                             self.masked.add(downscale)
-            self.masks = self.masks or bool(self.masked)
+            self.masks = bool(self.masked) or any(self.path.glob("masks*"))
             self.forward, self.kind = scene.ndc, scene.kind
             width, height = _size(scene)
             count = sum(len(photographs) for photographs in scene.splits.values())
@@ -307,7 +303,7 @@ class PhotographCheck:
         self.result: Mapping[str, Any] | None = None  # what it found, as `--json` has it
         self.error = ""  # why there is no result
         self.report: Report | None = None  # the last progress
-        self._browser: Task[bool] | None = None
+        self.no_browser = False  # whether none could be started for the page, until that was said
         words = [str(source), "--out", str(out), "--check", "--json"]
         self._process: FolderProcess | None = FolderProcess.start(
             "baker.commands.make", lambda folder: [*words, str(folder / RESULT)]
@@ -343,16 +339,10 @@ class PhotographCheck:
             Task(process.end, kept=True)
 
     def open_page(self) -> None:
-        """Opens the page in the browser; `no_browser` says whether that failed."""
-        self._browser = Task(lambda: webbrowser.open(self.page.resolve().as_uri()))
+        Task(self._open)
 
-    def no_browser(self) -> bool:
-        """Whether no browser could be started, once after open_page."""
-        task = self._browser
-        if task is None or not task.finished:
-            return False
-        self._browser = None
-        return not task.result()
+    def _open(self) -> None:
+        self.no_browser = not webbrowser.open(self.page.resolve().as_uri())
 
 
 def result_lines(result: Mapping[str, Any]) -> list[tuple[str, bool]]:

@@ -23,7 +23,7 @@ from scenepack.placement import NOT_MOVED, SCALES, Placement
 from viewer.core.annotations import MOST_ANNOTATIONS, MOST_POINTS, Annotations, Measurement, Point, Scale, Unit
 from viewer.core.files import FileRequest
 from viewer.core.pose import triple
-from viewer.features.measuring.surface import Hit, surface_under, view_key
+from viewer.features.measuring.surface import Hit, surface_under
 from viewer.features.placing import placing
 
 if TYPE_CHECKING:
@@ -131,22 +131,16 @@ class MeasureTool:
     known: float = 1.0  # the length that the scale is set by, as it is typed
     known_unit: Unit = "m"
     cursor: Hit | None = None  # the surface under the mouse; None for no surface
-    _looked: tuple[object, ...] = ()
 
     def drop(self) -> None:
         """Forgets everything, because another scene is shown."""
-        self.tool, self.draft, self.selected, self.cursor, self._looked = "", (), None, None, ()
+        self.tool, self.draft, self.selected, self.cursor = "", (), None, None
 
     # The cursor
 
     def look_at(self, app: App, x: float, y: float) -> Hit | None:
-        """The surface at (x, y) of the viewport (window units from its corner); found once for each point and view."""
-        viewport = app.viewport
-        if app.scene is None or viewport.camera is None:
-            return None
-        key = (x, y, viewport.pixels_per_unit, *view_key(app.scene.pack, viewport.camera, app.settings))
-        if key != self._looked:
-            self._looked, self.cursor = key, surface_under(app, x, y)
+        """The surface at (x, y) of the viewport (window units from its corner)."""
+        self.cursor = surface_under(app, x, y)
         return self.cursor
 
     def click_at(self, app: App, x: float, y: float) -> Hit | None:
@@ -155,9 +149,6 @@ class MeasureTool:
         if hit is None:
             app.messages.say("There is no surface under the cursor")
         return hit
-
-    def look_away(self) -> None:
-        self.cursor, self._looked = None, ()
 
     # Placing
 

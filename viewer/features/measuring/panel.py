@@ -145,14 +145,11 @@ def draw(app: App, box: Box, over: bool) -> Handle | None:
     """Draws measurements and draft; the point under the mouse, if any. over: the mouse is over nothing but the picture."""
     measure_tool, words = app.measure_tool, app.measure_tool.length_format(app)
     active = bool(measure_tool.tool) or app.interface.shows(PAGE)
+    mouse, measure_tool.cursor = imgui.get_io().mouse_pos, None
     if not (active or measure_tool.shown):
-        measure_tool.look_away()
         return None
-    mouse = imgui.get_io().mouse_pos
     if over and active:
         measure_tool.look_at(app, mouse.x - box[0], mouse.y - box[1])
-    else:
-        measure_tool.look_away()
     screen, measurements = Screen(app, box), app.annotations.current.measurements
     under = _handle_at(screen, measurements, mouse) if over and active else None
     with ui.clipped(box):

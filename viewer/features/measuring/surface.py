@@ -10,13 +10,14 @@ that is the face itself.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from scenepack.constants import ALPHA_CONTRIBUTES, EMPTY_BLOCK, NDC_NEAR
-from scenepack.contraction import Path, path_of, piece_at
+from scenepack.contraction import path_of, piece_at
 from scenepack.exports.field import ExportFrame, ndc_camera
 from scenepack.pack import Pack
 from training.scenes.lens import image_of
@@ -28,6 +29,7 @@ from viewer.rendering.settings import RenderSettings
 if TYPE_CHECKING:
     from viewer.app.application import App
 
+Box = tuple[np.ndarray, np.ndarray]  # its corners, voxels
 STEPS = 4  # per voxel
 LEAST_SEEN = 0.1  # of a ray's light that a surface takes
 BEYOND = 8 * STEPS  # how far behind the middle the highest opacity is looked for: rays that graze a face find it soft
@@ -42,42 +44,10 @@ class Hit:
     position: np.ndarray  # float64 [3], voxels
 
 
-@dataclass(frozen=True)
-class _Line:
-    """A ray as a straight line through the voxels, also warped ones."""
-
-    origin: np.ndarray  # float64 [3], voxels
-    direction: np.ndarray  # likewise, of unit length
+class _Ray(NamedTuple):
+    places: Callable[[np.ndarray], np.ndarray]  # from u, float64 [n], to voxels, float64 [n, 3]
     first: float  # u where it begins
-    last: float = math.inf  # u where it ends, at infinity
-
-    def interval(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
-        """u between which the ray lies in a box (voxels)."""
-        direction = np.where(np.abs(self.direction) < 1e-8, 1e-8, self.direction)
-        a, b = (low - self.origin) / direction, (high - self.origin) / direction
-        return max(float(np.minimum(a, b).max()), self.first), min(float(np.maximum(a, b).min()), self.last)
-
-    def places(self, u: np.ndarray) -> np.ndarray:
-        """Voxels, float64 [n, 3]."""
-        return self.origin + u[:, None] * self.direction
-
-
-@dataclass(frozen=True)
-class _ContractedRay:
-    """The same of a contracted pack, where u begins at 0. radius: half the side of the inner cube, voxels."""
-
-    path: Path
-    radius: float
-    centre: np.ndarray
-
-    def interval(self, _low: np.ndarray, _high: np.ndarray) -> tuple[float, float]:
-        return 0.0, self.radius * float(self.path.ends[0]) * (1.0 - 1e-6)
-
-    def places(self, u: np.ndarray) -> np.ndarray:
-        s = u / self.radius
-        piece = piece_at(self.path, s[None])[0]
-        contracted = self.path.origins[0, piece] + s[:, None] * self.path.directions[0, piece]
-        return self.centre + self.radius * contracted
+    last: float  # u where it ends
 
 
 def surface_at(pack: Pack, camera: ViewCamera, settings: RenderSettings, x: float, y: float) -> Hit | None:
@@ -88,13 +58,18 @@ def surface_at(pack: Pack, camera: ViewCamera, settings: RenderSettings, x: floa
     if not image_of(direction @ camera.grid_T_camera[:3, :3], camera.distortion)[2]:
         return None
     near = max(max(camera.near, settings.near) / max(ahead, 1e-8), camera.ray_near)
-    line = _warped(frame, origin, direction, near) if pack.ndc else _straight(pack, origin, direction, near)
-    if line is None:
+    box = frame.box(settings)
+    if pack.ndc:
+        ray = _warped(frame, origin, direction, near, box)
+    elif pack.contraction is not None:
+        ray = _contracted(pack, pack.contraction, origin, direction, near)
+    else:
+        voxel = pack.voxel_size
+        ray = _line((origin - pack.min_xyz) / voxel, direction, near / voxel, math.inf, box)
+    u = None if ray is None else _met(pack, ray, *box)
+    if ray is None or u is None:
         return None
-    u = _met(pack, line, *frame.box(settings))
-    if u is None:
-        return None
-    position = line.places(np.array([u]))
+    position = ray.places(np.array([u]))
     distance = float((ExportFrame(pack).points(position)[0] - origin) @ direction)
     return Hit(origin + distance * direction, distance, position[0])
 
@@ -105,11 +80,6 @@ def surface_under(app: App, x: float, y: float) -> Hit | None:
     if app.scene is None or camera is None:
         return None
     return surface_at(app.scene.pack, camera, app.settings, x * scale, y * scale)
-
-
-def view_key(pack: Pack, camera: ViewCamera, settings: RenderSettings) -> tuple[object, ...]:
-    """Equal while what surface_at says is the same for each pixel."""
-    return id(pack), camera.key, settings.crop, settings.near, settings.surroundings
 
 
 def depth_in_middle(pack: Pack, camera: ViewCamera, settings: RenderSettings) -> float | None:
@@ -123,15 +93,28 @@ def depth_of(camera: ViewCamera, point: np.ndarray) -> float:
     return float((camera.position - point) @ camera.grid_T_camera[:3, 2])
 
 
-def _straight(pack: Pack, origin: np.ndarray, direction: np.ndarray, near: float) -> _Line | _ContractedRay:
-    voxel = pack.voxel_size
-    if pack.contraction is not None:
-        path = path_of(origin[None] / pack.contraction, direction[None], np.array([near / pack.contraction]))
-        return _ContractedRay(path, pack.contraction / voxel, -pack.min_xyz / voxel)
-    return _Line((origin - pack.min_xyz) / voxel, direction, near / voxel)
+def _line(origin: np.ndarray, direction: np.ndarray, first: float, last: float, box: Box) -> _Ray:
+    """A straight line through the voxels, also warped ones, from `first` to `last` as far as it lies in the box."""
+    way = np.where(np.abs(direction) < 1e-8, 1e-8, direction)
+    a, b = (box[0] - origin) / way, (box[1] - origin) / way
+    first, last = max(float(np.minimum(a, b).max()), first), min(float(np.maximum(a, b).min()), last)
+    return _Ray(lambda u: origin + u[:, None] * direction, first, last)
 
 
-def _warped(frame: RayFrame, origin: np.ndarray, direction: np.ndarray, near: float) -> _Line | None:
+def _contracted(pack: Pack, half_side: float, origin: np.ndarray, direction: np.ndarray, near: float) -> _Ray:
+    """Of a contracted pack, where u begins at 0. half_side: of the inner cube, grid units."""
+    path = path_of(origin[None] / half_side, direction[None], np.array([near / half_side]))
+    radius, centre = half_side / pack.voxel_size, -pack.min_xyz / pack.voxel_size
+
+    def places(u: np.ndarray) -> np.ndarray:
+        s = u / radius
+        piece = piece_at(path, s[None])[0]
+        return centre + radius * (path.origins[0, piece] + s[:, None] * path.directions[0, piece])
+
+    return _Ray(places, 0.0, radius * float(path.ends[0]) * (1.0 - 1e-6))
+
+
+def _warped(frame: RayFrame, origin: np.ndarray, direction: np.ndarray, near: float, box: Box) -> _Ray | None:
     """As ndc_ray of shaders/ray.glsl; None where the ray runs away from the scene."""
     ahead = frame.training_T_grid[:3, :3] @ direction
     eye = frame.training_T_grid[:3, :3] @ origin + frame.training_T_grid[:3, 3]
@@ -143,16 +126,15 @@ def _warped(frame: RayFrame, origin: np.ndarray, direction: np.ndarray, near: fl
     length = float(np.linalg.norm(way))
     # z of where the ray begins, from the NDC near plane on
     beyond = min(float(eye[2] + near * ahead[2]) + NDC_NEAR, 0.0)
-    return _Line(start, way / length, length * beyond / (beyond - NDC_NEAR), length * (1.0 - 1e-6))
+    return _line(start, way / length, length * beyond / (beyond - NDC_NEAR), length * (1.0 - 1e-6), box)
 
 
-def _met(pack: Pack, line: _Line | _ContractedRay, low: np.ndarray, high: np.ndarray) -> float | None:
-    """u where the line meets a surface within a box (voxels)."""
-    start, leave = line.interval(low, high)
-    if leave <= start:
+def _met(pack: Pack, ray: _Ray, low: np.ndarray, high: np.ndarray) -> float | None:
+    """u where the ray meets a surface within a box (voxels)."""
+    if ray.last <= ray.first:
         return None
-    u = start + np.arange(int((leave - start) * STEPS) + 1) / STEPS
-    places = line.places(u)
+    u = ray.first + np.arange(int((ray.last - ray.first) * STEPS) + 1) / STEPS
+    places = ray.places(u)
     inside = np.all((places > low - 1e-6) & (places < high + 1e-6), axis=1)
     alpha = opacities(pack, places)
     alpha = np.where(inside & (alpha > ALPHA_CONTRIBUTES), alpha, 0.0)

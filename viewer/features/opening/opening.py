@@ -12,14 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from console import UserError
-from scenepack.exports.field import Corners
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
-from viewer.core.annotations import Annotations
 from viewer.core.state import OpenScene, name_of
 from viewer.core.tasks import Cancelled, Task
 from viewer.features.camera.forward_facing import orbit_camera_for
-from viewer.features.film.camera_path import CameraPath
 from viewer.rendering.framing import outline
 from viewer.rendering.skip_grid import skip_grid_of
 
@@ -44,6 +41,9 @@ class Loading(Task[None]):
         self.error: Exception | None = None  # a UserError or a bug's exception; None also where it was cancelled
         self.notes: list[str] = []  # what was repaired meanwhile
         super().__init__(self._read)
+
+    def state(self) -> object:
+        return self.images
 
     @property
     def share(self) -> float:
@@ -88,7 +88,6 @@ class Opening:
     other: bool = False  # it shall be compared with, not shown instead
     then: Callable[[], None] | None = None  # called once it is shown
     noted: set[tuple[Path, str]] = field(default_factory=set)  # which notes of which pack were shown
-    _share_shown: float = -1.0
 
     def start(self, app: App, path: Path, *, other: bool = False, then: Callable[[], None] | None = None) -> None:
         self.cancel(app)
@@ -109,8 +108,7 @@ class Opening:
         loading = self.loading
         if loading is None:
             return
-        if loading.share != self._share_shown:
-            self._share_shown = loading.share
+        if loading.news():
             app.touch(1)
         try:
             if not loading.finished:
@@ -180,33 +178,20 @@ MOST_BYTES = 2 << 30  # of all that are not shown
 MOST_PACKS = 7
 
 
-@dataclass(frozen=True, eq=False)
-class OpenPack:
-    """crop, near: as in RenderSettings. path: its camera path. annotations: of when it was left; None: as saved."""
-
-    scene: OpenScene
-    crop: Corners | None
-    near: float
-    path: CameraPath
-    annotations: Annotations | None = None
-
-
 @dataclass
 class OpenPacks:
-    packs: list[OpenPack] = field(default_factory=list)  # in Ctrl+Tab's order
+    packs: list[OpenScene] = field(default_factory=list)  # in Ctrl+Tab's order
     show_list: bool = False  # opens the pack menu in the next frame
 
-    def keep(self, app: App, entry: OpenPack, *, first: bool = False) -> None:
+    def keep(self, app: App, scene: OpenScene, *, first: bool = False) -> None:
         """Adds a pack (first: at the head of the order). Closes others if there are too many, but none with unsaved erasures."""
-        self.drop(entry.scene.path)
-        self.packs.insert(0 if first else len(self.packs), entry)
-        others = [each for each in self.packs if not each.scene.unsaved]
-        while others and (
-            len(self.packs) > MOST_PACKS or sum(bytes_of(each.scene.pack) for each in self.packs) > MOST_BYTES
-        ):
+        self.drop(scene.path)
+        self.packs.insert(0 if first else len(self.packs), scene)
+        others = [each for each in self.packs if not each.unsaved]
+        while others and (len(self.packs) > MOST_PACKS or sum(bytes_of(each.pack) for each in self.packs) > MOST_BYTES):
             oldest = others.pop(-1 if first else 0)
             self.packs.remove(oldest)
-            app.messages.log(f"{oldest.scene.name} was closed: too many packs are open")
+            app.messages.log(f"{oldest.name} was closed: too many packs are open")
 
     def switch(self, app: App, step: int) -> None:
         """Shows the next open pack (step 1), or the one before (-1)."""
@@ -215,23 +200,23 @@ class OpenPacks:
         else:
             app.messages.say("No other pack is open")
 
-    def switch_to(self, app: App, entry: OpenPack, *, backwards: bool = False) -> None:
+    def switch_to(self, app: App, scene: OpenScene, *, backwards: bool = False) -> None:
         """Shows an open pack. backwards: the pack shown before becomes the first in the order, not the last."""
         if app.filming.export is not None:
             app.messages.say("An export is running: wait for it, or cancel it", "warning")
             return
         app.opening.cancel(app)
-        if entry not in self.packs:  # what was still being read is closed, and this one has come back
+        if scene not in self.packs:  # what was still being read is closed, and this one has come back
             return
         left = app.left_now()
-        app.turn_to(entry)
-        self.packs.remove(entry)
+        app.turn_to(scene)
+        self.packs.remove(scene)
         if left is not None:
             self.keep(app, left, first=backwards)
 
     def drop(self, path: Path) -> None:
         """Removes the pack of `path`, if there is one, because it is opened again."""
-        self.packs = [entry for entry in self.packs if entry.scene.path.resolve() != path.resolve()]
+        self.packs = [scene for scene in self.packs if scene.path.resolve() != path.resolve()]
 
 
 def bytes_of(pack: Pack) -> int:

@@ -103,6 +103,10 @@ NAME, FIELD = "##open", "##open path"
 ENTER = (imgui.Key.enter, imgui.Key.keypad_enter)
 TO_END = 3
 WIDTH, LINE, BUTTON = 600.0, 30.0, 104.0
+BROWSED: dict[Literal["open", "folder"], str] = {  # buttons of the system's dialogs
+    "open": f"{fa.ICON_FA_FILE}  File…",
+    "folder": f"{fa.ICON_FA_FOLDER_OPEN}  Folder…",
+}
 KINDS = {  # what stands before and behind a path
     "pack": (fa.ICON_FA_CUBE, "pack"),
     "run": (fa.ICON_FA_GEARS, "training run"),
@@ -143,7 +147,12 @@ class OpenDialog:
         if open_prompt.problem:
             ui.hint(open_prompt.problem, theme.WARN)
         clicked = self._lines(open_prompt)
-        cancelled, browsed, pressed = self._buttons()
+        browsed = ""
+        if self.native:
+            for kind, title in BROWSED.items():
+                browsed = kind if ui.button(title, px(BUTTON), px(34)) else browsed
+                imgui.same_line()
+        cancelled, pressed = ui.cancel_or("Open", BUTTON, 24)
         if browsed:
             browse(app, browsed, other=open_prompt.other)
         elif cancelled:
@@ -190,20 +199,6 @@ class OpenDialog:
         ]
         imgui.dummy(ImVec2(0, px(4)))
         return clicked[0] if clicked else None
-
-    def _buttons(self) -> tuple[bool, Literal["", "open", "folder"], bool]:
-        """Cancel; "open" or "folder" for the system's dialogs; Open."""
-        browsed: Literal["", "open", "folder"] = ""
-        width = px(BUTTON)
-        if self.native:
-            if ui.button(f"{fa.ICON_FA_FILE}  File…", width, px(34)):
-                browsed = "open"
-            imgui.same_line()
-            if ui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Folder…", width, px(34)):
-                browsed = "folder"
-            imgui.same_line()
-        cancelled, pressed = ui.cancel_or("Open", BUTTON, 24)
-        return cancelled, browsed, pressed
 
 
 def _line(open_prompt: OpenPrompt, path: Path, picked: bool, number: int) -> bool:

@@ -33,11 +33,11 @@ from viewer.core.annotations import (
 )
 from viewer.core.files import SESSION_SUFFIX, FileRequest
 from viewer.core.pose import FARTHEST
+from viewer.core.state import OpenScene
 from viewer.core.tasks import Autosave
 from viewer.features.bookmarks.bookmarks import bookmark_of, pose_of
 from viewer.features.comparison.comparison import How
 from viewer.features.crop.crop import Box
-from viewer.features.opening.opening import OpenPack
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -81,13 +81,13 @@ class Session:
 def session_of(app: App) -> Session | None:
     """What is open now; None where that is nothing that could be opened again."""
 
-    def seen(entry: OpenPack) -> Seen:
-        scene, rig = entry.scene, entry.scene.rig
-        view, marks = bookmark_of(rig, rig.fov, scene.name), entry.annotations or Annotations()
-        return Seen(scene.path.resolve(), view, rig.orthographic, entry.crop, entry.near, marks)
+    def seen(scene: OpenScene) -> Seen:
+        rig, marks = scene.rig, scene.annotations or Annotations()
+        view = bookmark_of(rig, rig.fov, scene.name)
+        return Seen(scene.path.resolve(), view, rig.orthographic, scene.crop, scene.near, marks)
 
     shown = app.left_now()
-    if shown is None or not shown.scene.path.exists():
+    if shown is None or not shown.path.exists():
         return None
     compare, path = app.comparison, app.comparison.other_path
     against = (path.resolve(), compare.how) if compare.against == "pack" and path is not None else None
@@ -213,7 +213,7 @@ def _apply(app: App, seen: Seen) -> None:
     rig.held, rig.fov = None, seen.camera.fov
     rig.table = replace(rig.table, up=seen.camera.up)
     rig.orthographic = seen.orthographic and not rig.bounded
-    rig.go(pose_of(seen.camera, rig.table), remember=False)
+    rig.go(pose_of(seen.camera, rig.table))
     rig.shown = rig.goal
     app.set(crop=None if rig.bounded else seen.crop, near=seen.near)
     app.touch()

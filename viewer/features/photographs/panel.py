@@ -27,7 +27,7 @@ FOLDER_HEIGHT, MORE_WORDS = 136.0, 32.0  # of what lies below the list; and wher
 def show(app: App, canvas: Canvas) -> None:
     comparison, gallery = app.comparison, app.gallery
     photographs = gallery.photographs
-    if photographs is None or not len(photographs):
+    if not len(photographs):
         with ui.card("none", "Cameras"):
             ui.hint("This pack has no camera poses. Packs made by snerg-make have them.")
         return
@@ -68,8 +68,7 @@ def _where(photographs: Photographs) -> str:
 
 def _list_title(app: App) -> str:
     visible, chosen = app.gallery.visible(), app.gallery.chosen
-    photographs = app.gallery.photographs
-    what = "photographs" if photographs is not None and photographs.any_pictures else "cameras"
+    what = "photographs" if app.gallery.photographs.any_pictures else "cameras"
     return f"{visible.index(chosen) + 1} of {len(visible)}" if chosen in visible else f"{len(visible)} {what}"
 
 
@@ -153,7 +152,7 @@ class _Frustum(NamedTuple):
 def draw(app: App, canvas: Canvas, box: Box) -> int | None:
     """Draws them; the one under the mouse, if any."""
     gallery = app.gallery
-    if not gallery.frusta or gallery.photographs is None or app.comparison.against == "photograph":
+    if not gallery.frusta or app.comparison.against == "photograph":
         return None
     placed = _placed(app, box)
     mouse, over = np.array([*imgui.get_io().mouse_pos]), imgui.is_item_hovered()
@@ -170,7 +169,7 @@ def draw(app: App, canvas: Canvas, box: Box) -> int | None:
 def _placed(app: App, box: Box) -> list[_Frustum]:
     """What of the frusta is to be seen, the farthest first."""
     camera, gallery, scene = app.viewport.camera, app.gallery, app.open_scene
-    assert camera is not None and gallery.photographs is not None
+    assert camera is not None
     visible = gallery.visible()
     depth = gallery.frusta_size * (DEPTH_BOUNDED if scene.rig.bounded else DEPTH * scene.rig.radius)
     points = gallery.photographs.frusta(depth)[visible]
@@ -196,7 +195,6 @@ def _hit(points: np.ndarray, mouse: np.ndarray) -> bool:
 
 def _frustum(app: App, frustum: _Frustum, sheet: int | None, outline: str | None) -> None:
     gallery, draw_list = app.gallery, imgui.get_window_draw_list()
-    assert gallery.photographs is not None
     corners = [ImVec2(float(x), float(y)) for x, y in frustum.points]
     opacity = frustum.strength * (1.0 if outline else gallery.frusta_opacity)
     uv = _uv(gallery.thumbnails, frustum.index)
@@ -239,7 +237,6 @@ def picture(canvas: Canvas, thumbnails: Thumbnails | None, index: int, low: ImVe
 
 
 def _tooltip(app: App, index: int, sheet: int | None) -> None:
-    assert app.gallery.photographs is not None
     shot, uv = app.gallery.photographs.shots[index], _uv(app.gallery.thumbnails, index)
     if not imgui.begin_tooltip():
         return

@@ -11,7 +11,7 @@ lets the whole sheet fit into LARGEST_SHEET pixels a side, so that memory is bou
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,28 +52,25 @@ class Shot:
 
 
 class Photographs:
-    """Shots of a pack. folder: the scene's, None where it is not known. reachable: whether that is on this computer."""
+    """Shots of a pack (None: of none). folder: the scene's, None where it is not known. reachable: that is on this computer."""
 
-    def __init__(self, pack: Pack) -> None:
-        self.shots = shots_of(pack)
-        self._provenance = pack.metadata.get("provenance")
+    def __init__(self, pack: Pack | None) -> None:
+        self.shots = [] if pack is None else shots_of(pack)
+        self._provenance = None if pack is None else pack.metadata.get("provenance")
         scene = self._provenance.get("scene") if isinstance(self._provenance, dict) else None
         self.folder = Path(scene) if isinstance(scene, str) and Path(scene).is_absolute() else None
         self.reachable = self.folder is not None and self.folder.is_dir()
         self._copies = any(shot.has_copy for shot in self.shots)
         self.background: tuple[float, ...] = (1.0, 1.0, 1.0)
-        self._found: dict[tuple[str, str], Photograph] | None = None
+        self.found: dict[
+            tuple[str, str], Photograph
+        ] = {}  # by split and name, once the folder was read; also by "" and name
         self._reading = threading.Lock()  # thumbnails are read in a thread of their own
         self._cache: dict[int, np.ndarray] = {}
         self._frusta: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.shots)
-
-    @property
-    def found(self) -> bool:
-        """Whether the scene's folder was read already, and is one."""
-        return self._found is not None
 
     @property
     def splits(self) -> tuple[str, ...]:
@@ -118,12 +115,11 @@ class Photographs:
         """The file behind a shot. UserError where it is not there; any thread may ask."""
         shot = self.shots[index]
         with self._reading:
-            if self._found is None:
+            if not self.found:
                 if self.folder is None:
                     raise UserError("the pack does not say where its photographs are", remedy="choose the scene folder")
                 self._read(self.folder)
-            assert self._found is not None
-            photograph = self._found.get((shot.split, shot.name)) or self._found.get(("", shot.name))
+            photograph = self.found.get((shot.split, shot.name)) or self.found.get(("", shot.name))
         if photograph is None:
             raise UserError("has no such photograph", where=self.folder, expected=f"{shot.split} {shot.name}")
         return photograph
@@ -151,7 +147,7 @@ class Photographs:
             for photograph in photographs:
                 found[(split, label_of(photograph.name))] = photograph
                 found.setdefault(("", label_of(photograph.name)), photograph)
-        self.background, self._found = scene.background, found
+        self.background, self.found = scene.background, found
 
 
 def shots_of(pack: Pack) -> list[Shot]:
@@ -233,7 +229,7 @@ def _shrunk(pixels: np.ndarray, side: int) -> np.ndarray:
 class Gallery:
     """The state of the photographs page."""
 
-    photographs: Photographs | None = None  # of the open pack
+    photographs: Photographs = field(default_factory=lambda: Photographs(None))  # of the open pack
     chosen: int | None = None  # index of the shot chosen last; it stays chosen when the camera moves away
     reveal: bool = False  # the list has yet to scroll to it
     split_shown: str = ""  # only shots of this split are listed; "" is all
@@ -247,15 +243,13 @@ class Gallery:
         self.chosen, self.frusta, self.split_shown = None, False, ""
 
     def visible(self) -> list[int]:
-        shots = self.photographs.shots if self.photographs is not None else []
-        return [index for index, shot in enumerate(shots) if self.split_shown in ("", shot.split)]
+        return [index for index, shot in enumerate(self.photographs.shots) if self.split_shown in ("", shot.split)]
 
     def stand_in(self, app: App, index: int) -> None:
         """Moves the camera to a photograph's pose and compares with the photograph if it can be read."""
-        if app.scene is None or self.photographs is None:
-            return
         shot = self.photographs.shots[index]
-        app.scene.rig.hold(shot.view, remember=True)
+        app.open_scene.rig.remember()
+        app.open_scene.rig.hold(shot.view)
         if self.split_shown != shot.split:
             self.split_shown = ""
         self.chosen, self.reveal = index, True
@@ -280,7 +274,7 @@ class Gallery:
                 self.thumbnails = thumbnails = None
         if thumbnails is None:
             wanted = self.frusta or app.interface.shows("photographs")
-            if wanted and app.scene is not None and photographs is not None and photographs.any_pictures:
+            if wanted and app.scene is not None and photographs.any_pictures:
                 self.thumbnails = Thumbnails(photographs)
         elif thumbnails.news():
             app.touch(1)

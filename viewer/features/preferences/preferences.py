@@ -9,28 +9,26 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from copy import copy
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import platformdirs
 
 from console import not_written
-from console.atomic import try_lock, write_file
+from console.atomic import write_file
 from console.json_text import read_json_file
 from viewer.core.annotations import is_number
 from viewer.core.tasks import Autosave
-from viewer.features.camera.walking import EYE_HEIGHTS, USUAL_M
+from viewer.features.camera.walking import EYE_HEIGHTS
 from viewer.features.display.display import PLAIN
 
 if TYPE_CHECKING:
     from viewer.app.application import App
 
 MOST_RECENT = 8
-LOCK_PATIENCE_S = 2.0
 LARGEST = 1 << 16  # units of the screen
 CHECK_EVERY_S = 0.4
 LIMITS = {  # of numbers, which are brought to the nearest that makes sense
@@ -49,24 +47,9 @@ def default_file() -> Path:
 
 @dataclass
 class Preferences:
-    """What is kept from one start to the next. Fields without a comment are those of Interface and DynamicResolution."""
+    """Those that no other part of the app holds."""
 
     window: tuple[int, int] = (1280, 800)  # width, height, screen units
-    page: str = "view"
-    moved: list[str] = field(default_factory=list)
-    layout: str = ""
-    background: tuple[float, float, float] = (1.0, 1.0, 1.0)  # sRGB, 0 … 1
-    target_fps: float = 30.0
-    dynamic_resolution: bool = True
-    rest_scale: float = 1.0
-    theme: str = "dark"
-    language: str = "en"
-    interface_scale: float = 1.0
-    backdrop: str = "gradient"  # "plain" or one of viewer.features.display.display.STYLES
-    axes_shown: bool = True
-    surroundings: bool = True  # see RenderSettings
-    dead_zone: float = 0.15  # of controllers, 0 … 1
-    eye_height: float = USUAL_M  # see Walking.eye_height_m
     recent: list[str] = field(default_factory=list)  # paths, the last opened first
 
     def opened(self, path: Path) -> None:
@@ -78,34 +61,30 @@ class Preferences:
         return [Path(name) for name in self.recent if os.path.exists(name)]  # Path.exists raises for too long a name
 
 
-def load(file: Path) -> Preferences:
-    """The preferences in `file`, with defaults for what is missing or makes no sense."""
-    defaults = vars(Preferences())
-    found = {name: _like(value, defaults[name]) for name, value in _read(file).items() if name in defaults}
-    found = {name: value for name, value in found.items() if value is not None}
-    found |= {name: min(max(found[name], low), high) for name, (low, high) in LIMITS.items() if name in found}
-    return Preferences(**found)
+def load(file: Path) -> dict[str, Any]:
+    """The content of the file; empty if there is none or it is not valid."""
+    try:
+        values = read_json_file(file)
+    except (OSError, ValueError):
+        return {}
+    return values if isinstance(values, dict) else {}
 
 
-def save(preferences: Preferences, file: Path, before: Preferences | None = None) -> str | None:
+def save(values: dict[str, Any], file: Path, before: dict[str, Any] | None = None) -> str | None:
     """Writes a new file and renames it. Returns what went wrong, or None.
 
-    before: what this program last read or wrote. Only what differs from it is changed, because another viewer may have
-    written since. `preferences.recent` becomes the merged list.
+    before: the values that this program last read or wrote. Only what differs from it is changed, because another viewer may have
+    written since.
     """
     try:
         file = file.resolve()  # what a link leads to
         file.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(file):
-            there, wanted = _read(file), asdict(preferences)
-            if before is not None and there:
-                old = asdict(before)
-                opened = opened_since(before.recent, preferences.recent)
-                others = _like(there.get("recent"), []) or []
-                wanted["recent"] = merged_recent(opened, others)
-                wanted = {name: value for name, value in wanted.items() if value != old[name]}
-            write_file(file, json.dumps({**there, **wanted}, indent=1))
-        preferences.recent = list(wanted.get("recent", preferences.recent))
+        there = load(file)
+        if before is not None and there:
+            opened = opened_since(before["recent"], values["recent"])
+            values = {**values, "recent": merged_recent(opened, _like(there.get("recent"), []) or [])}
+            values = {name: value for name, value in values.items() if value != before[name]}
+        write_file(file, json.dumps({**there, **values}, indent=1))
     except OSError as error:
         words, remedy = not_written(error)
         return f"settings are not saved: {file.parent}: {words}; {remedy}"
@@ -124,28 +103,6 @@ def merged_recent(opened: list[str], others: list[str]) -> list[str]:
     return [*opened, *(name for name in others if name not in opened)][:MOST_RECENT]
 
 
-def _read(file: Path) -> dict[str, Any]:
-    """The content of the file; empty if there is none or it is not valid."""
-    try:
-        values = read_json_file(file)
-    except (OSError, ValueError):
-        return {}
-    return values if isinstance(values, dict) else {}
-
-
-@contextmanager
-def _locked(file: Path) -> Iterator[None]:
-    """Holds a lock against other viewers; goes on without it after LOCK_PATIENCE_S, or where there are no locks."""
-    handle = os.open(file.parent, os.O_RDONLY)  # the folder: the file itself is another one after each save
-    try:
-        end = time.monotonic() + LOCK_PATIENCE_S
-        while try_lock(handle) is False and time.monotonic() < end:
-            time.sleep(0.02)
-        yield
-    finally:
-        os.close(handle)  # which ends the lock
-
-
 def _like(value: Any, default: Any) -> Any:
     """`value` if it is of the kind of `default`, else None."""
     if isinstance(default, bool | str):
@@ -156,12 +113,13 @@ def _like(value: Any, default: Any) -> Any:
         good = isinstance(value, list) and all(isinstance(item, str) for item in value)
         return value[:MOST_RECENT] if good else None
     kind = type(default[0])
-    good = isinstance(value, list) and len(value) == len(default)
+    good = isinstance(value, list | tuple) and len(value) == len(default)
     return tuple(map(kind, value)) if good and all(is_number(v) and 0 <= v <= LARGEST for v in value) else None
 
 
-# The part of the app that holds a preference, and the name there. The settings' are not among them, for these are frozen.
+# Where the app holds each preference, and under which name there. Of the backdrop, it is the style.
 PLACES = {
+    **{name: ("preferences", name) for name in ("window", "recent")},
     **{name: ("interface", name) for name in ("page", "moved", "layout", "theme", "axes_shown", "language")},
     "interface_scale": ("interface", "scale"),
     "dead_zone": ("controllers", "dead_zone"),
@@ -169,36 +127,42 @@ PLACES = {
     "target_fps": ("resolution", "target_fps"),
     "dynamic_resolution": ("resolution", "enabled"),
     "rest_scale": ("resolution", "rest_scale"),
+    **{name: ("settings", name) for name in ("background", "surroundings")},
 }
 
 
-def apply_preferences(app: App, preferences: Preferences) -> None:
-    app.preferences = preferences
+def apply_preferences(app: App, values: dict[str, Any]) -> None:
+    """Takes over what was loaded; what is missing or makes no sense stays as it is."""
     for name, (part, there) in PLACES.items():
-        setattr(getattr(app, part), there, copy(getattr(preferences, name)))
-    app.settings = replace(app.settings, background=preferences.background, surroundings=preferences.surroundings)
-    if preferences.backdrop != PLAIN:
-        app.set_backdrop(preferences.backdrop)
+        value = _like(values.get(name), getattr(getattr(app, part), there))
+        if value is None:
+            continue
+        if name in LIMITS:
+            value = min(max(value, LIMITS[name][0]), LIMITS[name][1])
+        if part == "settings":  # which are frozen
+            app.set(**{there: value})
+        else:
+            setattr(getattr(app, part), there, value)
+    style = _like(values.get("backdrop"), "") or "gradient"
+    if style != PLAIN:
+        app.set_backdrop(style)
 
 
-def current_preferences(app: App) -> Preferences:
-    settings = app.settings
-    values: dict[str, Any] = {"recent": list(app.preferences.recent)}
-    values |= {name: copy(getattr(getattr(app, part), there)) for name, (part, there) in PLACES.items()}
-    values["backdrop"] = PLAIN if settings.backdrop is None else settings.backdrop.style
-    return replace(app.preferences, background=settings.background, surroundings=settings.surroundings, **values)
+def current_preferences(app: App) -> dict[str, Any]:
+    values = {name: copy(getattr(getattr(app, part), there)) for name, (part, there) in PLACES.items()}
+    backdrop = app.settings.backdrop
+    return {**values, "backdrop": PLAIN if backdrop is None else backdrop.style}
 
 
 class PreferencesAutosave:
-    """Saves the preferences of `app` in a thread, soon after they change. size, layout: of the window; see Preferences."""
+    """Saves the preferences of `app` in a thread, soon after they change. size, layout: of the window."""
 
     def __init__(self, app: App, file: Path, size: Callable[[], tuple[int, int]], layout: Callable[[], str]) -> None:
         self.app, self.file, self._size, self._layout = app, file, size, layout
         self._written = current_preferences(self.app)  # what is in the file, as far as this program knows
         self._autosave = Autosave(self._save, self._written, CHECK_EVERY_S, LONGEST_UNSAVED_S)
         self._checked_at = time.monotonic()
-        self._result: tuple[Preferences, Preferences, str | None] | None = None  # sent, written, and what went wrong
-        self._problem: str | None = None
+        self._problem: str | None = None  # why the last changes are not saved
         self._was_reported = False
 
     def poll(self) -> None:
@@ -206,7 +170,10 @@ class PreferencesAutosave:
         now = time.monotonic()
         if now - self._checked_at >= CHECK_EVERY_S:
             self._checked_at = now
-            self._take_result()
+            if self._problem is not None and not self._was_reported:
+                self._was_reported = True
+                self.app.messages.say(self._problem[:1].upper() + self._problem[1:], "warning")
+                self.app.touch()
             self._read_window()
             self._autosave.follow(current_preferences(self.app))
 
@@ -216,29 +183,13 @@ class PreferencesAutosave:
             self._read_window()
         if self._problem is not None:  # what was refused is tried again
             self._autosave.saved = self._written
-        was_reported, self._problem = self._was_reported, None
         self._autosave.finish(current_preferences(self.app))
-        self._take_result()
-        return None if was_reported else self._problem
+        return None if self._was_reported else self._problem
 
     def _read_window(self) -> None:
         self.app.preferences.window, self.app.interface.layout = self._size(), self._layout()
 
-    def _save(self, wanted: Preferences) -> None:
-        written = replace(wanted, recent=list(wanted.recent))
-        problem = save(written, self.file, self._written)
-        self._result = wanted, written, problem
-
-    def _take_result(self) -> None:
-        """Takes over what the thread did, with packs that other viewers opened. Reports a failure once."""
-        if self._result is None or self._autosave.writing:
-            return
-        (sent, written, self._problem), self._result = self._result, None
+    def _save(self, values: dict[str, Any]) -> None:
+        self._problem = save(values, self.file, self._written)
         if self._problem is None:
-            opened = opened_since(sent.recent, self.app.preferences.recent)
-            self.app.preferences.recent = merged_recent(opened, written.recent)
-            self._written = self._autosave.saved = written
-        elif not self._was_reported:
-            self._was_reported = True
-            self.app.messages.say(self._problem[:1].upper() + self._problem[1:], "warning")
-            self.app.touch()
+            self._written = values

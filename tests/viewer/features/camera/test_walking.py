@@ -17,7 +17,7 @@ from viewer.features.camera.walking import SCENE_M, USUAL_M, metre_of
 from viewer.features.crop import crop
 from viewer.features.photographs.photographs import shots_of
 from viewer.features.placing import placing
-from viewer.features.preferences.preferences import Preferences, apply_preferences, current_preferences
+from viewer.features.preferences.preferences import apply_preferences, current_preferences
 
 PLATE = -0.65  # its upper side
 
@@ -167,5 +167,5 @@ def test_a_metre_is_that_of_the_scale_unless_the_scene_is_too_small_for_a_body(a
 
 
 def test_the_eye_height_is_remembered_and_nothing_absurd_is_taken(app):
-    apply_preferences(app, Preferences(eye_height=1.2))
-    assert app.walking.eye_height_m == 1.2 and current_preferences(app).eye_height == 1.2
+    apply_preferences(app, {"eye_height": 1.2})
+    assert app.walking.eye_height_m == 1.2 and current_preferences(app)["eye_height"] == 1.2

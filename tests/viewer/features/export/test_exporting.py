@@ -44,7 +44,7 @@ def test_the_scene_is_exported_as_a_web_page(shown: App, tmp_path: Path) -> None
     shown.exporting.plan.kind = "page"
     shown.exporting.tick(shown)  # there is no preview of a page
     shown.exporting.choose_file(shown)
-    assert not shown.exporting.asking and shown.file_request is not None
+    assert shown.exporting.preview is None and shown.file_request is not None
     shown.file_request.then(tmp_path / "scene.html")
     until(lambda: shown.exporting.tick(shown) or shown.exporting.writing is None)
     assert not shown.messages.dialogs

@@ -232,7 +232,7 @@ def test_tiles_of_any_size_make_the_same_pixels_also_where_the_lens_is_off_the_m
         camera = replace(camera, cx=camera.cx + 0.3333, cy=camera.cy - 0.1717)
         pictures = []
         for side in (16, 47, 200):
-            export = Export([camera], RenderSettings(), tmp_path / f"{side}.png", canvas.snapshot, tile_side=side)
+            export = Export([camera], RenderSettings(), tmp_path / f"{side}.png", canvas, pack, tile_side=side)
             until(lambda export=export: export.step(1.0) or export.finished)
             pictures.append(np.asarray(Image.open(export.target)))
         assert np.ptp(pictures[0]) > 100

@@ -215,7 +215,6 @@ def test_photographs_without_a_pose_are_shown_before_training(bare, tmp_path, of
     assert list(found.why) == ["a.jpg", "walk.mp4 at 1.00 s", "gone.jpg"] and list(found.boxes) == list(found.why)[:2]
     (_, _, width, height), landscape = found.boxes.values()
     assert width < height and landscape[2] > landscape[3], "as the camera was held"
-    live(bare, lambda: bare.making._rejected is None)
     app = App(canvas=FakeCanvas())
     app.making.review = review
     review.hold()

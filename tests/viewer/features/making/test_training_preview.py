@@ -5,6 +5,7 @@ import pytest
 from scenepack import save_pack
 from tests.viewer.waiting import live
 from viewer.app.application import App
+from viewer.features.making.make_job import preview_title
 
 
 @pytest.fixture
@@ -19,7 +20,7 @@ def write(tmp_path, pack):
 
 
 def came(app: App, steps: int) -> bool:
-    return app.making.job.preview is not None and app.making.job.preview.steps == steps
+    return app.making.job.preview is not None and f" {steps:,} " in preview_title(app.making.job.preview)
 
 
 def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_camera_stays(making, write, tmp_path):
@@ -29,7 +30,7 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_c
     write(1200)
     live(app, lambda: came(app, 1200))
     assert app.scene.name == "photographs: preview after 1,200 steps" and app.making.training_preview_shown(app)
-    assert app.canvas.shown == [app.making.job.preview.pack] and app.preferences.recent == []
+    assert app.canvas.shown == [app.making.job.preview] and app.preferences.recent == []
     untouched = app.scene.rig.goal
     app.scene.rig.orbit(80.0, 15.0)
     chosen, fov = app.scene.rig.goal, app.fov
@@ -37,9 +38,9 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_c
     live(app, lambda: app.scene.rig.shown == app.scene.rig.goal)
     write(2400)
     live(app, lambda: came(app, 2400))
-    assert app.scene.name.endswith("2,400 steps") and app.scene.pack is app.making.job.preview.pack
+    assert app.scene.name.endswith("2,400 steps") and app.scene.pack is app.making.job.preview
     assert app.scene.rig.goal == app.scene.rig.shown == chosen
-    assert app.canvas.shown == [app.making.job.preview.pack], "refined in place: nothing is blank in between"
+    assert app.canvas.shown == [app.making.job.preview], "refined in place: nothing is blank in between"
     (tmp_path / "go").touch()
     live(app, lambda: app.making.job is None and app.loading is None)
     assert app.scene.path == tmp_path / "pack" and not app.messages.dialogs

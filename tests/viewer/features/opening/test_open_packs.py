@@ -13,7 +13,7 @@ from viewer.app.commands import COMMANDS
 from viewer.core.state import Edits
 from viewer.features.opening import opening as open_packs_module
 from viewer.features.opening.open_prompt import OpenPrompt, choose, path_in, suggestions
-from viewer.features.opening.opening import MOST_PACKS, OpenPack, OpenPacks, bytes_of
+from viewer.features.opening.opening import MOST_PACKS, OpenPacks, bytes_of
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def three(app):
 
 
 def names(app) -> str:
-    return app.scene.name + "".join(entry.scene.name for entry in app.open_packs.packs)
+    return app.scene.name + "".join(scene.name for scene in app.open_packs.packs)
 
 
 def test_the_next_and_the_previous_pack_go_round_and_closing_shows_the_pack_before_and_then_the_start_page(three):
@@ -76,12 +76,11 @@ def test_there_is_an_end_to_what_open_packs_take(three, monkeypatch):
     scene = three.scene
     open_packs = OpenPacks()
     for i in range(MOST_PACKS + 3):
-        entry = OpenPack(replace(scene, path=Path(f"/{i}"), name=str(i)), None, 0.0, three.filming.path)
-        open_packs.keep(three, entry)
+        open_packs.keep(three, replace(scene, path=Path(f"/{i}"), name=str(i)))
     assert len(open_packs.packs) == MOST_PACKS and three.messages.lines[-1].text.startswith("2 was closed")
     monkeypatch.setattr(open_packs_module, "MOST_BYTES", 2.5 * bytes_of(scene.pack))
-    open_packs.keep(three, OpenPack(scene, None, 0.0, three.filming.path))
-    assert [entry.scene.name for entry in open_packs.packs] == [str(MOST_PACKS + 2), "c"]
+    open_packs.keep(three, scene)
+    assert [each.name for each in open_packs.packs] == [str(MOST_PACKS + 2), "c"]
     assert bytes_of(scene.pack) >= np.asarray(scene.pack.atlas_rgba).nbytes
 
 
@@ -89,11 +88,9 @@ def test_what_was_erased_and_is_not_saved_stays_open(three):
     open_packs = OpenPacks()
     erased = replace(three.scene, edits=Edits(removed=Selection({0: np.ones(1, np.uint8)})))
     for i in range(MOST_PACKS + 1):
-        scene = replace(erased if i < 2 else three.scene, path=Path(f"/{i}"), name=str(i))
-        open_packs.keep(three, OpenPack(scene, None, 0.0, three.filming.path))
-    assert three.messages.lines[-1].text.startswith("2 was closed") and [
-        entry.scene.name for entry in open_packs.packs[:3]
-    ] == ["0", "1", "3"]
+        open_packs.keep(three, replace(erased if i < 2 else three.scene, path=Path(f"/{i}"), name=str(i)))
+    assert three.messages.lines[-1].text.startswith("2 was closed")
+    assert [scene.name for scene in open_packs.packs[:3]] == ["0", "1", "3"]
 
 
 # One question for all that can be opened: paths as people copy them, what was opened lately, what lies at hand

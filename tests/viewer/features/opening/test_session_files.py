@@ -64,7 +64,7 @@ def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
     settle(app)
     assert not app.messages.dialogs
     assert app.scene.path == moved / "third" and app.interface.page == "measure"
-    assert [entry.scene.name for entry in app.open_packs.packs] == ["first", "second"]
+    assert [scene.name for scene in app.open_packs.packs] == ["first", "second"]
     assert np.allclose(app.scene.rig.matrix, before.scene.rig.matrix, atol=1e-9)
     assert app.scene.rig.orthographic and app.scene.rig.fov == before.scene.rig.fov
     assert np.allclose(app.settings.crop, before.settings.crop) and app.settings.near == 0.25

@@ -177,6 +177,7 @@ def test_the_demo_brings_all_its_photographs_and_stays_small(offscreen):
     app.gallery.stand_in(app, 3)
     ui.settle()
     assert app.comparison.psnr_db > 24  # the photograph is of this view, not of another
-    app.scene.rig.hold(replace(app.gallery.photographs.shots[9].view), remember=True)
+    app.scene.rig.remember()
+    app.scene.rig.hold(replace(app.gallery.photographs.shots[9].view))
     ui.settle()
     assert app.comparison.psnr_db < 20
