@@ -111,9 +111,7 @@ def test_block_sizes_that_cells_do_not_divide_lose_nothing(offscreen: Make, bloc
 
 
 @pytest.mark.parametrize("ndc", [False, True])
-def test_diffuse_features_and_alpha_modes_show_what_the_reference_accumulates(
-    request: pytest.FixtureRequest, offscreen: Make, ndc: bool
-) -> None:
+def test_diffuse_features_and_alpha_modes_show_what_the_reference_accumulates(request, offscreen, ndc):
     pack: Pack = request.getfixturevalue("ndc_shapes" if ndc else "shapes")
     camera = forward_facing_camera(np.random.default_rng(3)) if ndc else ViewCamera.orbit(pack, 40, size=SIZE)
     reference = render_reference(pack, camera)

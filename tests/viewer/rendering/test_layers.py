@@ -52,9 +52,7 @@ def unprojected(depth: np.ndarray, camera: ViewCamera) -> np.ndarray:
 
 
 @pytest.mark.parametrize("samples", [1, 3])
-def test_depth_unprojects_onto_the_ball_that_was_drawn_and_normals_point_out_of_it(
-    offscreen: Make, samples: int
-) -> None:
+def test_depth_unprojects_onto_the_ball_that_was_drawn_and_normals_point_out_of_it(offscreen, samples):
     renderer = offscreen(ball())
     camera = ViewCamera.look_at((0.9, 1.1, 1.6), (0.1, 0, 0), (0, 1, 0), 60, (64, 48))
     depth, normals, alpha = seen(renderer, camera, samples)

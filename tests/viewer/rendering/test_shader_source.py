@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import moderngl
 import numpy as np
 import pytest
 
@@ -16,9 +15,7 @@ def write(folder: Path, **files: str) -> None:
         (folder / name.replace("_", ".", 1)).write_text(text, encoding="utf-8")
 
 
-def test_an_error_quotes_the_line_of_an_included_file_or_of_the_vertex_shader(
-    ctx: moderngl.Context, tmp_path: Path
-) -> None:
+def test_an_error_quotes_the_line_of_an_included_file_or_of_the_vertex_shader(ctx, tmp_path):
     write(
         tmp_path,
         main_vert=VERTEX,

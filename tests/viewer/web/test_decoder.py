@@ -66,9 +66,7 @@ PACKS: dict[str, Callable[[], Pack]] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PACKS)
-def test_every_byte_of_the_textures_is_that_of_the_desktop(
-    name: str, browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_byte_of_the_textures_is_that_of_the_desktop(name, browser, tmp_path, monkeypatch):
     monkeypatch.setattr(atlas_stream, "BLOCKS_A_CHUNK", 7)  # several chunks, the last of them smaller
     pack = PACKS[name]()
     assert has_copied_padding(pack) == ("padding" not in name)
@@ -91,9 +89,7 @@ def filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Pack], 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("diffuse", [False, True])
-def test_every_byte_of_an_avif_pack_is_that_of_the_desktop(
-    diffuse: bool, browser: Browser, tmp_path: Path, filmed: Callable[[Pack], PageContent]
-) -> None:
+def test_every_byte_of_an_avif_pack_is_that_of_the_desktop(diffuse, browser, tmp_path, filmed):
     content = filmed(shapes_pack(diffuse=diffuse))
     assert content.source is not None
     pack = load_pack(content.source)
@@ -105,9 +101,7 @@ def test_every_byte_of_an_avif_pack_is_that_of_the_desktop(
 
 
 @pytest.mark.slow
-def test_an_avif_pack_stays_coarse_where_the_browser_decodes_no_films(
-    browser: Browser, tmp_path: Path, filmed: Callable[[Pack], PageContent]
-) -> None:
+def test_an_avif_pack_stays_coarse_where_the_browser_decodes_no_films(browser, tmp_path, filmed):
     content = filmed(shapes_pack())
     assert content.source is not None
     page = scene_page(load_pack(content.source), content).decode()
