@@ -102,11 +102,17 @@ def ctx() -> Iterator[moderngl.Context]:
 
 @pytest.fixture
 def offscreen(ctx: moderngl.Context) -> Iterator[Callable[..., OffscreenUi]]:
-    """Makes the interface of an app in a framebuffer; options as OffscreenUi's."""
+    """Makes the interface of an app in a framebuffer, with a pack open, where one is given, that is drawn coarsely at rest.
+    options: OffscreenUi's.
+    """
     made: list[OffscreenUi] = []
 
-    def make(app: App, **options) -> OffscreenUi:
+    def make(app: App, pack: Pack | None = None, path: Path = Path("toy"), **options) -> OffscreenUi:
         made.append(OffscreenUi(ctx, app, **options))
+        if pack is not None:
+            app.resolution.rest_scale = 0.25
+            app.show(pack, path)
+            made[-1].settle()
         return made[-1]
 
     yield make

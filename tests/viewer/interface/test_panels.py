@@ -18,12 +18,8 @@ MIDDLE = (400.0, 400.0)
 
 @pytest.fixture
 def ui(offscreen, app, pack, pack_folder):
-    ui = offscreen(app)
     app.interface.axes_shown = False
-    app.resolution.rest_scale = 0.25
-    app.show(pack, pack_folder)
-    ui.settle()
-    return ui
+    return offscreen(app, pack, pack_folder)
 
 
 def test_the_window_shows_the_same_pixels_as_the_offscreen_renderer(ui, app, pack):

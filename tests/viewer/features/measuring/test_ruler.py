@@ -48,11 +48,7 @@ def corner(*high: int) -> np.ndarray:
 
 @pytest.fixture
 def ui(offscreen, app):
-    ui = offscreen(app, size=(1280, 800))
-    app.resolution.rest_scale = 0.25
-    app.show(block_pack(), Path("block"))
-    ui.settle()
-    return ui
+    return offscreen(app, block_pack(), Path("block"), size=(1280, 800))
 
 
 def look_from(ui, azimuth: float, elevation: float, distance: float = 3.0) -> None:
