@@ -108,19 +108,3 @@ def test_modes_go_round_and_leave_out_what_the_pack_has_not(open_app):
     open_app.set(mode="features")
     open_app.show(toy_pack(view_mlp=False), open_app.scene.path)
     assert open_app.settings.mode == "normal" and "features" not in modes_for(open_app)
-
-
-def test_nothing_is_drawn_once_nothing_changes(open_app):
-    for _ in range(10):
-        open_app.tick(0.02)
-        open_app.drew()
-    assert not open_app.wants_frame
-    open_app.set(mode="depth")
-    assert open_app.wants_frame
-
-
-def test_a_toast_goes_away(open_app):
-    open_app.messages.say("saved")
-    assert open_app.messages.toast_left > 0
-    open_app.messages.toast_until = 0.0
-    assert open_app.messages.toast_left == 0

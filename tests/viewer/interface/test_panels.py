@@ -142,14 +142,6 @@ def test_dense_displays_get_more_pixels_and_the_same_layout(offscreen, pack, pac
     assert ui.canvas.drawn_size == app.viewport.pixels
 
 
-@pytest.mark.parametrize("size", [(480, 360), (640, 400), (1400, 500)])
-def test_every_window_size_keeps_room_for_the_picture(offscreen, app, pack, pack_folder, size):
-    ui = offscreen(app, size=size)
-    app.show(pack, pack_folder)
-    ui.settle()
-    assert app.viewport.width > 0.4 * size[0] and app.viewport.height > 0.8 * (size[1] - 48)
-
-
 # Names of files that are not UTF-8 are drawn like others
 
 NAME = "n\udcffme"

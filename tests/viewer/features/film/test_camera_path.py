@@ -75,15 +75,6 @@ def test_a_path_survives_nerfstudios_file(tmp_path_factory, some, closed):
     np.testing.assert_allclose(first, frame @ path.keyframes[0].grid_T_camera, atol=1e-6)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"keyframes": [{}]}', '{"keyframes": [{"matrix": [1, 2]}]}',
-                                  '{"keyframes": [{"matrix": [0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0]}]}'])  # fmt: skip
-def test_a_file_that_is_no_path_is_told_plainly(tmp_path, text):
-    file = tmp_path / "bad.json"
-    file.write_text(text)
-    with pytest.raises(UserError, match="is not a camera path"):
-        load_path(file, np.eye(4))
-
-
 @pytest.fixture
 def filming_app(pack, tmp_path):
     app = App(canvas=FakeCanvas())
