@@ -50,7 +50,7 @@ def test_state_that_imgui_leaves_behind_changes_nothing(ctx, offscreen, shapes, 
         sampler.release()
 
 
-@pytest.mark.parametrize("kind", ["shapes", "ndc_shapes", "diffuse"])
+@pytest.mark.parametrize("kind", ["ndc_shapes", "diffuse"])  # test_golden.py: the usual kind
 def test_every_mode_of_every_kind_of_pack_draws_something_finite(request, offscreen, kind, shapes):
     diffuse = replace(shapes, atlas_features=None, view_mlp=None)
     pack = diffuse if kind == "diffuse" else request.getfixturevalue(kind)
@@ -118,8 +118,7 @@ def box_filtered(picture: np.ndarray, n: int) -> np.ndarray:
     return picture.astype(np.float64).reshape(HEIGHT, n, WIDTH, n, 3).mean(axis=(1, 3))
 
 
-@pytest.mark.parametrize("mode", ["normal", "alpha"])
-@pytest.mark.parametrize("which", ["shapes", "ndc_shapes"])
+@pytest.mark.parametrize(("which", "mode"), [("shapes", "normal"), ("ndc_shapes", "alpha")])
 def test_a_picture_with_n_samples_is_the_box_filtered_picture_n_times_as_large(request, offscreen, which, mode):
     pack: Pack = request.getfixturevalue(which)
     renderer, samples = offscreen(pack), 3

@@ -12,7 +12,6 @@ import pytest
 from baker.commands import pack as command
 from scenepack import save_pack
 from scenepack.pack import Pack
-from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.web.browser import Browser
 from tests.viewer.web.conftest import page_picture
 from tests.viewer.web.test_pictures import SIZE, assert_same
@@ -32,11 +31,6 @@ def levels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Even small packs have a coarse level."""
     monkeypatch.setattr(description, "COARSE", 20_000)
     monkeypatch.setattr(description.renderer, "LEAST_HALVED", 42)
-
-
-@pytest.fixture(scope="module")
-def shapes() -> Pack:
-    return shapes_pack(42)
 
 
 class Host(ThreadingHTTPServer):
