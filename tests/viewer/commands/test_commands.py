@@ -11,7 +11,7 @@ from console import run_command
 from scenepack import Pack, load_pack, save_pack
 from scenepack.blocks import dense_from_pack
 from tests.messages import without_progress
-from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
+from tests.scenepack.volumes import cube_pack
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.scenes import SIDE, photographed
 from tools.scaling import scaling
@@ -159,11 +159,10 @@ def test_the_benchmarks_json_is_what_scripts_expect(folder: str, tmp_path: Path)
 def turned_folder(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The same scene as another system might have made it: without features, in a grid that is turned by half about y."""
     plain = shapes_pack(diffuse=True)
-    rgba = dense_from_pack(plain)[0][::-1, :, ::-1]
-    atlas = atlas_from_dense(np.ascontiguousarray(rgba), None, plain.block_size)
+    rgba = np.ascontiguousarray(dense_from_pack(plain)[0][::-1, :, ::-1])
     frame = plain.worldspace_T_opengl @ np.diag([-1.0, 1.0, -1.0, 1.0])
     path = tmp_path_factory.mktemp("packs") / "turned"
-    save_pack(pack_of_cube(70, plain.block_size, atlas, None, frame), path)
+    save_pack(cube_pack(rgba, plain.block_size, frame), path)
     return str(path)
 
 

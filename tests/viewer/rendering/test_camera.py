@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from scenepack.pack import Pack
-from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
-from tests.viewer.conftest import BLENDER
+from tests.scenepack.volumes import cube_pack
 from training.scenes.scene import Camera
 from viewer.core.pose import box_points, project
 from viewer.rendering.camera import ViewCamera, content_box, forward_facing_path, is_mirrored, orbit_path
@@ -65,7 +64,7 @@ def rod() -> Pack:
     """A thick rod in the middle of its grid."""
     rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
     rgba[20:45, 24:40, 10:66] = 200, 80, 40, 255
-    return pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, BLENDER)
+    return cube_pack(rgba, BLOCK)
 
 
 def seen(renderer: OffscreenRenderer, camera: ViewCamera) -> np.ndarray:
