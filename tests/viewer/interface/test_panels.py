@@ -132,12 +132,11 @@ def test_the_surroundings_of_a_contracted_pack_have_a_switch_that_is_remembered(
     assert app.settings.surroundings and np.abs(ui.scene_picture().astype(int) - whole).mean() < 1
 
 
-def test_dense_displays_get_more_pixels_and_the_same_layout(offscreen, pack, pack_folder):
-    app = App()
-    ui = offscreen(app, size=(900, 600), density=2.0)
+def test_dense_displays_get_more_pixels_and_the_same_layout(offscreen, app, pack, pack_folder):
+    ui = offscreen(app, size=(600, 400), density=2.0)
     app.show(pack, pack_folder)
     ui.settle()
-    assert ui.picture().shape == (1200, 1800, 3)
+    assert ui.picture().shape == (800, 1200, 3)
     assert app.viewport.pixels == (round(2 * app.viewport.width), round(2 * app.viewport.height))
     assert ui.canvas.drawn_size == app.viewport.pixels
 
