@@ -114,15 +114,12 @@ def view(pack: Pack, scale: int = 1) -> ViewCamera:
     return ViewCamera.orbit(pack, 35, 28, 2.9, fov_degrees=42, size=size)
 
 
-def box_filtered(picture: np.ndarray, n: int) -> np.ndarray:
-    return picture.astype(np.float64).reshape(HEIGHT, n, WIDTH, n, 3).mean(axis=(1, 3))
-
-
 @pytest.mark.parametrize(("which", "mode"), [("shapes", "normal"), ("ndc_shapes", "alpha")])
 def test_a_picture_with_n_samples_is_the_box_filtered_picture_n_times_as_large(request, offscreen, which, mode):
     pack: Pack = request.getfixturevalue(which)
     renderer, samples = offscreen(pack), 3
-    mean = box_filtered(renderer.render_float(view(pack, samples), RenderSettings(mode=mode)), samples)
+    large = renderer.render_float(view(pack, samples), RenderSettings(mode=mode)).astype(np.float64)
+    mean = large.reshape(HEIGHT, samples, WIDTH, samples, 3).mean(axis=(1, 3))
     smooth = renderer.render_float(view(pack), RenderSettings(mode=mode, samples=samples))
     np.testing.assert_allclose(smooth, mean, rtol=0, atol=1e-5)
     assert np.abs(renderer.render_float(view(pack), RenderSettings(mode=mode)) - mean).max() > 0.05  # edges differ
