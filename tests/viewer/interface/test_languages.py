@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -126,8 +127,10 @@ def test_everything_that_the_interface_shows_is_in_the_catalogues(offscreen, app
 
 
 def test_the_language_is_switched_while_running_and_remembered(offscreen, app) -> None:
+    ui = offscreen(app)
     app.interface.page = "settings"
-    ui = offscreen(app, toy_pack())
+    app.show(toy_pack(), Path("toy"))
+    ui.settle()
     apply_preferences(app, Preferences(language="de", page="settings"))
     ui.settle()
     assert language.current() == "de" and current_preferences(app).language == "de"

@@ -73,3 +73,10 @@ def test_only_what_was_changed_here_is_written_and_unknown_keys_stay(file):
         ["/d", "/c", "/b"],
     ) and mine.recent == found.recent
     assert json.loads(file.read_text())["from a newer version"] == 3
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"window": "big", "target_fps": "fast", "recent": 3}'])
+def test_broken_preferences_are_defaults(file, text):
+    file.parent.mkdir()
+    file.write_text(text)
+    assert load(file) == Preferences()
