@@ -16,7 +16,7 @@ from tests.compiling import as_users_have_it, compile_once_and_quickly
 from tests.messages import without_progress
 from training.libraries import release_freed_memory
 
-settings.register_profile("busy machine", deadline=None)  # how long an example takes says nothing there
+settings.register_profile("busy machine", deadline=None, max_examples=50)  # how long one takes says nothing there
 settings.load_profile("busy machine")
 
 TIME_IS_UP = "SNERG_TESTS_END_AT"  # seconds since 1970, set by .ci/run

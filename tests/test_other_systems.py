@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scenepack import save_pack
+from tests.scenepack.helpers import small_pack
 from viewer.core.input import holds_command, shown_keys
 from viewer.rendering import offscreen
 
@@ -64,6 +66,7 @@ def test_only_linux_is_asked_for_egl(platform: str, options: dict[str, str], mon
 @pytest.mark.parametrize("encoding", ["cp437", "cp1252", "ascii"])
 def test_a_console_without_unicode_gets_every_line(encoding: str, tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": encoding, "PYTHONPATH": str(ROOT), "PYTHONUTF8": "0"}
-    words = ["pack", "info", str(ROOT / "viewer/demo/demo.zip")]
-    done = subprocess.run([sys.executable, "-m", "snerg", *words], cwd=tmp_path, env=environment, capture_output=True)
+    save_pack(small_pack().with_metadata(scene="Straße 棚"), tmp_path / "pack")
+    words = [sys.executable, "-m", "snerg", "pack", "info", "pack"]
+    done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True)
     assert done.returncode == 0 and b"voxels" in done.stdout, done.stderr

@@ -92,35 +92,31 @@ def test_help_breaks_lines_where_the_terminal_ends_not_where_the_source_does(cap
     assert "Width and height of the square, in pixels. (default: 3)" in capsys.readouterr().out
 
 
-def test_a_user_error_is_status_two_and_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    error = UserError("is\nwrong", where="a.png", expected=3, found=4, remedy="mend it")
-    assert run_command(raising(error), prog="p", args=[]) == 2
-    assert capsys.readouterr().err == "p: a.png: is wrong (expected 3, found 4); mend it\n"
+WRONG = UserError("is\nwrong", where="a.png", expected=3, found=4, remedy="mend it")
 
 
-def test_debug_shows_the_traceback_of_a_user_error(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (WRONG, 2, "a.png: is wrong (expected 3, found 4); mend it"),
+        (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/a/b"), 2, "/a/b: the disk is full"),
+        (OSError(errno.EACCES, os.strerror(errno.EACCES), "/a/b"), 2, "/a/b: Permission denied"),
+        (KeyboardInterrupt("go on with --resume"), 130, "interrupted; go on with --resume"),
+    ],
+)
+def test_what_is_no_bug_is_one_line(error: BaseException, status: int, said: str, capsys) -> None:
+    assert run_command(raising(error), prog="p", args=[]) == status
+    assert capsys.readouterr().err == f"p: {said}\n"
+    assert run_command(raising(MemoryError()), prog="p", args=[]) == 2
+
+
+def test_a_bug_and_whatever_fails_under_debug_come_with_their_traceback(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command(raising(UserError("wrong")), prog="p", args=["--debug"]) == 2
     err = capsys.readouterr().err
     assert "Traceback" in err and err.endswith("p: wrong\n")
-
-
-def test_a_bug_is_status_one_with_its_traceback(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command(raising(ValueError("oops")), prog="p", args=[]) == 1
     err = capsys.readouterr().err
     assert "Traceback" in err and "ValueError: oops" in err
-
-
-@pytest.mark.parametrize(("code", "words"), [(errno.ENOSPC, "the disk is full"), (errno.EACCES, "Permission denied")])
-def test_what_the_machine_refuses_is_no_bug(code: int, words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_command(raising(OSError(code, os.strerror(code), "/a/b")), prog="p", args=[]) == 2
-    assert capsys.readouterr().err == f"p: /a/b: {words}\n"
-    assert run_command(raising(MemoryError()), prog="p", args=[]) == 2
-    assert run_command(raising(FileNotFoundError(code, "x")), prog="p", args=[]) in (1, 2)
-
-
-def test_an_interrupt_says_how_to_go_on(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_command(raising(KeyboardInterrupt("go on with --resume")), prog="p", args=[]) == 130
-    assert capsys.readouterr().err == "p: interrupted; go on with --resume\n"
 
 
 def test_notices_are_one_plain_line_and_other_warnings_stay(capsys: pytest.CaptureFixture[str]) -> None:

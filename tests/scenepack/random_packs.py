@@ -14,12 +14,10 @@ from scipy.ndimage import maximum_filter
 from scenepack.blocks import choose_atlas_blocks, grid_block_counts
 from scenepack.constants import VIEW_MLP_WIDTHS
 from scenepack.pack import Pack, ViewMlp
-from tests.scenepack.volumes import atlas_from_dense, occupied_blocks
+from tests.scenepack.volumes import BLENDER_FRAME, NDC_FRAME, atlas_from_dense, occupied_blocks
 
 CONTENT_STYLES = ("noise", "isolated", "shell", "borders", "blob", "mixed")
 ALPHA_STYLES = ("any", "faint", "solid")
-BLENDER_FRAME = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)
-NDC_FRAME = np.diag([1.0, 1.0, -1.0, 1.0])
 
 
 def random_view_mlp(rng: np.random.Generator, scale: float = 1.0) -> ViewMlp:

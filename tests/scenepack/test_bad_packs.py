@@ -38,24 +38,6 @@ def test_what_is_missing_empty_or_without_the_json_is_refused(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("text", "word"),
-    [
-        ("", "not JSON"),
-        ("{", "not JSON"),
-        ("not json", "not JSON"),
-        ("\xff\xfe\x00", "not JSON"),
-        ("[1, 2]", "object"),
-        ("3", "object"),
-        ("[" * 100000, "not JSON"),
-    ],
-)
-def test_json_that_is_none_is_refused(tmp_path: Path, text: str, word: str) -> None:
-    folder = written(tmp_path / "pack")
-    (folder / "scene_params.json").write_bytes(text.encode("latin-1"))
-    refused(folder, "scene_params.json", word)
-
-
-@pytest.mark.parametrize(
     ("key", "value"),
     [
         ("voxel_size", 0),

@@ -158,14 +158,6 @@ def test_colours_brighter_than_their_alpha_are_counted() -> None:
     assert finding.severity == "warning" and finding.figures["broken"] == 1 and finding.figures["worst"] == 40
 
 
-def test_indices_outside_of_the_atlas_are_an_error() -> None:
-    pack = small_pack()
-    indices = pack.atlas_indices.copy()
-    indices[tuple(np.argwhere(pack.occupied)[0])] = (200, 0, 0)
-    findings = check_pack(replace(pack, atlas_indices=indices))
-    assert [f.severity for f in findings] == ["error"] and findings[0].figures["outside"] == 1
-
-
 def test_atlas_blocks_used_twice_and_lost_ones_are_found() -> None:
     pack = small_pack(style="borders", occupancy=1.0)
     indices = pack.atlas_indices.copy()

@@ -10,7 +10,7 @@ from scipy import ndimage
 from console import UserError
 from scenepack import Pack, check_pack, load_pack, save_pack
 from scenepack.blocks import dense_from_pack
-from scenepack.editing import MARKED, EditPreview, Selection, Voxels, without
+from scenepack.editing import Selection, Voxels, without
 from scenepack.exports.field import ExportFrame
 from tests.scenepack.helpers import small_pack, smooth_pack
 
@@ -123,29 +123,6 @@ def test_a_saved_pack_has_the_voxels_that_are_left_and_no_others(pack, tmp_path)
 def emptied(pack: Pack, removed: Selection) -> set[int]:
     voxels = Voxels(pack)
     return {k for k in range(len(voxels.places)) if not (voxels.content(k) & ~voxels.mask(removed, k)).any()}
-
-
-def test_the_atlas_shows_what_was_removed_and_chosen_and_takes_it_back(pack):
-    before = pack.atlas_rgba.copy(), None if pack.atlas_features is None else pack.atlas_features.copy()
-    shown, voxels = EditPreview(Voxels(pack)), Voxels(pack)
-    removed = voxels.fainter_than(0.4)
-    chosen = voxels.fainter_than(0.8) - removed
-    shown.follow(removed, chosen, 0.0)
-    assert not shown.settled and not shown.take(9999)
-    shown.follow(removed, chosen)
-    changed = shown.take(9999)
-    assert shown.settled and set(removed.bits) | set(chosen.bits) <= set(changed)
-    expected = without(pack, removed, [])  # which has the padding made anew
-    alpha, marked = alphas(pack), dense(pack, chosen)
-    assert np.array_equal(alpha, alphas(expected)) and np.array_equal(
-        voxels.parts().voxels.keys(), shown.voxels.parts().voxels.keys()
-    )
-    assert np.array_equal(dense_from_pack(pack)[0][marked][:, :3], np.rint(alpha[marked][:, None] * (MARKED / 255)))
-    assert not [f for f in check_pack(pack) if f.rule.startswith("padding") and f.severity != "ok"]
-    shown.follow(Selection(), chosen)
-    shown.follow(Selection(), Selection())
-    assert np.array_equal(pack.atlas_rgba, before[0])
-    assert before[1] is None or np.array_equal(pack.atlas_features, before[1])
 
 
 def test_a_selection_comes_back_from_its_file_and_not_for_another_pack(tmp_path, pack):

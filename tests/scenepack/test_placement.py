@@ -24,10 +24,9 @@ from scenepack.placement import (
     placement_of,
     placement_to_json,
 )
-from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
+from tests.scenepack.volumes import cube_pack
 
 SIDE, BLOCK, SLOPE = 60, 15, 0.25
-BLENDER = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 UP = np.array([-SLOPE, 1.0, 0.0]) / np.hypot(SLOPE, 1.0)
 AT = np.array([0.0, -0.5, 0.0])  # on the slope, grid frame
 ANGLES = st.tuples(st.floats(-180, 180), st.floats(-89, 89), st.floats(-180, 180))
@@ -41,7 +40,7 @@ def sloping_pack(**options) -> Pack:
     rgba[height < 0] = (90, 120, 80, 255)
     rgba[(height < 0.6) & (z < -0.8)] = (150, 60, 60, 255)
     rgba[(x - 0.3) ** 2 + (y - 0.1) ** 2 + z**2 < 0.04] = (60, 60, 200, 255)
-    pack = pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, BLENDER)
+    pack = cube_pack(rgba, BLOCK)
     return pack.with_metadata(**options) if options else pack
 
 
@@ -89,8 +88,8 @@ def test_where_there_is_no_floor_none_is_found() -> None:
     z, y, x = np.mgrid[:SIDE, :SIDE, :SIDE] * (2 / SIDE) - 1
     rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
     rgba[x**2 + y**2 + z**2 < 0.6] = 255
-    ball = pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, BLENDER)
-    empty = pack_of_cube(SIDE, BLOCK, atlas_from_dense(0 * rgba, None, BLOCK), None, BLENDER)
+    ball = cube_pack(rgba, BLOCK)
+    empty = cube_pack(0 * rgba, BLOCK)
     for pack in (ball, empty):
         with pytest.raises(UserError, match="no ground"):
             ground_plane(pack, np.array([0.0, 1.0, 0.0]))

@@ -7,6 +7,10 @@ import numpy as np
 from scenepack.blocks import Triple, atlas_layout, atlas_shape, choose_atlas_blocks, grid_block_counts
 from scenepack.pack import Pack, ViewMlp
 
+BLENDER_FRAME = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)
+NDC_FRAME = np.diag([1.0, 1.0, -1.0, 1.0])
+PLANE = np.array([0.25, -0.15, 1.0]), -2.4  # of plane_pack, in the training frame: n, d of n . p = d
+
 
 def occupied_blocks(alpha: np.ndarray, block_size: int) -> np.ndarray:
     """bool [blocks z, blocks y, blocks x]: macroblocks with any `alpha` [z, y, x] above zero."""
@@ -64,3 +68,36 @@ def pack_of_cube(
         atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2], view_mlp=view_mlp,
         worldspace_T_opengl=np.array(worldspace_T_opengl, float), **camera,
     )  # fmt: skip
+
+
+def cube_pack(
+    rgba: np.ndarray, block_size: int, frame: np.ndarray = BLENDER_FRAME, features: np.ndarray | None = None,
+    view_mlp: ViewMlp | None = None, **camera: Any,
+) -> Pack:  # fmt: skip
+    """The pack of a cube of voxels over [-1, 1]^3: rgba [z, y, x, 4], premultiplied; features likewise."""
+    return pack_of_cube(len(rgba), block_size, atlas_from_dense(rgba, features, block_size), view_mlp, frame, **camera)
+
+
+def centres(side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x, y, z [z, y, x] of the voxels of a cube over [-1, 1]^3."""
+    z, y, x = (np.mgrid[:side, :side, :side] + 0.5) * (2 / side) - 1
+    return x, y, z
+
+
+def solid_pack(
+    inside: np.ndarray, colour: tuple[int, int, int], frame: np.ndarray = BLENDER_FRAME, **camera: Any
+) -> Pack:
+    """A pack over [-1, 1]^3 of one colour, opaque where `inside` ([z, y, x] in voxels, 0 at the surface) is positive."""
+    alpha = np.rint(255 * np.clip(inside + 0.5, 0, 1))[..., None]
+    rgba = np.concatenate([np.rint(alpha * np.array(colour) / 255), alpha], axis=-1).astype(np.uint8)
+    return cube_pack(rgba, 14, frame, **camera)
+
+
+def plane_pack(side: int, colour: tuple[int, int, int]) -> Pack:
+    """A forward-facing pack of what lies behind PLANE, by NeRF's warp (appendix C): x = -w x' / (2 f) z, z = 2 / (z' - 1)."""
+    width, height, focal = 160.0, 120.0, 140.0
+    (n, d), (x, y, z) = PLANE, centres(side)
+    world_z = 2.0 / (-z - 1.0)  # the grid's z is minus NDC's
+    world = np.stack([-x * world_z * width / (2 * focal), -y * world_z * height / (2 * focal), world_z], -1)
+    behind = (d - world @ n) * world_z**-2 * side  # about voxels
+    return solid_pack(behind, colour, NDC_FRAME, ndc=True, input_width=width, input_height=height, input_focal=focal)

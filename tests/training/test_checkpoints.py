@@ -82,9 +82,7 @@ STORED = Path(__file__).parents[1] / "data" / "runs"
     "name", ["metrics.jsonl", "curves.png", "validation/latest.png", "report/report.md", "config.json"]
 )
 @pytest.mark.parametrize("kind", ["link", "pipe"])
-def test_a_link_or_a_pipe_in_the_place_of_a_file_is_refused(
-    name: str, kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_link_or_a_pipe_in_the_place_of_a_file_is_refused(name, kind, tmp_path, capsys):
     run, mine = Path(shutil.copytree(STORED / "multires", tmp_path / "run")), tmp_path / "mine.txt"
     mine.write_bytes((run / name).read_bytes() if name == "config.json" else b"mine")
     before = mine.read_bytes()

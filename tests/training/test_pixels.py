@@ -67,9 +67,7 @@ def in_a_file(array: np.ndarray) -> bool:
     return isinstance(base, mmap.mmap)
 
 
-def test_photographs_that_memory_does_not_hold_lie_in_a_file_of_the_run(
-    procedural_scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_photographs_that_memory_does_not_hold_lie_in_a_file_of_the_run(procedural_scene, tmp_path, monkeypatch):
     photographs, size = procedural_scene.splits["train"], 12 * 48 * 48 * 4
     in_memory = load_pixels(photographs, folder=tmp_path / "run")
     assert not in_a_file(in_memory) and not (tmp_path / "run").exists()
@@ -92,9 +90,7 @@ def test_more_pixels_than_ids_are_thinned_out_by_rows_and_a_line_says_so(procedu
     assert row_step_for(procedural_scene) == 1
 
 
-def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_have(
-    procedural_scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_have(procedural_scene, monkeypatch):
     whole = make_dataset(procedural_scene)
     monkeypatch.setattr(datasets, "MOST_RAYS", whole.count // 5 + 1000)
     with pytest.warns(Notice, match="one row in 5"):

@@ -111,9 +111,7 @@ class Seer:
 @pytest.mark.parametrize(
     ("most", "size"), [(None, (48, 48)), (48 * 48, (48, 48)), (2000, (24, 24)), (300, (16, 16)), (1, (1, 1))]
 )
-def test_of_a_large_photograph_some_pixels_are_compared_and_none_is_shrunk(
-    procedural_scene: Scene, most: int | None, size: tuple[int, int]
-) -> None:
+def test_of_a_large_photograph_some_pixels_are_compared_and_none_is_shrunk(procedural_scene, most, size):
     dataset, camera = make_dataset(procedural_scene), procedural_scene.splits["test"][0].camera
     picture = Seer().render(None, dataset.view_rays(camera)).rgb.reshape(camera.height, camera.width, 3)
     opaque = np.concatenate([picture, np.ones_like(picture[..., :1])], -1)

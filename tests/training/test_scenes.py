@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -225,9 +224,7 @@ def test_what_can_be_expected_of_few_photographs_is_said(tmp_path: Path, photogr
     assert (line is None) if words is None else (line is not None and words in line)
 
 
-def test_cameras_that_all_look_away_from_the_box_are_refused_before_training(
-    copy: Path, tmp_path: Path, refused: Callable[..., str]
-) -> None:
+def test_cameras_that_all_look_away_from_the_box_are_refused_before_training(copy, tmp_path, refused):
     def turn_round(document: dict[str, Any]) -> None:
         for frame in document["frames"]:
             frame["transform_matrix"] = (np.array(frame["transform_matrix"]) * [-1, 1, -1, 1]).tolist()

@@ -93,9 +93,7 @@ def test_a_run_stopped_by_ctrl_c_and_resumed_repeats_the_unbroken_one_exactly(
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_back_to_its_checkpoint_and_repeats_what_was_lost(
-    unbroken: Path, procedural_path: Path, tmp_path: Path
-):
+def test_a_killed_run_goes_back_to_its_checkpoint_and_repeats_what_was_lost(unbroken, procedural_path, tmp_path):
     killed = Path(shutil.copytree(unbroken, tmp_path / "killed"))
     (killed / "checkpoints" / "step_00000012.safetensors").unlink()
     with open(killed / "metrics.jsonl", "a") as journal:
@@ -127,9 +125,7 @@ def test_a_full_disk_stops_training_with_a_plain_line(procedural_path: Path, tmp
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["nerf", "multires"])
-def test_a_run_that_time_ends_ends_with_the_last_learning_rate(
-    procedural_path: Path, tmp_path: Path, monkeypatch, method: str
-):
+def test_a_run_that_time_ends_ends_with_the_last_learning_rate(procedural_path, tmp_path, monkeypatch, method):
     monkeypatch.setattr(Recorder, "seconds", property(lambda recorder: 5.0 * recorder.run.step))  # a step takes 5 s
     multires = MultiresConfig(resolutions=(12,), occupancy=16, samples_per_step=1024, steps_across=(16, 16, 16))
     config = dataclasses.replace(MINUTE, method=method, engine="jax", steps=100_000, minutes=1.0, multires=multires)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scenepack import Pack, ViewMlp, save_pack
-from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
+from tests.scenepack.volumes import BLENDER_FRAME, NDC_FRAME, cube_pack
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.scenes import photographed
 from tests.viewer.screen import NoScreen, virtual_screen
@@ -19,7 +19,6 @@ from viewer.features.making import survey
 from viewer.rendering.offscreen import create_context
 
 SIDE, BLOCK = 44, 14
-BLENDER = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 PACKAGES = {
     "Xvfb": "xvfb",
@@ -48,7 +47,6 @@ def toy_pack(*, ndc: bool = False, view_mlp: bool = True, seed: int = 0) -> Pack
     rgba[(x**2 + (y + 0.25) ** 2 + z**2) < 0.16] = (210, 60, 50, 255)
     rgba[(np.abs(x - 0.5) < 0.08) & (np.abs(z) < 0.08) & (np.abs(y + 0.2) < 0.6)] = (60, 90, 220, 255)
     features = np.where(rgba[..., 3:] > 0, rng.integers(40, 200, (1, 1, 1, 4)), 0).astype(np.uint8)
-    atlas = atlas_from_dense(rgba, features if view_mlp else None, BLOCK)
     mlp = None
     if view_mlp:
         shapes = ((34, 16), (16, 16), (16, 3))
@@ -56,7 +54,7 @@ def toy_pack(*, ndc: bool = False, view_mlp: bool = True, seed: int = 0) -> Pack
         biases = tuple(np.full(shape[1], b, np.float32) for shape, b in zip(shapes, (0, 0, -2), strict=True))
         mlp = ViewMlp(weights, biases)
     camera = {"ndc": True, "input_width": 400.0, "input_height": 300.0, "input_focal": 350.0} if ndc else {}
-    return pack_of_cube(SIDE, BLOCK, atlas, mlp, np.diag([1.0, 1.0, -1.0, 1.0]) if ndc else BLENDER, **camera)
+    return cube_pack(rgba, BLOCK, NDC_FRAME if ndc else BLENDER_FRAME, features if view_mlp else None, mlp, **camera)
 
 
 @pytest.fixture(scope="session")
@@ -102,11 +100,17 @@ def ctx() -> Iterator[moderngl.Context]:
 
 @pytest.fixture
 def offscreen(ctx: moderngl.Context) -> Iterator[Callable[..., OffscreenUi]]:
-    """Makes the interface of an app in a framebuffer; options as OffscreenUi's."""
+    """Makes the interface of an app in a framebuffer, with a pack open, where one is given, that is drawn coarsely at rest.
+    options: OffscreenUi's.
+    """
     made: list[OffscreenUi] = []
 
-    def make(app: App, **options) -> OffscreenUi:
+    def make(app: App, pack: Pack | None = None, path: Path = Path("toy"), **options) -> OffscreenUi:
         made.append(OffscreenUi(ctx, app, **options))
+        if pack is not None:
+            app.resolution.rest_scale = 0.25
+            app.show(pack, path)
+            made[-1].settle()
         return made[-1]
 
     yield make

@@ -16,8 +16,8 @@ from scenepack.exports.field import Field
 from scenepack.exports.file_formats import COLUMNS, opacity_table
 from scenepack.exports.scene import KINDS, Export, coarseness, export_scene, preview_geometry
 from scenepack.exports.surface import components, decimated, extract, smoothed
-from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
-from tests.viewer.rendering.shapes import BALL, BLENDER_FRAME, NDC_FRAME, SKY, surroundings_pack
+from tests.scenepack.volumes import BLENDER_FRAME, NDC_FRAME, PLANE, centres, cube_pack, plane_pack, solid_pack
+from tests.viewer.rendering.shapes import BALL, SKY, surroundings_pack
 from viewer.features.photographs.photographs import shots_of
 from viewer.rendering.camera import ViewCamera
 
@@ -27,29 +27,17 @@ VOXEL = 2 / SIDE
 COLOUR = (200, 120, 40)
 
 
-def pack_of(inside: np.ndarray, frame: np.ndarray = BLENDER_FRAME, **camera: object) -> Pack:
-    """Opaque where `inside` ([z, y, x] in voxels, 0 at the surface) is positive, of one colour, over [-1, 1]^3."""
-    alpha = np.rint(255 * np.clip(inside + 0.5, 0, 1))[..., None]
-    rgba = np.concatenate([np.rint(alpha * np.array(COLOUR) / 255), alpha], axis=-1).astype(np.uint8)
-    return pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, frame, **camera)
-
-
-def centres() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    z, y, x = (np.mgrid[:SIDE, :SIDE, :SIDE] + 0.5) * VOXEL - 1
-    return x, y, z
-
-
 def ball_inside() -> np.ndarray:
-    x, y, z = centres()
+    x, y, z = centres(SIDE)
     return (RADIUS - np.sqrt((x - CENTRE[0]) ** 2 + (y - CENTRE[1]) ** 2 + (z - CENTRE[2]) ** 2)) / VOXEL
 
 
 @pytest.fixture(scope="module")
 def ball() -> Pack:
     """A ball across eight macroblocks, and a floater of a few voxels."""
-    x, y, z = centres()
+    x, y, z = centres(SIDE)
     floater = 1.5 - np.sqrt((x + 0.8) ** 2 + (y - 0.8) ** 2 + (z + 0.8) ** 2) / VOXEL
-    return pack_of(np.maximum(ball_inside(), floater))
+    return solid_pack(np.maximum(ball_inside(), floater), COLOUR)
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +56,7 @@ def test_seams_between_macroblocks_are_closed_whatever_the_opacities(ball: Pack)
     rng = np.random.default_rng(3)
     noise = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
     noise[..., 3] = rng.integers(0, 256, noise.shape[:3]) * (rng.random(noise.shape[:3]) < 0.7)
-    pack = pack_of_cube(SIDE, BLOCK, atlas_from_dense(noise, None, BLOCK), None, BLENDER_FRAME)
+    pack = cube_pack(noise, BLOCK)
     for each, coarser in ((ball, 1), (ball, 2), (pack, 1), (pack, 7)):
         surface = extract(Field(each, coarser), 0.15)
         edges = np.sort(np.concatenate([surface.faces[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
@@ -134,7 +122,7 @@ def test_fewer_triangles_stay_on_the_ball(ball: Pack) -> None:
 
 def test_smoothing_takes_steps_away_and_leaves_the_size() -> None:
     hard = np.where(ball_inside() > 0, 1.0, -1.0)
-    surface = extract(Field(pack_of(hard)), 0.5)
+    surface = extract(Field(solid_pack(hard, COLOUR)), 0.5)
 
     def radii(vertices: np.ndarray) -> np.ndarray:
         return np.linalg.norm(vertices * VOXEL - 1 - CENTRE, axis=1)
@@ -194,11 +182,11 @@ def test_an_spz_holds_the_gaussians_of_the_ply_as_exactly_as_the_format_allows(f
 def test_the_axes_of_an_spz_are_right_up_and_back(tmp_path: Path) -> None:
     """A long bar to the right, a shorter one upwards, the shortest to the back."""
     gsply = pytest.importorskip("gsply", reason="gsply is not installed: the extra dev")
-    x, y, z = centres()
+    x, y, z = centres(SIDE)
     bars = [(x, y, z, 0.9), (y, z, x, 0.6), (z, x, y, 0.3)]  # along, across, across, end
     inside = [(a > -0.1) & (a < end) & (np.maximum(np.abs(b), np.abs(c)) < 0.1) for a, b, c, end in bars]
     inside = np.logical_or.reduce(inside)
-    pack = pack_of(np.where(inside, 1.0, -1.0))
+    pack = solid_pack(np.where(inside, 1.0, -1.0), COLOUR)
     for frame in ("grid", "world"):
         export_scene(pack, tmp_path / "a.spz", Export("gaussians", frame=frame))
         places = gsply.read_spz(tmp_path / "a.spz").means
@@ -229,7 +217,7 @@ def test_a_glb_has_the_photographs_cameras_which_see_a_point_where_the_viewer_do
     entry = {"name": "train/r_7", "split": "train", "world_T_camera": pose.tolist(), **lens}
     fisheye = {**entry, "name": "fisheye", "distortion": [0.0] * 11 + [1.0]}
     given = {"ndc": True, "input_width": 160.0, "input_height": 120.0, "input_focal": 140.0} if ndc else {}
-    pack = pack_of(ball_inside(), NDC_FRAME if ndc else BLENDER_FRAME, **given)
+    pack = solid_pack(ball_inside(), COLOUR, NDC_FRAME if ndc else BLENDER_FRAME, **given)
     pack = pack.with_metadata(cameras=[fisheye, entry], near=0.25)
     export_scene(pack, tmp_path / "mesh.glb", Export("mesh", frame=frame, scale=2.0))
     document, _ = parts_of_glb(tmp_path / "mesh.glb")
@@ -257,13 +245,7 @@ def test_a_glb_has_the_photographs_cameras_which_see_a_point_where_the_viewer_do
 
 @pytest.mark.parametrize("frame", ["grid", "world"])
 def test_forward_facing_packs_are_unwarped(tmp_path: Path, frame: str) -> None:
-    width, height, focal = 160.0, 120.0, 140.0
-    n, d = np.array([0.25, -0.15, 1.0]), -2.4
-    x, y, z = centres()
-    world_z = 2.0 / (-z - 1.0)
-    world = np.stack([-x * world_z * width / (2 * focal), -y * world_z * height / (2 * focal), world_z], -1)
-    behind = (d - world @ n) * world_z**-2 * SIDE
-    pack = pack_of(behind, NDC_FRAME, ndc=True, input_width=width, input_height=height, input_focal=focal)
+    (n, d), pack = PLANE, plane_pack(SIDE, COLOUR)
     export_scene(pack, tmp_path / "mesh.ply", Export("mesh", level=0.5, keep="largest", frame=frame, smooth=0))  # type: ignore[arg-type]
     mesh = trimesh.load(tmp_path / "mesh.ply", process=False)
     points, normals = mesh.vertices, mesh.vertex_normals
@@ -303,7 +285,7 @@ def test_a_contracted_pack_is_written_as_it_is_in_space(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def alone() -> Pack:
-    return pack_of(ball_inside())
+    return solid_pack(ball_inside(), COLOUR)
 
 
 @pytest.mark.parametrize("kind", KINDS)

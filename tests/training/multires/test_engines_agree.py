@@ -237,9 +237,7 @@ def test_pictures_and_points_are_those_of_the_other_engine(trained: Trained) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("threads", [1, 3])
-def test_a_run_repeats_itself_to_the_last_bit_whatever_the_number_of_threads(
-    trained: Trained, threads: int
-) -> None:  # fmt: skip
+def test_a_run_repeats_itself_to_the_last_bit_whatever_the_number_of_threads(trained, threads):
     method = MultiresMethod(trained.method.config, trained.method.dataset)
     method.engine = FusedEngine(method.dataset, method.settings, CONFIG.seed, threads)
     state = method.start(jax.random.key(0))

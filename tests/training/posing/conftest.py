@@ -67,11 +67,6 @@ def load_quietly(scene: Path, *, masks: bool = False) -> Scene:
         return load_scene(scene, spherify=True, masks=masks)
 
 
-def write_stranger(file: Path, seed: int) -> None:
-    """A picture that shows nothing that others show."""
-    Image.fromarray(texture(100 + seed)[:192, :256].astype(np.uint8)).save(file, quality=95)
-
-
 @pytest.fixture(scope="session")
 def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
     pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
@@ -82,7 +77,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
     Image.open(photographs / "p6.jpg", formats=["JPEG"]).filter(ImageFilter.GaussianBlur(4)).save(
         photographs / "p6b.jpg"
     )
-    write_stranger(photographs / STRANGER, 5)
+    Image.fromarray(texture(105)[:192, :256].astype(np.uint8)).save(photographs / STRANGER, quality=95)
     source = find_source(photographs)
     assert source is not None
     with warnings.catch_warnings(record=True) as caught:

@@ -79,15 +79,15 @@ def saturation(values: np.ndarray) -> float:
     return float((values.max(axis=-1) - values.min(axis=-1)).mean())
 
 
-TEN_BITS: list[tuple[str, str, str, dict[str, Any]]] = [
-    ("film.mkv", "ffv1", "yuv444p10le", {}),
-    ("film.mov", "libx265", "yuv420p10le", {"crf": "4", "x265-params": "log-level=none"}),
-    ("film.mov", "prores_ks", "yuv422p10le", {}),
+TEN_BITS: list[tuple[int, str, str, str, dict[str, Any]]] = [
+    (PQ, "film.mkv", "ffv1", "yuv444p10le", {}),
+    (HLG, "film.mkv", "ffv1", "yuv444p10le", {}),
+    (HLG, "film.mov", "libx265", "yuv420p10le", {"crf": "4", "x265-params": "log-level=none"}),
+    (PQ, "film.mov", "prores_ks", "yuv422p10le", {}),
 ]
 
 
-@pytest.mark.parametrize(("name", "codec", "pix_fmt", "options"), TEN_BITS)
-@pytest.mark.parametrize("transfer", [HLG, PQ])
+@pytest.mark.parametrize(("transfer", "name", "codec", "pix_fmt", "options"), TEN_BITS)
 def test_an_hdr_film_has_the_colours_of_the_picture_that_it_was_made_of(
     transfer: int, name: str, codec: str, pix_fmt: str, options: dict[str, str], tmp_path: Path
 ):

@@ -79,9 +79,7 @@ def taken(film: Path, most: int = 6) -> list[tuple[float, np.ndarray]]:
 
 
 @pytest.mark.parametrize(("suffix", "muxer", "codec", "options"), CONTAINERS)
-def test_films_of_every_container_give_the_same_frames(
-    suffix: str, muxer: str, codec: str, options: dict[str, str], tmp_path: Path
-):
+def test_films_of_every_container_give_the_same_frames(suffix, muxer, codec, options, tmp_path):
     frames, film = frames_of_film(sharp_every=1), tmp_path / f"walk{suffix}"
     with av.open(str(film), "w", format=muxer, options=options) as written:
         stream = written.add_stream(codec, rate=25, options={"crf": "10"} if codec == "libx264" else {})

@@ -73,9 +73,7 @@ def test_the_same_line_again_finds_the_poses_there(found: Found, monkeypatch: py
 
 
 @pytest.mark.slow
-def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(
-    found: Found, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(found, tmp_path, monkeypatch):
     stage = "poses"
     ends: list[subprocess.Popen] = []
     asked: list[tuple[str, float]] = []
@@ -141,9 +139,7 @@ def test_one_ctrl_c_ends_it_in_one_line(found: Found, tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_snerg_make_trains_on_the_scene_whose_poses_it_found(
-    found: Found, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_snerg_make_trains_on_the_scene_whose_poses_it_found(found, monkeypatch, capsys):
     def train(scene: Path, run: Path, *_: object, **__: object) -> None:
         raise UserError("trained", where=scene)
 

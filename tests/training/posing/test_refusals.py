@@ -72,9 +72,7 @@ def refusal(photographs: Path, out: Path) -> str:
 
 
 @pytest.mark.slow
-def test_a_turntable_before_a_still_background_is_told_and_its_masks_mend_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_turntable_before_a_still_background_is_told_and_its_masks_mend_it(tmp_path, capsys):
     write_turntable(tmp_path / "bare")
     message = refusal(tmp_path / "bare", tmp_path / "out")
     assert "the camera stands still" in message and "put a folder masks with t0.png" in message
@@ -178,9 +176,7 @@ def test_photographs_that_share_nothing_are_refused_with_a_table(real_data: Path
 
 
 @pytest.mark.slow
-def test_of_two_places_the_larger_is_made_and_blurred_and_repeated_pictures_are_named(
-    real_data: Path, tmp_path: Path
-) -> None:
+def test_of_two_places_the_larger_is_made_and_blurred_and_repeated_pictures_are_named(real_data, tmp_path):
     photographs = tmp_path / "photographs"
     taken(real_data, photographs, FERN, range(9))
     taken(real_data, photographs, MARY, (0, 30))

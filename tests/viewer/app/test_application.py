@@ -1,11 +1,14 @@
 """The app without a window: opening, commands, messages."""
 
+import json
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from console import UserError
+from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import live, until
 from viewer.app.application import App
@@ -110,17 +113,39 @@ def test_modes_go_round_and_leave_out_what_the_pack_has_not(open_app):
     assert open_app.settings.mode == "normal" and "features" not in modes_for(open_app)
 
 
-def test_nothing_is_drawn_once_nothing_changes(open_app):
-    for _ in range(10):
-        open_app.tick(0.02)
-        open_app.drew()
-    assert not open_app.wants_frame
-    open_app.set(mode="depth")
-    assert open_app.wants_frame
+# What was mended in a pack from elsewhere is said once, in the window
 
 
-def test_a_toast_goes_away(open_app):
-    open_app.messages.say("saved")
-    assert open_app.messages.toast_left > 0
-    open_app.messages.toast_until = 0.0
-    assert open_app.messages.toast_left == 0
+@pytest.fixture
+def untidy(pack, tmp_path) -> Path:
+    """A pack made elsewhere: its features are missing, and a number is wrong."""
+    folder = tmp_path / "untidy"
+    save_pack(pack, folder)
+    for file in folder.glob("feature_*"):
+        file.unlink()
+    params = json.loads((folder / "scene_params.json").read_text())
+    params["atlas_blocks_x"] += 1
+    (folder / "scene_params.json").write_text(json.dumps(params))
+    return folder
+
+
+def opened(app: App, path: Path) -> str:
+    """The toast once the pack is open."""
+    app.messages.toast = ""
+    app.open(path)
+    finish_loading(app)
+    return app.messages.toast
+
+
+def test_what_was_mended_is_shown_once_and_stays_in_the_log(untidy, pack_folder):
+    app = App(canvas=FakeCanvas())
+    assert opened(app, pack_folder) == ""  # a sound pack
+    notice = opened(app, untidy)
+    assert "atlas_blocks" in notice and "feature_000.png is missing" in notice and app.messages.toast_level == "warning"
+    assert str(untidy) not in notice and app.messages.toast_left > 5
+    assert opened(app, untidy) == ""
+    assert sum("feature_000.png" in line.text for line in app.messages.lines) == 2
+    params = json.loads((untidy / "scene_params.json").read_text())
+    (untidy / "scene_params.json").write_text(json.dumps({**params, "atlas_blocks_x": 99}))
+    again = opened(app, untidy)
+    assert "feature_000.png" not in again and again  # only what is new

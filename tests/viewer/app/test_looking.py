@@ -10,7 +10,7 @@ from tests.viewer.scenes import SIDE, with_cameras
 from viewer.core.files import kind_of
 from viewer.core.pose import project
 from viewer.features.crop import crop
-from viewer.features.photographs.photographs import Photographs, shots_of
+from viewer.features.photographs.photographs import shots_of
 from viewer.rendering.camera import ViewCamera
 
 
@@ -81,14 +81,6 @@ def test_a_photograph_that_is_not_there_is_told_and_the_camera_stays(app, known_
     with pytest.raises(UserError):
         app.gallery.stand_in(app, 0)
     assert app.scene.rig.held is not None and app.comparison.against == ""
-
-
-def test_cameras_that_make_no_sense_are_left_out(pack):
-    good = {"name": "a", "split": "train", "world_T_camera": np.eye(4).tolist(), "width": 4, "height": 4}
-    good |= {"fx": 5, "fy": 5, "cx": 2, "cy": 2, "distortion": [0, 0, 0, 0]}
-    entries = [good, {}, "text", None, {**good, "fx": "wide"}, {**good, "world_T_camera": [[0] * 4] * 4}]
-    assert len(shots_of(pack.with_metadata(cameras=entries))) == 1
-    assert shots_of(pack.with_metadata(cameras="none")) == [] and len(Photographs(pack)) == 0
 
 
 def test_at_a_photographs_camera_rays_begin_where_they_did_in_training_and_flying_on_they_do_not(

@@ -11,7 +11,7 @@ from console import run_command
 from scenepack import Pack, load_pack, save_pack
 from scenepack.blocks import dense_from_pack
 from tests.messages import without_progress
-from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
+from tests.scenepack.volumes import cube_pack
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.scenes import SIDE, photographed
 from tools.scaling import scaling
@@ -79,9 +79,7 @@ def test_several_views_are_put_on_one_sheet(folder: str, tmp_path: Path) -> None
         assert np.array_equal(sheet[y : y + 36, x : x + 48], picture(tmp_path / "each" / f"{i:04d}.png"))
 
 
-def test_forward_facing_packs_render_without_a_pose_but_no_360_pictures(
-    ndc_folder: str, tmp_path: Path, capsys
-) -> None:
+def test_forward_facing_packs_render_without_a_pose_but_no_360_pictures(ndc_folder, tmp_path, capsys):
     assert render.main([ndc_folder, "--out", str(tmp_path / "a.png"), "--fov", "50", *SMALL]) == 0
     assert picture(tmp_path / "a.png").std() > 5
     assert render.main([ndc_folder, "--out", str(tmp_path / "b.png"), "--projection", "equirectangular"]) == 2
@@ -135,9 +133,7 @@ def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(folder: str, tmp
         ("a.png --aperture 0.1 --eye 0,0,3 --target 0,0,9", "--focus"),
     ],
 )
-def test_bad_arguments_are_status_2_and_one_line(
-    folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words, complaint
-) -> None:
+def test_bad_arguments_are_status_2_and_one_line(folder, tmp_path, monkeypatch, capsys, words, complaint):
     monkeypatch.chdir(tmp_path)
     assert render.main([folder, "--out", *words.split()]) == 2
     [line] = without_progress(capsys.readouterr().err)
@@ -163,11 +159,10 @@ def test_the_benchmarks_json_is_what_scripts_expect(folder: str, tmp_path: Path)
 def turned_folder(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The same scene as another system might have made it: without features, in a grid that is turned by half about y."""
     plain = shapes_pack(diffuse=True)
-    rgba = dense_from_pack(plain)[0][::-1, :, ::-1]
-    atlas = atlas_from_dense(np.ascontiguousarray(rgba), None, plain.block_size)
+    rgba = np.ascontiguousarray(dense_from_pack(plain)[0][::-1, :, ::-1])
     frame = plain.worldspace_T_opengl @ np.diag([-1.0, 1.0, -1.0, 1.0])
     path = tmp_path_factory.mktemp("packs") / "turned"
-    save_pack(pack_of_cube(70, plain.block_size, atlas, None, frame), path)
+    save_pack(cube_pack(rgba, plain.block_size, frame), path)
     return str(path)
 
 
@@ -228,9 +223,7 @@ def test_a_pack_in_another_grid_frame_is_seen_by_the_same_cameras(turned_folder:
         ["--scene", "SCENE", "--split", "val"],
     ],
 )
-def test_systems_that_cannot_be_compared_are_refused_in_one_line(
-    folder: str, ndc_folder: str, scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
-) -> None:
+def test_systems_that_cannot_be_compared_are_refused_in_one_line(folder, ndc_folder, scene, tmp_path, capsys, words):
     places = {"PACK": folder, "NDC": ndc_folder, "SCENE": scene}
     words = [places.get(word, word) for word in words]
     assert bench.main([folder, *words, "--frames", "1", "--json", str(tmp_path / "a.json"), *SMALL]) == 2
@@ -276,9 +269,7 @@ def test_the_scaling_script_plots_all_three(tmp_path: Path) -> None:
     assert run(str(tmp_path / "none"), "--redraw") == 2
 
 
-def test_a_context_that_is_lost_is_one_line(
-    folder: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_context_that_is_lost_is_one_line(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(offscreen, "lost", lambda ctx: True)
     assert render.main([folder, "--out", str(tmp_path / "a.png"), *SMALL]) == 2
     assert "was lost" in capsys.readouterr().err

@@ -51,9 +51,7 @@ def test_an_exr_without_opacity_has_the_picture_over_its_background(folder: str,
     assert channels["samples"].max() > 2 and np.all(channels["samples"] == np.rint(channels["samples"]))
 
 
-def test_a_transparent_png_has_straight_alpha_and_laid_over_white_it_is_the_picture(
-    folder: str, tmp_path: Path
-) -> None:
+def test_a_transparent_png_has_straight_alpha_and_laid_over_white_it_is_the_picture(folder, tmp_path):
     clear, white = tmp_path / "clear.png", tmp_path / "white.png"
     assert render.main([folder, "--out", str(clear), "--background", "transparent", "--mode", "diffuse", *SMALL]) == 0
     assert render.main([folder, "--out", str(white), "--mode", "diffuse", *SMALL]) == 0
@@ -84,9 +82,7 @@ def test_a_folder_gets_a_file_for_each_mode_of_each_view_or_one_exr_for_each_vie
         (["--out", "a.png", "--background", "clear"], "--background"),
     ],
 )
-def test_what_files_cannot_hold_is_told_in_one_line(
-    folder: str, words: list[str], message: str, capsys: pytest.CaptureFixture[str], monkeypatch, tmp_path: Path
-) -> None:
+def test_what_files_cannot_hold_is_told_in_one_line(folder, words, message, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     assert render.main([folder, *words, *SMALL]) == 2
     line = capsys.readouterr().err.strip()
@@ -94,9 +90,7 @@ def test_what_files_cannot_hold_is_told_in_one_line(
     assert not list(tmp_path.iterdir())
 
 
-def test_without_openexr_one_line_says_what_to_install(
-    folder: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_without_openexr_one_line_says_what_to_install(folder, capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(pictures, "exr_possible", lambda: False)
     assert render.main([folder, "--mode", "depth", "--out", str(tmp_path / "F.exr"), *SMALL]) == 2
     assert "snerg[export]" in capsys.readouterr().err

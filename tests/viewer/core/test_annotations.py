@@ -23,7 +23,7 @@ from viewer.core.annotations import (
     annotations_to_json,
     file_for,
 )
-from viewer.features.measuring.measure_tool import LengthFormat, angle, as_csv, as_text, lengths
+from viewer.features.measuring.measure_tool import LengthFormat, as_csv, as_text
 from viewer.rendering.settings import Look
 
 LINE = Measurement("line", ((0.0, 0.0, 0.0), (3.0, 4.0, 0.0), (3.0, 4.0, 2.0)))
@@ -33,12 +33,6 @@ VIEW = Bookmark("The façade", (0.0, 1.0, 4.0), (0.0, 0.0, 0.0), "z", 40.0)
 PLACE = replace(VIEW, name="Top", point=(0.1, 0.2, -0.3), text="Two lines\nof <b>text</b>")
 LOOK = Look(0.5, -0.2, 0.1, 1.5)
 ANNOTATIONS = Annotations(Scale(2.5, "m"), (LINE, ANGLE, POINT), (VIEW, PLACE), LOOK)
-
-
-def test_lengths_and_angles():
-    assert lengths(LINE.points) == [5.0, 2.0]
-    assert angle(ANGLE.points) == pytest.approx(45.0)
-    assert angle((POINT.points[0],) * 3) == 0.0
 
 
 def test_words_have_as_many_digits_as_voxels_are_worth(pack: Pack):

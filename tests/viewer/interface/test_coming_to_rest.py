@@ -22,9 +22,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
 
 @pytest.mark.parametrize("side", [4096, 250])
-def test_the_full_picture_fades_in_over_the_quick_one(
-    offscreen, app, pack, pack_folder, clock, monkeypatch, side: int
-) -> None:
+def test_the_full_picture_fades_in_over_the_quick_one(offscreen, app, pack, pack_folder, clock, monkeypatch, side):
     """side: of the tiles; one, as graphics cards have it, and several."""
     ui = offscreen(app, size=(700, 500))
     app.interface.page = ""

@@ -9,11 +9,7 @@ from viewer.features.preferences.preferences import apply_preferences, current_p
 
 @pytest.fixture
 def ui(offscreen, app, pack, pack_folder):
-    ui = offscreen(app)
-    app.resolution.rest_scale = 0.25
-    app.show(pack, pack_folder)
-    ui.settle()
-    return ui
+    return offscreen(app, pack, pack_folder)
 
 
 def pull_out(ui, to: tuple[float, float] = (300.0, 200.0)) -> None:
@@ -51,9 +47,7 @@ def test_a_layout_is_remembered_comes_back_and_is_reset(ui, app, offscreen, tmp_
     assert preferences.save(current_preferences(app), file) is None
     again = App()
     apply_preferences(again, preferences.load(file))
-    other = offscreen(again)
-    again.show(pack, pack_folder)
-    other.settle()
+    offscreen(again, pack, pack_folder)
     assert again.interface.moved == ["view"] and again.interface.page == "film"
     assert again.viewport.x == app.viewport.x > 200 and again.viewport.width == app.viewport.width
     assert app.run("layout")

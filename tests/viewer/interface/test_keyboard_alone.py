@@ -60,11 +60,7 @@ DIALOGS = (failure, question, opening, saving, making, baking, exporting)
 
 @pytest.fixture
 def ui(offscreen, app, pack, pack_folder) -> OffscreenUi:
-    ui = offscreen(app, size=(800, 600))
-    app.resolution.rest_scale = 0.25
-    app.show(pack, pack_folder)
-    ui.settle()
-    return ui
+    return offscreen(app, pack, pack_folder, size=(800, 600))
 
 
 @pytest.mark.parametrize("ask", DIALOGS)

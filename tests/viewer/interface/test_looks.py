@@ -43,9 +43,7 @@ def test_all_text_can_be_read_on_all_that_it_stands_on(name):
 
 
 def test_the_theme_and_the_size_change_at_once_and_are_remembered(offscreen, app, pack, pack_folder, tmp_path):
-    ui: OffscreenUi = offscreen(app)
-    app.show(pack, pack_folder)
-    ui.settle()
+    ui: OffscreenUi = offscreen(app, pack, pack_folder)
     dark = ui.picture().astype(int)
     app.run("theme")
     ui.settle()

@@ -42,8 +42,7 @@ def help_window(ui):
     ("size", "scale"), [((1280, 800), 2.0), ((960, 720), 1.5), ((480, 360), 1.0), ((800, 600), 1.0)]
 )
 def test_the_last_row_of_the_keys_can_be_reached(offscreen, app, pack, pack_folder, size, scale):
-    ui = offscreen(app, size=size, scale=scale)
-    app.show(pack, pack_folder)
+    ui = offscreen(app, pack, pack_folder, size=size, scale=scale)
     shown = help_window(ui)
     assert shown.pos.x >= 0 and shown.pos.y >= 0
     assert shown.pos.x + shown.size.x <= size[0] and shown.pos.y + shown.size.y <= size[1]
@@ -55,9 +54,7 @@ def test_the_last_row_of_the_keys_can_be_reached(offscreen, app, pack, pack_fold
 
 
 def test_the_overlay_names_every_command_and_the_keys_of_flying(offscreen, app, pack, pack_folder):
-    ui = offscreen(app)
-    app.show(pack, pack_folder)
-    ui.frame()
+    offscreen(app, pack, pack_folder)
     app.keyboard.local_name = lambda place: {"W": "Z", "A": "Q", "Q": "A"}.get(place, place)
     rows = [row for _, group in keys._groups(app) for row in group]
     assert {title for _, title in rows} >= {command.title for command in COMMANDS.values() if command.keys}

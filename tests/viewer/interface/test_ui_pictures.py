@@ -105,18 +105,8 @@ def _freeze(ui: OffscreenUi) -> None:
 
 TURN = ((0.5, 0.4, 0.08), (0.4, -0.1, 0.1), (0.0, -0.1, 0.4))
 ON_THE_PLATE = ((-0.6, -0.64, 0.2), (0.0, -0.64, 0.6), (0.6, -0.64, 0.2))
-WINDOWS = (
-    "photograph",
-    "frusta",
-    "crop-gizmo",
-    "measure",
-    "help",
-    "dialog",
-    "path",
-    "light",
-    "legend-depth",
-    "legend-samples",
-)
+WINDOWS = ("photograph", "frusta", "crop-gizmo", "measure", "help", "dialog", "path", "light", "legend-depth",
+           "legend-samples")  # fmt: skip
 SIDE = slice(SIZE[0] - 372, None)
 
 

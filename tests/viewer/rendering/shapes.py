@@ -11,10 +11,8 @@ import numpy as np
 from scenepack.constants import VIEW_MLP_WIDTHS
 from scenepack.contraction import uncontract
 from scenepack.pack import Pack, ViewMlp
-from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
+from tests.scenepack.volumes import BLENDER_FRAME, NDC_FRAME, cube_pack
 
-BLENDER_FRAME = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)
-NDC_FRAME = np.diag([1.0, 1.0, -1.0, 1.0])
 FLOOR, BALL, SKY = -0.8, (3.0, 0.6, -2.0, 1.2), 20.0  # of surroundings_pack, units of R
 
 
@@ -56,10 +54,9 @@ def shapes_pack(side: int = 70, block_size: int = 14, *, ndc: bool = False, diff
     )
     levels = np.rint(255 * alpha)[..., None]
     rgba = np.concatenate([np.rint(0.7 * colour * levels), levels], axis=-1).astype(np.uint8)
-    atlas = atlas_from_dense(rgba, None if diffuse else np.rint(features * levels).astype(np.uint8), block_size)
     camera = {"ndc": True, "input_width": 160.0, "input_height": 120.0, "input_focal": 140.0} if ndc else {}
-    mlp, frame = None if diffuse else glossy_mlp(), NDC_FRAME if ndc else BLENDER_FRAME
-    return pack_of_cube(side, block_size, atlas, mlp, frame, **camera)
+    shading = {} if diffuse else {"features": np.rint(features * levels).astype(np.uint8), "view_mlp": glossy_mlp()}
+    return cube_pack(rgba, block_size, NDC_FRAME if ndc else BLENDER_FRAME, **shading, **camera)
 
 
 def surroundings_pack(side: int = 128, block_size: int = 14, *, radius: float = 1.0, diffuse: bool = False) -> Pack:
@@ -89,8 +86,7 @@ def surroundings_pack(side: int = 128, block_size: int = 14, *, radius: float = 
     features = np.rint((0.5 + 0.5 * np.sin(3 * np.stack([x, y, z, x], -1) / (1 + away[..., None]))) * levels).astype(
         np.uint8
     )
-    atlas = atlas_from_dense(rgba, None if diffuse else features, block_size)
-    pack = pack_of_cube(side, block_size, atlas, None if diffuse else glossy_mlp(), BLENDER_FRAME)
+    pack = cube_pack(rgba, block_size, **({} if diffuse else {"features": features, "view_mlp": glossy_mlp()}))
     pack = replace(pack, voxel_size=radius * voxel, min_xyz=np.full(3, -2.0 * radius))
     return pack.with_metadata(contraction=radius)
 

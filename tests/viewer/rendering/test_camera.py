@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from scenepack.pack import Pack
-from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
-from tests.viewer.conftest import BLENDER
-from training.scenes.scene import Camera
+from tests.scenepack.volumes import cube_pack
 from viewer.core.pose import box_points, project
-from viewer.rendering.camera import ViewCamera, content_box, forward_facing_path, is_mirrored, orbit_path
+from viewer.rendering.camera import ViewCamera, content_box, forward_facing_path, orbit_path
 from viewer.rendering.framing import filling_orbit
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
@@ -19,23 +17,6 @@ def pixels_of(camera: ViewCamera, points: np.ndarray) -> np.ndarray:
     pixels, ahead = project(camera, points)
     assert ahead.all(), "behind the camera"
     return pixels
-
-
-def test_a_photographs_camera_in_the_grid_frame_sees_what_it_saw_in_the_scene(shapes: Pack) -> None:
-    world_T_camera = ViewCamera.look_at((0.3, -2, 1), (0, 0, 0), (0, 0, 1)).grid_T_camera
-    photograph = Camera(world_T_camera, 64, 48, 70, 71, 30, 25, (0.1, 0.0, 0.0, 0.02))
-    camera = ViewCamera.from_scene_camera(shapes, photograph)
-    assert np.allclose(shapes.worldspace_T_opengl @ camera.grid_T_camera, world_T_camera)
-    assert (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy) == (64, 48, 70, 71, 30, 25)
-    assert camera.distortion == photograph.distortion
-
-
-def test_in_a_mirrored_pack_look_at_still_has_right_to_the_right_in_the_scene(ndc_shapes: Pack, shapes: Pack) -> None:
-    assert is_mirrored(ndc_shapes) and not is_mirrored(shapes)
-    camera = ViewCamera.look_at((0, 0, 0), (0, 0, 4), mirrored=True)
-    world_T_camera = ndc_shapes.worldspace_T_opengl @ camera.grid_T_camera
-    assert np.allclose(world_T_camera, np.eye(4), atol=1e-12)  # the photographs' own way of looking
-    assert camera.mirrored and not ViewCamera.look_at((1, 2, 3), (0, 0, 4)).mirrored
 
 
 def test_every_view_of_an_orbit_holds_all_of_the_content(shapes: Pack) -> None:
@@ -65,7 +46,7 @@ def rod() -> Pack:
     """A thick rod in the middle of its grid."""
     rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
     rgba[20:45, 24:40, 10:66] = 200, 80, 40, 255
-    return pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, BLENDER)
+    return cube_pack(rgba, BLOCK)
 
 
 def seen(renderer: OffscreenRenderer, camera: ViewCamera) -> np.ndarray:

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from scenepack import Pack, save_pack
-from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
+from tests.scenepack.volumes import cube_pack
 from tests.viewer.commands.test_commands import picture
-from tests.viewer.conftest import BLENDER
 from viewer.commands import render
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
@@ -25,7 +24,7 @@ def bars() -> Pack:
     rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
     for at, side in ((NEAR_BAR, -0.3), (FAR_BAR, 0.4)):
         rgba[(np.abs(x - side) < 0.15) & (np.abs(z - at) < 0.05) & (np.abs(y) < 0.8)] = (0, 0, 0, 255)
-    return pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, BLENDER)
+    return cube_pack(rgba, BLOCK)
 
 
 def edge_widths(row: np.ndarray) -> tuple[float, float]:

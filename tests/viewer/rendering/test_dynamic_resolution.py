@@ -114,9 +114,7 @@ def costs(shapes: Pack, ctx) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("noise", [0.0, 0.05, 0.1])
 @pytest.mark.parametrize("load", [3.0, 6.0])
 @pytest.mark.parametrize("fps", [30.0, 60.0])
-def test_the_target_is_held_within_a_tenth_over_a_flight(
-    costs: tuple[np.ndarray, np.ndarray], fps: float, load: float, noise: float
-) -> None:
+def test_the_target_is_held_within_a_tenth_over_a_flight(costs, fps, load, noise):
     """load: frames' times that all pixels of a middling view take. Where every pixel is drawn, frames may be quicker."""
     times, counted = costs
     assert counted.max() > 8 * counted.min()  # there is something to follow

@@ -27,7 +27,7 @@ FISHEYE = MODELS["THIN_PRISM_FISHEYE"].lens({"k1": -0.03, "k3": 0.0005, "p1": 0.
 PANORAMA = MODELS["EQUIRECTANGULAR"].lens({})
 RATIONAL = MODELS["FULL_OPENCV"].lens({"k1": 0.09, "k3": 0.01, "p2": -0.004, "q1": 0.03, "q2": -0.01, "q3": 0.002})
 OPENCV = (0.09, -0.03, 0.004, -0.006)
-FEW = settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck), print_blob=True)
+FEW = settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck), print_blob=True)
 
 
 def random_camera(rng: np.random.Generator, pack: Pack) -> ViewCamera:
@@ -73,9 +73,8 @@ def forward_facing_camera(rng: np.random.Generator) -> ViewCamera:
 def test_exact_is_every_sample_on_random_packs_from_anywhere(offscreen: Make, pack: Pack, seed: int) -> None:
     rng = np.random.default_rng(seed)
     renderer = offscreen(pack)
-    for _ in range(3):
-        assert_exact(renderer, random_camera(rng, pack))
-    assert_exact(renderer, orthographic_camera(rng, pack))
+    for look in (random_camera, random_camera, orthographic_camera):
+        assert_exact(renderer, look(rng, pack))
 
 
 @FEW
@@ -83,11 +82,11 @@ def test_exact_is_every_sample_on_random_packs_from_anywhere(offscreen: Make, pa
 def test_exact_is_every_sample_on_forward_facing_packs(offscreen: Make, pack: Pack, seed: int) -> None:
     rng = np.random.default_rng(seed)
     renderer = offscreen(pack)
-    for _ in range(3):
+    for _ in range(2):
         assert_exact(renderer, forward_facing_camera(rng))
 
 
-@settings(FEW, max_examples=4)
+@FEW
 @given(pack=packs(ndc=None), seed=st.integers(0, 2**32 - 1))
 def test_crop_box_near_plane_and_background_keep_it_exact(offscreen: Make, pack: Pack, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -111,9 +110,7 @@ def test_block_sizes_that_cells_do_not_divide_lose_nothing(offscreen: Make, bloc
 
 
 @pytest.mark.parametrize("ndc", [False, True])
-def test_diffuse_features_and_alpha_modes_show_what_the_reference_accumulates(
-    request: pytest.FixtureRequest, offscreen: Make, ndc: bool
-) -> None:
+def test_diffuse_features_and_alpha_modes_show_what_the_reference_accumulates(request, offscreen, ndc):
     pack: Pack = request.getfixturevalue("ndc_shapes" if ndc else "shapes")
     camera = forward_facing_camera(np.random.default_rng(3)) if ndc else ViewCamera.orbit(pack, 40, size=SIZE)
     reference = render_reference(pack, camera)
@@ -153,5 +150,5 @@ def test_a_forward_facing_pack_has_no_orthographic_view(offscreen: Make, ndc_sha
 def test_a_pack_made_elsewhere_matches_the_reference(offscreen: Make) -> None:
     pack = load_pack(real_pack())
     renderer = offscreen(pack)
-    for azimuth, elevation, distance in ((30, 35, 0.9), (200, 60, 0.9), (95, 2, 0.35)):
+    for azimuth, elevation, distance in ((200, 60, 0.9), (95, 2, 0.35)):
         assert_exact(renderer, ViewCamera.orbit(pack, azimuth, elevation, distance, size=(48, 36)))

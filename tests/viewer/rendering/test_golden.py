@@ -30,9 +30,7 @@ def test_no_golden_picture_is_left_over() -> None:
     assert {path.stem for path in GOLDEN.glob("*.png")} <= set(VARIANTS)
 
 
-def test_a_changed_picture_fails_and_leaves_what_is_needed_to_see_why(
-    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path
-) -> None:
+def test_a_changed_picture_fails_and_leaves_what_is_needed_to_see_why(request, monkeypatch, tmp_path):
     if request.config.getoption("--regenerate-golden"):
         pytest.skip("pictures are being rewritten")
     monkeypatch.setattr(pictures, "FAILURES", tmp_path)

@@ -26,16 +26,16 @@ def test_the_atlas_has_room_for_all_blocks_and_next_to_no_more(count: int, max_s
 
 def test_what_a_camera_is_close_to_arrives_first(ctx: moderngl.Context) -> None:
     """A layer of the atlas at a time: the one that holds the closest macroblock."""
-    pack = random_pack(np.random.default_rng(2), block_size=30, grid_blocks=(6, 6, 6), occupancy=0.02, style="noise")
+    pack = random_pack(np.random.default_rng(2), block_size=14, grid_blocks=(6, 6, 6), occupancy=0.02, style="noise")
     renderer = Renderer(ctx, pack, at_once=False)
     scene = renderer.scene("exact")
     assert scene.slots[2] > 4
     middles = (np.argwhere(pack.occupied)[:, ::-1] + 0.5) * pack.block_size
     layers = np.arange(len(middles)) // (scene.slots[0] * scene.slots[1])
     shown = np.zeros(len(middles), bool)
-    for near in ([0.0, 0.0, 0.0], [180.0, 180.0, 180.0], [0.0, 180.0, 90.0]):
+    for near in ([0.0, 0.0, 0.0], [84.0, 84.0, 84.0], [0.0, 84.0, 42.0]):
         eye = pack.min_xyz + np.array(near) * pack.voxel_size
-        renderer.see_first(ViewCamera.look_at(eye, pack.min_xyz + 90.5 * pack.voxel_size, size=(8, 8)))
+        renderer.see_first(ViewCamera.look_at(eye, pack.min_xyz + 42.5 * pack.voxel_size, size=(8, 8)))
         renderer.arrive(0.0)
         scene.textures["indirection"].write(scene._indirection(), alignment=1)
         there = arrived(scene, pack)

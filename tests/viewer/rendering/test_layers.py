@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from scenepack import Pack
-from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
-from tests.viewer.rendering.shapes import BLENDER_FRAME, NDC_FRAME, shapes_pack
+from tests.scenepack.volumes import PLANE, centres, plane_pack, solid_pack
+from tests.viewer.rendering.shapes import shapes_pack
 from viewer.rendering.camera import ViewCamera, orbit_path
 from viewer.rendering.layers import depth_along_axis, linear_rgb, straight_rgba, unit_normals
 from viewer.rendering.offscreen import OffscreenRenderer
@@ -15,24 +15,12 @@ from viewer.rendering.settings import RenderSettings
 
 Make = Callable[[Pack], OffscreenRenderer]
 SIDE = 56
-RADIUS = 0.6
-
-
-def filled(inside: np.ndarray, frame: np.ndarray, **camera: object) -> Pack:
-    """A pack over [-1, 1]^3, opaque where `inside` ([z, y, x], -1 ... 1 at the surface, voxels) is positive."""
-    alpha = np.rint(255 * np.clip(inside + 0.5, 0, 1)).astype(np.uint8)[..., None]
-    rgba = np.concatenate([np.repeat(alpha // 2, 3, axis=-1), alpha], axis=-1)
-    return pack_of_cube(SIDE, 14, atlas_from_dense(rgba, None, 14), None, frame, **camera)
-
-
-def centres() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    z, y, x = (np.mgrid[:SIDE, :SIDE, :SIDE] + 0.5) * (2 / SIDE) - 1
-    return x, y, z
+RADIUS, GREY = 0.6, (127, 127, 127)
 
 
 def ball() -> Pack:
-    x, y, z = centres()
-    return filled((RADIUS - np.sqrt(x**2 + y**2 + z**2)) * SIDE / 2, BLENDER_FRAME)
+    x, y, z = centres(SIDE)
+    return solid_pack((RADIUS - np.sqrt(x**2 + y**2 + z**2)) * SIDE / 2, GREY)
 
 
 def seen(
@@ -52,9 +40,7 @@ def unprojected(depth: np.ndarray, camera: ViewCamera) -> np.ndarray:
 
 
 @pytest.mark.parametrize("samples", [1, 3])
-def test_depth_unprojects_onto_the_ball_that_was_drawn_and_normals_point_out_of_it(
-    offscreen: Make, samples: int
-) -> None:
+def test_depth_unprojects_onto_the_ball_that_was_drawn_and_normals_point_out_of_it(offscreen, samples):
     renderer = offscreen(ball())
     camera = ViewCamera.look_at((0.9, 1.1, 1.6), (0.1, 0, 0), (0, 1, 0), 60, (64, 48))
     depth, normals, alpha = seen(renderer, camera, samples)
@@ -73,15 +59,7 @@ def test_depth_unprojects_onto_the_ball_that_was_drawn_and_normals_point_out_of_
 
 
 def test_forward_facing_packs_have_the_depth_and_the_normals_of_the_world_that_was_warped(offscreen: Make) -> None:
-    width, height, focal = 160.0, 120.0, 140.0
-    x, y, z = centres()
-    # The world's plane n . p = d, by NeRF's warp (appendix C): x = -w x' / (2 f) z etc., z = 2 / (z' - 1).
-    n, d = np.array([0.25, -0.15, 1.0]), -2.4
-    z_ndc = -z  # the grid's z is minus NDC's
-    world_z = 2.0 / (z_ndc - 1.0)
-    world = np.stack([-x * world_z * width / (2 * focal), -y * world_z * height / (2 * focal), world_z], -1)
-    behind = (d - world @ n) * world_z**-2 * SIDE  # about voxels
-    pack = filled(behind, NDC_FRAME, ndc=True, input_width=width, input_height=height, input_focal=focal)
+    (n, d), pack = PLANE, plane_pack(SIDE, GREY)
     camera = orbit_path(pack, 1, 40, (60, 44))[0]
     depth, normals, alpha = seen(offscreen(pack), camera)
     solid = alpha > 0.98

@@ -24,9 +24,7 @@ def looked(colour: np.ndarray, look: Look) -> np.ndarray:
     ("kind", "look"),
     [("shapes", Look(-2.0, 0.7, -0.4)), ("shapes", Look(saturation=0.0)), ("ndc_shapes", Look(0.3, -1.0, 1.0, 2.0))],
 )
-def test_opaque_colours_are_those_of_the_formula_and_the_background_is_left_alone(
-    request, offscreen, kind, look
-) -> None:
+def test_opaque_colours_are_those_of_the_formula_and_the_background_is_left_alone(request, offscreen, kind, look):
     pack = request.getfixturevalue(kind)
     renderer = offscreen(pack)
     camera = ViewCamera.look_at((0, 0, 0), (0.2, 0.1, 4), mirrored=True) if pack.ndc else ViewCamera.orbit(pack, 35)

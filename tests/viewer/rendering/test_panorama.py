@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from scenepack import Pack
-from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
-from tests.viewer.rendering.shapes import BLENDER_FRAME, glossy_mlp
+from tests.scenepack.volumes import cube_pack
+from tests.viewer.rendering.shapes import glossy_mlp
 from training.scenes.lens import directions_at
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.layers import depth_along_axis
@@ -30,7 +30,7 @@ def room() -> Pack:
     colour[..., 3] = 1.0
     rgba = np.rint(255 * colour * wall[..., None]).astype(np.uint8)
     features = np.rint(120 * (1 + np.sin(np.stack([x, y, z, x * y], -1))) * wall[..., None]).astype(np.uint8)
-    return pack_of_cube(SIDE, 14, atlas_from_dense(rgba, features, 14), glossy_mlp(), BLENDER_FRAME)
+    return cube_pack(rgba, 14, features=features, view_mlp=glossy_mlp())
 
 
 def standing(ahead: tuple[float, float, float] = (0.6, -0.3, -0.5)) -> ViewCamera:

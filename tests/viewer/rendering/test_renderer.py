@@ -16,7 +16,7 @@ from viewer.rendering import supersampling
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
-from viewer.rendering.settings import MODES, Mode, RenderSettings
+from viewer.rendering.settings import MODES, RenderSettings
 
 Make = Callable[[Pack], OffscreenRenderer]
 
@@ -27,9 +27,7 @@ def camera(shapes: Pack) -> ViewCamera:
 
 
 @pytest.mark.parametrize("marcher", ["exact", "brute", "paper"])
-def test_state_that_imgui_leaves_behind_changes_nothing(
-    ctx: moderngl.Context, offscreen: Make, shapes: Pack, camera: ViewCamera, marcher: str
-) -> None:
+def test_state_that_imgui_leaves_behind_changes_nothing(ctx, offscreen, shapes, camera, marcher):
     renderer = offscreen(shapes)
     wanted = RenderSettings(marcher=marcher)
     expected = renderer.render(camera, wanted)
@@ -52,10 +50,8 @@ def test_state_that_imgui_leaves_behind_changes_nothing(
         sampler.release()
 
 
-@pytest.mark.parametrize("kind", ["shapes", "ndc_shapes", "diffuse"])
-def test_every_mode_of_every_kind_of_pack_draws_something_finite(
-    request: pytest.FixtureRequest, offscreen: Make, kind: str, shapes: Pack
-) -> None:
+@pytest.mark.parametrize("kind", ["ndc_shapes", "diffuse"])  # test_golden.py: the usual kind
+def test_every_mode_of_every_kind_of_pack_draws_something_finite(request, offscreen, kind, shapes):
     diffuse = replace(shapes, atlas_features=None, view_mlp=None)
     pack = diffuse if kind == "diffuse" else request.getfixturevalue(kind)
     camera = ViewCamera.orbit(pack, 35, size=(48, 36))
@@ -70,9 +66,7 @@ def test_every_mode_of_every_kind_of_pack_draws_something_finite(
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only EGL tells which context is current")
-def test_a_program_has_its_own_context_back_when_a_renderer_is_released(
-    shapes: Pack, camera: ViewCamera, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_program_has_its_own_context_back_when_a_renderer_is_released(shapes, camera, monkeypatch):
     pixels = bytes(range(16))
     for refused in (False, True):
         own = create_context()
@@ -88,9 +82,7 @@ def test_a_program_has_its_own_context_back_when_a_renderer_is_released(
         own.release()
 
 
-def test_a_framebuffer_without_depth_shows_the_same_picture(
-    ctx: moderngl.Context, offscreen: Make, shapes: Pack, camera: ViewCamera
-) -> None:
+def test_a_framebuffer_without_depth_shows_the_same_picture(ctx, offscreen, shapes, camera):
     renderer = offscreen(shapes)
     expected = renderer.render(camera)
     bare = ctx.framebuffer([ctx.texture((64, 48), 4)])
@@ -101,9 +93,7 @@ def test_a_framebuffer_without_depth_shows_the_same_picture(
     free_framebuffer(bare)
 
 
-def test_a_pack_whose_features_need_an_atlas_of_their_own_looks_the_same(
-    ctx: moderngl.Context, offscreen: Make, shapes: Pack, camera: ViewCamera, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_pack_whose_features_need_an_atlas_of_their_own_looks_the_same(ctx, offscreen, shapes, camera, monkeypatch):
     expected = offscreen(shapes).render(camera)
     bytes_of_one = int(shapes.occupied.sum()) * shapes.padded_block_size**3 * 4
     limit_textures(monkeypatch, most_bytes=1.5 * bytes_of_one)
@@ -124,18 +114,12 @@ def view(pack: Pack, scale: int = 1) -> ViewCamera:
     return ViewCamera.orbit(pack, 35, 28, 2.9, fov_degrees=42, size=size)
 
 
-def box_filtered(picture: np.ndarray, n: int) -> np.ndarray:
-    return picture.astype(np.float64).reshape(HEIGHT, n, WIDTH, n, 3).mean(axis=(1, 3))
-
-
-@pytest.mark.parametrize("mode", ["normal", "alpha"])
-@pytest.mark.parametrize("which", ["shapes", "ndc_shapes"])
-def test_a_picture_with_n_samples_is_the_box_filtered_picture_n_times_as_large(
-    request: pytest.FixtureRequest, offscreen: Make, which: str, mode: Mode
-) -> None:
+@pytest.mark.parametrize(("which", "mode"), [("shapes", "normal"), ("ndc_shapes", "alpha")])
+def test_a_picture_with_n_samples_is_the_box_filtered_picture_n_times_as_large(request, offscreen, which, mode):
     pack: Pack = request.getfixturevalue(which)
     renderer, samples = offscreen(pack), 3
-    mean = box_filtered(renderer.render_float(view(pack, samples), RenderSettings(mode=mode)), samples)
+    large = renderer.render_float(view(pack, samples), RenderSettings(mode=mode)).astype(np.float64)
+    mean = large.reshape(HEIGHT, samples, WIDTH, samples, 3).mean(axis=(1, 3))
     smooth = renderer.render_float(view(pack), RenderSettings(mode=mode, samples=samples))
     np.testing.assert_allclose(smooth, mean, rtol=0, atol=1e-5)
     assert np.abs(renderer.render_float(view(pack), RenderSettings(mode=mode)) - mean).max() > 0.05  # edges differ
@@ -143,9 +127,7 @@ def test_a_picture_with_n_samples_is_the_box_filtered_picture_n_times_as_large(
     assert np.abs(rounded - 255 * mean).max() <= 0.51  # rounded once, behind the mean
 
 
-def test_tiles_make_the_same_picture_in_its_place_and_nowhere_else(
-    ctx: moderngl.Context, offscreen: Make, shapes: Pack, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tiles_make_the_same_picture_in_its_place_and_nowhere_else(ctx, offscreen, shapes, monkeypatch):
     renderer, settings = offscreen(shapes), RenderSettings(samples=3)
     whole = renderer.render(view(shapes), settings).astype(int)
     monkeypatch.setattr(supersampling, "TILE", 48)  # 16 x 16 pixels: 4 x 3 tiles

@@ -1,4 +1,4 @@
-"""Injected numbers, and shader errors that quote the line."""
+"""Injected numbers, the constants of Python in shaders, and shader errors that quote the line."""
 
 from pathlib import Path
 
@@ -6,7 +6,8 @@ import moderngl
 import numpy as np
 import pytest
 
-from viewer.rendering.shader_source import ShaderError, assemble, compile_program, glsl_float
+from scenepack import constants
+from viewer.rendering.shader_source import ShaderError, assemble, compile_program, glsl_float, shared_constants
 
 VERTEX = "#version 330 core\nvoid main() { gl_Position = vec4(0.0); }\n"
 
@@ -16,9 +17,7 @@ def write(folder: Path, **files: str) -> None:
         (folder / name.replace("_", ".", 1)).write_text(text, encoding="utf-8")
 
 
-def test_an_error_quotes_the_line_of_an_included_file_or_of_the_vertex_shader(
-    ctx: moderngl.Context, tmp_path: Path
-) -> None:
+def test_an_error_quotes_the_line_of_an_included_file_or_of_the_vertex_shader(ctx, tmp_path):
     write(
         tmp_path,
         main_vert=VERTEX,
@@ -42,3 +41,25 @@ def test_numbers_survive_the_way_into_a_shader_and_nothing_else_does() -> None:
     for value in (float("nan"), float("inf"), "1.0); discard; (", "0; }"):
         with pytest.raises(ValueError):
             glsl_float(value)  # type: ignore[arg-type]
+
+
+# The numbers that Python and GLSL share: shaders see Python's values
+
+NAMES = [line.split()[1] for line in shared_constants().splitlines()]
+DERIVED = {"VIEW_INPUTS": constants.VIEW_MLP_WIDTHS[0], "VIEW_HIDDEN": constants.VIEW_MLP_WIDTHS[1], "PI": np.pi}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_shader_computes_with_the_value_that_python_has(ctx: moderngl.Context, tmp_path: Path, name: str) -> None:
+    (tmp_path / "all.vert").write_text(
+        "#version 330 core\nin vec2 at;\nvoid main() { gl_Position = vec4(at, 0, 1); }\n"
+    )
+    fragment = f'#version 330 core\n#include "constants"\nout float value;\nvoid main() {{ value = float({name}); }}\n'
+    (tmp_path / "one.frag").write_text(fragment)
+    program = compile_program(ctx, *(assemble(file, folder=tmp_path) for file in ("all.vert", "one.frag")))
+    target = ctx.framebuffer([ctx.texture((1, 1), 1, dtype="f4")])
+    target.use()
+    corners = ctx.buffer(np.array([-1, -1, 3, -1, -1, 3], "f4"))
+    ctx.vertex_array(program, [(corners, "2f", "at")]).render(vertices=3)
+    expected = DERIVED[name] if name in DERIVED else getattr(constants, name)
+    assert np.frombuffer(target.read(components=1, dtype="f4"), np.float32)[0] == np.float32(expected)

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from scenepack.pack import Pack
+from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.web.browser import Browser, executable
 from viewer.rendering.camera import ViewCamera
 from viewer.web.description import PageContent
@@ -30,6 +31,12 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     require_browser()
     with Browser(tmp_path_factory.mktemp("chromium")) as one:
         yield one
+
+
+@pytest.fixture(scope="session")
+def shapes() -> Pack:
+    """Coarser than the renderer's tests have it."""
+    return shapes_pack(42)
 
 
 @pytest.fixture

@@ -25,11 +25,6 @@ SIZE = (400, 300)
 Show = Callable[..., Browser]
 
 
-@pytest.fixture(scope="module")
-def shapes() -> Pack:
-    return shapes_pack(42)
-
-
 def annotated(pack: Pack, annotations: Annotations) -> Pack:
     return pack.with_metadata(**{KEY: annotations_to_json(annotations)})
 

@@ -1,6 +1,7 @@
 """The page's worker brings back the bytes that the desktop has on its card."""
 
 import base64
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from tests.viewer.texture_limits import limit_textures
 from tests.viewer.web.browser import Browser
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.web import atlas_stream, description
-from viewer.web.atlas_stream import has_copied_padding
+from viewer.web.atlas_stream import film_in, has_copied_padding
 from viewer.web.description import SIDES, PageContent, describe
 from viewer.web.page import scene_page
 
@@ -66,9 +67,7 @@ PACKS: dict[str, Callable[[], Pack]] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PACKS)
-def test_every_byte_of_the_textures_is_that_of_the_desktop(
-    name: str, browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_byte_of_the_textures_is_that_of_the_desktop(name, browser, tmp_path, monkeypatch):
     monkeypatch.setattr(atlas_stream, "BLOCKS_A_CHUNK", 7)  # several chunks, the last of them smaller
     pack = PACKS[name]()
     assert has_copied_padding(pack) == ("padding" not in name)
@@ -91,9 +90,7 @@ def filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Pack], 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("diffuse", [False, True])
-def test_every_byte_of_an_avif_pack_is_that_of_the_desktop(
-    diffuse: bool, browser: Browser, tmp_path: Path, filmed: Callable[[Pack], PageContent]
-) -> None:
+def test_every_byte_of_an_avif_pack_is_that_of_the_desktop(diffuse, browser, tmp_path, filmed):
     content = filmed(shapes_pack(diffuse=diffuse))
     assert content.source is not None
     pack = load_pack(content.source)
@@ -105,9 +102,7 @@ def test_every_byte_of_an_avif_pack_is_that_of_the_desktop(
 
 
 @pytest.mark.slow
-def test_an_avif_pack_stays_coarse_where_the_browser_decodes_no_films(
-    browser: Browser, tmp_path: Path, filmed: Callable[[Pack], PageContent]
-) -> None:
+def test_an_avif_pack_stays_coarse_where_the_browser_decodes_no_films(browser, tmp_path, filmed):
     content = filmed(shapes_pack())
     assert content.source is not None
     page = scene_page(load_pack(content.source), content).decode()
@@ -154,3 +149,28 @@ def test_damaged_data_are_told_and_never_shown(browser: Browser, tmp_path: Path)
         assert browser.evaluate("snerg.ready.then(() => 'shown', () => 'refused')") == "refused"
         assert browser.evaluate("document.getElementById('notice').className") == "failed"
         assert "damaged" in browser.evaluate("document.getElementById('notice-text').textContent")
+
+
+# Films for the page, out of AVIF packs
+
+FRAMES = 5
+
+
+@pytest.fixture(scope="module")
+def avif() -> bytes:
+    frames = np.random.default_rng(0).integers(0, 255, (FRAMES, 32, 48, 3), np.uint8)
+    return AvifCodec().film(frames, "rgb", 60)
+
+
+def test_files_whose_samples_lie_otherwise_are_not_taken(avif: bytes) -> None:
+    film = film_in(avif, FRAMES)
+    assert film is not None and len(film.sizes) == FRAMES and film.codec.startswith("av01.1.")  # profile 1: 4:4:4
+    assert film_in(avif, FRAMES + 1) is None and film_in(avif[:-1], FRAMES) is None and film_in(b"", FRAMES) is None
+
+    def with_word(box: bytes, number: int, value: int) -> bytes:
+        at = avif.index(box) + 8 + 4 * number
+        return avif[:at] + struct.pack(">I", value) + avif[at + 4 :]
+
+    for changed in (with_word(b"stsz", 0, 7), with_word(b"stsz", 2, 1 << 31), with_word(b"stco", 0, 2),
+                    with_word(b"stco", 1, len(avif)), avif.replace(b"av1C", b"av2C")):  # fmt: skip
+        assert film_in(changed, FRAMES) is None

@@ -12,7 +12,6 @@ import pytest
 from baker.commands import pack as command
 from scenepack import save_pack
 from scenepack.pack import Pack
-from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.web.browser import Browser
 from tests.viewer.web.conftest import page_picture
 from tests.viewer.web.test_pictures import SIZE, assert_same
@@ -32,11 +31,6 @@ def levels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Even small packs have a coarse level."""
     monkeypatch.setattr(description, "COARSE", 20_000)
     monkeypatch.setattr(description.renderer, "LEAST_HALVED", 42)
-
-
-@pytest.fixture(scope="module")
-def shapes() -> Pack:
-    return shapes_pack(42)
 
 
 class Host(ThreadingHTTPServer):
@@ -93,9 +87,7 @@ def desktop(pack: Pack, camera: ViewCamera) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_a_folder_on_a_static_server_shows_a_coarse_picture_before_the_rest_is_there(
-    browser: Browser, host: Host, shapes: Pack
-) -> None:
+def test_a_folder_on_a_static_server_shows_a_coarse_picture_before_the_rest_is_there(browser, host, shapes):
     browser.resize(*SIZE)
     host.held = "scene-42"
     browser.open(f"http://127.0.0.1:{host.server_address[1]}/")
@@ -142,9 +134,7 @@ LACKS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("words", LACKS)
-def test_a_device_that_cannot_hold_the_scene_shows_it_at_half_resolution_and_says_so(
-    words: str, browser: Browser, shapes: Pack, tmp_path: Path
-) -> None:
+def test_a_device_that_cannot_hold_the_scene_shows_it_at_half_resolution_and_says_so(words, browser, shapes, tmp_path):
     file = tmp_path / "scene.html"
     file.write_bytes(scene_page(shapes, PageContent("x")))
     about, _ = describe(shapes, PageContent("x"), lambda share: None)

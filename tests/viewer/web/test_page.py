@@ -14,7 +14,7 @@ import pytest
 from baker.commands import pack as command
 from scenepack import load_pack, save_pack
 from scenepack.pack import Pack
-from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
+from tests.viewer.rendering.shapes import surroundings_pack
 from tests.viewer.web.browser import Browser
 from viewer.core import annotations as notes
 from viewer.core.annotations import KEY, Annotations, Bookmark, annotations_to_json
@@ -32,11 +32,6 @@ HOSTILE = (
     "https://example.org/\u2028\u2029\x00\x1b[31m",
     "</title></style>" * 400,
 )
-
-
-@pytest.fixture(scope="module")
-def shapes() -> Pack:
-    return shapes_pack(42)
 
 
 class Tags(HTMLParser):

@@ -59,9 +59,7 @@ def test_the_page_is_at_its_address(server: PageServer) -> None:
     assert server.path != PageServer(FILES, "127.0.0.1", 0).path
 
 
-def test_files_beside_it_are_served_by_their_exact_names_and_what_is_unchanged_is_not_sent_again(
-    server: PageServer,
-) -> None:
+def test_files_beside_it_are_served_by_their_exact_names_and_what_is_unchanged_is_not_sent_again(server):
     status, body, headers = ask(server, f"{server.path}scene-42.bin?1a2b")
     assert (status, body, headers["content-type"]) == (200, b"data", "application/octet-stream")
     assert ask(server, f"{server.path}scene-43.bin")[0] == ask(server, "/scene-42.bin")[0] == 404

@@ -68,15 +68,10 @@ def test_every_quick_paste_is_a_paste_and_none_is_a_v(window, slow_frames, durin
     pasted = []
     window.app.paste_pose = lambda: pasted.append(window.app.scene.rig.flying)
     for _ in range(QUICK):
-        quick_paste(during_frames)
+        during_frames("keydown", "ctrl")
+        during_frames("keydown", "v", "keyup", "ctrl", "keyup", "v")  # within one frame
         window.step()
     assert pasted == [False] * QUICK and not window.app.scene.rig.flying
-
-
-def quick_paste(during_frames) -> None:
-    """Ctrl first; then, within one frame, V, and Ctrl is let go of before V is."""
-    during_frames("keydown", "ctrl")
-    during_frames("keydown", "v", "keyup", "ctrl", "keyup", "v")
 
 
 def test_what_is_typed_fast_into_a_field_is_there_at_once_and_runs_no_command(window, slow_frames, during_frames):

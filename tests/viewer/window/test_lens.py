@@ -29,12 +29,8 @@ def distorted(known_pack):
 
 @pytest.fixture
 def ui(offscreen, app, distorted, pack_folder):
-    ui = offscreen(app, size=(900, 700))
     app.interface.axes_shown = False
-    app.resolution.rest_scale = 0.25
-    app.show(distorted, pack_folder)
-    ui.settle()
-    return ui
+    return offscreen(app, distorted, pack_folder, size=(900, 700))
 
 
 def part_with_the_photograph(app: App) -> tuple[slice, slice]:

@@ -52,9 +52,7 @@ def own_display() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 
 
 @pytest.mark.slow
-def test_a_display_that_goes_away_ends_it_and_nothing_is_lost(
-    own_display: tuple[str, subprocess.Popen[bytes]], tmp_path: Path, pack_folder: Path
-) -> None:
+def test_a_display_that_goes_away_ends_it_and_nothing_is_lost(own_display, tmp_path, pack_folder):
     name, server = own_display
     with RunningViewer(name, tmp_path / "home", pack_folder, "--size", "900x600") as viewer:
         until(lambda: viewer.saved.get("recent"))
@@ -67,9 +65,7 @@ def test_a_display_that_goes_away_ends_it_and_nothing_is_lost(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["SIGTERM", "SIGHUP", "display"])
-def test_what_is_being_made_saves_when_the_session_ends(
-    own_display: tuple[str, subprocess.Popen[bytes]], tmp_path: Path, how: str
-) -> None:
+def test_what_is_being_made_saves_when_the_session_ends(own_display, tmp_path, how):
     name, server = own_display
     command = [sys.executable, str(MAKING), str(tmp_path)]
     with RunningViewer(name, tmp_path / "home", command=command) as viewer:
@@ -105,9 +101,7 @@ def test_two_viewers_at_once_keep_each_others_packs(display: str, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_a_crash_leaves_a_log_with_the_last_commands_and_the_next_start_says_where(
-    viewer: RunningViewer, display: str, pack_folder: Path
-) -> None:
+def test_a_crash_leaves_a_log_with_the_last_commands_and_the_next_start_says_where(viewer, display, pack_folder):
     logs = viewer.home / "state" / "snerg" / "log"
     (running,) = logs.glob("running-*.log")
     viewer.xdotool("windowfocus", "--sync", viewer.window, "key", "ctrl+shift+l", "key", "KP_Space")

@@ -139,11 +139,8 @@ def test_a_photographs_camera_is_bookmarked_level_from_its_place(app):
 @pytest.fixture
 def ui(offscreen, pack, pack_folder):
     app = App()
-    ui = offscreen(app, size=(900, 640))
-    app.resolution.rest_scale = 0.25
-    app.show(pack, pack_folder)
     app.interface.page = ""
-    ui.settle()
+    ui = offscreen(app, pack, pack_folder, size=(900, 640))
     for turn in (0.0, 0.3, 0.3, 0.3):
         app.scene.rig.orbit(turn, 0.0)
         app.scene.rig.shown = app.scene.rig.goal

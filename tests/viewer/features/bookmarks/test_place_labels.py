@@ -58,12 +58,8 @@ def test_places_that_are_seen_are_numbered_and_titled_and_the_rest_is_as_it_was(
     assert discs(rgb) == [True, True, False] and discs(depth) == [False] * 3
 
 
-def test_a_film_and_a_saved_view_of_the_window_have_them_where_that_is_wanted(
-    offscreen, app: App, folder: Path, tmp_path
-) -> None:
-    ui = offscreen(app)
-    app.show(load_pack(folder), folder)
-    ui.settle()
+def test_a_film_and_a_saved_view_of_the_window_have_them_where_that_is_wanted(offscreen, app, folder, tmp_path):
+    offscreen(app, load_pack(folder), folder)
     app.filming.size = (240, 160)
     for wanted in (False, True):
         app.filming.annotated = wanted

@@ -20,12 +20,8 @@ def box(low: tuple[float, ...], high: tuple[float, ...]) -> Solid:
     return lambda p: np.all((p >= low) & (p <= high), axis=1)
 
 
-def any_of(*solids: Solid) -> Solid:
-    return lambda p: np.any([solid(p) for solid in solids], axis=0)
-
-
 def space(*solids: Solid, grain: float = GRAIN) -> Space:
-    return Space(any_of(*solids), grain)
+    return Space(lambda p: np.any([solid(p) for solid in solids], axis=0), grain)
 
 
 def standing(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Body:
@@ -58,7 +54,7 @@ def test_it_falls_with_gravity_and_lands():
     assert falls[5] > falls[1] > 0 and body.stands and body.feet[1] == pytest.approx(0, abs=GRAIN / 4)
 
 
-@pytest.mark.parametrize("degrees", [0, 20, 45, 70, 130, 200, 290])
+@pytest.mark.parametrize("degrees", [0, 20, 45, 200])
 def test_a_wall_stops_it_and_it_slides_along(degrees):
     """A wall whose normal points in that direction, made of voxels."""
     turn = np.radians(degrees)

@@ -9,12 +9,9 @@ from viewer.features.crop import crop
 
 @pytest.fixture
 def ui(offscreen, app, pack, pack_folder):
-    ui = offscreen(app)
-    app.resolution.rest_scale = 0.25
-    app.show(pack, pack_folder)
     app.interface.page = "crop"
+    ui = offscreen(app, pack, pack_folder)
     app.set(crop=crop.placed(pack, np.zeros(3), np.full(3, 0.8)))
-    ui.settle()
     return ui
 
 

@@ -11,10 +11,7 @@ from viewer.rendering.camera import rays_through
 
 @pytest.fixture
 def ui(known_pack, offscreen, app, pack_folder):
-    ui = offscreen(app, size=(900, 640))
-    app.show(known_pack, pack_folder)
-    ui.settle()
-    return ui
+    return offscreen(app, known_pack, pack_folder, size=(900, 640))
 
 
 def test_the_numbers_of_the_depths_are_distances(ui, app):

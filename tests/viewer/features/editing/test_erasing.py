@@ -47,11 +47,7 @@ def folder(tmp_path_factory) -> Path:
 @pytest.fixture
 def ui(offscreen, app, folder, tmp_path):
     shutil.copytree(folder, tmp_path / "toy")
-    ui = offscreen(app)
-    app.resolution.rest_scale = 0.25
-    app.show(load_pack(tmp_path / "toy"), tmp_path / "toy")
-    ui.settle()
-    return ui
+    return offscreen(app, load_pack(tmp_path / "toy"), tmp_path / "toy")
 
 
 def live(ui) -> None:

@@ -32,9 +32,7 @@ def saved(ui: OffscreenUi, path: Path) -> Path:
 
 
 def test_a_still_is_blurred_and_a_click_chooses_the_focus(offscreen, app: App, tmp_path: Path) -> None:
-    ui = offscreen(app, size=(1000, 700))
-    app.resolution.rest_scale = 0.25
-    app.show(bars(), Path("bars"))
+    ui = offscreen(app, bars(), Path("bars"), size=(1000, 700))
     rig, filming = app.scene.rig, app.filming
     rig.goal = rig.shown = Pose((-0.3, 0.0, 0.0), 0.0, 0.0, 3.0)
     rig.fov = 40.0
@@ -60,12 +58,8 @@ def test_a_still_is_blurred_and_a_click_chooses_the_focus(offscreen, app: App, t
 
 @pytest.fixture
 def ui(offscreen: Callable[..., OffscreenUi], app: App, pack, pack_folder: Path) -> OffscreenUi:
-    ui = offscreen(app, size=(1000, 800))
-    app.resolution.rest_scale = 0.25
-    app.show(pack, pack_folder)
     app.filming.size = (96, 64)
-    ui.settle()
-    return ui
+    return offscreen(app, pack, pack_folder, size=(1000, 800))
 
 
 def test_a_view_is_saved_in_several_modes_without_background_and_as_exr(ui: OffscreenUi, app: App, tmp_path: Path):

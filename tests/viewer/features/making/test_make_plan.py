@@ -54,12 +54,6 @@ def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
     assert app.making.plan is None and not app.messages.dialogs
 
 
-@pytest.mark.parametrize("folder", ["sparse/0", "sparse"])
-def test_a_reconstruction_of_colmap_is_a_scene(tmp_path, folder):
-    plan = dropped(write_colmap(tmp_path / "shrine", circle(10), ball(), folder=folder)).making.plan
-    assert plan.survey.text == "10 photographs of 48 × 36, 360°  (COLMAP)" and plan.problem() is None
-
-
 def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monkeypatch):
     from baker.commands import bake, make
 

@@ -97,10 +97,6 @@ def test_a_viewer_that_is_killed_leaves_no_child(tmp_path):
     until((tmp_path / "saved").exists)
 
 
-def told_stage(job) -> str:
-    return job.report.stage if job.report else ""
-
-
 @pytest.mark.slow
 def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_between(scene, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
@@ -118,7 +114,8 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
 
     begin(100_000)
     try:
-        live(app, lambda: app.making.job is None or told_stage(app.making.job) == "training", 300)
+        job = app.making.job
+        live(app, lambda: app.making.job is None or (job.report and job.report.stage == "training"), 300)
         app.making.stop(app)  # while its first step is being compiled
         live(app, lambda: app.making.job is None, 300)
         assert not app.messages.dialogs and "was stopped" in app.messages.toast

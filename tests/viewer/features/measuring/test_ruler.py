@@ -8,8 +8,7 @@ import pytest
 from imgui_bundle import imgui
 
 from scenepack import Pack
-from tests.scenepack.volumes import atlas_from_dense, pack_of_cube
-from tests.viewer.conftest import BLENDER
+from tests.scenepack.volumes import cube_pack
 from tests.viewer.features.measuring.test_surface import BLOCK, SIDE, VOXEL, block_pack
 from tests.viewer.features.measuring.test_surface import corner as known_corner
 from viewer.core.pose import Pose, triple
@@ -33,7 +32,7 @@ def tiled_pack() -> Pack:
     dark = (x // TILE + (y + 4) // TILE + z // TILE) % 2 == 0
     solid = (y < FLOOR) | (z < WALL)
     rgba[solid & dark], rgba[solid & ~dark] = (70, 80, 90, 255), (210, 200, 180, 255)
-    return pack_of_cube(SIDE, BLOCK, atlas_from_dense(rgba, None, BLOCK), None, BLENDER)
+    return cube_pack(rgba, BLOCK)
 
 
 AIM = 0.2  # voxels: a person points just inside of an edge, not beside it
@@ -48,11 +47,7 @@ def corner(*high: int) -> np.ndarray:
 
 @pytest.fixture
 def ui(offscreen, app):
-    ui = offscreen(app, size=(1280, 800))
-    app.resolution.rest_scale = 0.25
-    app.show(block_pack(), Path("block"))
-    ui.settle()
-    return ui
+    return offscreen(app, block_pack(), Path("block"), size=(1280, 800))
 
 
 def look_from(ui, azimuth: float, elevation: float, distance: float = 3.0) -> None:

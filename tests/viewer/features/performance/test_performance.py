@@ -33,10 +33,8 @@ def test_exact_marching_fetches_far_fewer_samples_than_brute_for_the_same_opacit
 
 
 def test_the_page_counts_while_the_camera_rests_once_a_view_and_not_at_all_when_off(offscreen, app, pack, pack_folder):
-    ui = offscreen(app)
-    app.show(pack, pack_folder)
     app.interface.page = "performance"
-    ui.settle()
+    ui = offscreen(app, pack, pack_folder)
     assert app.costs.costs is None
     app.costs.switch(True)
     ui.settle()

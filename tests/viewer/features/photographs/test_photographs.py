@@ -13,7 +13,6 @@ from scenepack.pictures import PICTURE, has_picture, picture_of, picture_uri
 from tests.viewer.scenes import photographed
 from tests.viewer.waiting import until
 from training.scenes import load_scene
-from viewer.app.application import App
 from viewer.core.files import demo_pack
 from viewer.features.photographs import photographs as thumbnails_module
 from viewer.features.photographs.photographs import Photographs, Thumbnails, psnr
@@ -29,11 +28,8 @@ def many(tmp_path_factory, pack):
 
 @pytest.fixture
 def ui(offscreen, app, many, pack_folder):
-    ui = offscreen(app)
-    app.resolution.rest_scale = 0.25
-    app.show(many, pack_folder)
     app.interface.page = "photographs"
-    return ui
+    return offscreen(app, many, pack_folder)
 
 
 def ready(photographs: Photographs) -> Thumbnails:
@@ -131,23 +127,18 @@ def test_copies_are_the_photographs_shrunk_and_survive_every_way_a_pack_goes(kno
     assert json.loads((tmp_path / "b" / "scene_params.json").read_text())["snerg"]["cameras"][0][PICTURE]
 
 
-def test_standing_in_a_copy_compares_with_it_and_says_so(offscreen, carrying, pack_folder):
-    app = App()
-    ui = offscreen(app, size=(1180, 900))
-    app.show(carrying, pack_folder)
+def test_standing_in_a_copy_compares_with_it_and_says_so(offscreen, app, carrying, pack_folder):
     app.interface.page = "photographs"
+    ui = offscreen(app, carrying, pack_folder)
     app.gallery.stand_in(app, 0)
     ui.settle()
     assert app.comparison.against == "photograph" and app.comparison.psnr_size == (48, 48)
     assert app.comparison.psnr_db > 25 and not app.messages.dialogs and ui.ctx.error == "GL_NO_ERROR"
 
 
-def test_a_pack_without_its_photographs_shows_their_places_and_no_error(offscreen, bare, pack_folder):
-    app = App()
-    ui = offscreen(app, size=(1180, 900))
-    app.show(bare, pack_folder)
+def test_a_pack_without_its_photographs_shows_their_places_and_no_error(offscreen, app, bare, pack_folder):
     app.interface.page, app.gallery.frusta = "photographs", True
-    ui.settle()
+    ui = offscreen(app, bare, pack_folder)
     assert app.gallery.thumbnails is None and not app.gallery.photographs.any_pictures
     before = app.scene.rig.held
     assert app.run("next-photo")
@@ -162,17 +153,13 @@ def test_copies_never_outgrow_what_was_asked():
     assert picture_of({PICTURE: picture_uri(pixels, 300)}).shape == (60, 90, 3)
 
 
-def test_the_demo_brings_all_its_photographs_and_stays_small(offscreen):
+def test_the_demo_brings_all_its_photographs_and_stays_small(offscreen, app):
     demo = demo_pack()
     pack = load_pack(demo)
     assert len(pack.metadata["cameras"]) == 112 and all(has_picture(entry) for entry in pack.metadata["cameras"])
     assert demo.stat().st_size < 8e6
-    app = App()
-    ui = offscreen(app, size=(1180, 800))
-    app.resolution.rest_scale = 0.25
-    app.show(pack, demo)
     app.interface.page = "photographs"
-    ui.settle()
+    ui = offscreen(app, pack, demo)
     assert len(app.gallery.thumbnails.boxes) == 112 and not app.gallery.thumbnails.problem
     app.gallery.stand_in(app, 3)
     ui.settle()

@@ -32,10 +32,8 @@ def slope(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def ui(offscreen, app: App, slope: Path):
-    ui = offscreen(app, size=(1280, 800))
-    app.resolution.rest_scale = 0.25
     app.annotations.folder = slope.parent / "user"
-    app.show(load_pack(slope), slope)
+    ui = offscreen(app, load_pack(slope), slope, size=(1280, 800))
     rig = app.scene.rig
     rig.goal = rig.shown = Pose((0.0, -0.4, 0.2), 20.0, 40.0, 3.5)
     app.interface.page = placing.PAGE
@@ -167,9 +165,8 @@ def test_the_pack_keeps_it_and_pages_and_pictures_follow(ui, app, slope, tmp_pat
 
 
 def test_a_forward_facing_scene_has_an_origin_and_is_not_turned(offscreen, app, tmp_path) -> None:
-    ui = offscreen(app, size=(1280, 800))
     app.interface.page = placing.PAGE
-    app.show(toy_pack(ndc=True), Path("ndc"))
+    ui = offscreen(app, toy_pack(ndc=True), size=(1280, 800))
     assert ui.widgets("By a point") and not ui.widgets("By three points")
     app.run("move-find-ground")
     assert app.annotations.current.placement == NOT_MOVED and app.messages.dialogs
