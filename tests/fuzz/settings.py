@@ -1,6 +1,5 @@
 """Small files of the viewer: preferences, camera paths, poses."""
 
-import dataclasses
 import json
 from pathlib import Path
 
