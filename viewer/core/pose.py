@@ -141,17 +141,16 @@ def pose_from_text(text: str) -> tuple[np.ndarray, float | None, float | None]:
     except ValueError:
         values = text.replace(";", " ").replace(",", " ").split()
     try:
-        if not isinstance(values, dict):
-            values = {"eye": values[:3], "target": values[3:]}
-        vectors = values["eye"], values["target"], values.get("up", (0.0, 1.0, 0.0))
+        found: dict[str, Any] = values if isinstance(values, dict) else {"eye": values[:3], "target": values[3:]}
+        vectors = found["eye"], found["target"], found.get("up", (0.0, 1.0, 0.0))
         eye, target, up = (np.asarray(vector, np.float64) for vector in vectors)
         if any(v.shape != (3,) or not (np.abs(v) <= FARTHEST).all() for v in (eye, target, up)):
             raise ValueError
         camera = ViewCamera.look_at(eye, target, up)
-        fov = None if values.get("fov") is None else float(values["fov"])
+        fov = None if found.get("fov") is None else float(found["fov"])
         if fov is not None and not 1.0 <= fov <= 170.0:
             raise ValueError
-        given = values.get("ortho_height")
+        given = found.get("ortho_height")
         height = float(given) if isinstance(given, int | float) and 0 < given < FARTHEST else None
     except (KeyError, TypeError, ValueError):
         raise ValueError(

@@ -96,10 +96,11 @@ def film_writer(path: Path, size: tuple[int, int], fps: int) -> Iterator[Add]:
 
 def _palette_graph(size: tuple[int, int], fps: int):
     """What gives each frame the 256 colours that suit it best; a regular dither, which does not flicker."""
-    import av
+    from av.filter import Graph
 
-    graph = av.filter.Graph()
-    source = graph.add_buffer(width=size[0], height=size[1], format="rgb24", time_base=Fraction(1, fps))
+    graph = Graph()
+    frame_format: Any = "rgb24"  # a name, where the types of PyAV ask for its object
+    source = graph.add_buffer(width=size[0], height=size[1], format=frame_format, time_base=Fraction(1, fps))
     both, use = graph.add("split"), graph.add("paletteuse", "new=1:dither=bayer:bayer_scale=3")
     colours, sink = graph.add("palettegen", "stats_mode=single"), graph.add("buffersink")
     source.link_to(both)
