@@ -113,6 +113,15 @@ def test_modes_go_round_and_leave_out_what_the_pack_has_not(open_app):
     assert open_app.settings.mode == "normal" and "features" not in modes_for(open_app)
 
 
+def test_nothing_is_drawn_once_nothing_changes(open_app):
+    for _ in range(10):
+        open_app.tick(0.02)
+        open_app.drew()
+    assert not open_app.wants_frame
+    open_app.set(mode="depth")
+    assert open_app.wants_frame
+
+
 # What was mended in a pack from elsewhere is said once, in the window
 
 

@@ -48,3 +48,14 @@ def test_six_numbers_are_eye_and_target():
     matrix, fov, height = pose_from_text("0, 0, 4,  0 0 0")
     np.testing.assert_allclose(matrix, ViewCamera.look_at((0, 0, 4), (0, 0, 0)).grid_T_camera)
     assert fov is None and height is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "hello", "1,2,3", "null", "[1]", '{"eye": [0,0,0]}', '{"eye":[0,0,0],"target":[0,0,0]}',
+     '{"eye":[0,0,"a"],"target":[0,0,0]}', '{"eye":[0,0,NaN],"target":[0,0,0]}',
+     '{"eye":[0,0,1],"target":[0,0,0],"fov":-3}'],
+)  # fmt: skip
+def test_text_that_is_no_pose_is_told_plainly(text):
+    with pytest.raises(ValueError, match="this is not a pose"):
+        pose_from_text(text)
