@@ -125,7 +125,7 @@ TINY_NERF = NerfConfig(
 )
 TINY = TrainConfig(steps=300, batch_size=256, log_every=25, validate_every=0, checkpoint_every=100, nerf=TINY_NERF)
 # The distortion loss and the occupancy grid keep space empty here; the paper's sparsity weight costs 0.4 dB then.
-QUICK = TrainConfig(method="multires", steps=4000, sparsity_weight=2e-6, validate_every=1000, checkpoint_every=1000)
+QUICK = TrainConfig(method="multires", steps=3000, sparsity_weight=2e-6, validate_every=1000, checkpoint_every=1000)
 
 PRESETS: Mapping[PresetName, TrainConfig] = {
     "quick": QUICK,
