@@ -74,6 +74,8 @@ def _train(run: Run, after_step: Callable[[Run], None] | None) -> Run:
     stopping, seconds = False, float(agree(np.array(recorder.seconds)))
     shown = progress("training", config.steps, quiet=not is_writer(), begun=run.step)
     with _stop_on_signal() as asked_to_stop, shown as bar:
+        if run.step < config.steps:
+            bar.update(run.step, "compiling, and first steps")
         for step in range(run.step, config.steps):
             by_time = seconds / (60.0 * config.minutes) if config.minutes > 0 else 0.0
             progress_made = min(max(step / config.steps, by_time), 1.0)  # how far down the learning rates are
