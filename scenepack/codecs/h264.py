@@ -1,6 +1,6 @@
 """H.264 in MP4, by PyAV (x264), which is an extra.
 
-FFmpeg reads as MP4 whatever lies there, from memory and in a process of its own (scenepack.codecs.decoder_sandbox).
+FFmpeg reads a film from memory, as MP4 alone, in a process of its own (scenepack.codecs.decoder_sandbox).
 
 Macroblocks of 32 voxels lie on H.264's own of 16, so no coded block mixes two of them. Colours and features stay
 premultiplied and 4:4:4.

@@ -92,13 +92,13 @@ def test_help_breaks_lines_where_the_terminal_ends_not_where_the_source_does(cap
     assert "Width and height of the square, in pixels. (default: 3)" in capsys.readouterr().out
 
 
-WRONG = UserError("is\nwrong", where="a.png", expected=3, found=4, remedy="mend it")
+WRONG = UserError("is\nwrong", where="a.png", expected=3, found=4, remedy="correct it")
 
 
 @pytest.mark.parametrize(
     ("error", "status", "said"),
     [
-        (WRONG, 2, "a.png: is wrong (expected 3, found 4); mend it"),
+        (WRONG, 2, "a.png: is wrong (expected 3, found 4); correct it"),
         (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/a/b"), 2, "/a/b: the disk is full"),
         (OSError(errno.EACCES, os.strerror(errno.EACCES), "/a/b"), 2, "/a/b: Permission denied"),
         (KeyboardInterrupt("go on with --resume"), 130, "interrupted; go on with --resume"),

@@ -1,4 +1,4 @@
-"""Untidy packs open, with one warning line for each thing that was mended (docs/format.md, "Untidy packs")."""
+"""Untidy packs open, with one warning line for each thing that was repaired (docs/format.md, "Untidy packs")."""
 
 import gzip
 import json

@@ -193,8 +193,8 @@ class MultiresMethod:
 class Engine(Protocol):
     """Agrees with training.multires.field to rounding; gradients may agree on average only.
 
-    What is random about a step comes from the seed and the step alone; two engines may draw differently. An engine may keep what
-    it derives from a state in state.kept.
+    A step draws pixels from state.next_ray on. What is random about it comes from the seed and the step alone; two engines may
+    draw it differently. An engine may keep what it derives from a state in state.kept.
     """
 
     def adopt(self, state: State) -> State:

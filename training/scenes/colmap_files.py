@@ -33,7 +33,7 @@ OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # y down and z ahead becom
 LONGEST_NAME = 4096  # bytes
 LARGEST_SIDE = 1e6  # pixels
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # UTF-8's, which editors on Windows write
-NUMBER, SHOWING = np.dtype("<f8"), np.dtype([("image", "<u4"), ("keypoint", "<u4")])
+NUMBER, TRACK_ELEMENT = np.dtype("<f8"), np.dtype([("image", "<u4"), ("keypoint", "<u4")])
 KEYPOINT = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 
 
@@ -148,7 +148,7 @@ def _entries(file: Path) -> Iterator[io.BytesIO]:
     for _ in range(*_take(data, "<Q")):
         yield data
     if data.read(1):
-        raise ValueError("it goes on behind its contents")
+        raise ValueError("bytes follow the last entry")
 
 
 def _take(data: io.BytesIO, form: str) -> tuple:
@@ -189,7 +189,7 @@ def _points(file: Path) -> Iterator[tuple[float, ...]]:
     """points3D.bin: count u64; each: id u64, place 3 f64, colour 3 u8, error f64, count u64, each image u32 and index u32."""
     for data in _entries(file):
         *point, _, count = _take(data, "<q3d3BdQ")
-        _array(data, SHOWING, count)
+        _array(data, TRACK_ELEMENT, count)
         yield (*point, count)
 
 

@@ -1,7 +1,7 @@
 """Scenes whose cameras another program found: Metashape, RealityCapture, Polycam, Record3D, 3D Scanner App, OpenSfM, Bundler.
 
-Each is recognised by what its file says, and becomes a Reconstruction, which training.scenes.colmap makes a scene of. A reader
-takes a file for sound; whatever it trips over becomes a UserError that names program and file (_naming_damage).
+Each is recognised by what its file says, and becomes a Reconstruction, which training.scenes.colmap makes a scene of. Readers
+index and convert without checks: _refusing_damage turns what that raises into a UserError that names program and file.
 docs/scenes.md says how to export. Notation: world_T_camera [4, 4] in OpenGL axes.
 """
 
@@ -42,7 +42,7 @@ Cameras = Mapping[str, Camera]  # by the names of their pictures
 
 
 @contextmanager
-def _naming_damage(program: str, file: Path) -> Iterator[None]:
+def _refusing_damage(program: str, file: Path) -> Iterator[None]:
     """UserError for what a reader raises at a file that is not as the program writes it."""
     try:
         yield
@@ -195,7 +195,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
         picture = finder.find(name)
         return UNKNOWN_SIZE if picture is None else picture_size(picture)
 
-    with _naming_damage(program.name, file):
+    with _refusing_damage(program.name, file):
         reconstruction = program.read(file, size_of)
     return scene_of(path, reconstruction, finder, folder, 1, options)
 
@@ -259,7 +259,7 @@ def _read_polycam(first: Path, _: SizeOf) -> Reconstruction:
     """keyframes/cameras/TIME.json: t_ij of a camera-to-world matrix in OpenGL axes, and the lens in pixels."""
     cameras = {}
     for file in sorted(first.parent.glob("*.json")):
-        with _naming_damage("Polycam", file):
+        with _refusing_damage("Polycam", file):
             values = read_json_file(file)
             matrix = [[values[f"t_{row}{column}"] for column in range(4)] for row in range(3)]
             lens = [values[key] for key in ("width", "height", "fx", "fy", "cx", "cy")]
@@ -271,7 +271,7 @@ def _read_scanner_app(first: Path, size_of: SizeOf) -> Reconstruction:
     """frame_N.json of ARKit: cameraPoseARFrame, camera-to-world in OpenGL axes, and intrinsics [3, 3] in pixels."""
     cameras = {}
     for file in sorted(first.parent.glob("frame_*.json")):
-        with _naming_damage("3D Scanner App", file):
+        with _refusing_damage("3D Scanner App", file):
             values = read_json_file(file)
             matrix, K = _numbers(values["cameraPoseARFrame"], 4, 4), _numbers(values["intrinsics"], 3, 3)
             # by rows or, as ARKit has them in memory, by columns

@@ -41,7 +41,7 @@ class OpenScene:
     edits: Edits = Edits()
     preview: EditPreview | None = None  # shows them in the pack's atlas; None until something is to be edited
     saved: Selection = NOTHING  # what was erased when it was saved last
-    # of when another pack was shown, for when this one is shown again
+    # while another pack is shown: what this one is shown with again
     crop: Corners | None = None  # as in RenderSettings, as the next
     near: float = 0.0
     camera_path: CameraPath | None = None

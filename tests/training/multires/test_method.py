@@ -23,7 +23,7 @@ from training.multires.levels import ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.occupancy import INITIAL as INITIAL_CODE
 from training.multires.occupancy import NEVER, is_on
-from training.multires.settings import DEEPEST, PARALLAX, SHALLOWEST, ndc_depth
+from training.multires.settings import DEEPEST, FEWEST_RAYS, PARALLAX, SHALLOWEST, ndc_depth
 from training.scenes import Scene, load_scene
 
 SMALL = MultiresConfig(
@@ -153,6 +153,7 @@ def test_gains_are_fitted_and_go_on_from_a_checkpoint(dataset: RayDataset, engin
         state, _ = method.step(state, step)
         again, _ = method.step(again, step)
     assert (method.save(state)["gains"] != saved["gains"]).any()
+    assert state.next_ray >= saved["next_ray"] + 3 * FEWEST_RAYS  # the next step draws other pixels
     for name, array in method.save(state).items():
         np.testing.assert_array_equal(method.save(again)[name], array, err_msg=name)
     with pytest.raises(UserError, match='"gains" does not fit'):

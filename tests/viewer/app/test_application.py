@@ -122,7 +122,7 @@ def test_nothing_is_drawn_once_nothing_changes(open_app):
     assert open_app.wants_frame
 
 
-# What was mended in a pack from elsewhere is said once, in the window
+# Repairs of a pack made elsewhere are reported once, in the window
 
 
 @pytest.fixture
@@ -146,7 +146,7 @@ def opened(app: App, path: Path) -> str:
     return app.messages.toast
 
 
-def test_what_was_mended_is_shown_once_and_stays_in_the_log(untidy, pack_folder):
+def test_repairs_are_reported_once_and_stays_in_the_log(untidy, pack_folder):
     app = App(canvas=FakeCanvas())
     assert opened(app, pack_folder) == ""  # a sound pack
     notice = opened(app, untidy)

@@ -146,8 +146,8 @@ class OrbitCamera:
         )
         eye, pivot = shown.eye(self.table), np.asarray(shown.pivot)
         eye_way, pivot_way = goal.eye(self.table) - eye, np.asarray(goal.pivot) - pivot
-        looks = np.linalg.norm(eye_way) < np.linalg.norm(pivot_way)  # around: who does so stays in place meanwhile
-        if looks and not self.bounded:
+        # Of eye and pivot, the one that moves less keeps to a straight line: looking around, the eye; orbiting, the pivot.
+        if not self.bounded and np.linalg.norm(eye_way) < np.linalg.norm(pivot_way):
             pose = pose.seen_from(eye + share * eye_way, self.table)
         else:
             pose = replace(pose, pivot=triple(pivot + share * pivot_way))

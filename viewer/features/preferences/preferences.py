@@ -132,7 +132,7 @@ PLACES = {
 
 
 def apply_preferences(app: App, values: dict[str, Any]) -> None:
-    """Takes over what was loaded; what is missing or makes no sense stays as it is."""
+    """Sets loaded preferences; those that are missing or not valid keep their present value."""
     for name, (part, there) in PLACES.items():
         value = _like(values.get(name), getattr(getattr(app, part), there))
         if value is None:
