@@ -20,6 +20,7 @@ from tests.training.test_captures import circle
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.waiting import live, until
 from tools.procedural import write_procedural_scene
+from training.config import PRESETS
 from training.posing import find
 from training.scenes.presets import BakeablePreset
 from viewer.app.application import App
@@ -216,7 +217,7 @@ def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_
     assert survey.busy and survey.news() and not survey.news() and not survey.busy
     seconds = needed.seconds("quick", 32)
     assert seconds is not None and 1.0 < seconds < 1e6
-    assert needed.seconds("full", 32) == pytest.approx(18 / 4 * seconds)
+    assert needed.seconds("full", 32) == pytest.approx(PRESETS["full"].steps / PRESETS["quick"].steps * seconds)
     assert needed.seconds("paper", 32) is None and needed.disk("paper", 32) is None
     disk = needed.disk("quick", 32)
     assert disk is not None and 1e8 < disk < 1e9
