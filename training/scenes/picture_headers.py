@@ -8,19 +8,18 @@ import os
 import struct
 import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
-import numpy as np
 from PIL import Image, UnidentifiedImageError, features
 from PIL.JpegImagePlugin import JpegImageFile
+from PIL.TiffImagePlugin import TiffImageFile
 
 from console import UserError
 from console.file_signature import HEAD_BYTES, sniff_type
-from training.scenes import deep_pictures
+from training.scenes.deep_pictures import DeepHeader, deep_header
 from training.scenes.files import READ_PICTURES, UNREAD_FORMATS, times
 
 warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")  # of tags that no picture needs
@@ -32,8 +31,16 @@ LOSSY = ("JPEG", "MPO", "WEBP", "HEIF", "AVIF")
 MOST_PIXELS_PER_BYTE, UNDOUBTED_PIXELS = 1100, 1 << 24
 # A JPEG goes over all its pixels once for each scan, which may have 30 bytes: cameras write 1, other programs 10 to 64.
 MOST_SCANS, SCAN = 100, b"\xff\xda"
-SIDEWAYS = (5, 6, 7, 8)  # values of ORIENTATION, EXIF's as well, that swap width and height
-# What Pillow, imagecodecs and OpenEXR raise for damaged files; they were not written with one error in mind.
+SUBFILE, WIDTH, HEIGHT, BITS, ORIENTATION, DNG_VERSION = (
+    254,
+    256,
+    257,
+    258,
+    274,
+    50706,
+)  # tags of TIFF, one of EXIF as well
+SIDEWAYS = (5, 6, 7, 8)  # values of ORIENTATION that swap width and height
+# What Pillow and OpenImageIO raise for damaged files; they were not written with one error in mind.
 UNREADABLE = (
     OSError, SyntaxError, ValueError, AssertionError, LookupError, TypeError, ArithmeticError, AttributeError, EOFError,
     RuntimeError, struct.error, zlib.error,
@@ -44,13 +51,13 @@ UNREADABLE = (
 class Header:
     """What a picture's file says before its pixels are decoded."""
 
-    format: str  # Pillow's name, or "EXR"
+    format: str  # Pillow's name, or OpenImageIO's of what Pillow does not know
     stored: tuple[int, int]  # the size as stored
     orientation: int  # EXIF's, 1 to 8
     transparent: bool  # whether it has alpha at all
     mode: str  # Pillow's
     exif: Image.Exif
-    deep: Callable[[], np.ndarray] | None = None  # decodes it in place of Pillow, which cannot or would cut it down
+    deep: DeepHeader | None = None  # where OpenImageIO decodes it, since Pillow cannot or would cut it down
 
     @property
     def size(self) -> tuple[int, int]:
@@ -66,46 +73,45 @@ def read_header(path: Path) -> Header:
     if (remedy := UNREAD_FORMATS.get(path.suffix.lower())) is not None:
         what = f"{path.suffix[1:].upper()} pictures are not read"
         raise UserError(what, where=path, expected=READ_PICTURES, remedy=remedy)
+    kind = sniff_type(_head(path))
     try:
-        with _Bounded(io.FileIO(path)) as file:
-            kind = sniff_type(file.read(HEAD_BYTES))
-            file.seek(0)
-            tags = deep_pictures.tiff_tags(path, file) if kind == "a TIFF" else None
-        if kind == "an OpenEXR":
-            exr = deep_pictures.exr_header(path)
-            weigh(path, exr.data_size, exr.channels)
-            weigh(path, exr.size)
-            deep = partial(deep_pictures.decoded_exr, path, exr)
-            return Header("EXR", exr.size, 1, exr.has_alpha, "F", Image.Exif(), deep)
-        if tags is not None:
-            weigh(path, tags.size, tags.samples * tags.bits / 32)
-            weigh(path, tags.tile, tags.samples * tags.bits / 32)
         try:
-            return _pillow_header(path, tags)
+            return _pillow_header(path)
         except UnidentifiedImageError:
-            if tags is None or not tags.deep:
+            if kind not in ("a TIFF", "an OpenEXR"):
                 raise
-            deep = partial(deep_pictures.decoded_tiff, path, tags)
-            return Header("TIFF", tags.size, tags.orientation, tags.has_alpha, "F", Image.Exif(), deep)
+            deep = _deep_header(path)
+            return Header(deep.format, deep.size, deep.orientation, deep.has_alpha, "F", Image.Exif(), deep)
     except UNREADABLE as error:
         found = kind if isinstance(error, UnidentifiedImageError) else short_reason(error)
         raise UserError("not a readable picture", where=path, expected=READ_PICTURES, found=found) from error
 
 
-def _pillow_header(path: Path, tags: deep_pictures.TiffTags | None) -> Header:
+def _pillow_header(path: Path) -> Header:
     with opened(path) as image:
         exif = Image.Image.getexif(image)  # a PNG's own would decode all pixels, to look what stands behind them
-        orientation = exif.get(deep_pictures.ORIENTATION, 1)
-        deep, transparent = None, image.has_transparency_data
-        if tags is not None and tags.deep:
-            deep, transparent = partial(deep_pictures.decoded_tiff, path, tags), tags.has_alpha
-        elif image.format == "PNG" and _head(path)[24] == 16 and "transparency" not in image.info:
-            deep = partial(deep_pictures.decoded_png, path)
+        orientation = exif.get(ORIENTATION, 1)
+        stored, deep = image.size, False
+        if isinstance(image, TiffImageFile):
+            tags = image.tag_v2
+            if DNG_VERSION in tags or tags.get(SUBFILE, 0) & 1:
+                raise UserError("raw photographs are not read", where=path, found="a TIFF whose first picture is a preview",
+                                remedy="export them as JPEG, PNG or 16 bit TIFF")  # fmt: skip
+            stored, deep = (tags[WIDTH], tags[HEIGHT]), max(tags.get(BITS, (1,))) > 8
+        elif image.format == "PNG":
+            deep = _head(path)[24] == 16 and "transparency" not in image.info
+        by_deep = _deep_header(path) if deep else None
         return Header(
-            format=image.format or "", stored=image.size if tags is None else tags.size,
-            orientation=orientation if orientation in range(1, 9) else 1, transparent=transparent, mode=image.mode,
-            exif=exif, deep=deep,
+            format=image.format or "", stored=stored, orientation=orientation if orientation in range(1, 9) else 1,
+            transparent=by_deep.has_alpha if by_deep else image.has_transparency_data, mode=image.mode, exif=exif, deep=by_deep,
         )  # fmt: skip
+
+
+def _deep_header(path: Path) -> DeepHeader:
+    header = deep_header(path)
+    for size in header.stored:
+        weigh(path, size, header.words)
+    return header
 
 
 @contextmanager

@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image
 
 from console import UserError
+from training.scenes.deep_pictures import decoded_deep
 from training.scenes.files import times
 from training.scenes.picture_headers import LOSSY, SIDEWAYS, UNREADABLE, Header, decodable, read_header, short_reason
 
@@ -35,7 +36,7 @@ def decoded(path: Path, as_stored: bool = False) -> np.ndarray:
     header = read_header(path)
     with _one_line(path):
         if header.deep is not None:
-            picture = header.deep()
+            picture = decoded_deep(path, header.deep)
         else:
             with decodable(path) as image:
                 mode = "RGBA" if header.transparent else "RGB"

@@ -23,7 +23,7 @@ from viewer.core.annotations import Annotations
 from viewer.core.pose import FARTHEST
 from viewer.features.bookmarks.place_labels import with_places
 from viewer.features.film.film_export import FILMS, MOST_FPS, films_possible, require_video, write_film
-from viewer.features.film.pictures import EXR, PNG, Pass, parse_modes, passes_for, require_exr, write_exr, write_pngs
+from viewer.features.film.pictures import EXR, PNG, Pass, parse_modes, passes_for, write_exr, write_pngs
 from viewer.features.measuring.surface import depth_in_middle
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 from viewer.rendering.framing import filling_orbit
@@ -309,8 +309,6 @@ def _photograph_views(
 
 def _check_passes(passes: list[Pass], out: Path, kind: str, exr: bool) -> None:
     """UserError where the files cannot hold what was asked for."""
-    if exr:
-        require_exr()
     if kind in (PNG, *FILMS) and len(passes) > 1:
         names = ",".join(each.name for each in passes)
         raise UserError("cannot hold several modes", where=out, found=names, remedy="name a folder or an .exr")

@@ -65,7 +65,7 @@ def write_png(path: Path, values: np.ndarray) -> Path:
 
 
 def write_exr(path: Path, channels: dict[str, np.ndarray], **header: object) -> Path:
-    exr = pytest.importorskip("OpenEXR", reason="OpenEXR is not installed: pip install 'snerg[export]'")
+    exr = pytest.importorskip("OpenEXR", reason="OpenEXR is not installed: pip install 'snerg[dev]'")
     with exr.File({"type": exr.scanlineimage, "compression": exr.ZIP_COMPRESSION, **header}, channels) as file:
         file.write(str(path))
     return path
@@ -110,6 +110,28 @@ def test_pictures_of_more_than_8_bits_keep_their_values_posed_and_bare(tmp_path:
     bare = np.asarray(Image.open(tmp_path / "out" / link_or_convert(read, tmp_path / "out", "b")))
     assert read.needs_conversion and np.array_equal(bare, loaded)
     assert small_picture(path, 15, "RGB").size == (15, 10)
+
+
+def test_of_an_openexr_the_main_layer_is_read_within_the_display_window(tmp_path: Path) -> None:
+    layers = {f"beauty.{c}": values for c, values in premultiplied_light(np.float32).items()}
+    layers |= {f"diffuse.{c}": np.ones((20, 30), np.float32) for c in "RGB"}
+    window = (np.array([-2, 3], np.int32), np.array([24, 29], np.int32))
+    found = read_picture(write_exr(tmp_path / "a.exr", layers, displayWindow=window))
+    assert found.shape == (27, 27, 4) and not found[:, :2].any() and not found[17:].any()
+    np.testing.assert_allclose(straight(found[:17, 2:]), straight(COLOURS[3:, :25]), atol=2e-5)
+    light = {c: np.full((20, 30), 0.5, np.float32) for c in "RGB"}
+    opaque = read_picture(write_exr(tmp_path / "b.exr", light, displayWindow=window))[..., 3]
+    assert opaque[:17, 2:].all() and opaque.sum() == 17 * 25
+    with pytest.raises(UserError, match=r"no channels that are a picture .*found Z"):
+        read_picture(write_exr(tmp_path / "z.exr", {"Z": np.ones((20, 30), np.float32)}))
+
+
+def test_white_is_zero_in_some_tiffs_and_floats_brighter_than_white_are_refused(tmp_path: Path) -> None:
+    grey = np.rint(COLOURS[..., :1] * 65535).astype(np.uint16)
+    found = read_picture(write_tiff(tmp_path / "a.tif", grey, photometric=0))
+    np.testing.assert_allclose(found[..., :3], np.repeat(1 - COLOURS[..., :1], 3, -1), atol=2e-5)
+    with pytest.raises(UserError, match=r"no display-referred colours .*found up to 1.9"):
+        read_picture(write_tiff(tmp_path / "a.tif", 2 * COLOURS[..., :3]))
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg", "webp", "tif", "avif"])
@@ -170,7 +192,7 @@ def test_a_header_that_claims_more_than_its_bytes_hold_is_refused_at_once(tmp_pa
             at = data.index(window) + len(window) + 4 + 8
             data[at : at + 8] = struct.pack("<ii", (1 << 19) - 1, (1 << 19) - 1)
     path.write_bytes(data)
-    with pytest.raises(UserError, match="its header claims 524288x524288 pixels"):
+    with pytest.raises(UserError, match=r"its header claims 524288x524288 pixels|image size 4194304\.0 MB exceeds"):
         read_picture(path)
     path.write_bytes(data[: len(data) // 2])
     with pytest.raises(UserError, match=r"a\.(tif|exr): "):

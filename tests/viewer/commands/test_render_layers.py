@@ -8,9 +8,8 @@ import pytest
 from PIL import Image
 
 from viewer.commands import render
-from viewer.features.film import pictures
 
-OpenEXR = pytest.importorskip("OpenEXR", reason="OpenEXR is not installed: pip install 'snerg[export]'")
+OpenEXR = pytest.importorskip("OpenEXR", reason="OpenEXR is not installed: pip install 'snerg[dev]'")
 SMALL = ["--size", "48x36"]
 
 
@@ -88,9 +87,3 @@ def test_what_files_cannot_hold_is_told_in_one_line(folder, words, message, caps
     line = capsys.readouterr().err.strip()
     assert message in line and "\n" not in line
     assert not list(tmp_path.iterdir())
-
-
-def test_without_openexr_one_line_says_what_to_install(folder, capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr(pictures, "exr_possible", lambda: False)
-    assert render.main([folder, "--mode", "depth", "--out", str(tmp_path / "F.exr"), *SMALL]) == 2
-    assert "snerg[export]" in capsys.readouterr().err

@@ -3,7 +3,6 @@
 One view may be shown in several modes. As PNG each mode is a file of its own; one OpenEXR file holds all of them as channels.
 """
 
-import importlib.util
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+import OpenImageIO as oiio
 from PIL import Image
 
 from console import UserError
@@ -87,41 +87,30 @@ def write_pngs(path: Path, passes: Sequence[Pass], pictures: Sequence[np.ndarray
     return written
 
 
-def exr_possible() -> bool:
-    return importlib.util.find_spec("OpenEXR") is not None
-
-
-def require_exr() -> None:
-    """UserError, with the remedy, where OpenEXR is not installed."""
-    if not exr_possible():
-        raise UserError("writing an .exr needs OpenEXR", remedy="pip install 'snerg[export]', or write PNG")
-
-
 def write_exr(
     file: Path, passes: Sequence[Pass], pictures: Sequence[np.ndarray], camera: ViewCamera, pack: Pack
 ) -> None:
-    """Writes what was drawn into one OpenEXR file, float32, ZIP. UserError where OpenEXR is not installed.
+    """Writes what was drawn into one OpenEXR file, float32, ZIP.
 
     Channels: R, G, B (linear light, times opacity), A, Z, N.X, N.Y, N.Z; other modes as MODE.R, MODE.G, MODE.B, and the costs as
     `samples` and `jumps`. The header's `snerg` says what they mean, with the camera, as JSON.
     """
-    require_exr()
-    import OpenEXR
-
     channels = {
-        name: np.ascontiguousarray(values, np.float32)
+        name: values
         for each, pixels in zip(passes, pictures, strict=True)
         for name, values in exr_channels(each, pixels, camera, pack).items()
     }
-    header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "snerg": json.dumps(_said(passes, camera)),
-        # OpenEXR's matrices act on row vectors.
-        "worldToCamera": np.ascontiguousarray(np.linalg.inv(camera.grid_T_camera).T, np.float32),
-    }
+    picture = np.stack(list(channels.values()), axis=-1, dtype=np.float32)
+    header = oiio.ImageSpec(picture.shape[1], picture.shape[0], len(channels), oiio.FLOAT)
+    header.channelnames = tuple(channels)
+    header.attribute("compression", "zip")
+    header.attribute("snerg", json.dumps(_said(passes, camera)))
+    row_vectors = np.linalg.inv(camera.grid_T_camera).T  # OpenEXR's matrices act on these
+    header.attribute("worldtocamera", oiio.TypeMatrix, tuple(map(float, row_vectors.ravel())))
     with replacing(file) as new:
-        OpenEXR.File(header, channels).write(str(new))
+        output = oiio.ImageOutput.create("openexr")
+        if output is None or not (output.open(str(new), header) and output.write_image(picture) and output.close()):
+            raise OSError(f"{new}: {output.geterror() if output else oiio.geterror()}")
 
 
 def exr_channels(each: Pass, pixels: np.ndarray, camera: ViewCamera, pack: Pack) -> Mapping[str, np.ndarray]:

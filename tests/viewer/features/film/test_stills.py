@@ -14,7 +14,6 @@ from tests.viewer.waiting import live
 from viewer.app.application import App
 from viewer.core.pose import Pose
 from viewer.features.film.filming import Filming
-from viewer.features.film.pictures import exr_possible
 
 
 def saved(ui: OffscreenUi, path: Path) -> Path:
@@ -69,11 +68,8 @@ def test_a_view_is_saved_in_several_modes_without_background_and_as_exr(ui: Offs
     picture = Image.open(tmp_path / "view_rgb.png")
     assert picture.mode == "RGBA" and picture.size == (96, 64)
     assert picture.getpixel((0, 0)) == (0, 0, 0, 0) and np.asarray(picture)[..., 3].max() == 255
-    if not exr_possible():
-        pytest.skip("OpenEXR is not installed: pip install 'snerg[export]'")
-    import OpenEXR
-
-    file = OpenEXR.File(str(saved(ui, tmp_path / "view.exr")), separate_channels=True)
+    exr = pytest.importorskip("OpenEXR", reason="OpenEXR is not installed: pip install 'snerg[dev]'")
+    file = exr.File(str(saved(ui, tmp_path / "view.exr")), separate_channels=True)
     assert set(file.channels()) == {"R", "G", "B", "A", "Z", "N.X", "N.Y", "N.Z"}
     depth = file.channels()["Z"].pixels
     assert 0.3 < np.median(depth[depth > 0]) / app.scene.rig.goal.distance < 1.5
