@@ -73,7 +73,7 @@ def decoded_deep(path: Path, header: DeepHeader) -> np.ndarray:
         raise OSError(file.geterror())
     picture = oiio.ImageBufAlgo.channels(file, header.channels)
     if exr:
-        picture = oiio.ImageBufAlgo.cut(picture, file.roi_full)
+        picture = oiio.ImageBufAlgo.cut(picture, picture.roi_full)
     values = np.asarray(picture.get_pixels(oiio.FLOAT))
     if values.shape[1::-1] != header.size:
         raise OSError("its pixels are not as many as its header says")
