@@ -1,16 +1,11 @@
-"""What a run writes for people while it trains: metrics.jsonl, validation/, curves.png; and at its end report/.
+"""What a run writes for people while it trains: metrics.jsonl, validation/, curves.png.
 
 metrics.jsonl has one JSON object a line, in the order of steps, each with "step" (steps done), "seconds" (wall time of the run)
-and "training_seconds" (the same without validation and reports). Only process 0 writes and renders.
-
-report.json: {"scene", "step", "steps", "seconds", "training_seconds", "psnr" and "loss" (of the last logged batch),
-"validation" [{"step", "seconds", "psnr"}], "best_validation_psnr", "rays_per_second" (median), "config", "provenance"}.
+and "training_seconds" (the same without validation and pictures). Only process 0 writes and renders.
 """
 
-import dataclasses
 import json
 import math
-import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,7 +19,6 @@ from PIL import Image
 from console.atomic import replacing, write_file
 from console.json_text import parse_json
 from console.plots import Line, Plot, draw_plots
-from console.progress import duration
 from training.checkpoints import writing
 from training.dataset import RayDataset
 from training.devices import here, is_writer
@@ -110,12 +104,10 @@ class Recorder:
         record = {**when, "validation_psnr": float(np.mean(scores)), "view": self._photographs[0].name}
         self._write(record | ({"views": len(scores)} if len(scores) > 1 else {}))
 
-    def report(self) -> None:
-        """The final report, from everything in the log."""
+    def finish(self) -> None:
+        """The last curves, from everything in the log."""
         if is_writer():
-            with self.paused():
-                self._draw()
-                write_report(self.run, self.records)
+            self._draw()
 
     def _when(self) -> dict[str, Any]:
         times = {"seconds": round(self.seconds, 3), "training_seconds": round(self.training_seconds, 3)}
@@ -185,7 +177,7 @@ def _is_number(value: Any) -> bool:
     return type(value) in (int, float) and abs(value) < LARGEST
 
 
-# --- curves.png and report/ -------------------------------------------------------------------------------------------
+# --- curves.png --------------------------------------------------------------------------------------------------------
 
 
 def draw_curves(records: Records, path: Path, title: str) -> None:
@@ -210,72 +202,3 @@ def _curve(label: str, records: Records, name: str, *, marked: bool = False) -> 
         return []
     means = [part.mean(axis=0).tolist() for part in np.array_split(np.array(points, float), min(len(points), POINTS))]
     return [Line(label, *map(list, zip(*means, strict=True)), marked=marked)]
-
-
-def write_report(run: Run, records: Records) -> None:
-    """Writes the folder report/. UserError where the disk is full."""
-    folder = run.path / "report"
-    figures = _figures(run, records)
-    with writing(folder):
-        folder.mkdir(exist_ok=True)
-        write_file(folder / "report.json", json.dumps(figures, indent=2) + "\n")
-        if validation := figures["validation"]:
-            minutes, values = [v["seconds"] / 60 for v in validation], [v["psnr"] for v in validation]
-            line = Line("held out", minutes, values, marked=True)
-            title = f"{run.scene.path.name}: PSNR against minutes"
-            plot = Plot([line], title, "minutes of training", "PSNR (dB)", "data")
-            draw_plots(folder / "psnr-minutes.png", [plot])
-        for source in (run.path / "curves.png", run.path / "validation" / "latest.png"):
-            if source.is_file():
-                shutil.copyfile(source, folder / source.name)
-        write_file(folder / "report.md", _text(run, figures, folder))
-
-
-def _figures(run: Run, records: Records) -> dict[str, Any]:
-    """What report.json holds."""
-    validation = [
-        {"step": r["step"], "seconds": r.get("training_seconds", r["seconds"]), "psnr": r["validation_psnr"]}
-        for r in records
-        if "validation_psnr" in r
-    ]
-    speeds = [r["rays_per_second"] for r in records if "rays_per_second" in r]
-    last: Mapping[str, Any] = next((r for r in reversed(records) if "loss" in r), {})
-    return {
-        "scene": str(run.scene.path), "step": run.step, "steps": run.config.steps,
-        "seconds": records[-1]["seconds"] if records else 0.0,
-        "training_seconds": records[-1].get("training_seconds") if records else 0.0,
-        "psnr": last.get("psnr"), "loss": last.get("loss"), "validation": validation,
-        "best_validation_psnr": max((v["psnr"] for v in validation), default=None),
-        "rays_per_second": float(np.median(speeds)) if speeds else None,
-        "config": dataclasses.asdict(run.config), "provenance": run.description.provenance,
-    }  # fmt: skip
-
-
-def _text(run: Run, figures: Mapping[str, Any], folder: Path) -> str:
-    """What report.md says."""
-    provenance, config = figures["provenance"], run.config
-    photographs = ", ".join(f"{len(p)} {split}" for split, p in run.scene.splits.items())
-    camera = run.scene.splits["train"][0].camera
-    speed = figures["rays_per_second"]
-    rows = [
-        ("scene", f"{run.scene.path} ({run.scene.kind}; {photographs}; {camera.width} x {camera.height} pixels)"),
-        ("method", f"{config.method}, seed {config.seed}"),
-        ("steps", f"{figures['step']} of {figures['steps']}"),
-        ("time", f"{duration(figures['seconds'])}, of which training {duration(figures['training_seconds'] or 0)}"),
-        ("device", provenance.get("device", "unknown")),
-        ("speed", "unknown" if speed is None else f"{speed:,.0f} rays/s (median)"),
-        ("made by", f"snerg {provenance.get('snerg')}, JAX {provenance.get('jax')}, begun {provenance.get('started')}"),
-    ]
-    lines = [f"# {run.path.name}", "", "| | |", "| --- | --- |", *(f"| {name} | {value} |" for name, value in rows), ""]
-    if figures["validation"]:
-        lines += ["## Photographs held out", "", "| step | minutes of training | PSNR (dB) |", "| --- | --- | --- |"]
-        lines += [f"| {v['step']} | {v['seconds'] / 60:.2f} | {v['psnr']:.2f} |" for v in figures["validation"]]
-        lines += ["", "Minutes are of training alone, without the time that validation took.", ""]
-    for name, caption in (
-        ("latest.png", "Photograph and rendering, side by side."),
-        ("psnr-minutes.png", "PSNR of held-out photographs against minutes."),
-        ("curves.png", "Curves over the steps."),
-    ):
-        if (folder / name).is_file():
-            lines += [f"![{caption}]({name})", ""]
-    return "\n".join(lines)

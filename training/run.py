@@ -110,7 +110,7 @@ def resume_run(path: Path, description: RunDescription, scene_path: Path, config
 
 def _require_own_files(path: Path) -> None:
     """UserError for a link or a pipe in the run: writing would change another file of the user's, or wait for a reader."""
-    for folder in (path, path / "validation", path / "report", path / "checkpoints"):
+    for folder in (path, path / "validation", path / "checkpoints"):
         for file in folder.iterdir() if folder.is_dir() else ():
             if not file.is_dir() and (file.is_symlink() or not file.is_file()):
                 raise UserError("is no file of the run but a link, a pipe or a device", where=file,

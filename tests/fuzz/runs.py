@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.stored_runs import SCENE, STORED
 from training.commands.train import FREE, changed_settings
-from training.recorder import Recorder, draw_curves, read_metrics, write_report
+from training.recorder import Recorder, draw_curves, read_metrics
 from training.run import Run, read_description, resume_run
 
 BASES = ("nerf", "multires")
@@ -39,7 +39,6 @@ def open_it(path: Path, base: str, scene: Path) -> None:
         raise AssertionError("the run took no time that could be told")
     if recorder.records != read_metrics(STORED / base / "metrics.jsonl"):
         draw_curves(recorder.records, path / "curves.png", "fuzz")
-        write_report(run, recorder.records)
     if base == "multires" and not changed_settings(
         read_description(STORED / base).config, description.config, leave_out=FREE
     ):

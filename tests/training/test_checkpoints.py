@@ -79,7 +79,7 @@ STORED = Path(__file__).parents[1] / "data" / "runs"
 
 
 @pytest.mark.parametrize(
-    "name", ["metrics.jsonl", "curves.png", "validation/latest.png", "report/report.md", "config.json"]
+    "name", ["metrics.jsonl", "curves.png", "validation/latest.png", "config.json"]
 )
 @pytest.mark.parametrize("kind", ["link", "pipe"])
 def test_a_link_or_a_pipe_in_the_place_of_a_file_is_refused(name, kind, tmp_path, capsys):
