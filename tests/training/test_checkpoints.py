@@ -78,9 +78,7 @@ def test_arrays_of_another_shape_or_a_missing_one_are_refused():
 STORED = Path(__file__).parents[1] / "data" / "runs"
 
 
-@pytest.mark.parametrize(
-    "name", ["metrics.jsonl", "curves.png", "validation/latest.png", "config.json"]
-)
+@pytest.mark.parametrize("name", ["metrics.jsonl", "curves.png", "validation/latest.png", "config.json"])
 @pytest.mark.parametrize("kind", ["link", "pipe"])
 def test_a_link_or_a_pipe_in_the_place_of_a_file_is_refused(name, kind, tmp_path, capsys):
     run, mine = Path(shutil.copytree(STORED / "multires", tmp_path / "run")), tmp_path / "mine.txt"

@@ -5,7 +5,6 @@ Its keys are focal lengths, principal point, size, distortion and lens model. Le
 refused by name. docs/scenes.md has the table of keys.
 """
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from plyfile import PlyData, PlyParseError
 
 from console import UserError
 from console.json_text import read_json_file
@@ -98,14 +98,6 @@ LOOKED_FOR = "transforms_train.json (Blender), transforms.json (nerfstudio, inst
 SPLITS = ("train", "val", "test")
 MOST_POINTS = 50_000  # that near, far and box are derived from
 MOST_PLY_BYTES = 1 << 30
-# The header up to the last property of the vertices, which come first. A property is a type and a name.
-PLY_HEADER = re.compile(r"ply\s+format (\w+) 1\.0\s+element vertex (\d+)\s+((?:property \w+ \w+\s+)+)")
-PLY_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
-PLY_TYPES = {
-    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8",
-    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4",
-    "float64": "f8",
-}  # fmt: skip
 NGP_SCALE, NGP_OFFSET = 0.33, 0.5  # instant-ngp's box has the side aabb_scale about 0.5, in units of p · scale + offset
 
 OTHER_POSES = ("from_mitsuba", "from_na")  # instant-ngp: matrices of another convention
@@ -326,23 +318,13 @@ def _points(path: Path, document: dict[str, Any], cameras: Sequence[Camera], fra
 
 
 def read_ply(path: Path) -> np.ndarray:
-    """The finite places float64 [M, 3] of the vertices of a PLY file, its first element. UserError for anything else."""
+    """The finite places float64 [M, 3] of the vertices of a PLY file. UserError for anything else."""
     try:
         if path.stat().st_size > MOST_PLY_BYTES:
             raise ValueError(f"more than {MOST_PLY_BYTES >> 20} MiB")
-        header, *rest = re.split(rb"end_header\r?\n", path.read_bytes(), maxsplit=1)
-        plain = re.sub(rb"(comment|obj_info).*", b"", header).decode("ascii", errors="replace") if rest else ""
-        if (match := PLY_HEADER.match(plain)) is None:
-            raise ValueError("no header, or one without vertices")
-        form, count, properties = match[1], int(match[2]), re.findall(r"property (\w+) (\w+)", match[3])
-        if form == "ascii":
-            rows = np.array([line.split() for line in rest[0].splitlines()[:count]], np.float64)
-            columns = dict(zip((name for _, name in properties), rows.reshape(-1, len(properties)).T, strict=True))
-        else:
-            dtype = np.dtype([(name, PLY_ORDERS[form] + PLY_TYPES[kind]) for kind, name in properties])
-            columns = np.frombuffer(rest[0], dtype, count)
-        places = np.stack([columns[axis] for axis in "xyz"], axis=-1).astype(np.float64)
-    except (OSError, ValueError, KeyError, OverflowError) as error:
+        vertices = PlyData.read(str(path))["vertex"]
+        places = np.stack([vertices[axis] for axis in "xyz"], axis=-1).astype(np.float64)
+    except (OSError, ValueError, LookupError, TypeError, ArithmeticError, MemoryError, PlyParseError) as error:
         raise UserError("not a PLY file of points, or a damaged one", where=path, found=str(error)[:80]) from error
     return places[np.isfinite(places).all(-1)]
 
