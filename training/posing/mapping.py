@@ -75,7 +75,7 @@ def _features_and_matches(task: Task, on_progress: OnProgress) -> None:
 def reconstruct(task: Task, on_progress: OnProgress) -> dict[str, Any]:
     """Features, matches, poses; the largest model, its lens fitted, is left in `task.work` / MODEL. What is found:
 
-    features, matched: by name, how many features a picture has, and how many others it matches
+    matched: by name, how many others a picture matches
     still: of how many pairs the camera stands still, and of how many that match
     is_static: the camera stands still; poses are not looked for
     registered, models: pictures that have a pose in the largest model, and in each, the largest first
@@ -292,10 +292,8 @@ def _matches_found(task: Task) -> dict[str, Any]:
     outvote what turns.
     """
     with pycolmap.Database.open(task.database) as database:
-        images = database.read_all_images()
-        features = {image.name: database.num_keypoints_for_image(image.image_id) for image in images}
         sides = {camera.camera_id: max(camera.width, camera.height) for camera in database.read_all_cameras()}
-        matched = dict.fromkeys(features, 0)
+        matched = {image.name: 0 for image in database.read_all_images()}
         still = pairs = 0
         for both, _, (first, second) in _verified_pairs(database):
             for image in both:
@@ -304,7 +302,7 @@ def _matches_found(task: Task) -> dict[str, Any]:
             still += bool(np.median(np.linalg.norm(first - second, axis=-1)) < STILL * longest)
             pairs += 1
     is_static = still > MOST_STILL * pairs
-    return {"features": features, "matched": matched, "still": (still, pairs), "is_static": is_static}
+    return {"matched": matched, "still": (still, pairs), "is_static": is_static}
 
 
 # --- poses ------------------------------------------------------------------------------------------------------------

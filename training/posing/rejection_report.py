@@ -1,4 +1,4 @@
-"""Messages and table of photographs rejected during pose estimation."""
+"""Messages about photographs rejected during pose estimation."""
 
 import json
 import math
@@ -12,9 +12,9 @@ from training.posing.prepare import IMAGES, Prepared
 from training.scenes.files import few, notice
 from training.scenes.sources import FEWEST, MASKS, Source
 
-TABLE, LEFT_OUT = "photographs.txt", "left_out.json"
+LEFT_OUT = "left_out.json"
 FEWEST_SHARE = 0.6  # of the pictures that must have a pose
-MOST_ROWS = 60  # of a table that is printed
+CHECK = "snerg-make with --check shows which match"
 OVERLAP = "take more photographs, each showing at least two thirds of what the one before shows"
 
 
@@ -50,8 +50,7 @@ def require_enough(source: Source, count: int) -> None:
 def report_rejections(source: Source, work: Path, prepared: Prepared, found: Mapping[str, Any]) -> dict[str, str]:
     """Why pictures have no pose or were set aside, by the names that the user knows. found: see mapping.reconstruct.
 
-    Writes the table of all pictures for people, and LEFT_OUT for programs. UserError where too few pictures have a pose; prints
-    the table before.
+    Writes LEFT_OUT for programs. UserError where too few pictures have a pose.
     """
     registered, others = set(found["registered"]), {name for part in found["models"][1:] for name in part}
     why = {}
@@ -65,21 +64,14 @@ def report_rejections(source: Source, work: Path, prepared: Prepared, found: Map
         p.display_name: str((work / IMAGES / p.name).resolve()) for p in prepared.pictures if p.display_name in why
     }
     left_out = {"photographs": str(source.path.resolve()), "left_out": why, "files": files}
-    table = _table(prepared, found)
-    write_file(work / TABLE, table)
     write_file(work / LEFT_OUT, json.dumps(left_out, indent=1) + "\n")
     if len(registered) < max(FEWEST, math.ceil(FEWEST_SHARE * len(prepared.pictures))):
-        if len(prepared.pictures) <= MOST_ROWS:
-            print(table, flush=True)
-        raise _too_few_poses(source, work, prepared, found, unposed)
+        raise _too_few_poses(source, prepared, found, unposed)
     return why
 
 
-def _too_few_poses(
-    source: Source, work: Path, prepared: Prepared, found: Mapping[str, Any], unposed: Sequence[str]
-) -> UserError:
+def _too_few_poses(source: Source, prepared: Prepared, found: Mapping[str, Any], unposed: Sequence[str]) -> UserError:
     total, registered = len(prepared.pictures), len(found["registered"])
-    table = f"table of all: {work / TABLE}"
     if found["is_static"]:
         still, matched = found["still"]
         mask = source.files[0].with_suffix(".png").name
@@ -99,22 +91,10 @@ def _too_few_poses(
         text = f"{len(alone)} of {total} match no other: {few(alone)}"
         return UserError("the photographs do not overlap enough to find camera poses", where=source.path,
                          found=text if alone else "no two show one thing from two places",
-                         remedy=f"{OVERLAP}; {table}")  # fmt: skip
+                         remedy=f"{OVERLAP}; {CHECK}")  # fmt: skip
     parts = [len(set(part) - set(found["registered"])) for part in found["models"][1:]]
     apart = [f"{count} of these" for count in parts if count]
     text = f"none for {few(unposed)}" + (f"; {' and '.join(apart)} match one another alone" if apart else "")
     enough = max(FEWEST, math.ceil(FEWEST_SHARE * total))
     return UserError(f"only {registered} of {total} photographs have a camera pose", where=source.path,
-                     expected=f"at least {enough}", found=text, remedy=f"{OVERLAP}, or remove these; {table}")  # fmt: skip
-
-
-def _table(prepared: Prepared, found: Mapping[str, Any]) -> str:
-    """What was found of each picture, for people."""
-    pose_of = {name: f"part {i}" for i, part in reversed(list(enumerate(found["models"], 1))) for name in part}
-    pose_of |= dict.fromkeys(found["registered"], "yes")
-    rows = [("features", "matches", "pose", "photograph")]
-    rows += [(str(found["features"].get(p.name, 0)), str(found["matched"].get(p.name, 0)),
-              pose_of.get(p.name, "no"), p.display_name) for p in prepared.pictures]  # fmt: skip
-    rows += [("", "", reason, name) for name, reason in prepared.aside.items()]
-    wide = max(len(pose) for _, _, pose, _ in rows)
-    return "".join(f"{features:>8}  {matches:>7}  {pose:<{wide}}  {name}\n" for features, matches, pose, name in rows)
+                     expected=f"at least {enough}", found=text, remedy=f"{OVERLAP}, or remove these; {CHECK}")  # fmt: skip
