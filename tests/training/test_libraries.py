@@ -53,9 +53,6 @@ def python(code: str, *words: str, **environment: str) -> subprocess.CompletedPr
         ("JAX_PLATFORM_NAME", "foo"),
         ("JAX_ENABLE_X64", "perhaps"),
         ("JAX_DEFAULT_MATMUL_PRECISION", "foo"),
-        ("XLA_FLAGS", "--xla_no_such_flag=1"),
-        ("XLA_FLAGS", "--xla_force_host_platform_device_count=many"),
-        ("XLA_FLAGS", "/no/such/file"),
         ("NUMBA_DISABLE_JIT", "1"),
         ("NUMBA_NUM_THREADS", "0"),
         ("NUMBA_NUM_THREADS", "many"),
@@ -66,7 +63,7 @@ def test_a_variable_that_does_not_fit_is_named_with_its_value_in_one_line(name: 
     done = python(BEGIN, **{name: value})
     assert done.returncode == 2 and done.stdout == "", done.stderr
     assert done.stderr.startswith(f"begin: {name}={value}: ") and done.stderr.count("\n") == 1
-    assert f"env -u {name}" in done.stderr
+    assert "unset these variables" in done.stderr
 
 
 def test_variables_that_fit_are_no_obstacle() -> None:
