@@ -125,12 +125,12 @@ TINY_NERF = NerfConfig(
 )
 TINY = TrainConfig(steps=300, batch_size=256, log_every=25, validate_every=0, checkpoint_every=100, nerf=TINY_NERF)
 # The distortion loss and the occupancy grid keep space empty here; the paper's sparsity weight costs 0.4 dB then.
-QUICK = TrainConfig(method="multires", steps=3000, sparsity_weight=2e-6, validate_every=1000, checkpoint_every=1000)
+QUICK = TrainConfig(method="multires", steps=6000, sparsity_weight=2e-6, validate_every=2000, checkpoint_every=2000)
 
 PRESETS: Mapping[PresetName, TrainConfig] = {
     "quick": QUICK,
-    "normal": replace(QUICK, steps=6000),
-    "full": replace(QUICK, steps=18_000, validate_every=2000, checkpoint_every=2000),
+    "normal": replace(QUICK, steps=12_000),
+    "full": replace(QUICK, steps=36_000, validate_every=4000, checkpoint_every=4000),
     "paper": PAPER,
     "small": SMALL,
     "tiny": TINY,

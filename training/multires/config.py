@@ -30,8 +30,8 @@ class MultiresConfig:
     finest_from: float = 0.25
     """When the finest level joins, as a fraction of all steps: coarse levels generalise, and cost less."""
     samples_per_step: int | None = None
-    """Samples per step, without those in empty space. The number of rays adapts to it. None: from 65,536 for small photographs
-    to 262,144 for those of 512 pixels and more, in contracted space of 1,024."""
+    """Samples per step, without those in empty space. The number of rays adapts to it. None: from 32,768 for small photographs
+    to 131,072 for those of 512 pixels and more, in contracted space of 1,024."""
     steps_across: tuple[int, ...] | None = None
     """Samples along the cube's side: at first, and after each of steps_from. None: half as many as the finest level has cells, as
     many, at last twice as many, of all of them fewer where ndc_depth is below 2; in contracted space an eighth, a quarter, at
