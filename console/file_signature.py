@@ -17,7 +17,7 @@ _SIGNATURES = (
     (0, b"\x76\x2f\x31\x01", "an OpenEXR"),
     (0, b"8BPS", "a Photoshop file"),
     (0, (b"\xff\x0a", b"\0\0\0\x0cJXL "), "a JPEG XL"),
-    (0, b"\0\0\0\x0cjP  ", "a JPEG 2000"),
+    (0, (b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51"), "a JPEG 2000"),
     (0, b"#?RADIANCE", "a Radiance HDR"),
     (0, b"FUJIFILMCCD-RAW", "a Fujifilm raw photograph"),
     (4, b"ftypcrx", "a Canon raw photograph"),

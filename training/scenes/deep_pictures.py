@@ -1,7 +1,8 @@
-"""Decoding, with OpenImageIO, of what Pillow cuts to 8 bits or does not know: TIFF and PNG of more bits or floats, and OpenEXR.
+"""Decoding, with OpenImageIO, of what Pillow cuts to 8 bits or does not know: TIFF and PNG of more bits or floats, JPEG XL, JPEG
+2000, OpenEXR, Radiance HDR.
 
 Results are float32 [H, W, 3 or 4] in [0, 1], display-referred sRGB, RGB not premultiplied. Integers are divided by the largest of
-their type. A TIFF of floats must be display-referred; OpenEXR is linear light.
+their type. A TIFF of floats must be display-referred; OpenEXR and Radiance HDR are linear light.
 """
 
 from collections.abc import Sequence
@@ -16,6 +17,8 @@ from console import UserError
 OVERSHOOT = 1.1  # what sharpening and resampling make of white; more is other than display-referred
 MAIN_LAYERS = ("", "combined", "rgba", "beauty")  # an OpenEXR's that are the picture, where it has others
 WHITE_IS_ZERO = 0
+LINEAR = ("openexr", "hdr")
+PREMULTIPLIED = ("openexr", "tiff")  # by alpha, where the file does not say otherwise
 STRAIGHT = "oiio:UnassociatedAlpha"  # OpenImageIO's name for colours that are not premultiplied by alpha
 
 
@@ -23,7 +26,7 @@ STRAIGHT = "oiio:UnassociatedAlpha"  # OpenImageIO's name for colours that are n
 class DeepHeader:
     """What such a picture says of itself."""
 
-    format: str  # "tiff", "png" or "openexr"
+    format: str  # OpenImageIO's name: "tiff", "png", "jpegxl", "jpeg2000", "openexr" or "hdr"
     size: tuple[int, int]  # (width, height) as stored; of an OpenEXR the display window's
     stored: tuple[tuple[int, int], ...]  # sizes that decoding takes memory for
     words: float  # four bytes that each of their pixels takes
@@ -66,7 +69,7 @@ def deep_header(path: Path) -> DeepHeader:
 
 def decoded_deep(path: Path, header: DeepHeader) -> np.ndarray:
     """The picture, as it is stored, not turned; an OpenEXR's is black and transparent outside of its data window."""
-    straight, exr = oiio.ImageSpec(), header.format == "openexr"
+    straight, exr, linear = oiio.ImageSpec(), header.format == "openexr", header.format in LINEAR
     straight.attribute(STRAIGHT, 1)  # what is stored so comes so
     file = oiio.ImageBuf(str(path), header.part, 0, straight)
     if not file.read(header.part, 0, True, oiio.FLOAT):
@@ -79,15 +82,15 @@ def decoded_deep(path: Path, header: DeepHeader) -> np.ndarray:
         raise OSError("its pixels are not as many as its header says")
     values = np.nan_to_num(values, nan=0, posinf=np.inf, neginf=0)
     rgb, alpha = values[..., :3], np.clip(values[..., 3:], 0, 1)
-    if not exr and (most := float(rgb.max(initial=0))) > OVERSHOOT:
+    if not linear and (most := float(rgb.max(initial=0))) > OVERSHOOT:
         raise UserError("a TIFF of floats that are no display-referred colours", where=path, expected="0 to 1", found=f"up to "
                         f"{most:g}", remedy="scale them to 0 to 1, or store linear light as OpenEXR")  # fmt: skip
     if file.spec().get_int_attribute("tiff:PhotometricInterpretation", -1) == WHITE_IS_ZERO:
         rgb = 1 - rgb
-    if header.has_alpha and not file.spec().get_int_attribute(STRAIGHT):
+    if header.has_alpha and header.format in PREMULTIPLIED and not file.spec().get_int_attribute(STRAIGHT):
         with np.errstate(over="ignore"):
             rgb = np.where(alpha > 0, rgb / np.maximum(alpha, 1e-8), 0)
-    return np.concatenate([linear_to_srgb(rgb) if exr else np.clip(rgb, 0, 1), alpha], axis=-1)
+    return np.concatenate([linear_to_srgb(rgb) if linear else np.clip(rgb, 0, 1), alpha], axis=-1)
 
 
 def linear_to_srgb(light: np.ndarray) -> np.ndarray:

@@ -26,7 +26,14 @@ warnings.filterwarnings("ignore", category=UserWarning, module=r"PIL\.")  # of t
 Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
 # Pillow goes by a file's content, and knows formats that start other programs (Ghostscript for PostScript).
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
-LOSSY = ("JPEG", "MPO", "WEBP", "HEIF", "AVIF")
+LOSSY = ("JPEG", "MPO", "WEBP", "HEIF", "AVIF", "jpegxl", "jpeg2000")
+DEEP = (
+    "a TIFF",
+    "a JPEG XL",
+    "a JPEG 2000",
+    "an OpenEXR",
+    "a Radiance HDR",
+)  # what OpenImageIO reads where Pillow does not
 # Pixels for each byte of a file: DEFLATE stores so many of a white mask, photographs have a few. Small pictures are not weighed.
 MOST_PIXELS_PER_BYTE, UNDOUBTED_PIXELS = 1100, 1 << 24
 # A JPEG goes over all its pixels once for each scan, which may have 30 bytes: cameras write 1, other programs 10 to 64.
@@ -78,7 +85,7 @@ def read_header(path: Path) -> Header:
         try:
             return _pillow_header(path)
         except UnidentifiedImageError:
-            if kind not in ("a TIFF", "an OpenEXR"):
+            if kind not in DEEP:
                 raise
             deep = _deep_header(path)
             return Header(deep.format, deep.size, deep.orientation, deep.has_alpha, "F", Image.Exif(), deep)

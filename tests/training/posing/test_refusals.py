@@ -114,7 +114,7 @@ def test_masks_that_do_not_fit_or_are_missing_are_told(tmp_path: Path):
         ("none", None, "no such file or folder"),
         ("n\udce4", {}, "the folder is empty"),
         ("folder", {"notes.txt": b"hello"}, "no photographs and no film in this folder"),
-        ("jxl", {"a.jxl": b"", "b.jxl": b""}, "2 JXL pictures"),
+        ("psd", {"a.psd": b"", "b.psd": b""}, "2 PSD pictures"),
         ("walk.mp4", b"hello", "found text that begins 'hello'"),
         ("notes.txt", b"", "found an empty file"),
         ("photograph", b"\xff\xd8\xff\xe0" + bytes(2000), "found a JPEG"),

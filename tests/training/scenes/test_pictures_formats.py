@@ -9,6 +9,7 @@ from pathlib import Path
 
 import imagecodecs
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 from PIL import EpsImagePlugin, Image, ImageOps, features
 
@@ -29,6 +30,7 @@ from training.scenes.pictures import (
 
 RNG = np.random.default_rng(0)
 COLOURS = RNG.random((20, 30, 4)).astype(np.float32)
+RGBA16 = np.rint(COLOURS * 65535).astype(np.uint16)
 RGBA8 = np.rint(COLOURS * 255).astype(np.uint8)
 
 
@@ -59,8 +61,8 @@ def write_tiff(path: Path, values: np.ndarray, *, photometric: int = 2, extra: i
     return path
 
 
-def write_png(path: Path, values: np.ndarray) -> Path:
-    path.write_bytes(imagecodecs.png_encode(values))
+def write(path: Path, data: bytes) -> Path:
+    path.write_bytes(data)
     return path
 
 
@@ -85,10 +87,12 @@ DEEP = {
     "float": lambda p: write_tiff(p / "a.tif", COLOURS, extra=2),
     "double": lambda p: write_tiff(p / "a.tif", COLOURS.astype(np.float64), extra=2),
     "half": lambda p: write_tiff(p / "a.tif", COLOURS.astype(np.float16), extra=2),
-    "uint16": lambda p: write_tiff(p / "a.tiff", np.rint(COLOURS * 65535).astype(np.uint16), extra=2),
+    "uint16": lambda p: write_tiff(p / "a.tiff", RGBA16, extra=2),
     "uint32": lambda p: write_tiff(p / "a.tif", np.rint(COLOURS * (2.0**32 - 1)).astype(np.uint32), extra=2),
     "premultiplied": lambda p: write_tiff(p / "a.tif", straight(COLOURS), extra=1),
-    "png": lambda p: write_png(p / "a.png", np.rint(COLOURS * 65535).astype(np.uint16)),
+    "png": lambda p: write(p / "a.png", imagecodecs.png_encode(RGBA16)),
+    "jxl": lambda p: write(p / "a.jxl", imagecodecs.jpegxl_encode(RGBA16, lossless=True)),
+    "j2k": lambda p: write(p / "a.j2k", imagecodecs.jpeg2k_encode(RGBA16, level=0, codecformat="j2k")),
     "exr float": lambda p: write_exr(p / "a.exr", premultiplied_light(np.float32)),
     "exr half": lambda p: write_exr(p / "a.exr", premultiplied_light(np.float16)),
 }  # fmt: skip
@@ -124,6 +128,15 @@ def test_of_an_openexr_the_main_layer_is_read_within_the_display_window(tmp_path
     assert opaque[:17, 2:].all() and opaque.sum() == 17 * 25
     with pytest.raises(UserError, match=r"no channels that are a picture .*found Z"):
         read_picture(write_exr(tmp_path / "z.exr", {"Z": np.ones((20, 30), np.float32)}))
+
+
+def test_radiance_hdr_is_linear_light(tmp_path: Path) -> None:
+    light = premultiplied_light(np.float32)
+    picture = oiio.ImageBuf(np.stack([light[c] for c in "RGB"], axis=-1))
+    assert picture.write(str(tmp_path / "a.hdr"))
+    shown = np.stack([light[c] for c in "RGB"], axis=-1)
+    shown = np.where(shown <= 0.0031308, 12.92 * shown, 1.055 * shown ** (1 / 2.4) - 0.055)
+    np.testing.assert_allclose(read_picture(tmp_path / "a.hdr")[..., :3], shown, atol=0.05)  # 8 bits, of the brightest
 
 
 def test_white_is_zero_in_some_tiffs_and_floats_brighter_than_white_are_refused(tmp_path: Path) -> None:
@@ -165,8 +178,7 @@ def test_pictures_are_upright_as_exif_says_or_as_stored(tmp_path: Path, suffix: 
         ("a.dng", "DNG pictures are not read .*export them as JPEG"),
         ("a.NEF", "NEF pictures are not read"),
         ("a.gif", "GIF pictures are not read .*convert them to JPEG or PNG"),
-        ("a.jxl", "JXL pictures are not read"),
-        ("a.hdr", "HDR pictures are not read .*convert them to OpenEXR"),
+        ("a.psd", "PSD pictures are not read"),
     ],
 )
 def test_formats_that_are_not_read_are_refused_by_name(tmp_path: Path, name: str, said: str) -> None:
@@ -352,7 +364,7 @@ def test_what_is_no_picture_is_told_for_what_it_is(tmp_path: Path, data: bytes, 
     with pytest.raises(UserError) as raised:
         read_picture(tmp_path / "003.png")
     line = str(raised.value)
-    assert "003.png" in line and "expected PNG, JPEG, WebP, TIFF, BMP, AVIF, HEIC or OpenEXR" in line and found in line
+    assert "003.png" in line and "expected PNG, JPEG, WebP, TIFF, BMP, AVIF, HEIC, JPEG XL" in line and found in line
 
 
 # A photograph whose decoding would take hours is refused, in the program itself, before it begins
