@@ -25,16 +25,6 @@ GAINS = (0.4, 2.5)  # no camera goes further on its own
 LEAST_SPREAD = 0.05
 
 
-def is_fitted(choice: Choice, *, rendered: bool) -> bool:
-    """Whether gains are fitted at all. rendered: by a program, not by a camera that meters."""
-    return choice == "on" or (choice == "auto" and not rendered)
-
-
-def due(step: int) -> bool:
-    """Whether gains are fitted before a step."""
-    return step >= FITTED_FROM and step % FIT_EVERY == 0
-
-
 def drawn(first: np.ndarray, count: int, seed: tuple[int, int]) -> np.ndarray:
     """Ids int64 [V, K] of random rays of each photograph. first [V]: the id of its first ray. count: of all rays."""
     low, high = first.astype(np.int64), np.append(first[1:], count).astype(np.int64)

@@ -78,7 +78,7 @@ class MultiresMethod:
             self._visit(state, step)
             state = self._with_levels(state, step, progress)
         state.step_cells = self.settings.step_cells(progress)
-        if self.settings.gains and exposure.due(step):
+        if self.settings.gains and step >= exposure.FITTED_FROM and step % exposure.FIT_EVERY == 0:
             state.gains = self._fitted_gains(state, step)
         return state, self.engine.step(state, step, progress)
 

@@ -8,7 +8,6 @@ from console import UserError
 from scenepack.constants import NDC_NEAR, VIEW_FREQUENCIES
 from training.config import TrainConfig
 from training.dataset import RayDataset
-from training.exposure import is_fitted
 from training.multires.config import STEPS_ACROSS, KindSettings, MultiresConfig, settings_for
 from training.scenes.scene import Kind
 
@@ -98,7 +97,7 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
         samples=own.samples_per_step or samples_for(longest_side(dataset), dataset.kind),
         steps_across=steps_across,
         least_views=max(min(by_kind.least_views, dataset.views // 4), 1),
-        gains=is_fitted(config.exposure, rendered=dataset.facts.rendered),
+        gains=config.exposure == "on" or (config.exposure == "auto" and not dataset.facts.rendered),  # cameras meter
         background=dataset.background,
         random_background=own.random_background or dataset.kind != "object" or dataset.facts.cut_out,
         sparsity=config.sparsity_weight * by_kind.sparsity_factor * SPARSITY_SAMPLES / _ray_length(dataset),
