@@ -71,11 +71,10 @@ def refusal(photographs: Path, out: Path) -> str:
 
 
 @pytest.mark.slow
-def test_a_turntable_before_a_still_background_is_told_and_its_masks_mend_it(tmp_path, capsys):
+def test_a_turntable_before_a_still_background_is_told_and_its_masks_mend_it(tmp_path):
     write_turntable(tmp_path / "bare")
     message = refusal(tmp_path / "bare", tmp_path / "out")
     assert "the camera stands still" in message and "put a folder masks with t0.png" in message
-    assert capsys.readouterr().out.count(" no ") == COUNT  # the table
     write_turntable(tmp_path / "masked", lambda name: f"{name}.png" if name != "t1.png" else "t1_mask.png")
     scene = load_quietly(posed_scene(tmp_path / "masked", tmp_path / "out"), masks=True)
     photographs = [one for split in scene.splits.values() for one in split]
