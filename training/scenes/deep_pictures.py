@@ -16,7 +16,7 @@ from console import UserError
 
 OVERSHOOT = 1.1  # what sharpening and resampling make of white; more is other than display-referred
 MAIN_LAYERS = ("", "combined", "rgba", "beauty")  # an OpenEXR's that are the picture, where it has others
-WHITE_IS_ZERO = 0
+PHOTOMETRIC, WHITE_IS_ZERO, MOSAIC = "tiff:PhotometricInterpretation", 0, 32803  # values from MOSAIC on are a sensor's
 LINEAR = ("openexr", "hdr")
 PREMULTIPLIED = ("openexr", "tiff")  # by alpha, where the file does not say otherwise
 STRAIGHT = "oiio:UnassociatedAlpha"  # OpenImageIO's name for colours that are not premultiplied by alpha
@@ -56,6 +56,8 @@ def deep_header(path: Path) -> DeepHeader:
         raise UserError("no channels that are a picture", where=path, expected="one layer with channels R, G, B or Y",
                         found=found or "none", remedy="export the picture alone")  # fmt: skip
     spec = specs[part]
+    if spec.get_int_attribute(PHOTOMETRIC) >= MOSAIC:
+        raise UserError("raw photographs are not read", where=path, remedy="export them as JPEG, PNG or 16 bit TIFF")
     size = own = (spec.width, spec.height)
     if file.format_name() == "openexr":
         size = (spec.full_width, spec.full_height)
@@ -85,7 +87,7 @@ def decoded_deep(path: Path, header: DeepHeader) -> np.ndarray:
     if not linear and (most := float(rgb.max(initial=0))) > OVERSHOOT:
         raise UserError("a TIFF of floats that are no display-referred colours", where=path, expected="0 to 1", found=f"up to "
                         f"{most:g}", remedy="scale them to 0 to 1, or store linear light as OpenEXR")  # fmt: skip
-    if file.spec().get_int_attribute("tiff:PhotometricInterpretation", -1) == WHITE_IS_ZERO:
+    if file.spec().get_int_attribute(PHOTOMETRIC, -1) == WHITE_IS_ZERO:
         rgb = 1 - rgb
     if header.has_alpha and header.format in PREMULTIPLIED and not file.spec().get_int_attribute(STRAIGHT):
         with np.errstate(over="ignore"):

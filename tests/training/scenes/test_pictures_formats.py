@@ -143,6 +143,8 @@ def test_white_is_zero_in_some_tiffs_and_floats_brighter_than_white_are_refused(
     grey = np.rint(COLOURS[..., :1] * 65535).astype(np.uint16)
     found = read_picture(write_tiff(tmp_path / "a.tif", grey, photometric=0))
     np.testing.assert_allclose(found[..., :3], np.repeat(1 - COLOURS[..., :1], 3, -1), atol=2e-5)
+    with pytest.raises(UserError, match="raw photographs are not read"):
+        read_picture(write_tiff(tmp_path / "a.tif", grey, photometric=32803))
     with pytest.raises(UserError, match=r"no display-referred colours .*found up to 1.9"):
         read_picture(write_tiff(tmp_path / "a.tif", 2 * COLOURS[..., :3]))
 
