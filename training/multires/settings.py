@@ -18,7 +18,7 @@ CONTRACTED_FINER = 4  # contracted space has the inner cube in half of its side,
 SAMPLES, MOST_SAMPLES = (
     32_768,
     131_072,
-)  # of a step; with twice as many, half as many steps learn less (docs/notebook.md)
+)  # of a step; fewer, larger steps of as many samples learn less (docs/notebook.md)
 SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness loss compares
 LARGEST_RAW = 12.0  # of density, before its exponential
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for

@@ -70,7 +70,7 @@ def deep_header(path: Path) -> DeepHeader:
 
 
 def decoded_deep(path: Path, header: DeepHeader) -> np.ndarray:
-    """The picture, as it is stored, not turned; an OpenEXR's is black and transparent outside of its data window."""
+    """The pixels as stored, without the rotation of EXIF. An OpenEXR is black and transparent outside its data window."""
     straight, exr, linear = oiio.ImageSpec(), header.format == "openexr", header.format in LINEAR
     straight.attribute(STRAIGHT, 1)  # or OpenImageIO multiplies colours that are not
     file = oiio.ImageBuf(str(path), header.part, 0, straight)

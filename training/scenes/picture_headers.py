@@ -80,17 +80,16 @@ def read_header(path: Path) -> Header:
     if (remedy := UNREAD_FORMATS.get(path.suffix.lower())) is not None:
         what = f"{path.suffix[1:].upper()} pictures are not read"
         raise UserError(what, where=path, expected=READ_PICTURES, remedy=remedy)
-    kind = sniff_type(_head(path))
     try:
         try:
             return _pillow_header(path)
         except UnidentifiedImageError:
-            if kind not in DEEP:
+            if sniff_type(_head(path)) not in DEEP:
                 raise
             deep = _deep_header(path)
             return Header(deep.format, deep.size, deep.orientation, deep.has_alpha, "F", Image.Exif(), deep)
     except UNREADABLE as error:
-        found = kind if isinstance(error, UnidentifiedImageError) else short_reason(error)
+        found = sniff_type(_head(path)) if isinstance(error, UnidentifiedImageError) else short_reason(error)
         raise UserError("not a readable picture", where=path, expected=READ_PICTURES, found=found) from error
 
 
