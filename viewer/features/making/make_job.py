@@ -134,14 +134,12 @@ class RejectedPhotographs(Task[None]):
         pictures: list[np.ndarray] = []
         x = 0
         for name in list(self.why)[:MOST]:
-            try:
+            with contextlib.suppress(UserError, *UNREADABLE):  # gone, or only the program that finds poses can read it
                 picture = np.asarray(small_picture(self._files[name], CELL, "RGB"))
-            except (UserError, *UNREADABLE):  # gone since, or one that only the program that finds poses can read
-                continue
-            height, width = picture.shape[:2]
-            self.boxes[name] = (x, 0, width, height)
-            pictures.append(np.pad(picture, ((0, CELL - height), (0, 0), (0, 0))))
-            x += width
+                height, width = picture.shape[:2]
+                self.boxes[name] = (x, 0, width, height)
+                pictures.append(np.pad(picture, ((0, CELL - height), (0, 0), (0, 0))))
+                x += width
         if pictures:
             self.sheet = np.concatenate(pictures, axis=1)
 

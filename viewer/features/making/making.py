@@ -93,11 +93,7 @@ class Making:
         what = "A scene's photographs, or a training run"
         app.file_request = FileRequest(what, "folder", lambda path: app.drop([path]))
 
-    def ask_where(self, app: App) -> None:
-        plan = self.plan
-        if plan is None:
-            return
-
+    def ask_where(self, app: App, plan: Plan) -> None:
         def then(path: Path) -> None:
             plan.choose(path / plan.out.name if path.is_dir() and any(path.iterdir()) else path)
 
@@ -114,11 +110,6 @@ class Making:
         if self.check is not None:
             self.check.close()
         self.check = None
-
-    def copy_command(self, app: App) -> None:
-        """Puts the command line that does the same on the clipboard, for another machine, say."""
-        if self.plan is not None:
-            app.copy(self.plan.typed(), "The command is on the clipboard")
 
     def start(self, app: App) -> None:
         """Begins, with finding poses where there are none. UserError where that cannot be, with the question left open."""
@@ -207,9 +198,8 @@ class Making:
         """Shows what is trained so far; of what comes later, the newest, as long as this is shown."""
         if self.job is None or self.job.preview is None:
             return
-        stand_there = self._kept_camera(app)
-        plan, shown = self.job.plan, self.training_preview_shown(app)
-        preview = self.job.preview
+        plan, preview = self.job.plan, self.job.preview
+        shown, stand_there = self.training_preview_shown(app), self._kept_camera(app)
         app.show_training_preview(preview, plan.preview_file, f"{plan.name}: {preview_title(preview)}")
         if not shown:
             stand_there()

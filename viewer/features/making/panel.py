@@ -20,7 +20,6 @@ from viewer.features.making.survey import OFFERED, BarePreview, few_with_reasons
 from viewer.rendering.canvas import Canvas
 
 NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
-AUTOMATIC = "Automatic"
 
 
 def show(app: App, canvas: Canvas) -> None:
@@ -106,7 +105,7 @@ def _choices(plan: Plan) -> None:
     _indented(OFFERED[plan.preset].advice if plan.preset in OFFERED else plan.preset)
     survey = plan.survey
     assert survey is not None
-    titles = {0: AUTOMATIC} | {k: f"{survey.sizes[k][0]} px" for k in survey.choices}
+    titles = {0: "Automatic"} | {k: f"{survey.sizes[k][0]} px" for k in survey.choices}
     picked = ui.segments("Photographs", titles, plan.downscale or 0, LABELS)
     if picked is not None:
         plan.downscale = picked or None
@@ -153,7 +152,7 @@ def _where(app: App, plan: Plan, remarks: bool) -> None:
     imgui.same_line()
     imgui.set_cursor_pos_x(imgui.get_window_width() - px(PADDING) - px(84))
     if ui.button("Change…", px(84)):
-        app.making.ask_where(app)
+        app.making.ask_where(app, plan)
     remark = plan.attempt_text()
     if not remark and plan.pack.exists():
         remark = "The folder has a pack. The new pack replaces it when it is complete."
@@ -163,7 +162,7 @@ def _where(app: App, plan: Plan, remarks: bool) -> None:
 
 def _answer(app: App, plan: Plan, possible: bool) -> None:
     if ui.button(f"{fa.ICON_FA_COPY}  Copy the command", px(176), px(34)):
-        app.making.copy_command(app)
+        app.copy(plan.typed(), "The command is on the clipboard")
     ui.tip("The same as a command line, for example for another computer")
     imgui.same_line()
     word = "Bake" if plan.subject == "run" else "Go on" if plan.attempt is not None else "Make it"
@@ -188,14 +187,23 @@ FADED = 0.28  # of the opacity, of a picture that is set aside
 def show_preview(canvas: Canvas, preview: BarePreview) -> None:
     """Draws the strip, and under it what is known."""
     imgui.dummy(ImVec2(0, px(2)))
-    pictures = []
-    for index in sorted(preview.boxes):
+    pictures, aside = [], preview.aside or {}
+    for index, box in list(preview.boxes.items()):
         name = preview.names[index] if index < len(preview.names) else ""
-        why = (preview.aside or {}).get(name)
-        pictures.append((preview.boxes[index], f"{name}\nset aside: {why}" if why else name, bool(why)))
+        why = aside.get(name)
+        pictures.append((box, f"{name}\nset aside: {why}" if why else name, bool(why)))
     _strip("##strip", canvas.sheet(preview), preview.sheet, HEIGHT, pictures)
-    for text, colour in _status_lines(preview):
-        ui.hint(text, colour)
+    if aside:
+        ui.hint(f"{preview.used} of {preview.count} are used. Set aside: {few_with_reasons(aside)}.", theme.WARN)
+    elif preview.used is not None:
+        ui.hint(f"{preview.used} {'frames at most' if preview.of_film else 'photographs'} are used.")
+    elif preview.count is not None:
+        ui.hint(f"Looking at the pictures: {len(preview.names)} of {preview.count}")
+    if preview.seconds is not None:
+        taken = roughly(sum(preview.seconds.values()))
+        ui.hint(f"Finding camera poses takes about {taken}, as measured on this computer.")
+    elif not preview.finished and preview.aside is not None:
+        ui.hint("Measuring how long it takes to find the camera poses…")
 
 
 def _strip(name: str, texture: int, sheet: np.ndarray, height: float, pictures: list[Picture]) -> None:
@@ -234,25 +242,6 @@ def roughly(seconds: float) -> str:
     return duration(max(round(seconds / step), 1) * step).removesuffix(" 00 s")
 
 
-def _status_lines(preview: BarePreview) -> list[tuple[str, str]]:
-    """Lines about the pictures and the time, with their colours."""
-    lines: list[tuple[str, str]] = []
-    aside = preview.aside or {}
-    if aside:
-        lines.append((f"{preview.used} of {preview.count} are used. Set aside: {few_with_reasons(aside)}.", theme.WARN))
-    elif preview.used is not None:
-        what = "frames at most" if preview.of_film else "photographs"
-        lines.append((f"{preview.used} {what} are used.", theme.FAINT))
-    elif preview.count is not None:
-        lines.append((f"Looking at the pictures: {len(preview.names)} of {preview.count}", theme.FAINT))
-    if preview.seconds is not None:
-        taken = roughly(sum(preview.seconds.values()))
-        lines.append((f"Finding camera poses takes about {taken}, as measured on this computer.", theme.FAINT))
-    elif not preview.finished and preview.aside is not None:
-        lines.append(("Measuring how long it takes to find the camera poses…", theme.FAINT))
-    return lines
-
-
 def show_rejected(app: App, canvas: Canvas, rejected: RejectedPhotographs) -> None:
     """A line that counts and names photographs that are left out, and a row of them, with the reason where the mouse rests."""
     names = list(rejected.why)
@@ -279,23 +268,25 @@ def show_job(app: App, canvas: Canvas, box: Box) -> None:
         return
     with ui.corner_card("##job", box):
         note = f"{job.figures[-1]:.1f} dB" if job.figures else ""
-        if ui.titled_button(job.plan.name, "Stop now" if job.child.stopping else "Stop", note):
+        stopping = job.child.stopping
+        if ui.titled_button(job.plan.name, "Stop now" if stopping else "Stop", note):
             app.making.stop(app)
-        ui.tip(
-            "Stop without saving" if job.child.stopping else "Finished work is kept. Make the scene again to continue."
-        )
+        ui.tip("Stop without saving" if stopping else "Finished work is kept. Make the scene again to continue.")
         if app.making.sparse_preview is not None and not app.making.sparse_preview_shown(app):
             if ui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", height=px(28)):
                 app.making.show_points(app)
             ui.tip("The scene that is open now is closed")
         _training_preview(app)
-        if job.picture is not None:
-            _picture(canvas, job)
+        if job.picture is not None:  # a held-out photograph beside how it is rendered so far
+            height, width = job.picture.shape[:2]
+            at, wide = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
+            low = ImVec2(at.x + wide, at.y + wide * height / width)
+            ui.draw_picture(canvas.image(PICTURE, job.picture), at, low, rounding=6)
+            imgui.dummy(ImVec2(wide, wide * height / width))
         if len(job.figures) > 2:
             _curve(job)
         _stages(job)
-        report = job.report
-        imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
+        imgui.progress_bar(job.report.share if job.report else 0.0, ImVec2(-1, px(6)), "")
         ui.hint(_status_text(job))
 
 
@@ -311,16 +302,6 @@ def _training_preview(app: App) -> None:
         if ui.button(f"{fa.ICON_FA_EYE}  Show the {name}", height=px(28)):
             making.show_training_preview(app)
         ui.tip("Fly around in what is trained so far")
-
-
-def _picture(canvas: Canvas, job: MakeJob) -> None:
-    """A photograph that is held out, beside how it is rendered so far."""
-    assert job.picture is not None
-    height, width = job.picture.shape[:2]
-    at, wide = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
-    high = wide * height / width
-    ui.draw_picture(canvas.image(PICTURE, job.picture), at, ImVec2(at.x + wide, at.y + high), rounding=6)
-    imgui.dummy(ImVec2(wide, high))
 
 
 def _curve(job: MakeJob) -> None:
@@ -388,8 +369,11 @@ def show_review(app: App, canvas: Canvas, box: Box) -> None:
     review = app.making.review
     if review is None:
         return
+    sparse = review.sparse_preview
     with ui.corner_card("##review", box):
-        _head(review)
+        ui.heading(fa.ICON_FA_CHECK, review.plan.name, theme.GOOD, 16.0)
+        count = sum(map(len, sparse.scene.splits.values()))
+        ui.hint(f"{count} photographs have a camera pose, with {len(sparse.points.places):,} points.", theme.MUTED)
         if review.rejected is not None:
             show_rejected(app, canvas, review.rejected)
         shown = app.making.sparse_preview_shown(app)
@@ -399,13 +383,16 @@ def show_review(app: App, canvas: Canvas, box: Box) -> None:
                 app.making.show_points(app)
             ui.tip("The scene that is open now is closed")
         _review_choices(app, review, shown)
-        _review_answer(app, review)
-
-
-def _head(review: Review) -> None:
-    ui.heading(fa.ICON_FA_CHECK, review.plan.name, theme.GOOD, 16.0)
-    count, points = review.sparse_preview.photographs, len(review.sparse_preview.points.places)
-    ui.hint(f"{count} photographs have a camera pose, with {points:,} points.", theme.MUTED)
+        imgui.dummy(ImVec2(0, px(2)))
+        half = ui.half_width()
+        if ui.button("Not now", half, px(34)):
+            app.making.leave(app)
+        ui.tip("The camera poses are kept. Make the scene again to continue.")
+        imgui.same_line(0, px(8))
+        left = review.seconds_left
+        if ui.main_button("Train it" if left is None else f"Train it ({left} s)", half):
+            app.making.train(app)
+        ui.tip("Training begins by itself if nothing is touched" if left is not None else "Training begins")
 
 
 def _review_choices(app: App, review: Review, shown: bool) -> None:
@@ -446,16 +433,3 @@ def _upright(app: App, review: Review) -> None:
         if imgui.small_button("As it was"):
             app.making.set_up(app, None)
         ui.tip("The mean up direction of the cameras")
-
-
-def _review_answer(app: App, review: Review) -> None:
-    imgui.dummy(ImVec2(0, px(2)))
-    half = ui.half_width()
-    if ui.button("Not now", half, px(34)):
-        app.making.leave(app)
-    ui.tip("The camera poses are kept. Make the scene again to continue.")
-    imgui.same_line(0, px(8))
-    left = review.seconds_left
-    if ui.main_button("Train it" if left is None else f"Train it ({left} s)", half):
-        app.making.train(app)
-    ui.tip("Training begins by itself if nothing is touched" if left is not None else "Training begins")

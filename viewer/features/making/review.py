@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -55,11 +55,6 @@ class SparsePreview:
     points: SparsePoints  # in its training frame
     kind: Kind  # found from the poses
     boxes: Mapping[Kind, np.ndarray]  # the [2, 3] that fits each, training frame; none for a forward-facing scene
-
-    @property
-    def photographs(self) -> int:
-        """How many have a pose."""
-        return sum(len(split) for split in self.scene.splits.values())
 
     def places_in_grid(self) -> np.ndarray:
         """The points float64 [M, 3] in the pack's grid frame."""
@@ -134,25 +129,19 @@ def points_pack(scene: Scene, points: SparsePoints) -> Pack:
     inside = ((voxels >= 0) & (voxels < blocks * BLOCK_SIZE)).all(axis=1)
     if not inside.any():
         raise ValueError("no point lies in the box")
-    voxels, colours = voxels[inside][:, ::-1], points.colours[inside]  # z, y, x
+    voxels = voxels[inside][:, ::-1]  # z, y, x
+    places, of = np.unique(voxels // BLOCK_SIZE, axis=0, return_inverse=True)  # the macroblocks with points
+    content, (z, y, x) = np.zeros((len(places),) + (BLOCK_SIZE,) * 3 + (8,), np.uint8), (voxels % BLOCK_SIZE).T
+    content[of.ravel(), z, y, x, :3], content[of.ravel(), z, y, x, 3] = points.colours[inside], 255
     kept = np.zeros(tuple(blocks[::-1]), bool)
-    kept[tuple((voxels // BLOCK_SIZE).T)] = True
-    indices, rgba, _ = fill_atlas(_macroblocks(voxels, colours), kept, BLOCK_SIZE)
+    kept[tuple(places.T)] = True
+    indices, rgba, _ = fill_atlas(zip(map(tuple, places.tolist()), content, strict=True), kept, BLOCK_SIZE)
     restore_padding(rgba, indices, BLOCK_SIZE)
-    x, y, z = (blocks * BLOCK_SIZE).tolist()
+    width, height, depth = (blocks * BLOCK_SIZE).tolist()
     return Pack(
-        voxel_size=voxel_size, min_xyz=low, grid_size=(x, y, z), block_size=BLOCK_SIZE, atlas_indices=indices,
+        voxel_size=voxel_size, min_xyz=low, grid_size=(width, height, depth), block_size=BLOCK_SIZE, atlas_indices=indices,
         atlas_rgba=rgba, atlas_features=None, view_mlp=None, worldspace_T_opengl=scene.worldspace_T_opengl,
     )  # fmt: skip
-
-
-def _macroblocks(voxels: np.ndarray, colours: np.ndarray) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
-    """Place (z, y, x) and content uint8 [bs, bs, bs, 8] of each macroblock with points: voxels [M, 3] (z, y, x)."""
-    places, of = np.unique(voxels // BLOCK_SIZE, axis=0, return_inverse=True)
-    content = np.zeros((len(places),) + (BLOCK_SIZE,) * 3 + (8,), np.uint8)
-    z, y, x = (voxels % BLOCK_SIZE).T
-    content[of.ravel(), z, y, x, :3], content[of.ravel(), z, y, x, 3] = colours, 255
-    return zip(map(tuple, places.tolist()), content, strict=True)
 
 
 # --- The ground among the points ---
@@ -162,16 +151,6 @@ NEIGHBOURS = 40  # points around that tell a plane; fewer than FEWEST_NEIGHBOURS
 FEWEST_NEIGHBOURS = 8
 ROUNDS, KEPT = 4, 0.7  # fits, each to this share of the points that lie nearest to the plane before
 FLATTEST = 0.35  # how thick points may be, of their lesser breadth, to be a plane
-
-
-def point_under(camera: ViewCamera, points: np.ndarray, x: float, y: float) -> int | None:
-    """The nearest to the camera of the points (grid frame) within REACH of pixel (x, y); None where there is none."""
-    pixels, before = project(camera, points)
-    near = before & (np.linalg.norm(pixels - (x, y), axis=-1) <= REACH)
-    if not near.any():
-        return None
-    away = np.linalg.norm(points - camera.position, axis=-1)
-    return int(np.argmin(np.where(near, away, np.inf)))
 
 
 def normal_at(points: np.ndarray, index: int, eyes: np.ndarray) -> np.ndarray | None:
@@ -239,9 +218,13 @@ class Review:
 
     def up_at(self, camera: ViewCamera, x: float, y: float) -> Direction | str:
         """What is up (for the plan), where the ground is clicked on at a pixel; or in words, why that is impossible."""
-        index = point_under(camera, self.sparse_preview.places_in_grid(), x, y)
-        if index is None:
+        points = self.sparse_preview.places_in_grid()
+        pixels, before = project(camera, points)
+        near = before & (np.linalg.norm(pixels - (x, y), axis=-1) <= REACH)
+        if not near.any():
             return "There is no point. Click on points of the ground."
+        away = np.linalg.norm(points - camera.position, axis=-1)
+        index = int(np.argmin(np.where(near, away, np.inf)))
         normal = normal_at(self.sparse_preview.points.places, index, self.sparse_preview.eyes())
         if normal is None:
             return "The points there do not lie in a plane. Click on points of the ground."

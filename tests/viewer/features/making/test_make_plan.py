@@ -48,8 +48,7 @@ def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
     assert plan.problem() is None
     plan.downscale, plan.preset = 2, "full"
     assert plan.survey.size("full", 2) == (12, 12)
-    app.making.copy_command(app)
-    assert app.clipboard.text == f"snerg-make {scene} --out {plan.out} --preset full --downscale 2"
+    assert plan.typed() == f"snerg-make {scene} --out {plan.out} --preset full --downscale 2"
     assert "--no-view" in plan.command()
     app.making.dismiss()
     assert app.making.plan is None and not app.messages.dialogs
