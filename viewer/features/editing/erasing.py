@@ -140,8 +140,8 @@ class Erasing:
         elif self.tool == "sphere" and self._stroke is not None:
             self.reach = hypot(x - self._stroke[0], y - self._stroke[1])
         elif self.tool == "brush" and self._stroke is not None:
-            x0, y0 = self._stroke
-            step = 6.0 if self.cursor is None else max(DAB_STEP * self.radius_units(app, self.cursor), 3.0)
+            (x0, y0), hit = self._stroke, self.cursor
+            step = 6.0 if hit is None else max(DAB_STEP * self.radius * self.units_per_voxel(app, hit), 3.0)
             count = int(hypot(x - x0, y - y0) / step)
             self._dabs += [(x0 + (x - x0) * i / count, y0 + (y - y0) * i / count) for i in range(1, count + 1)]
             if count:
@@ -150,33 +150,30 @@ class Erasing:
 
     def release(self, app: App) -> None:
         """The button goes up: lasso and sphere select."""
-        scene, camera = app.scene, app.viewport.camera
         outline, self.outline, stroke, self._stroke = self.outline, [], self._stroke, None
-        if scene is None or camera is None:
-            return
         if self.tool == "lasso" and len(outline) > 2:
             self._select_within(app, np.array(outline) * app.viewport.pixels_per_unit)
         elif self.tool == "sphere" and stroke is not None and self.cursor is not None and self.reach > 0:
-            hit, radius = self.cursor, self.reach / self._units_per_voxel(app, self.cursor)
+            hit, radius = self.cursor, self.reach / self.units_per_voxel(app, self.cursor)
             self.reach = 0.0
             self._combine(app, lambda voxels, _: voxels.in_ball(hit.position, radius))
         app.touch()
 
     def _select_within(self, app: App, outline: np.ndarray) -> None:
+        """outline: pixels, float [m, 2]. Only the part of the picture around it is looked at."""
         camera, settings, scale = app.viewport.camera, app.settings, app.resolution.moving_scale
         assert camera is not None
-        (part, drawn), depth = part_around(camera, outline), None
+        corners = np.floor([outline.min(axis=0), outline.max(axis=0)])
+        x, y, right, foot = np.clip(corners, 0, (camera.width - 1, camera.height - 1)).astype(int).ravel().tolist()
+        part = replace(camera, width=right - x + 1, height=foot - y + 1, cx=camera.cx - x, cy=camera.cy - y)
+        depth = None
         if not self.through and app.canvas is not None:
             size = max(1, round(scale * part.width)), max(1, round(scale * part.height))
             depth = app.canvas.depth(part.resized(*size), settings)
-        self._combine(app, lambda voxels, _: seen_within(voxels, part, settings, drawn, depth))
-
-    def radius_units(self, app: App, hit: Hit) -> float:
-        """Of the brush at a surface, window units."""
-        return self.radius * self._units_per_voxel(app, hit)
+        self._combine(app, lambda voxels, _: seen_within(voxels, part, settings, outline - (x, y), depth))
 
     @staticmethod
-    def _units_per_voxel(app: App, hit: Hit) -> float:
+    def units_per_voxel(app: App, hit: Hit) -> float:
         """How large a voxel is seen at a surface, window units."""
         camera, preview = app.viewport.camera, _preview(app)
         assert camera is not None
@@ -373,14 +370,6 @@ def _preview(app: App) -> EditPreview:
 # --- Voxels within an outline that is drawn over the picture: only what shows there, or all behind it as well ---
 
 REACH = 2.0  # voxels behind the mean depth of a pixel that still show in it
-
-
-def part_around(camera: ViewCamera, outline: np.ndarray) -> tuple[ViewCamera, np.ndarray]:
-    """The camera of the part of a picture that an outline (pixels, float [m, 2]) may hold, and the outline there."""
-    corners = np.floor([outline.min(axis=0), outline.max(axis=0)])
-    x, y, right, foot = np.clip(corners, 0, (camera.width - 1, camera.height - 1)).astype(int).ravel().tolist()
-    part = replace(camera, width=right - x + 1, height=foot - y + 1, cx=camera.cx - x, cy=camera.cy - y)
-    return part, outline - (x, y)
 
 
 def seen_within(

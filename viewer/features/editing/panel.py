@@ -105,10 +105,10 @@ def draw(app: App, box: Box, over: bool) -> None:
         return
     if erasing.tool == "brush" and over and not imgui.is_item_active():
         erasing.cursor = surface_under(app, mouse.x - box[0], mouse.y - box[1])
-    if erasing.cursor is None:
+    if (hit := erasing.cursor) is None:
         return
-    middle = Screen(app, box).points(np.asarray([erasing.cursor.point]))[0][0]
-    radius = erasing.reach if erasing.tool == "sphere" else erasing.radius_units(app, erasing.cursor)
+    middle = Screen(app, box).points(np.asarray([hit.point]))[0][0]
+    radius = erasing.reach if erasing.tool == "sphere" else erasing.radius * erasing.units_per_voxel(app, hit)
     if over and radius > 0:
         for line, width in ((dark, 4.0), (colour, 1.5)):
             lines.add_circle(middle, radius, line, 0, px(width))
