@@ -220,5 +220,4 @@ class OpenPacks:
 
 
 def bytes_of(pack: Pack) -> int:
-    features = pack.atlas_features
-    return pack.atlas_rgba.nbytes + pack.atlas_indices.nbytes + (features.nbytes if features is not None else 0)
+    return pack.atlas_indices.nbytes + sum(atlas.nbytes for atlas in pack.atlases)

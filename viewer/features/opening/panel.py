@@ -146,7 +146,10 @@ class OpenDialog:
         entered = self._field(open_prompt, opening)
         if open_prompt.problem:
             ui.hint(open_prompt.problem, theme.WARN)
-        clicked = self._lines(open_prompt)
+        if open_prompt.lines and not open_prompt.text.strip():
+            ui.hint("RECENT", theme.MUTED)
+        clicked = [number for number in range(len(open_prompt.lines)) if _line(open_prompt, number)]
+        imgui.dummy(ImVec2(0, px(4)))
         browsed = ""
         if self.native:
             for kind, title in BROWSED.items():
@@ -157,8 +160,8 @@ class OpenDialog:
             browse(app, browsed, other=open_prompt.other)
         elif cancelled:
             app.open_prompt = None
-        elif clicked is not None or entered or pressed:
-            choose(app, clicked)
+        elif clicked or entered or pressed:
+            choose(app, clicked[0] if clicked else None)
             self._frames_to_end, self._awaited = TO_END, True
         if app.open_prompt is None:
             imgui.close_current_popup()
@@ -166,7 +169,12 @@ class OpenDialog:
 
     def _field(self, open_prompt: OpenPrompt, opening: bool) -> bool:
         """The line to type into; whether Enter was pressed in it."""
-        self._step(open_prompt, opening)
+        # Down and Up choose a line; imgui would move the keyboard to its button, and lose an Enter in the next round.
+        if opening or self._awaited or imgui.get_current_context().nav_id == imgui.get_id(FIELD):
+            by = int(imgui.is_key_pressed(imgui.Key.down_arrow)) - int(imgui.is_key_pressed(imgui.Key.up_arrow))
+            if by:
+                imgui.internal.nav_move_request_cancel()
+                open_prompt.step(by)
         # The field itself does not hear Enter in the round after it took the keyboard.
         has_keyboard = self._awaited or imgui.get_current_context().active_id == imgui.get_id(FIELD)
         entered = has_keyboard and any(imgui.is_key_pressed(key, False) for key in ENTER)
@@ -183,30 +191,13 @@ class OpenDialog:
         self._awaited = opening or (self._awaited and not imgui.is_item_active())
         return entered
 
-    def _step(self, open_prompt: OpenPrompt, opening: bool) -> None:
-        """Down and Up choose a line; imgui would move the keyboard to its button, and lose an Enter in the next round."""
-        if opening or self._awaited or imgui.get_current_context().nav_id == imgui.get_id(FIELD):
-            by = int(imgui.is_key_pressed(imgui.Key.down_arrow)) - int(imgui.is_key_pressed(imgui.Key.up_arrow))
-            if by:
-                imgui.internal.nav_move_request_cancel()
-                open_prompt.step(by)
 
-    def _lines(self, open_prompt: OpenPrompt) -> int | None:
-        if open_prompt.lines and not open_prompt.text.strip():
-            ui.hint("RECENT", theme.MUTED)
-        clicked = [
-            i for i, path in enumerate(open_prompt.lines) if _line(open_prompt, path, i == open_prompt.picked, i)
-        ]
-        imgui.dummy(ImVec2(0, px(4)))
-        return clicked[0] if clicked else None
-
-
-def _line(open_prompt: OpenPrompt, path: Path, picked: bool, number: int) -> bool:
+def _line(open_prompt: OpenPrompt, number: int) -> bool:
+    path, kind = open_prompt.lines[number], open_prompt.kind(open_prompt.lines[number])
     at, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
     with ui.coloured(header_hovered=theme.CONTROL, header_active=theme.CONTROL_HOT):
-        flags = imgui.SelectableFlags_.no_auto_close_popups
-        pressed = imgui.selectable(f"##line {number}", picked, flags, ImVec2(width, px(LINE)))[0]
-    kind = open_prompt.kind(path)
+        flags, size = imgui.SelectableFlags_.no_auto_close_popups, ImVec2(width, px(LINE))
+        pressed = imgui.selectable(f"##line {number}", number == open_prompt.picked, flags, size)[0]
     icon, note = KINDS["film" if kind == "pictures" and path.is_file() else kind]
     draw, middle = imgui.get_window_draw_list(), at.y + px(6)
     draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.FAINT if kind == "unknown" else theme.ACCENT), icon)

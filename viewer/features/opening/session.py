@@ -97,8 +97,9 @@ def session_of(app: App) -> Session | None:
 # The file
 
 
-def session_to_json(session: Session, folder: Path) -> dict[str, Any]:
-    """What session_from_json reads, with paths relative to `folder` where they lead into it."""
+def save_session(session: Session, file: Path) -> None:
+    """Writes what load_session reads, with paths relative to the file's folder where they lead into it. OSError."""
+    folder = file.resolve().parent
     packs = [
         {
             "path": _relative(seen.path, folder),
@@ -111,25 +112,21 @@ def session_to_json(session: Session, folder: Path) -> dict[str, Any]:
     ]
     against = session.compare
     compare = None if against is None else {"path": _relative(against[0], folder), "how": against[1]}
-    return {"snerg_session": VERSION, "packs": packs, "compare": compare, "page": session.page}
+    document = {"snerg_session": VERSION, "packs": packs, "compare": compare, "page": session.page}
+    write_file(file, json.dumps(document, indent=1))
 
 
 def load_session(file: Path) -> Session:
     """Reads a session. UserError, in one line, where it cannot be read or is none."""
     try:
-        return session_from_json(read_json_file(file), file.resolve().parent)
+        return _session(read_json_file(file), file.resolve().parent)
     except OSError as error:
         raise UserError("cannot be read", where=file, found=error.strerror) from error
     except ValueError as error:
         raise UserError("is not a session", where=file, expected="a file that snerg-view saved", found=error) from error
 
 
-def save_session(session: Session, file: Path) -> None:
-    """Writes a session. OSError where it cannot."""
-    write_file(file, json.dumps(session_to_json(session, file.resolve().parent), indent=1))
-
-
-def session_from_json(document: Any, folder: Path) -> Session:
+def _session(document: Any, folder: Path) -> Session:
     """A session whose relative paths begin in `folder`. ValueError, in words, for what makes no sense."""
     entries = object_from_json(document, "the file")
     version, packs = entries.get("snerg_session"), entries.get("packs")
@@ -142,7 +139,14 @@ def session_from_json(document: Any, folder: Path) -> Session:
     page, compare = entries.get("page", ""), entries.get("compare")
     if not isinstance(page, str):
         raise ValueError("page: expected a name")
-    return Session(tuple(_seen(pack, folder) for pack in packs), _compare(compare, folder), page[:40])
+    seen = tuple(_seen(pack, folder) for pack in packs)
+    if compare is not None:
+        against = object_from_json(compare, "compare")
+        how = against.get("how", "wipe")
+        if not isinstance(how, str) or how not in HOWS:
+            raise ValueError(f"compare: expected one of {', '.join(HOWS)}")
+        compare = _path(against.get("path"), folder), how
+    return Session(seen, compare, page[:40])
 
 
 def _seen(value: Any, folder: Path) -> Seen:
@@ -157,18 +161,8 @@ def _seen(value: Any, folder: Path) -> Seen:
         crop = low, high
     near = number_from_json(entries.get("near", 0.0), 0.0, FARTHEST, "near")
     view, flat = bookmark_from_json(camera), camera.get("orthographic") is True
-    path, marks = _path(entries.get("path"), folder), annotations_from_json(entries.get("marks", {}))
-    return Seen(path, view, flat, crop, near, marks)
-
-
-def _compare(value: Any, folder: Path) -> tuple[Path, How] | None:
-    if value is None:
-        return None
-    entries = object_from_json(value, "compare")
-    how = entries.get("how", "wipe")
-    if not isinstance(how, str) or how not in HOWS:
-        raise ValueError(f"compare: expected one of {', '.join(HOWS)}")
-    return _path(entries.get("path"), folder), how
+    marks = annotations_from_json(entries.get("marks", {}))
+    return Seen(_path(entries.get("path"), folder), view, flat, crop, near, marks)
 
 
 def _path(value: Any, folder: Path) -> Path:

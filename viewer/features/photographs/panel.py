@@ -46,7 +46,9 @@ def show(app: App, canvas: Canvas) -> None:
     if comparison.against == "photograph":
         compare_controls(app, "Compare with the photograph")
     bottom = imgui.get_window_pos().y + imgui.get_window_height()
-    with ui.card("list", _list_title(app)):
+    visible, chosen = gallery.visible(), gallery.chosen
+    what = f"{len(visible)} {'photographs' if photographs.any_pictures else 'cameras'}"
+    with ui.card("list", f"{visible.index(chosen) + 1} of {len(visible)}" if chosen in visible else what):
         _list(app, canvas, photographs, bottom)
     with ui.card("folder", "Scene folder"):
         ui.hint(_where(photographs))
@@ -64,12 +66,6 @@ def _where(photographs: Photographs) -> str:
         return "These copies came with the pack. Choose the folder of the scene to use its own files."
     there = f" They were in {photographs.folder}." if photographs.folder else ""
     return f"The photographs are not on this computer.{there} Choose their folder to see them here."
-
-
-def _list_title(app: App) -> str:
-    visible, chosen = app.gallery.visible(), app.gallery.chosen
-    what = "photographs" if app.gallery.photographs.any_pictures else "cameras"
-    return f"{visible.index(chosen) + 1} of {len(visible)}" if chosen in visible else f"{len(visible)} {what}"
 
 
 def _list(app: App, canvas: Canvas, photographs: Photographs, bottom: float) -> None:
@@ -114,16 +110,20 @@ def _row(app: App, canvas: Canvas, photographs: Photographs, index: int) -> None
     width = imgui.get_content_region_avail().x
     if imgui.selectable(f"##{index}", index == app.gallery.chosen, 0, ImVec2(width, px(ROW)))[0]:
         stand_in(app, index)
-    draw = imgui.get_window_draw_list()
+    draw, thumbnails = imgui.get_window_draw_list(), app.gallery.thumbnails
     low, high = ImVec2(at.x + px(5), at.y + px(3)), ImVec2(at.x + px(5 + THUMBNAIL), at.y + px(ROW - 3))
     if not photographs.any_pictures:  # nothing is coming, nor is room kept for it
         high = ImVec2(at.x + px(2), high.y)
-    elif not picture(canvas, app.gallery.thumbnails, index, low, high):
+    elif thumbnails is not None and (uv := _uv(thumbnails, index)) is not None:
+        _, _, w, h = thumbnails.boxes[index]
+        scale = min((high.x - low.x) / w, (high.y - low.y) / h)
+        x, y = 0.5 * (low.x + high.x - scale * w), 0.5 * (low.y + high.y - scale * h)
+        ui.draw_picture(canvas.sheet(thumbnails), ImVec2(x, y), ImVec2(x + scale * w, y + scale * h), uv)
+    else:
         draw.add_rect_filled(low, high, theme.packed(theme.CARD), px(4))
-        icon = fa.ICON_FA_CAMERA
-        size = imgui.calc_text_size(icon)
+        size = imgui.calc_text_size(fa.ICON_FA_CAMERA)
         middle = ImVec2(0.5 * (low.x + high.x - size.x), 0.5 * (low.y + high.y - size.y))
-        draw.add_text(middle, theme.packed(theme.FAINT), icon)
+        draw.add_text(middle, theme.packed(theme.FAINT), fa.ICON_FA_CAMERA)
     y = at.y + 0.5 * (px(ROW) - imgui.get_text_line_height())
     draw.add_text(ImVec2(high.x + px(12), y), theme.packed(theme.TEXT), shot.name)
     colour = theme.packed(theme.ACCENT_DEEP if shot.split == "train" else theme.WARN)
@@ -215,25 +215,11 @@ def _frustum(app: App, frustum: _Frustum, sheet: int | None, outline: str | None
 
 def _uv(thumbnails: Thumbnails | None, index: int) -> tuple[tuple[float, float], tuple[float, float]] | None:
     """Where a shot's picture lies on the sheet, 0 … 1; None where it has none (yet)."""
-    place = thumbnails.boxes.get(index) if thumbnails is not None else None
-    if thumbnails is None or place is None:
+    if thumbnails is None or index not in thumbnails.boxes:
         return None
     height, width = thumbnails.sheet.shape[:2]
-    x, y, w, h = place
+    x, y, w, h = thumbnails.boxes[index]
     return (x / width, y / height), ((x + w) / width, (y + h) / height)
-
-
-def picture(canvas: Canvas, thumbnails: Thumbnails | None, index: int, low: ImVec2, high: ImVec2) -> bool:
-    """Draws a shot's thumbnail in the middle of a rectangle (window units); False where there is none (yet)."""
-    uv = _uv(thumbnails, index)
-    if thumbnails is None or uv is None:
-        return False
-    _, _, w, h = thumbnails.boxes[index]
-    scale = min((high.x - low.x) / w, (high.y - low.y) / h)
-    x, y = 0.5 * (low.x + high.x - scale * w), 0.5 * (low.y + high.y - scale * h)
-    corner = ImVec2(x + scale * w, y + scale * h)
-    ui.draw_picture(canvas.sheet(thumbnails), ImVec2(x, y), corner, uv)
-    return True
 
 
 def _tooltip(app: App, index: int, sheet: int | None) -> None:

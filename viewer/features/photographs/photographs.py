@@ -62,9 +62,8 @@ class Photographs:
         self.reachable = self.folder is not None and self.folder.is_dir()
         self._copies = any(shot.has_copy for shot in self.shots)
         self.background: tuple[float, ...] = (1.0, 1.0, 1.0)
-        self.found: dict[
-            tuple[str, str], Photograph
-        ] = {}  # by split and name, once the folder was read; also by "" and name
+        # by split and name, and by "" and name; once the folder was read
+        self.found: dict[tuple[str, str], Photograph] = {}
         self._reading = threading.Lock()  # thumbnails are read in a thread of their own
         self._cache: dict[int, np.ndarray] = {}
         self._frusta: np.ndarray | None = None
@@ -127,18 +126,16 @@ class Photographs:
     def pixels(self, index: int) -> np.ndarray:
         """A photograph over its background, uint8 [h, w, 3], at most LONGEST_SIDE, or its small copy. UserError for neither."""
         if index not in self._cache:
-            pixels = _shrunk(self._pixels(index), LONGEST_SIDE)
+            if not self.reachable and self.shots[index].has_copy:
+                pixels = self.copy(index)
+            else:
+                rgba = self.photograph(index).load()
+                rgb = rgba[..., :3] * rgba[..., 3:] + np.asarray(self.background) * (1 - rgba[..., 3:])
+                pixels = np.round(255 * np.clip(rgb, 0, 1)).astype(np.uint8)
             if len(self._cache) > 32:
                 self._cache.pop(next(iter(self._cache)))
-            self._cache[index] = pixels
+            self._cache[index] = _shrunk(pixels, LONGEST_SIDE)
         return self._cache[index]
-
-    def _pixels(self, index: int) -> np.ndarray:
-        if not self.reachable and self.shots[index].has_copy:
-            return self.copy(index)
-        rgba = self.photograph(index).load()
-        rgb = rgba[..., :3] * rgba[..., 3:] + np.asarray(self.background) * (1 - rgba[..., 3:])
-        return np.round(255 * np.clip(rgb, 0, 1)).astype(np.uint8)
 
     def _read(self, folder: Path) -> None:
         scene = load_scene(folder, **recorded_options(self._provenance))
