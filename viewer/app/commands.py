@@ -219,7 +219,7 @@ _ALL = (
         "Erasing",
         *((f"erase-{tool}", title, _erasing_tool(tool), "") for tool, title in TOOLS.items()),
         *((f"select-{a}", title, lambda app, a=a: app.erasing.select(app, a), "") for a, title in RULES.items()),
-        *((f"selection-{a}", title, lambda app, a=a: app.erasing.change(app, a), "") for a, title in CHANGES.items()),
+        *((f"selection-{a}", way[0], lambda app, a=a: app.erasing.change(app, a), "") for a, way in CHANGES.items()),
         ("erase-selected", "Erase what is selected", lambda app: app.erasing.erase(app), ""),
         ("save-edited", "Save the edited scene", lambda app: app.erasing.ask_where_to_save(app), ""),
     ),

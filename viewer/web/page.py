@@ -30,7 +30,6 @@ MODULES = (
     "controls.js",
     "main.js",
 )
-LOADER, WORKER = "loader.js", "decode.js"
 INDEX = "index.html"
 
 
@@ -50,13 +49,16 @@ def scene_files(pack: Pack, content: PageContent, on_progress: OnProgress = lamb
 
 def assemble_page(title: str, description: Mapping[str, Any], data: Iterable[bytes] = ()) -> bytes:
     """index.html, filled in. description: for viewer/web/static/scene.js. data: of its levels; none: in files."""
-    style, loader, script, inside = _text("style.css"), _text(LOADER), bundle(MODULES), list(data)
+    # the modules as one script, in their order: their imports of one another fall away
+    modules = (re.sub(r"^import [^;]*;\n|^export ", "", _text(name), flags=re.M) for name in MODULES)
+    script = '"use strict";{\n' + "\n".join(modules) + "}"
+    style, loader, inside = _text("style.css"), _text("loader.js"), list(data)
     asks = "'none'" if inside and not description["live"] else "'self'"
     csp = (
         f"default-src 'none'; script-src '{_hash(loader)}' '{_hash(script)}'; style-src '{_hash(style)}'; "
         f"worker-src blob:; child-src blob:; img-src data:; connect-src {asks}; base-uri 'none'; form-action 'none'"
     )
-    whole = {**description, "script": script, "worker": _text(WORKER)}
+    whole = {**description, "script": script, "worker": _text("decode.js")}
     text = json.dumps(whole, separators=(",", ":"), allow_nan=False, default=lambda array: array.tolist())
     parts = {
         "title": html.escape(one_line(title, LONGEST_TITLE)),
@@ -66,13 +68,7 @@ def assemble_page(title: str, description: Mapping[str, Any], data: Iterable[byt
         "scene": _base64(zlib.compress(text.encode(), 9)),
         "data": "\n".join(f'<script type="text/plain" class="data">{_base64(each)}</script>' for each in inside),
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _text("index.html")).encode()
-
-
-def bundle(names: tuple[str, ...]) -> str:
-    """ES modules of the page as one script, in this order: their imports of one another fall away."""
-    texts = (re.sub(r"^import [^;]*;\n|^export ", "", _text(name), flags=re.M) for name in names)
-    return '"use strict";{\n' + "\n".join(texts) + "}"
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _text(INDEX)).encode()
 
 
 def _text(name: str) -> str:

@@ -42,12 +42,6 @@ RULES = {
     "inside": "Inside the crop box",
     "outside": "Outside the crop box",
 }
-CHANGES = {
-    "invert": "Invert the selection",
-    "grow": "Grow the selection",
-    "shrink": "Shrink the selection",
-    "clear": "Select nothing",
-}
 PAGE = "erase"
 WORK_S = 0.025  # of each frame, for strokes, and for the atlas and its way to the GPU
 DRAWN_EVERY_S = 0.3  # while much goes to the GPU
@@ -58,6 +52,12 @@ SIZES = (2, 100_000)  # of parts, voxels
 FAINTEST = (0.004, 0.5)  # opacity
 
 Choose = Callable[[Voxels, Edits], Selection]  # of the voxels that are left, with what is selected now
+CHANGES: dict[str, tuple[str, Choose]] = {
+    "invert": ("Invert the selection", lambda voxels, edits: voxels.everything() - edits.selected),
+    "grow": ("Grow the selection", lambda voxels, edits: voxels.grown(edits.selected)),
+    "shrink": ("Shrink the selection", lambda voxels, edits: voxels.shrunk(edits.selected)),
+    "clear": ("Select nothing", lambda voxels, edits: NOTHING),
+}
 
 
 @dataclass
@@ -215,13 +215,7 @@ class Erasing:
         self._base = None
 
     def change(self, app: App, how: str) -> None:
-        ways: dict[str, Choose] = {
-            "invert": lambda voxels, edits: voxels.everything() - edits.selected,
-            "grow": lambda voxels, edits: voxels.grown(edits.selected),
-            "shrink": lambda voxels, edits: voxels.shrunk(edits.selected),
-            "clear": lambda voxels, edits: NOTHING,
-        }
-        self._begin(app, ways[how])
+        self._begin(app, CHANGES[how][1])
 
     def _combine(self, app: App, choose: Choose, base: Selection | None = None) -> None:
         """Adds what is chosen to `base`, or to what is selected (None), or takes it away."""

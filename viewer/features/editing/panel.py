@@ -49,7 +49,7 @@ def show(app: App, canvas: Canvas) -> None:
     with ui.card("selected", "Selected"):
         ui.figure("Voxels", "selecting…" if erasing.choosing else f"{edits.selected.count:,}")
         for how, icon in ICONS.items():
-            if ui.icon_button(icon, how, CHANGES[how], enabled=bool(edits.selected.bits) or how == "invert"):
+            if ui.icon_button(icon, how, CHANGES[how][0], enabled=bool(edits.selected.bits) or how == "invert"):
                 app.run(f"selection-{how}")
             imgui.same_line(0, px(2))
         imgui.new_line()

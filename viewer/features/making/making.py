@@ -230,7 +230,7 @@ class Making:
             app.touch(1)
 
     def _take_sparse_preview(self, app: App, reading: SparsePreviewJob) -> None:
-        before, self.sparse_preview = self.sparse_preview, reading.result()
+        shown, self.sparse_preview = self.sparse_preview_shown(app), reading.result()
         if reading.review:
             if self.sparse_preview is None:  # too few points to see anything
                 self._begin(app, replace(reading.plan, poses_only=False))
@@ -241,8 +241,7 @@ class Making:
             else:
                 self.review = Review(reading.plan, self.sparse_preview, earlier.rejected, until=None)
                 self.review.kind = earlier.kind if earlier.kind in self.review.kinds else self.review.kind
-        of_before = before is not None and app.scene is not None and app.scene.pack is before.pack
-        if self.sparse_preview is not None and (app.scene is None or of_before):
+        if self.sparse_preview is not None and (app.scene is None or shown):
             self.show_points(app)
         app.touch()
 

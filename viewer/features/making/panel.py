@@ -29,14 +29,19 @@ def show(app: App, canvas: Canvas) -> None:
         return
     if not ui.begin_modal(NAME, WIDTH, 0.47, padding=(PADDING, 22)):
         return
-    _heading(plan)
-    if plan.survey is not None and plan.survey.preview is not None:
-        show_preview(canvas, plan.survey.preview)
+    verb, survey = "Make" if plan.subject == "scene" else "Bake", plan.survey
+    ui.heading(fa.ICON_FA_WAND_MAGIC_SPARKLES, f"{verb} {plan.name} into a scene to fly through")
+    if survey is None:
+        ui.paragraph("A training run. Baking turns it into voxels that are drawn in real time.", theme.MUTED)
+    elif text := survey.text if survey.finished else "Reading the photographs…":
+        ui.paragraph(text, theme.MUTED)
+    if survey is not None and survey.preview is not None:
+        show_preview(canvas, survey.preview)
     if plan.can_be_checked:
         _check(app, plan)
     imgui.dummy(ImVec2(0, px(6)))
     problem = plan.problem()
-    surveying = plan.survey is not None and not plan.survey.finished
+    surveying = survey is not None and not survey.finished
     if problem is None and not surveying:
         _choices(plan)
     if problem is not None:
@@ -46,16 +51,6 @@ def show(app: App, canvas: Canvas) -> None:
     imgui.dummy(ImVec2(0, px(8)))
     _answer(app, plan, problem is None and plan.place_problem is None and not surveying)
     imgui.end_popup()
-
-
-def _heading(plan: Plan) -> None:
-    verb = "Make" if plan.subject == "scene" else "Bake"
-    ui.heading(fa.ICON_FA_WAND_MAGIC_SPARKLES, f"{verb} {plan.name} into a scene to fly through")
-    survey = plan.survey
-    if survey is None:
-        ui.paragraph("A training run. Baking turns it into voxels that are drawn in real time.", theme.MUTED)
-    elif text := survey.text if survey.finished else "Reading the photographs…":
-        ui.paragraph(text, theme.MUTED)
 
 
 def _check(app: App, plan: Plan) -> None:
