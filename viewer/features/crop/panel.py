@@ -7,7 +7,6 @@ import numpy as np
 from imgui_bundle import icons_fontawesome_6 as fa
 from imgui_bundle import imgui, imguizmo
 
-from scenepack.pack import Pack
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
@@ -40,7 +39,12 @@ def show(app: App, canvas: Canvas) -> None:
         else:
             app.crop_tool = ui.segments("##tool", TITLES, app.crop_tool) or app.crop_tool
             ui.hint(HINTS[app.crop_tool])
-            _faces(app, pack)
+            low, high = crop.whole(pack)
+            for face, (axis, side) in enumerate(crop.FACES):
+                name, before = f"{'xyz'[axis]} {'from' if side == 0 else 'to'}", app.settings.crop
+                value = ui.undoable_slider(app, name, before[side][axis], low[axis], high[axis], "%.3f")
+                if value is not None:
+                    app.set(crop=crop.with_face(pack, before, face, value))
             if ui.button(f"{fa.ICON_FA_ROTATE_LEFT}  Reset the box", enabled=app.settings.crop != crop.whole(pack)):
                 app.cut(crop=crop.whole(pack))
             ui.tip("To the whole scene")
@@ -60,17 +64,6 @@ def near_plane(app: App) -> None:
     imgui.same_line()
     if ui.icon_button(fa.ICON_FA_ROTATE_LEFT, "near reset", "Reset the near plane", enabled=app.settings.near > 0):
         app.cut(near=0.0)
-
-
-def _faces(app: App, pack: Pack) -> None:
-    outer = crop.whole(pack)
-    for face, (axis, side) in enumerate(crop.FACES):
-        assert app.settings.crop is not None
-        name = f"{'xyz'[axis]} {'from' if side == 0 else 'to'}"
-        before, ends = app.settings.crop, (outer[0][axis], outer[1][axis])
-        value = ui.undoable_slider(app, name, before[side][axis], *ends, "%.3f")
-        if value is not None:
-            app.set(crop=crop.with_face(pack, before, face, value))
 
 
 # --- ImGuizmo on the crop box ---

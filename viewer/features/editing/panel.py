@@ -11,7 +11,7 @@ from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.screen import Screen
 from viewer.core.widgets import Box, px
-from viewer.features.editing.erasing import CHANGES, FAINTEST, RADII, RULES, SIZES, TOOLS, Erasing
+from viewer.features.editing.erasing import CHANGES, FAINTEST, RADII, RULES, SIZES, TOOLS
 from viewer.features.measuring.surface import surface_under
 from viewer.rendering.canvas import Canvas
 
@@ -45,7 +45,18 @@ def show(app: App, canvas: Canvas) -> None:
         elif erasing.tool == "brush":
             erasing.radius = ui.slider("Radius", erasing.radius, *RADII, "%.0f voxels", flags=LOGARITHMIC)
     with ui.card("rules", "Select by rule"):
-        _rules(app, erasing)
+        ui.command(app, "select-parts", RULES["parts"])
+        ui.label("Parts below")
+        changed, value = imgui.slider_int("##small", erasing.smaller_than, *SIZES, "%d voxels", LOGARITHMIC)
+        erasing.smaller_than = max(value, SIZES[0])
+        _preview(app, "small", changed)
+        ui.label("Fainter than")
+        changed, value = imgui.slider_float("##faint", erasing.fainter_than, *FAINTEST, "%.3f", LOGARITHMIC)
+        if changed:
+            erasing.fainter_than = min(max(value, FAINTEST[0]), FAINTEST[1])
+        _preview(app, "faint", changed)
+        if app.settings.crop is not None:
+            ui.two_commands(app, ("select-inside", "In the crop box"), ("select-outside", "Outside of it"))
     with ui.card("selected", "Selected"):
         ui.figure("Voxels", "selecting…" if erasing.choosing else f"{edits.selected.count:,}")
         for how, icon in ICONS.items():
@@ -59,21 +70,6 @@ def show(app: App, canvas: Canvas) -> None:
         ui.figure("Voxels", f"{edits.removed.count:,}")
         ui.command(app, "save-edited", f"{fa.ICON_FA_FLOPPY_DISK}  Save as…", enabled=bool(edits.removed.bits))
         ui.hint("The open pack stays as it is. Ctrl+Z brings back what was erased.")
-
-
-def _rules(app: App, erasing: Erasing) -> None:
-    ui.command(app, "select-parts", RULES["parts"])
-    ui.label("Parts below")
-    changed, value = imgui.slider_int("##small", erasing.smaller_than, *SIZES, "%d voxels", LOGARITHMIC)
-    erasing.smaller_than = max(value, SIZES[0])
-    _preview(app, "small", changed)
-    ui.label("Fainter than")
-    changed, value = imgui.slider_float("##faint", erasing.fainter_than, *FAINTEST, "%.3f", LOGARITHMIC)
-    if changed:
-        erasing.fainter_than = min(max(value, FAINTEST[0]), FAINTEST[1])
-    _preview(app, "faint", changed)
-    if app.settings.crop is not None:
-        ui.two_commands(app, ("select-inside", "In the crop box"), ("select-outside", "Outside of it"))
 
 
 def _preview(app: App, rule: str, changed: bool) -> None:

@@ -5,7 +5,7 @@ from math import floor, log10
 import numpy as np
 from imgui_bundle import icons_fontawesome_6 as fa
 
-from scenepack.placement import NOT_MOVED, Placement
+from scenepack.placement import NOT_MOVED
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
@@ -27,7 +27,12 @@ def show(app: App, canvas: Canvas) -> None:
             _tool_button(app, "ground", f"{fa.ICON_FA_ARROWS_DOWN_TO_LINE}  By three points", "move-ground")
             ui.command(app, "move-find-ground", f"{fa.ICON_FA_WAND_MAGIC_SPARKLES}  Find the ground")
             ui.hint("The ground becomes level, at height 0.")
-            _angles(app, placement)
+            angles = list(placement.angles)
+            for i, (name, most) in enumerate(ANGLES):
+                value = ui.undoable_slider(app, name, round(angles[i], 1) + 0.0, -most, most, "%.1f°")
+                if value is not None:
+                    angles[i] = min(max(value, -most), most)
+                    placing.put(app, placement.with_angles(*angles))
     with ui.card("origin", "Origin"):
         ui.figure("In the grid frame", "  ".join(f"{value:.3f}" for value in placement.origin))
         _tool_button(app, "origin", f"{fa.ICON_FA_LOCATION_CROSSHAIRS}  By a point", "move-origin")
@@ -45,15 +50,6 @@ def _tool_button(app: App, tool: str, title: str, command: str) -> None:
     ui.command(app, command, "Cancel" if waits else title)
     if waits:
         ui.hint(WAITS[tool])
-
-
-def _angles(app: App, placement: Placement) -> None:
-    angles = list(placement.angles)
-    for i, (name, most) in enumerate(ANGLES):
-        value = ui.undoable_slider(app, name, round(angles[i], 1) + 0.0, -most, most, "%.1f°")
-        if value is not None:
-            angles[i] = min(max(value, -most), most)
-            placing.put(app, placement.with_angles(*angles))
 
 
 # --- The ground in the picture ---
