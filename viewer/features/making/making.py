@@ -104,7 +104,7 @@ class Making:
         if self.plan is not None and self.plan.can_be_checked:
             self.end_check()
             with app.messages.as_dialog("The photographs cannot be checked"):
-                self.check = PhotographCheck(self.plan.source, self.plan.out)
+                self.check = PhotographCheck.begin(self.plan.source, self.plan.out)
 
     def end_check(self) -> None:
         if self.check is not None:

@@ -257,7 +257,7 @@ PICTURE = "making"
 
 def show_job(app: App, canvas: Canvas, box: Box) -> None:
     """The card of what is being made, at the lower left of the viewport's box."""
-    job = app.making.job
+    making, job = app.making, app.making.job
     if job is None:
         canvas.drop_image(PICTURE)
         return
@@ -265,13 +265,20 @@ def show_job(app: App, canvas: Canvas, box: Box) -> None:
         note = f"{job.figures[-1]:.1f} dB" if job.figures else ""
         stopping = job.child.stopping
         if ui.titled_button(job.plan.name, "Stop now" if stopping else "Stop", note):
-            app.making.stop(app)
+            making.stop(app)
         ui.tip("Stop without saving" if stopping else "Finished work is kept. Make the scene again to continue.")
-        if app.making.sparse_preview is not None and not app.making.sparse_preview_shown(app):
+        if making.sparse_preview is not None and not making.sparse_preview_shown(app):
             if ui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", height=px(28)):
-                app.making.show_points(app)
+                making.show_points(app)
             ui.tip("The scene that is open now is closed")
-        _training_preview(app)
+        if job.preview is not None:
+            name = preview_title(job.preview)
+            if making.training_preview_shown(app):
+                ui.hint(f"You see a {name}. It is small and coarse; a newer one takes its place by itself.")
+            else:
+                if ui.button(f"{fa.ICON_FA_EYE}  Show the {name}", height=px(28)):
+                    making.show_training_preview(app)
+                ui.tip("Fly around in what is trained so far")
         if job.picture is not None:  # a held-out photograph beside how it is rendered so far
             height, width = job.picture.shape[:2]
             at, wide = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
@@ -283,20 +290,6 @@ def show_job(app: App, canvas: Canvas, box: Box) -> None:
         _stages(job)
         imgui.progress_bar(job.report.share if job.report else 0.0, ImVec2(-1, px(6)), "")
         ui.hint(_status_text(job))
-
-
-def _training_preview(app: App) -> None:
-    """What is trained so far: shown, or to be shown."""
-    making = app.making
-    if making.job is None or making.job.preview is None:
-        return
-    name = preview_title(making.job.preview)
-    if making.training_preview_shown(app):
-        ui.hint(f"You see a {name}. It is small and coarse; a newer one takes its place by itself.")
-    else:
-        if ui.button(f"{fa.ICON_FA_EYE}  Show the {name}", height=px(28)):
-            making.show_training_preview(app)
-        ui.tip("Fly around in what is trained so far")
 
 
 def _curve(job: MakeJob) -> None:

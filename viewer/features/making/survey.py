@@ -12,8 +12,9 @@ import shutil
 import warnings
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from PIL import Image
@@ -213,8 +214,8 @@ class Survey(Task[None]):
         try:
             self.bare = None if has_poses(self.path) else find_source(self.path)
             if self.bare is not None:
-                self._look_at_bare(self.bare)
-                self.text = " ".join([self.text, *(f"{note}." for note in self.bare.notes)])
+                found = self._look_at_bare(self.bare)
+                self.text = " ".join([f"{found}. {POSES_FIRST}", *(f"{note}." for note in self.bare.notes)])
                 return
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -237,23 +238,23 @@ class Survey(Task[None]):
         except Exception as error:  # shown in the dialog
             self.error = error
 
-    def _look_at_bare(self, source: Source) -> None:
-        """What the first photograph tells of all. UserError where there are too few."""
-        if source.kind == "film":
-            self._begin_preview(source)
-            self.text = f"A film of {source.files[0].stat().st_size / 1e6:,.0f} MB. {POSES_FIRST}"
-            return
-        count, size = len(source.files), None
-        if count < FEWEST:
+    def _look_at_bare(self, source: Source) -> str:
+        """What there is, in words; takes from the first photograph what it tells of all. UserError where there are too few."""
+        count, is_film = len(source.files), source.kind == "film"
+        if not is_film and count < FEWEST:
             raise UserError("too few photographs to find camera poses", where=self.path, expected=f"at least {FEWEST}",
                             found=count)  # fmt: skip
-        self._begin_preview(source)
-        with contextlib.suppress(UserError):  # HEIC, say: what cannot be read is reported when poses are found
+        if poser_missing(source) is None and not self.cancelled:
+            with contextlib.suppress(UserError):  # no temporary folder: there is no preview then
+                self.preview = BarePreview(source)
+            if self.cancelled and self.preview is not None:  # in the meantime
+                self.preview.close()
+        if is_film:
+            return f"A film of {source.files[0].stat().st_size / 1e6:,.0f} MB"
+        try:
             size = picture_size(source.files[0])
-        if size is None:
-            self.text = f"{count} photographs. {POSES_FIRST}"
-            return
-        self.text = f"{count} photographs of {size[0]} × {size[1]}. {POSES_FIRST}"
+        except UserError:  # HEIC, say: what cannot be read is reported when poses are found
+            return f"{count} photographs"
         self.automatic = {name: max(math.ceil(max(size) / side), 1) for name, side in LONGEST_SIDES.items()}
         possible = [downscale for downscale in {*DOWNSCALES, *self.automatic.values()} if downscale <= min(size)]
         self.sizes = {downscale: (size[0] // downscale, size[1] // downscale) for downscale in possible}
@@ -261,19 +262,13 @@ class Survey(Task[None]):
         if self.masks and all(source.mask_of(file) is not None for file in source.files):
             self.masked = set(self.sizes)
         self._begin_time()
+        return f"{count} photographs of {size[0]} × {size[1]}"
 
     def _begin_time(self) -> None:
         if MEASURES and not self.cancelled and not trainer_missing():
             after = self.preview.result if self.preview is not None else lambda: None
             unbounded = not (self.kind == "blender" or self.masked or self.forward)
             self.time = TimeNeeded([max(size) for size in self.sizes.values()], unbounded, after)
-
-    def _begin_preview(self, source: Source) -> None:
-        if poser_missing(source) is None and not self.cancelled:
-            with contextlib.suppress(UserError):  # no temporary folder: there is no preview then
-                self.preview = BarePreview(source)
-            if self.cancelled and self.preview is not None:  # in the meantime
-                self.preview.close()
 
 
 def _size(scene: Scene) -> tuple[int, int]:
@@ -292,51 +287,47 @@ GROUPS = {
 }
 
 
-class PhotographCheck:
-    """Checks photographs, from the moment this is made. source, out: of the plan. Call `poll` now and then; close it in the end.
+@dataclass
+class PhotographCheck(FolderProcess):
+    """Checks photographs. Call `poll` now and then; close it in the end."""
 
-    UserError where the process cannot be started.
-    """
+    page: Path = Path()  # what the process writes
+    running: bool = True  # whether there will be a result or an error
+    result: Mapping[str, Any] | None = None  # what it found, as `--json` has it
+    error: str = ""  # why there is no result
+    report: Report | None = None  # the last progress
+    no_browser: bool = False  # whether none could be started for the page, until that was said
 
-    def __init__(self, source: Path, out: Path) -> None:
-        self.page = out / "check.html"  # what the process writes
-        self.result: Mapping[str, Any] | None = None  # what it found, as `--json` has it
-        self.error = ""  # why there is no result
-        self.report: Report | None = None  # the last progress
-        self.no_browser = False  # whether none could be started for the page, until that was said
+    @classmethod
+    def begin(cls, source: Path, out: Path) -> Self:
+        """source, out: of the plan. UserError where the process cannot be started."""
         words = [str(source), "--out", str(out), "--check", "--json"]
-        self._process: FolderProcess | None = FolderProcess.start(
-            "baker.commands.make", lambda folder: [*words, str(folder / RESULT)]
-        )
-
-    @property
-    def running(self) -> bool:
-        """Whether there will be a result or an error."""
-        return self._process is not None
+        check = cls.start("baker.commands.make", lambda folder: [*words, str(folder / RESULT)])
+        check.page = out / "check.html"
+        return check
 
     def poll(self) -> bool:
         """Whether there is something new to show."""
-        process, before = self._process, self.report
-        if process is None:
+        if not self.running:
             return False
-        status, self.report = process.child.poll(), process.child.report()
+        before, status, self.report = self.report, self.child.poll(), self.child.report()
         if status is None:
             return self.report != before
         if status == 0:
             try:
-                self.result = read_json_file(process.folder / RESULT)
+                self.result = read_json_file(self.folder / RESULT)
             except (OSError, ValueError) as error:
                 self.error = f"what was found cannot be read: {error}"
         else:
-            self.error = process.child.error_line().removeprefix("snerg-make: ")
+            self.error = self.child.error_line().removeprefix("snerg-make: ")
         self.close()
         return True
 
     def close(self) -> None:
         """Ends the process, if it runs, without waiting for it; the program's end does."""
-        process, self._process = self._process, None
-        if process is not None:
-            Task(process.end, kept=True)
+        if self.running:
+            self.running = False
+            Task(self.end, kept=True)
 
     def open_page(self) -> None:
         Task(self._open)

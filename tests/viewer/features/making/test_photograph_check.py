@@ -61,7 +61,7 @@ def test_a_check_shows_its_progress_and_then_what_it_found(asked: App, tmp_path:
 
 def test_a_check_whose_dialog_is_closed_is_stopped_and_leaves_nothing(asked: App, tmp_path: Path):
     asked.making.check_photographs(asked)
-    pid = asked.making.check._process.child._child.pid
+    pid = asked.making.check.child._child.pid
     live(asked, lambda: asked.making.check.report is not None)
     asked.making.dismiss()  # which stops it first
     assert asked.making.check is None
