@@ -3,8 +3,6 @@
 What is near fades out, and nothing is drawn while a photograph is compared, so that the view stays free.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
@@ -141,12 +139,7 @@ DEPTH, DEPTH_BOUNDED = 0.16, 0.06  # length of a frustum: of the scene's radius,
 FADES_FROM, FADES_TO = 0.22, 0.45  # of the viewport's shorter side: a frustum larger than this is in the way
 PICK_RADIUS = 9.0
 PREVIEW = 150.0
-
-
-class _Frustum(NamedTuple):
-    index: int  # of its shot
-    points: np.ndarray  # float [5, 2]: eye and corners in window units
-    strength: float  # how much of it is seen, 0 … 1
+Frustum = tuple[int, np.ndarray, float]  # its shot; eye and corners [5, 2], window units; how much is seen, 0 … 1
 
 
 def draw(app: App, canvas: Canvas, box: Box) -> int | None:
@@ -156,17 +149,18 @@ def draw(app: App, canvas: Canvas, box: Box) -> int | None:
         return None
     placed = _placed(app, box)
     mouse, over = np.array([*imgui.get_io().mouse_pos]), imgui.is_item_hovered()
-    under = next((f.index for f in reversed(placed) if over and f.strength > 0.2 and _hit(f.points, mouse)), None)
+    hit = (index for index, points, strength in reversed(placed) if strength > 0.2 and _hit(points, mouse))
+    under = next(hit, None) if over else None
     sheet = canvas.sheet(gallery.thumbnails) if gallery.thumbnails is not None else None
     outlines = {gallery.chosen: theme.ACCENT, under: theme.TEXT}
-    for frustum in sorted(placed, key=lambda each: (each.index == under, each.index == gallery.chosen)):
-        _frustum(app, frustum, sheet, outlines.get(frustum.index))
+    for frustum in sorted(placed, key=lambda each: (each[0] == under, each[0] == gallery.chosen)):
+        _frustum(app, frustum, sheet, outlines.get(frustum[0]))
     if under is not None:
         _tooltip(app, under, sheet)
     return under
 
 
-def _placed(app: App, box: Box) -> list[_Frustum]:
+def _placed(app: App, box: Box) -> list[Frustum]:
     """What of the frusta is to be seen, the farthest first."""
     camera, gallery, scene = app.viewport.camera, app.gallery, app.open_scene
     assert camera is not None
@@ -180,7 +174,7 @@ def _placed(app: App, box: Box) -> list[_Frustum]:
     strength = np.clip((FADES_TO - extent) / (FADES_TO - FADES_FROM), 0.0, 1.0) * before
     distances = np.linalg.norm(points.mean(axis=1) - camera.position, axis=1)
     farthest_first = np.argsort(-distances)
-    return [_Frustum(visible[i], places[i], float(strength[i])) for i in farthest_first if strength[i] > 0.01]
+    return [(visible[i], places[i], float(strength[i])) for i in farthest_first if strength[i] > 0.01]
 
 
 def _hit(points: np.ndarray, mouse: np.ndarray) -> bool:
@@ -193,22 +187,22 @@ def _hit(points: np.ndarray, mouse: np.ndarray) -> bool:
     return inside or float(np.hypot(*(points[0] - mouse))) < px(PICK_RADIUS)
 
 
-def _frustum(app: App, frustum: _Frustum, sheet: int | None, outline: str | None) -> None:
-    gallery, draw_list = app.gallery, imgui.get_window_draw_list()
-    corners = [ImVec2(float(x), float(y)) for x, y in frustum.points]
-    opacity = frustum.strength * (1.0 if outline else gallery.frusta_opacity)
-    uv = _uv(gallery.thumbnails, frustum.index)
+def _frustum(app: App, frustum: Frustum, sheet: int | None, outline: str | None) -> None:
+    gallery, draw_list, (index, points, strength) = app.gallery, imgui.get_window_draw_list(), frustum
+    corners = [ImVec2(float(x), float(y)) for x, y in points]
+    opacity = strength * (1.0 if outline else gallery.frusta_opacity)
+    uv = _uv(gallery.thumbnails, index)
     if sheet is not None and uv is not None and opacity > 0.01:
         (u0, v0), (u1, v1) = uv
         uvs = ImVec2(u0, v0), ImVec2(u1, v0), ImVec2(u1, v1), ImVec2(u0, v1)  # clockwise, as the corners behind the eye
         _, a, b, c, d = corners
         draw_list.add_image_quad(imgui.ImTextureRef(sheet), a, b, c, d, *uvs, theme.packed("#ffffff", opacity))
-    train = gallery.photographs.shots[frustum.index].split == "train"
+    train = gallery.photographs.shots[index].split == "train"
     code = outline or (theme.ACCENT_DEEP if train else theme.WARN)
-    colour = theme.packed(code, frustum.strength * (1.0 if outline else 0.8))
+    colour = theme.packed(code, strength * (1.0 if outline else 0.8))
     if outline:  # on a dark line, to be seen on any background
         for a, b in FRUSTUM_EDGES:
-            draw_list.add_line(corners[a], corners[b], theme.packed(theme.BASE, 0.7 * frustum.strength), px(4.5))
+            draw_list.add_line(corners[a], corners[b], theme.packed(theme.BASE, 0.7 * strength), px(4.5))
     for a, b in FRUSTUM_EDGES:
         draw_list.add_line(corners[a], corners[b], colour, px(2.0 if outline else 1.2))
 
