@@ -34,17 +34,14 @@ ALPHA = 3
 
 def has_copied_padding(pack: Pack) -> bool:
     """Whether all padding is a copy of the neighbours' voxels, as it should be, so that it need not be stored."""
-    parts = (pack.atlas_rgba, pack.atlas_features)
-    return all(follows_grid(pack, part) for part in parts if part is not None)
+    return all(follows_grid(pack, atlas) for atlas in pack.atlases)
 
 
 def compressed_chunks(pack: Pack, *, features: bool, padding: bool) -> Iterator[tuple[bytes, bytes]]:
     """For each BLOCKS_A_CHUNK macroblocks, in the grid's order: compressed bits and differences, with what is asked for."""
     blocks = [tuple(block) for block in np.argwhere(pack.occupied).tolist()]
     inside = (slice(None),) * 3 if padding else (slice(1, -1),) * 3
-    atlases = [pack.atlas_rgba]
-    if features and pack.atlas_features is not None:
-        atlases.append(pack.atlas_features)
+    atlases = pack.atlases if features else [pack.atlas_rgba]
     for start in range(0, len(blocks), BLOCKS_A_CHUNK):
         some = blocks[start : start + BLOCKS_A_CHUNK]
         copies = [np.concatenate([block_copy(pack, atlas, block)[inside] for atlas in atlases], -1) for block in some]

@@ -21,7 +21,7 @@ from scenepack.placement import moved_pose
 from scenepack.writer import metadata_writable
 from viewer.core import annotations as notes
 from viewer.core.annotations import Annotations
-from viewer.core.pose import Pose, Turntable, pose_from_text
+from viewer.core.pose import pose_from_text
 from viewer.features.bookmarks.bookmarks import pose_of
 from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.display.display import backdrop
@@ -238,9 +238,9 @@ def _camera(pack: Pack, start: str | None, annotations: Annotations) -> dict[str
     for bookmark in annotations.bookmarks:
         table = replace(rig.table, up=bookmark.up)
         said = {"name": bookmark.name, "text": bookmark.text, "point": bookmark.point}
-        bookmarks.append({**said, "fov": bookmark.fov, **_view(pose_of(bookmark, table), table)})
+        bookmarks.append({**said, "fov": bookmark.fov, **asdict(pose_of(bookmark, table)), "axes": table.axes})
     return {
-        "home": _view(home, rig.table),
+        "home": {**asdict(home), "axes": rig.table.axes},
         "fov": fov,
         "bounded": rig.bounded,
         "mirrored": rig.table.mirrored,
@@ -250,10 +250,6 @@ def _camera(pack: Pack, start: str | None, annotations: Annotations) -> dict[str
         "outline": [] if rig.bounded else outline(pack),
         "bookmarks": bookmarks,
     }
-
-
-def _view(pose: Pose, table: Turntable) -> dict[str, Any]:
-    return {**asdict(pose), "axes": table.axes}
 
 
 def _path(path: CameraPath) -> dict[str, Any] | None:

@@ -299,11 +299,7 @@ async function show(index, coarser) {
   }
   renderer?.release();
   renderer = next;
-  reveal();
   touch();
-}
-
-function reveal() {
   if (element("notice").className === "done") return;
   new ResizeObserver(fit).observe(canvas);
   fit();

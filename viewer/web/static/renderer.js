@@ -26,18 +26,14 @@ export class Renderer {
   // Takes the grids, and makes room for the atlas.
   begin({ indirection, skipGrid, hull }) {
     const { gl, scene } = this;
+    const blocks = [gl.RGBA_INTEGER, gl.UNSIGNED_BYTE, indirection];
+    const words = [gl.RED_INTEGER, gl.UNSIGNED_SHORT, new Uint16Array(skipGrid.buffer)];
     this.textures = {
-      indirection: this.texture(gl.RGBA8UI, scene.indirection.size, gl.NEAREST),
-      skip_grid: this.texture(gl.R16UI, scene.skip_grid.size, gl.NEAREST),
+      indirection: this.texture(gl.RGBA8UI, scene.indirection.size, gl.NEAREST, blocks),
+      skip_grid: this.texture(gl.R16UI, scene.skip_grid.size, gl.NEAREST, words),
       atlas_rgba: this.texture(gl.RGBA8, scene.atlas.size, gl.LINEAR),
     };
     this.check();
-    gl.bindTexture(gl.TEXTURE_3D, this.textures.indirection);
-    const whole = (size) => [0, 0, 0, 0, ...size];
-    gl.texSubImage3D(gl.TEXTURE_3D, ...whole(scene.indirection.size), gl.RGBA_INTEGER, gl.UNSIGNED_BYTE, indirection);
-    gl.bindTexture(gl.TEXTURE_3D, this.textures.skip_grid);
-    const words = new Uint16Array(skipGrid.buffer);
-    gl.texSubImage3D(gl.TEXTURE_3D, ...whole(scene.skip_grid.size), gl.RED_INTEGER, gl.UNSIGNED_SHORT, words);
     if (hull) this.hull = this.corners(hull);
   }
 
@@ -73,7 +69,8 @@ export class Renderer {
     for (const buffer of this.target.buffers) this.gl.deleteRenderbuffer(buffer);
   }
 
-  texture(format, size, filter) {
+  // content: what to fill it with: format, type, array.
+  texture(format, size, filter, content = null) {
     const { gl } = this;
     const texture = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_3D, texture);
@@ -81,6 +78,7 @@ export class Renderer {
     for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_3D, name, filter);
     for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T, gl.TEXTURE_WRAP_R])
       gl.texParameteri(gl.TEXTURE_3D, name, gl.CLAMP_TO_EDGE);
+    if (content) gl.texSubImage3D(gl.TEXTURE_3D, 0, 0, 0, 0, ...size, ...content);
     return texture;
   }
 
