@@ -186,7 +186,7 @@ class View:
         photographs, gallery = app.gallery.photographs, app.gallery
         if self.photographs is not None:
             photographs.look_in(self.photographs)
-        if not len(photographs):
+        if not photographs.shots:
             raise UserError("this pack has no camera poses", where=self.pack)
         gallery.frusta = True
         if self.photograph is not None:

@@ -130,7 +130,7 @@ class Hour:
     def photograph(self) -> None:
         gallery = self.app.gallery
         gallery.frusta = self.random.random() < 0.5
-        if self.app.scene is not None and len(gallery.photographs):
+        if self.app.scene is not None and gallery.photographs.shots:
             self.app.run(self.random.choice(("next-photo", "last-photo")))
         self.app.comparison.how = self.random.choice(("wipe", "flip", "difference"))
 

@@ -131,7 +131,8 @@ def points_pack(scene: Scene, points: SparsePoints) -> Pack:
         raise ValueError("no point lies in the box")
     voxels = voxels[inside][:, ::-1]  # z, y, x
     places, of = np.unique(voxels // BLOCK_SIZE, axis=0, return_inverse=True)  # the macroblocks with points
-    content, (z, y, x) = np.zeros((len(places),) + (BLOCK_SIZE,) * 3 + (8,), np.uint8), (voxels % BLOCK_SIZE).T
+    content = np.zeros((len(places),) + (BLOCK_SIZE,) * 3 + (8,), np.uint8)
+    z, y, x = (voxels % BLOCK_SIZE).T
     content[of.ravel(), z, y, x, :3], content[of.ravel(), z, y, x, 3] = points.colours[inside], 255
     kept = np.zeros(tuple(blocks[::-1]), bool)
     kept[tuple(places.T)] = True

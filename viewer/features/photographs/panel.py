@@ -25,16 +25,15 @@ FOLDER_HEIGHT, MORE_WORDS = 136.0, 32.0  # of what lies below the list; and wher
 def show(app: App, canvas: Canvas) -> None:
     comparison, gallery = app.comparison, app.gallery
     photographs = gallery.photographs
-    if not len(photographs):
+    if not photographs.shots:
         with ui.card("none", "Cameras"):
             ui.hint("This pack has no camera poses. Packs made by snerg-make have them.")
         return
     with ui.card("cameras", "Cameras"):
         gallery.frusta = ui.switch("frusta", gallery.frusta, "Show in the scene")
-        if len(photographs.splits) > 1:
-            titles = {"": "all"} | {split: split for split in photographs.splits}
-            if (picked := ui.segments("##split", titles, gallery.split_shown)) is not None:
-                gallery.split_shown, gallery.reveal = picked, True
+        splits, shown = {shot.split: shot.split for shot in photographs.shots}, gallery.split_shown
+        if len(splits) > 1 and (picked := ui.segments("##split", {"": "all"} | splits, shown)) is not None:
+            gallery.split_shown, gallery.reveal = picked, True
         if gallery.frusta and comparison.against != "photograph":
             gallery.frusta_size = ui.slider(
                 "Size", gallery.frusta_size, 25.0, 400.0, "%.0f %%", times=100, flags=imgui.SliderFlags_.logarithmic

@@ -68,14 +68,6 @@ class Photographs:
         self._cache: dict[int, np.ndarray] = {}
         self._frusta: np.ndarray | None = None
 
-    def __len__(self) -> int:
-        return len(self.shots)
-
-    @property
-    def splits(self) -> tuple[str, ...]:
-        """Names of the splits, in the order of the shots."""
-        return tuple(dict.fromkeys(shot.split for shot in self.shots))
-
     def named(self, name: str) -> int:
         """The shot of that name, or the first that begins or ends so. UserError where there is none."""
         for fits in (str.__eq__, str.startswith, str.endswith):
@@ -171,7 +163,7 @@ class Thumbnails(Task[None]):
 
     def __init__(self, photographs: Photographs) -> None:
         self.photographs, self.folder = photographs, photographs.folder
-        count = len(photographs)
+        count = len(photographs.shots)
         self.cell = next((cell for cell in CELLS if (LARGEST_SHEET // cell) ** 2 >= count), CELLS[-1])
         self.columns = LARGEST_SHEET // self.cell
         self.shown = min(count, self.columns**2)  # later ones get no picture

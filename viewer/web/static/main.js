@@ -88,8 +88,8 @@ function play(seconds) {
     const count = path.frames.length;
     const at = player.seconds * path.fps;
     if (!path.closed && at >= count - 1) setPlaying(false);
-    const index = path.closed ? Math.floor(at) % count : Math.min(Math.floor(at), count - 1);
-    camera.hold(between(path.frames[index], path.frames[path.closed ? (index + 1) % count : Math.min(index + 1, count - 1)], at % 1));
+    const row = (index) => path.frames[path.closed ? index % count : Math.min(index, count - 1)];
+    camera.hold(between(row(Math.floor(at)), row(Math.floor(at) + 1), at % 1));
   }
   return true;
 }
