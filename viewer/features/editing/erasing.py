@@ -279,11 +279,10 @@ class Erasing:
         except Exception as error:  # a dialog, and the program goes on
             app.messages.fail("Nothing was selected", error)
             return
-        if scene.edits is not before:  # something was undone meanwhile
-            return
-        if undoable:
-            scene.rig.remember()
-        scene.edits = replace(before, selected=found)
+        if scene.edits is before:  # else something was undone meanwhile
+            if undoable:
+                scene.rig.remember()
+            scene.edits = replace(before, selected=found)
 
     def _show(self, app: App, preview: EditPreview, edits: Edits) -> None:
         if preview.settled and not preview.differs(edits.removed, edits.selected):

@@ -199,11 +199,10 @@ def _frustum(app: App, frustum: Frustum, sheet: int | None, outline: str | None)
     train = gallery.photographs.shots[index].split == "train"
     code = outline or (theme.ACCENT_DEEP if train else theme.WARN)
     colour = theme.packed(code, strength * (1.0 if outline else 0.8))
-    if outline:  # on a dark line, to be seen on any background
+    dark = (theme.packed(theme.BASE, 0.7 * strength), 4.5)  # behind an outline, to be seen on any background
+    for line, width in (dark, (colour, 2.0)) if outline else ((colour, 1.2),):
         for a, b in FRUSTUM_EDGES:
-            draw_list.add_line(corners[a], corners[b], theme.packed(theme.BASE, 0.7 * strength), px(4.5))
-    for a, b in FRUSTUM_EDGES:
-        draw_list.add_line(corners[a], corners[b], colour, px(2.0 if outline else 1.2))
+            draw_list.add_line(corners[a], corners[b], line, px(width))
 
 
 def _uv(thumbnails: Thumbnails | None, index: int) -> tuple[tuple[float, float], tuple[float, float]] | None:

@@ -121,7 +121,7 @@ def test_copies_are_the_photographs_shrunk_and_survive_every_way_a_pack_goes(kno
     save_pack(load_pack(tmp_path / "a.zip"), tmp_path / "b", codec="webp")
     there, travelled = Photographs(known_pack), Photographs(load_pack(tmp_path / "b"))
     assert there.reachable and not travelled.reachable and travelled.any_pictures
-    for index in range(len(there)):
+    for index in range(len(there.shots)):
         small = Image.fromarray(there.pixels(index)).resize((48, 48), Image.Resampling.BOX)
         assert psnr(travelled.pixels(index), np.asarray(small)) > 34
     assert json.loads((tmp_path / "b" / "scene_params.json").read_text())["snerg"]["cameras"][0][PICTURE]
