@@ -31,7 +31,7 @@ class ForwardFacingCamera(OrbitCamera):
         self.middle, self.radius = np.zeros(3), 1.0  # the content box is in warped space, of no use here
         self.speed = 0.1
 
-    def _first_pose(self) -> Pose:
+    def _home(self) -> Pose:
         return Pose((0.0, 0.0, 0.0), AHEAD, 0.0, START_DISTANCE)
 
     def _bounded(self, pose: Pose) -> Pose:

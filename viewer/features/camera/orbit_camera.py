@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import exp, log, radians, tan
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -30,9 +30,6 @@ WALKING_FOV = 60.0  # degrees, the least: with less, nothing is seen of where on
 HOME_ANGLES = (205.0, 22.0)  # azimuth, elevation in degrees; from -z as in the published viewer, a little aside
 
 Navigation = Literal["orbit", "fly", "walk"]  # what keys and mouse do
-
-
-State = tuple[Pose, ViewCamera | None, float, Turntable, bool, bool]  # what undo restores; see OrbitCamera._state
 
 
 class OrbitCamera:
@@ -67,9 +64,8 @@ class OrbitCamera:
         return Pose.from_matrix(grid_T_camera, self._distance_to_middle(grid_T_camera), self.table)
 
     def _home(self) -> Pose:
-        return self._first_pose() if self._view is None else self._pose_of(self._view.grid_T_camera)
-
-    def _first_pose(self) -> Pose:
+        if self._view is not None:
+            return self._pose_of(self._view.grid_T_camera)
         return Pose(triple(self.middle), *HOME_ANGLES, self.framing_distance(*HOME_ANGLES, self.home_fov))
 
     def framing_distance(self, azimuth: float, elevation: float, fov: float) -> float:
@@ -84,7 +80,7 @@ class OrbitCamera:
         self.aspect = aspect
         if self.bounded or self.within:
             return
-        before, self.home_pose = self.home_pose, self._first_pose()
+        before, self.home_pose = self.home_pose, self._home()
         if self.goal == before and self.held is None and self.fov == self.home_fov:
             self.shown = self.home_pose if self.shown == before else self.shown
             self.goal = self.home_pose
@@ -137,13 +133,10 @@ class OrbitCamera:
             return False
         share = 1.0 - exp(-seconds / SETTLE_S)
         shown, goal = self.shown, self.goal
-        turn = shortest_turn(shown.azimuth, goal.azimuth)
-        pose = Pose(
-            shown.pivot,
-            shown.azimuth + share * turn,
-            shown.elevation + share * (goal.elevation - shown.elevation),
-            exp(log(shown.distance) + share * log(goal.distance / shown.distance)),
-        )
+        azimuth = shown.azimuth + share * shortest_turn(shown.azimuth, goal.azimuth)
+        elevation = shown.elevation + share * (goal.elevation - shown.elevation)
+        distance = exp(log(shown.distance) + share * log(goal.distance / shown.distance))
+        pose = Pose(shown.pivot, azimuth, elevation, distance)
         eye, pivot = shown.eye(self.table), np.asarray(shown.pivot)
         eye_way, pivot_way = goal.eye(self.table) - eye, np.asarray(goal.pivot) - pivot
         # Of eye and pivot, the one that moves less keeps to a straight line: looking around, the eye; orbiting, the pivot.
@@ -322,12 +315,12 @@ class OrbitCamera:
         distance = float(np.linalg.norm(back))
         if distance < 1e-9:
             return
-        if self.orthographic:  # turning would show another side, and the distance tells the size
-            self.goal = self._bounded(replace(self.goal, pivot=triple(point)))
-            return
-        azimuth, elevation = self.table.angles(back)
-        azimuth = self.goal.azimuth if abs(elevation) > STEEP else azimuth
-        self.goal = self._bounded(Pose(triple(point), azimuth, elevation, distance))
+        pose = replace(self.goal, pivot=triple(point))
+        if not self.orthographic:  # there, turning would show another side, and the distance tells the size
+            azimuth, elevation = self.table.angles(back)
+            azimuth = pose.azimuth if abs(elevation) > STEEP else azimuth
+            pose = Pose(pose.pivot, azimuth, elevation, distance)
+        self.goal = self._bounded(pose)
 
     def set_up(self, up: str) -> None:
         """Another axis points up from now on; the camera keeps its place and is levelled."""
@@ -393,10 +386,10 @@ class OrbitCamera:
         """Marks the present camera as a place to come back to; call before each gesture."""
         self.history.remember()
 
-    def _state(self) -> State:
+    def _state(self) -> tuple[Any, ...]:
         return self.goal, self.held, self.fov, self.table, self.orthographic, self.walking
 
-    def _return(self, state: State) -> None:
+    def _return(self, state: tuple[Any, ...]) -> None:
         before = self.table
         self.goal, self.held, self.fov, self.table, self.orthographic, walked = state
         if self.table != before:  # there is no way to glide from one up to another

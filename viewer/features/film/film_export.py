@@ -22,7 +22,7 @@ from PIL import Image
 from console import UserError, not_written
 from console.atomic import replacing
 from scenepack.pack import Pack
-from viewer.features.film.pictures import EXR, Pass, write_exr, write_pngs
+from viewer.features.film.pictures import EXR, PICTURE, PNG, Pass, write_exr, write_pngs
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.dynamic_resolution import tiles
@@ -137,7 +137,6 @@ def sequence_writer(target: Path) -> Iterator[Add]:
 
 # --- Pictures and films written to disk while the window stays alive ---
 
-STILL_SUFFIX = ".png"
 CENTRES = 256  # to a pixel, that principal points are rounded to: GPUs then hold them exactly, whatever a tile's corner
 
 
@@ -190,12 +189,12 @@ class Export:
 
     def _draw(self) -> Generator[None, None, None]:
         """Draws a tile at a time, and writes each picture that is whole."""
-        passes = self.passes or [Pass("rgb", self.settings, False)]
+        passes = self.passes or [Pass(PICTURE, self.settings, False)]
         width, height = self.cameras[0].width, self.cameras[0].height
         kinds = [(4, np.float32) if each.floats else (3, np.uint8) for each in passes]
         pictures = [np.zeros((height, width, channels), kind) for channels, kind in kinds]
         boxes = tiles(width, height, self.tile_side)
-        with self._writer() as add:
+        with self._writer(passes) as add:
             for number, camera in enumerate(self.cameras):
                 for tile, (x, y, w, h) in enumerate(boxes, 1):
                     part = replace(camera, width=w, height=h, cx=camera.cx - x, cy=camera.cy - y)
@@ -206,28 +205,18 @@ class Export:
                     yield
                 if self.finish is not None and not passes[0].floats:
                     pictures[0][...] = self.finish(pictures[0], camera)
-                if add is not None:
-                    add(pictures[0])
-                else:
-                    self._write_view(passes, pictures)
+                add(*pictures)
 
-    def _writer(self) -> AbstractContextManager[Add | None]:
-        """Of a film or a sequence; gives None for the pictures of one view."""
+    def _writer(self, passes: list[Pass]) -> AbstractContextManager[Callable[..., object]]:
+        """What takes the pictures of each camera: of a film, a sequence, or one view."""
         suffix, camera = self.target.suffix.lower(), self.cameras[0]
-        if self.put is not None or self.passes is not None or suffix == STILL_SUFFIX:
-            return nullcontext()
+        if self.put is not None:
+            return nullcontext(self.put)
         self.target.parent.mkdir(parents=True, exist_ok=True)
+        if self.passes is not None and suffix == EXR:
+            return nullcontext(lambda *pictures: write_exr(self.target, passes, pictures, camera, self.pack))
+        if self.passes is not None or suffix == PNG:
+            return nullcontext(lambda *pictures: write_pngs(self.target, passes, pictures))
         if suffix in FILMS:
             return film_writer(self.target, (camera.width, camera.height), round(self.fps))
         return sequence_writer(self.target)
-
-    def _write_view(self, passes: list[Pass], pictures: list[np.ndarray]) -> None:
-        """The pictures of one view: to whoever takes them, a file for each, or one .exr."""
-        if self.put is not None:
-            self.put(pictures[0])
-            return
-        self.target.parent.mkdir(parents=True, exist_ok=True)
-        if self.passes is not None and self.target.suffix.lower() == EXR:
-            write_exr(self.target, passes, pictures, self.cameras[0], self.pack)
-        else:
-            write_pngs(self.target, passes, pictures)

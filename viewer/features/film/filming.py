@@ -116,7 +116,7 @@ class Filming:
         """Shows the view at a time of the path."""
         if not self.path.keyframes:
             return
-        self.time = min(max(seconds, 0.0), max(self.path.duration, 0.0))
+        self.time = min(max(seconds, 0.0), self.path.duration)
         matrix, fov = self.path.at(self.time)
         self._held = view_camera(matrix, fov, app.viewport.pixels)
         app.open_scene.rig.hold(self._held)
@@ -142,7 +142,7 @@ class Filming:
                     self.time, self.playing = self.path.duration, False
             self.show(app, self.time)
         if self.export is not None:
-            self._step(app)
+            self._step(app, self.export)
             app.touch(2)
 
     def turntable(self, app: App) -> None:
@@ -253,9 +253,7 @@ class Filming:
         self.playing = False
         app.touch()
 
-    def _step(self, app: App) -> None:
-        export = self.export
-        assert export is not None
+    def _step(self, app: App, export: Export) -> None:
         copies = export.target is COPY
         try:
             export.step(STEP_S)
