@@ -148,7 +148,7 @@ def _plot(name: str, height: float, xs: tuple[float, float], top: float, x_forma
             implot.setup_axes("", "", quiet if x_format else bare, bare if x_format else quiet)
             axis = implot.ImAxis_.x1 if x_format else implot.ImAxis_.y1
             implot.setup_axis_format(axis, x_format or "%.0f")
-            ticks = (0.25 * xs[1], 0.75 * xs[1]) if x_format else (0.0, top)  # of x none at the ends: they would stick out
+            ticks = (0.25 * xs[1], 0.75 * xs[1]) if x_format else (0.0, top)  # at the ends of x, they would stick out
             implot.setup_axis_ticks(axis, *ticks, 3)
             implot.setup_axes_limits(*xs, 0.0, top, imgui.Cond_.always)
         yield shown
