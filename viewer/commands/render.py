@@ -174,7 +174,11 @@ def render(
     if ortho_height is not None:
         views = [(name, (camera.as_orthographic(unit * ortho_height),)) for name, (camera,) in views]
     if projection != "perspective" and pixels:
-        views = _panoramas(views, pixels, upwards, ACROSS[projection], eye_distance and unit * eye_distance)
+        eyes = (0.0,) if eye_distance is None else (-0.5 * unit * eye_distance, 0.5 * unit * eye_distance)
+        views = [
+            (name, tuple(camera.as_panorama(pixels, upwards, ACROSS[projection], place) for place in eyes))
+            for name, (camera,) in views
+        ]
     if kind in (PNG, EXR) and len(views) > 1 and not sheet:
         remedy = "name a folder or a film, or choose one with --index"
         raise UserError(f"cannot hold {len(views)} pictures", where=out, remedy=remedy)
@@ -191,20 +195,12 @@ def render(
         if kind == "":
             out.mkdir(exist_ok=True)
         for (name, (camera, *_)), pictures in drawn:
-            files = [out if kind else out / f"{name}.{format}"]
+            file = out if kind else out / f"{name}.{format}"
             if exr:
-                write_exr(files[0], passes, pictures, camera, renderer.pack)
+                write_exr(file, passes, pictures, camera, renderer.pack)
+                print(file)
             else:
-                files = write_pngs(files[0], passes, pictures)
-            print(*files, sep="\n")
-
-
-def _panoramas(
-    views: list[View], size: tuple[int, int], up: np.ndarray, across: float, between: float | None
-) -> list[View]:
-    """Of the same places. across: degrees of the width. between: two eyes, grid units; None for one."""
-    places = (0.0,) if between is None else (-0.5 * between, 0.5 * between)
-    return [(name, tuple(camera.as_panorama(size, up, across, place) for place in places)) for name, (camera,) in views]
+                print(*write_pngs(file, passes, pictures), sep="\n")
 
 
 def _written_by_us_alone(out: Path) -> ExitStack:

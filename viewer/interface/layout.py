@@ -93,7 +93,9 @@ class Docking:
             root = self._begin_anew(space, box)
             app.interface.layout_reset = False
         if self.home and builder.dock_builder_get_node(self.home) is None:  # its last page was dragged away
-            self._lose_home()
+            for page in self._at_home:  # those not shown went to the node's neighbour, which may be the picture
+                builder.dock_builder_dock_window(self.names[page], 0)
+            self.home = 0
         if self.home == 0 and app.interface.page:
             central = builder.dock_builder_get_central_node(space)
             if central is None:  # not laid out yet
@@ -111,12 +113,6 @@ class Docking:
         builder.dock_builder_add_node(space, builder.DockNodeFlagsPrivate_.dock_space)
         builder.dock_builder_set_node_size(space, ImVec2(box[2], box[3]))
         return builder.dock_builder_get_node(space)
-
-    def _lose_home(self) -> None:
-        """The node is gone, and imgui has sent the pages that are not shown to its neighbour, which may be the picture."""
-        for page in self._at_home:
-            imgui.internal.dock_builder_dock_window(self.names[page], 0)
-        self.home = 0
 
     def _notice_moves(self, app: App) -> None:
         """Tells the app which pages are not at home any more, or are there again."""

@@ -35,15 +35,15 @@ def show(app: App, canvas: Canvas) -> None:
             if (picked := ui.segments("Navigation", NAVIGATIONS, rig.navigation)) not in (None, rig.navigation):
                 app.run(rig.navigation if picked == "orbit" else picked)
             *move, down, up = app.keyboard.flying_names
-            keys = f"{' '.join(move)} or the arrows"
+            keys = " ".join(move)
             if rig.walking:
                 app.walking.eye_height_m = ui.slider("Eye height", app.walking.eye_height_m, *EYE_HEIGHTS, "%.2f m")
                 if not app.annotations.current.scale.unit:
                     ui.hint("The scene has no scale, so that its metres are a guess.")
-                ui.hint(f"{keys} to walk, {up} to jump, Shift faster, drag to look, wheel for the speed.")
+                ui.hint(f"{keys} or the arrows to walk, {up} to jump, Shift faster, drag to look, wheel for the speed.")
             elif rig.flying:
-                ways = f"{down} and {up} down and up"
-                ui.hint(f"{keys} to move, {ways}, Shift faster, drag to look, wheel for the speed.")
+                text = f"{keys} or the arrows to move, {down} and {up} down and up, Shift faster, drag to look, "
+                ui.hint(f"{text}wheel for the speed.")
     with ui.card("lens", "Lens"):
         value = ui.undoable_slider(app, "Field of view##fov", rig.fov, 10.0, 110.0, "%.0f°")
         ui.tip("Vertical angle; Ctrl+click to type")
