@@ -1,7 +1,6 @@
 """Bookmarks page."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,7 +13,7 @@ from viewer.core import widgets as ui
 from viewer.core.annotations import Bookmark, named, worded
 from viewer.core.screen import Screen
 from viewer.core.widgets import Box, px
-from viewer.features.bookmarks.bookmarks import SIZE, pose_of
+from viewer.features.bookmarks.bookmarks import SIZE
 from viewer.rendering.canvas import Canvas
 
 SHOWN = 6  # rows of the list
@@ -46,16 +45,13 @@ def show(app: App, canvas: Canvas) -> None:
 
 
 def _list(app: App, canvas: Canvas) -> None:
-    bookmarks, table = app.bookmarks, app.open_scene.rig.table
-    views = app.annotations.current.bookmarks
+    bookmarks, views = app.bookmarks, app.annotations.current.bookmarks
     rows = min(len(views), SHOWN)
     height = rows * px(HEIGHT) + (rows - 1) * imgui.get_style().item_spacing.y + px(30)
     with ui.list_box("##bookmarks", height):
-        for i, view in enumerate(views):
-            turned = replace(table, up=view.up)
-            pose = pose_of(view, turned).matrix(turned)
+        for i, (view, key) in enumerate(zip(views, bookmarks.keyframes(app), strict=True)):
             texts = view.name, "" if view.point is None else str(i + 1)
-            if row(app, canvas, f"bookmark{i}", (pose, view.fov), texts, chosen=i == bookmarks.selected):
+            if row(app, canvas, f"bookmark{i}", (key.grid_T_camera, key.fov), texts, chosen=i == bookmarks.selected):
                 bookmarks.go(app, i)
 
 

@@ -55,8 +55,7 @@ class ForwardFacingCamera(OrbitCamera):
         """Slides parallel to the photographs' plane, within the bounds."""
         self.take_over()
         scale = PAN_PER_HEIGHT * tan(radians(self.fov) / 2) * self.goal.distance / START_DISTANCE
-        rotation = self.table.rotation(AHEAD, 0.0)
-        self._shift(scale * (-dx * rotation[:, 0] + dy * rotation[:, 1]))
+        self._shift(scale * self.table.rotation(AHEAD, 0.0) @ (-dx, dy, 0.0))
 
     def frame(self) -> None:
         """Straight ahead again, at the distance it has."""

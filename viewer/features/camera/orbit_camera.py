@@ -37,9 +37,8 @@ class OrbitCamera:
 
     def __init__(self, pack: Pack, fov: float = DEFAULT_FOV) -> None:
         self.table = Turntable(mirrored=is_mirrored(pack), placed=placement_of(pack).rotation)
-        low, high = content_box(pack)
-        self.all_of_it = low, high
-        self._outline = np.stack([low, high]) if self.bounded else outline(pack)
+        self.all_of_it = content_box(pack)
+        self._outline = np.stack(self.all_of_it) if self.bounded else outline(pack)
         self.middle = middle_of(self._outline)
         self.radius = max(float(np.linalg.norm(self._outline - self.middle, axis=1).max()), 1e-6)
         self.home_fov = self.fov = fov
@@ -49,11 +48,10 @@ class OrbitCamera:
         self.orthographic = False
         self.speed = 0.5 * self.radius  # grid units per second
         self.aspect = 1.0  # width over height of the picture that the scene shall fit into
-        view = None if self.bounded else view_from_within(pack)
-        if view is not None:
-            self.home_fov = self.fov = float(np.degrees(2.0 * np.arctan(0.5 * view.height / view.fy)))
-        self._view = view
-        self.within = view is not None  # the first view is one from amid the scene, and need not show all of it
+        self._view = None if self.bounded else view_from_within(pack)
+        if self._view is not None:
+            self.home_fov = self.fov = float(np.degrees(2.0 * np.arctan(0.5 * self._view.height / self._view.fy)))
+        self.within = self._view is not None  # the first view is one from amid the scene, and need not show all of it
         self.home_pose = self._home()
         self.goal = self.shown = self.home_pose
         self.held: ViewCamera | None = None
@@ -181,8 +179,7 @@ class OrbitCamera:
         """Slides parallel to the picture, so that what lies at the pivot's depth stays under the cursor."""
         self.take_over()
         height = 2.0 * self.goal.distance * tan(radians(self.fov) / 2)
-        rotation = self.goal.rotation(self.table)
-        self._shift(height * (-dx * rotation[:, 0] + dy * rotation[:, 1]))
+        self._shift(height * self.goal.rotation(self.table) @ (-dx, dy, 0.0))
 
     def _shift(self, by: np.ndarray) -> None:
         self.goal = self._bounded(replace(self.goal, pivot=triple(np.asarray(self.goal.pivot) + by)))
@@ -192,10 +189,8 @@ class OrbitCamera:
         self.take_over()
         smallest, largest = self._distance_limits()
         distance = float(np.clip(self.goal.distance * DOLLY_STEP**notches, smallest, largest))
-        half_height = tan(radians(self.fov) / 2)
-        rotation = self.goal.rotation(self.table)
-        offset = half_height * (cursor[0] * rotation[:, 0] + cursor[1] * rotation[:, 1])
-        shift = (self.goal.distance - distance) * offset
+        closer = (self.goal.distance - distance) * tan(radians(self.fov) / 2)
+        shift = closer * self.goal.rotation(self.table) @ (*cursor, 0.0)
         self.goal = replace(self.goal, distance=distance)
         self._shift(shift)
 
@@ -208,8 +203,7 @@ class OrbitCamera:
         if self.walking:
             self._steps += seconds * np.array([right, up, forward])
             return
-        rotation = self.goal.rotation(self.table)
-        self._shift(self.speed * seconds * (rotation @ np.array([right, up, -forward])))
+        self._shift(self.speed * seconds * self.goal.rotation(self.table) @ (right, up, -forward))
 
     def faster(self, notches: float) -> float:
         """Changes the flying speed, by a fifth per notch; the new one."""

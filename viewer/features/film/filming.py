@@ -152,14 +152,12 @@ class Filming:
         if rig.bounded:
             raise UserError("a turntable does not work with a forward-facing pack")
         turns = [360.0 * i / TURNTABLE_KEYS for i in range(TURNTABLE_KEYS)]
-        pose, keys = rig.goal, []
+        pose = rig.goal
         if pose == rig.home_pose and not rig.within:  # nobody chose the distance: no side shall be cut off
             sides = [rig.framing_distance(pose.azimuth + turn, pose.elevation, rig.fov) for turn in turns]
             pose = replace(pose, distance=max(sides))
-        for turn in turns:
-            pose = replace(pose, azimuth=rig.goal.azimuth + turn)
-            keys.append(Keyframe(pose.matrix(rig.table), rig.fov, 1.0))
-        self.use(CameraPath(keys, closed=True))
+        matrices = [replace(pose, azimuth=pose.azimuth + turn).matrix(rig.table) for turn in turns]
+        self.use(CameraPath([Keyframe(matrix, rig.fov, 1.0) for matrix in matrices], closed=True))
         app.messages.say("A turntable of 8 seconds")
 
     # Files
