@@ -51,13 +51,13 @@ class Contender:
         times = np.asarray(self.ms)
         percentiles = {f"ms_p{share}": float(np.percentile(times, share)) for share in (50, 95, 99)}
         mean = float(times.mean())
-        rate = {"fps": 1000.0 / mean, "gpu_bytes": self.gpu_bytes}
-        return {"ms_mean": mean, "ms_std": float(times.std()), **percentiles, **rate}
+        spread = {"ms_mean": mean, "ms_std": float(times.std()), **percentiles}
+        return {**spread, "fps": 1000.0 / mean, "gpu_bytes": self.gpu_bytes}
 
     def ratio_to(self, first: Contender) -> dict[str, float]:
         """How many times `first`'s frame time ours is: of the medians, and between which most pairs of frames lie."""
         pairs = np.asarray(self.ms) / np.asarray(first.ms)
-        low, high = (float(v) for v in np.percentile(pairs, (5, 95)))
+        low, high = np.percentile(pairs, (5, 95)).tolist()
         return {"ratio": float(np.median(self.ms) / np.median(first.ms)), "ratio_p5": low, "ratio_p95": high}
 
 
@@ -190,8 +190,6 @@ class Photographs:
 
 @dataclass(frozen=True)
 class Measurement:
-    """What was measured."""
-
     renderer: str
     clock: str  # what measured the times
     contenders: list[Contender]  # in the order given

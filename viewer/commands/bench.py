@@ -32,12 +32,9 @@ def figures(
     systems: the contenders are two packs, each with a marcher of its own.
     """
     ours, *others = measurement.contenders
-    first = ours.statistics()
-    result: dict[str, Any] = {
-        **first,
-        "watts": measurement.watts,
-        "fps_per_watt": None if measurement.watts is None else first["fps"] / measurement.watts,
-    }
+    result: dict[str, Any] = {**ours.statistics(), "watts": measurement.watts, "fps_per_watt": None}
+    if measurement.watts is not None:
+        result["fps_per_watt"] = result["fps"] / measurement.watts
     if photographs is not None:
         views = photographs.scene.splits[photographs.split]
         result["photographs"] = {
@@ -66,18 +63,16 @@ def rows(measurement: Measurement) -> list[tuple[str, ...]]:
     table = []
     for contender in measurement.contenders:
         s = contender.statistics()
-        times = (f"{s[key]:.2f}" for key in ("ms_p50", "ms_p95", "ms_p99"))
-        spread = f"{s['ms_mean']:.2f} ± {s['ms_std']:.2f}"
+        times = f"{s['ms_mean']:.2f} ± {s['ms_std']:.2f}", *(f"{s[f'ms_{key}']:.2f}" for key in ("p50", "p95", "p99"))
         rest = f"{s['fps']:.1f}", f"{s['ms_p50'] / base:.2f}", f"{contender.gpu_bytes / 2**20:.1f}"
-        table.append((contender.name, spread, *times, *rest))
+        table.append((contender.name, *times, *rest))
     return table
 
 
 def title(result: Mapping[str, Any]) -> str:
-    orbit = ""
-    if result["distance"] is not None:
-        orbit = f", orbit at {result['distance']:.4g} ({ORBITS[result['distance_from']]})"
-    return f"{result['width']}x{result['height']}, {result['frames']} frames, {result['protocol']}, {result['fov']:g}°{orbit}"
+    text = f"{result['width']}x{result['height']}, {result['frames']} frames, {result['protocol']}, {result['fov']:g}°"
+    distance, named = result["distance"], result["distance_from"]
+    return text if distance is None else f"{text}, orbit at {distance:.4g} ({ORBITS[named]})"
 
 
 def notes(result: Mapping[str, Any], measurement: Measurement) -> list[str]:
@@ -86,7 +81,7 @@ def notes(result: Mapping[str, Any], measurement: Measurement) -> list[str]:
     halved = ", at reduced resolution" if result["halved"] else ""
     lines = [f"{measurement.renderer}; {measurement.clock}; {grid}{halved}"]
     if measurement.watts is not None:
-        lines.append(f"{measurement.watts:.1f} W, {result['fps'] / measurement.watts:.3f} FPS/W")
+        lines.append(f"{measurement.watts:.1f} W, {result['fps_per_watt']:.3f} FPS/W")
     if "compare" in result:
         psnr = measurement.contenders[1].psnr
         lines.append(f"exact is {_times(result['compare'])} as fast as paper; PSNR between them {psnr:.1f} dB")

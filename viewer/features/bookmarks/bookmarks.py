@@ -135,7 +135,6 @@ class Bookmarks:
         app.messages.say(app.annotations.current.bookmarks[self.selected].name)
 
     def edit(self, app: App, index: int, **fields: Any) -> None:
-        """Changes fields of a view."""
         views = list(app.annotations.current.bookmarks)
         views[index] = replace(views[index], **fields)
         self._change(app, views, self.selected)

@@ -35,7 +35,6 @@ FILMS: dict[str, tuple[str, str, dict[str, str]]] = {  # encoder, its pixels, an
     ".webp": ("libwebp_anim", "bgra", {"quality": "90"}),
     ".gif": ("gif", "pal8", {}),
 }
-ENDLESS = {"loop": "0"}  # of .webp and .gif
 
 
 def require_video() -> None:
@@ -68,8 +67,8 @@ def film_writer(path: Path, size: tuple[int, int], fps: int) -> Iterator[Add]:
     if suffix == ".mp4" and (size[0] % 2 or size[1] % 2):
         raise UserError("H.264 needs an even width and height", where=path, found=f"{size[0]}x{size[1]}")
     with replacing(path, alone=True) as aside:
-        repeats = {} if suffix == ".mp4" else ENDLESS
-        container = av.open(str(aside), "w", format=suffix[1:], options=repeats)
+        endless = {} if suffix == ".mp4" else {"loop": "0"}
+        container = av.open(str(aside), "w", format=suffix[1:], options=endless)
         stream: Any = container.add_stream(codec, rate=fps, options=options)
         stream.width, stream.height = size
         stream.pix_fmt = pixels
@@ -142,8 +141,6 @@ CENTRES = 256  # to a pixel, that principal points are rounded to: GPUs then hol
 
 @dataclass
 class Export:
-    """Pictures and films that are drawn and written bit by bit."""
-
     cameras: list[ViewCamera]  # one a frame
     settings: RenderSettings
     target: Path  # a .png or .exr (one frame), a film, or a folder for numbered PNGs

@@ -70,10 +70,8 @@ def _list(app: App, words: LengthFormat) -> None:
         with ui.list_box("##measured", px(min(LIST_HEIGHT, 26.0 * len(measurements) + 24.0))):
             for i, measurement in enumerate(measurements):
                 width = imgui.get_content_region_avail().x
-                imgui.push_id(i)
                 if imgui.selectable(f"{TITLES[measurement.kind]} {i + 1}", i == measure_tool.selected)[0]:
                     measure_tool.selected = None if i == measure_tool.selected else i
-                imgui.pop_id()
                 imgui.same_line(px(86))
                 ui.write(ui.elided(words.measurement(measurement), width - px(80)), theme.MUTED)
         _actions(app)

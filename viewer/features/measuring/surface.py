@@ -38,8 +38,6 @@ BEYOND = 8 * STEPS  # how far behind the middle the highest opacity is looked fo
 
 @dataclass(frozen=True)
 class Hit:
-    """What a ray meets."""
-
     point: np.ndarray  # float64 [3], grid frame (in forward-facing packs: before the warp)
     distance: float  # from the camera, grid units (from the plane of the picture, where rays are parallel)
     position: np.ndarray  # float64 [3], voxels
