@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import nan
+from math import inf, nan
 from pathlib import Path
 from typing import Any
 
@@ -242,15 +242,10 @@ def _compare_with_photographs(turns: Turns, photographs: Photographs) -> None:
         contender.photographs_psnr = float(np.mean(scores[contender.name]))
 
 
-def _psnr(
-    offscreen: OffscreenRenderer, cameras: list[ViewCamera], settings: RenderSettings, against: RenderSettings
-) -> float:
-    errors = []
-    for camera in cameras:
-        difference = offscreen.render_float(camera, settings) - offscreen.render_float(camera, against)
-        errors.append(np.mean(np.square(difference, dtype=np.float64)))
-    error = float(np.mean(errors))
-    return float("inf") if error == 0 else -10.0 * float(np.log10(error))
+def _psnr(offscreen: OffscreenRenderer, cameras: list[ViewCamera], a: RenderSettings, b: RenderSettings) -> float:
+    differences = (offscreen.render_float(camera, a) - offscreen.render_float(camera, b) for camera in cameras)
+    error = float(np.mean([np.mean(np.square(difference, dtype=np.float64)) for difference in differences]))
+    return inf if error == 0 else -10.0 * float(np.log10(error))
 
 
 def sustained(

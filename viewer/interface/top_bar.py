@@ -25,8 +25,8 @@ ICONS = {
     "save": fa.ICON_FA_CAMERA,
     "home": fa.ICON_FA_HOUSE,
     "frame": fa.ICON_FA_EXPAND,
+    **START_ICONS,
 }
-ICONS |= START_ICONS
 
 
 @dataclass(frozen=True)

@@ -69,9 +69,8 @@ def _look(app: App) -> None:
             set_look(app, **{name: value})
     if ui.button("Colours as they are", enabled=look != Look()):
         app.annotations.change(app, replace(app.annotations.current, look=None))
-    ui.hint(
-        "Of the scene, not of its background; kept with the pack. Comparisons with photographs show colours as they are."
-    )
+    of_scene = "Of the scene, not of its background; kept with the pack."
+    ui.hint(f"{of_scene} Comparisons with photographs show colours as they are.")
 
 
 def _background(app: App) -> None:

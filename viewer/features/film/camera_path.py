@@ -147,9 +147,8 @@ def load_path(file: Path, training_T_grid: np.ndarray) -> CameraPath:
     except OSError as error:
         raise UserError("cannot be read", where=file, found=error.strerror) from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise UserError(
-            "is not a camera path", where=file, expected="nerfstudio's camera_path.json with keyframes", found=error
-        ) from error
+        expected = "nerfstudio's camera_path.json with keyframes"
+        raise UserError("is not a camera path", where=file, expected=expected, found=error) from error
 
 
 def _keyframe(entry: dict[str, Any], grid_T_training: np.ndarray, default: float) -> Keyframe:
