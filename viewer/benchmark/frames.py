@@ -173,19 +173,13 @@ class PowerMeter:
 PSNR_FRAMES = 8  # compared between two marchers, spread over the path
 
 
-@dataclass(frozen=True)
-class Photographs:
-    scene: Scene
-    split: str
-
-    @classmethod
-    def of(cls, pack: Pack, scene: Path, split: str = "test", downscale: int = 1) -> Photographs:
-        """Reads `scene` as the maker of `pack` read it. UserError where the split has no photographs."""
-        read = load_scene(scene, downscale=downscale, **recorded_options(pack.metadata.get("provenance")))
-        if not read.splits.get(split):
-            names = ", ".join(name for name, some in read.splits.items() if some)
-            raise UserError("has no such photographs", where=scene, expected=f"--split {names}", found=split)
-        return cls(read, split)
+def photographed_scene(pack: Pack, scene: Path, split: str, downscale: int) -> Scene:
+    """Reads `scene` as the maker of `pack` read it. UserError where the split has no photographs."""
+    read = load_scene(scene, downscale=downscale, **recorded_options(pack.metadata.get("provenance")))
+    if not read.splits.get(split):
+        names = ", ".join(name for name, some in read.splits.items() if some)
+        raise UserError("has no such photographs", where=scene, expected=f"--split {names}", found=split)
+    return read
 
 
 @dataclass(frozen=True)
@@ -202,12 +196,13 @@ def measure(
     cameras: list[ViewCamera],
     contenders: list[Contender],
     *,
-    photographs: Photographs | None = None,
+    scene: Scene | None = None,
+    split: str = "test",
     allow_half: bool = False,
 ) -> Measurement:
     """Draws every camera with every contender in turn. UserError where there is no OpenGL or a pack does not fit.
 
-    allow_half: a pack that does not fit is measured at half its resolution.
+    scene, split: photographs to compare with. allow_half: a pack that does not fit is measured at half its resolution.
     """
     with taking_turns(pack, contenders, allow_half=allow_half) as turns:
         turns.warm_up(cameras[0])
@@ -217,15 +212,14 @@ def measure(
         for contender in contenders[1:]:
             if contender.pack is None:
                 contender.psnr = _psnr(turns.offscreen, compared, contender.settings, first)
-        if photographs is not None:
-            _compare_with_photographs(turns, photographs)
+        if scene is not None:
+            _compare_with_photographs(turns, scene, split)
         return Measurement(turns.device, turns.clock, contenders, meter.watts, turns.offscreen.pack.grid_size)
 
 
-def _compare_with_photographs(turns: Turns, photographs: Photographs) -> None:
+def _compare_with_photographs(turns: Turns, scene: Scene, split: str) -> None:
     """Notes the PSNR of each contender's pictures, as snerg-eval has it: of 8-bit pictures, the mean over views."""
-    scene = photographs.scene
-    views = scene.splits[photographs.split]
+    views = scene.splits[split]
     scores: dict[str, list[float]] = {c.name: [] for c in turns.contenders}
     with progress("comparing with photographs", len(views)) as bar:
         for view in views:

@@ -15,7 +15,8 @@ from console.arguments import parse_size
 from console.desktop import tell_if_unseen
 from console.plots import Line, Plot, draw_plots, require_plots
 from scenepack import Pack, load_pack
-from viewer.benchmark.frames import Contender, Measurement, Photographs, measure
+from training.scenes import Scene
+from viewer.benchmark.frames import Contender, Measurement, measure, photographed_scene
 from viewer.benchmark.protocols import flight, protocol_for
 from viewer.rendering.gpu_memory import OR_HALF, NoRoomError
 from viewer.rendering.settings import MARCHERS, RenderSettings
@@ -24,10 +25,8 @@ ORBITS = {"paper": "the paper's", "content": "around the content", "given": "as 
 HEADINGS = ("", "ms mean ± std", "p50", "p95", "p99", "FPS", "p50 / ours", "GPU MiB")
 
 
-def figures(
-    measurement: Measurement, photographs: Photographs | None = None, *, systems: bool = False
-) -> dict[str, Any]:
-    """The measured part of the JSON that docs/commands.md promises. photographs: that pictures were compared with.
+def figures(measurement: Measurement, scene: Scene | None, split: str, *, systems: bool) -> dict[str, Any]:
+    """The measured part of the JSON that docs/commands.md promises. scene, split: photographs that were compared with.
 
     systems: the contenders are two packs, each with a marcher of its own.
     """
@@ -35,11 +34,11 @@ def figures(
     result: dict[str, Any] = {**ours.statistics(), "watts": measurement.watts, "fps_per_watt": None}
     if measurement.watts is not None:
         result["fps_per_watt"] = result["fps"] / measurement.watts
-    if photographs is not None:
-        views = photographs.scene.splits[photographs.split]
+    if scene is not None:
+        views = scene.splits[split]
         result["photographs"] = {
-            "scene": str(photographs.scene.path),
-            "split": photographs.split,
+            "scene": str(scene.path),
+            "split": split,
             "views": len(views),
             "width": views[0].camera.width,
             "height": views[0].camera.height,
@@ -200,7 +199,7 @@ def bench(
     check_results(json, markdown, plot)
     loaded = load_pack(pack)
     flown = flight(loaded, protocol_for(loaded, protocol), frames, fov=fov, size=pixels, distance=distance)
-    photographs = Photographs.of(loaded, scene, split, downscale) if scene is not None else None
+    photographs = photographed_scene(loaded, scene, split, downscale) if scene is not None else None
     if against is not None:
         contenders = _systems(pack, loaded, against, marchers)
     else:
@@ -209,7 +208,8 @@ def bench(
     for contender in contenders:
         contender.settings = replace(contender.settings, surroundings=surroundings)
     try:
-        measurement = measure(loaded, list(flown.cameras), contenders, photographs=photographs, allow_half=allow_half)
+        cameras = list(flown.cameras)
+        measurement = measure(loaded, cameras, contenders, scene=photographs, split=split, allow_half=allow_half)
     except NoRoomError as error:
         raise error if allow_half else error.with_remedy(OR_HALF) from error
     result = {
@@ -219,7 +219,7 @@ def bench(
         "grid_size": measurement.grid_size,
         "halved": measurement.grid_size != tuple(loaded.grid_size),
         "clock": measurement.clock,
-        **figures(measurement, photographs, systems=against is not None),
+        **figures(measurement, photographs, split, systems=against is not None),
     }
     if not write_json(json, result):
         print_table(result, measurement)

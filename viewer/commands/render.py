@@ -18,7 +18,7 @@ from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from scenepack.placement import placed_T_grid
 from training.scenes import picture_stems
-from viewer.benchmark.frames import Photographs
+from viewer.benchmark.frames import photographed_scene
 from viewer.core.annotations import Annotations
 from viewer.core.pose import FARTHEST
 from viewer.features.bookmarks.place_labels import with_places
@@ -287,7 +287,7 @@ def _posed(
 def _photograph_views(
     pack: Pack, scene: Path, split: str, index: int | None, downscale: int, size: tuple[int, int] | None
 ) -> list[View]:
-    photographs = Photographs.of(pack, scene, split, downscale).scene.splits[split]
+    photographs = photographed_scene(pack, scene, split, downscale).splits[split]
     if index is not None and not 0 <= index < len(photographs):
         raise UserError("no such photograph", where="--index", expected=f"0 ... {len(photographs) - 1}", found=index)
     cameras = [ViewCamera.from_scene_camera(pack, photograph.camera) for photograph in photographs]

@@ -180,14 +180,13 @@ class Bookmarks:
 
 SIZE = (144, 90)  # width, height, pixels
 MOST_KEPT = 200  # 38 KiB each, and as much on the GPU
-Key = tuple[bytes, float]
 
 
 @dataclass
 class ViewPictures:
     """pictures: uint8 [90, 144, 3] by view."""
 
-    _pictures: dict[Key, np.ndarray] = field(default_factory=dict)
+    _pictures: dict[str, np.ndarray] = field(default_factory=dict)
     _drawn_with: tuple[object, ...] = ()
     _drew: bool = False  # in this frame
 
@@ -198,9 +197,9 @@ class ViewPictures:
         if now == self._drawn_with and len(self._pictures) <= MOST_KEPT:
             return
         self._drawn_with = now
-        for key in self._pictures:
+        for name in self._pictures:
             if app.canvas is not None:
-                app.canvas.drop_image(_name(key))
+                app.canvas.drop_image(name)
         self._pictures.clear()
 
     def texture(self, app: App, canvas: Canvas, grid_T_camera: np.ndarray, fov: float) -> int | None:
@@ -208,17 +207,13 @@ class ViewPictures:
 
         One is drawn in a frame at most, and none while the picture is not whole: that goes before.
         """
-        key = (np.round(grid_T_camera, 6).tobytes(), round(fov, 4))
-        if key not in self._pictures:
+        name = f"view {np.round(grid_T_camera, 6).tobytes().hex()} {round(fov, 4)}"
+        if name not in self._pictures:
             if self._drew or canvas.pending or not app.open_scene.whole:
                 app.touch(1)
                 return None
             self._drew = True
             camera = view_camera(grid_T_camera, fov, SIZE)
-            self._pictures[key] = canvas.snapshot(camera, RenderSettings(background=app.settings.background))
+            self._pictures[name] = canvas.snapshot(camera, RenderSettings(background=app.settings.background))
             app.touch(2)
-        return canvas.image(_name(key), self._pictures[key])
-
-
-def _name(key: Key) -> str:
-    return f"view {key[0].hex()} {key[1]}"
+        return canvas.image(name, self._pictures[name])

@@ -200,10 +200,8 @@ class Filming:
         scene = app.open_scene
         if camera.orthographic or any(camera.distortion):
             raise UserError("depth of field needs perspective without a distorting lens", remedy="switch it off")
-        if self.focus is None:
-            focus = depth_in_middle(scene.pack, camera, app.settings)
-        else:
-            focus = depth_of(camera, np.array(self.focus))
+        at = self.focus
+        focus = depth_in_middle(scene.pack, camera, app.settings) if at is None else depth_of(camera, np.array(at))
         if focus is None or focus <= 0:
             raise UserError("there is nothing to focus on", remedy="click on what shall be in focus")
         return Aperture(self.aperture * scene.rig.radius, focus, self.lens_rays)
