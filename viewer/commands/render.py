@@ -134,9 +134,12 @@ def render(
     require_in_range("--lens-rays", lens_rays, *LENS_RAYS)
     kind = _kind_of(out)
     transparent, exr = background == TRANSPARENT, EXR in (kind, f".{format}")
+    colour = (1.0, 1.0, 1.0) if transparent else parse_point(background, "--background")
+    if not all(0 <= channel <= 1 for channel in colour):
+        raise UserError("is not a colour", where="--background", expected="r,g,b in 0 ... 1", found=background)
     settings = RenderSettings(
         marcher=marcher,
-        background=(1.0, 1.0, 1.0) if transparent else _colour(background),
+        background=colour,
         crop=parse_corners(crop, "--crop") if crop else None,
         surroundings=surroundings,
         samples=samples,
@@ -154,9 +157,6 @@ def render(
     loaded = with_annotations(load_pack(pack), pack)
     if loaded.ndc and (ortho_height is not None or projection != "perspective"):
         raise UserError("is a forward-facing pack, which has a perspective view alone", where=pack)
-    if look:
-        kept = annotations_of(loaded).look
-        passes = [replace(each, settings=replace(each.settings, look=kept)) for each in passes]
     grid_T_placed = np.linalg.inv(placed_T_grid(loaded))
     upwards = grid_T_placed[:3, :3] @ (parse_point(up, "--up") if up else (0.0, 1.0, 0.0))
     if not np.any(upwards):
@@ -170,7 +170,8 @@ def render(
     else:
         views = [("view", (_posed(loaded, grid_T_placed, eye, target, upwards, fov or DEFAULT_FOV, shape),))]
     unit = abs(np.linalg.det(grid_T_placed[:3, :3])) ** (1 / 3)
-    passes = [replace(each, settings=replace(each.settings, near=unit * near)) for each in passes]
+    kept = annotations_of(loaded).look if look else None
+    passes = [replace(each, settings=replace(each.settings, near=unit * near, look=kept)) for each in passes]
     if ortho_height is not None:
         views = [(name, (camera.as_orthographic(unit * ortho_height),)) for name, (camera,) in views]
     if projection != "perspective" and pixels:
@@ -260,13 +261,6 @@ def _kind_of(out: Path) -> str:
     if suffix == "" and out.exists() and not out.is_dir():
         raise UserError("is a file, not a folder", where=out)
     return suffix
-
-
-def _colour(text: str) -> tuple[float, float, float]:
-    colour = parse_point(text, "--background")
-    if not all(0 <= channel <= 1 for channel in colour):
-        raise UserError("is not a colour", where="--background", expected="r,g,b in 0 ... 1", found=text)
-    return colour
 
 
 def _posed(
