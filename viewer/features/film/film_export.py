@@ -207,13 +207,17 @@ class Export:
     def _writer(self, passes: list[Pass]) -> AbstractContextManager[Callable[..., object]]:
         """What takes the pictures of each camera: of a film, a sequence, or one view."""
         suffix, camera = self.target.suffix.lower(), self.cameras[0]
-        if self.put is not None:
-            return nullcontext(self.put)
+
+        def write_view(*pictures: np.ndarray) -> None:
+            self.target.parent.mkdir(parents=True, exist_ok=True)  # not before: cancelled, it leaves nothing
+            if self.passes is not None and suffix == EXR:
+                write_exr(self.target, passes, pictures, camera, self.pack)
+            else:
+                write_pngs(self.target, passes, pictures)
+
+        if self.put is not None or self.passes is not None or suffix == PNG:
+            return nullcontext(self.put or write_view)
         self.target.parent.mkdir(parents=True, exist_ok=True)
-        if self.passes is not None and suffix == EXR:
-            return nullcontext(lambda *pictures: write_exr(self.target, passes, pictures, camera, self.pack))
-        if self.passes is not None or suffix == PNG:
-            return nullcontext(lambda *pictures: write_pngs(self.target, passes, pictures))
         if suffix in FILMS:
             return film_writer(self.target, (camera.width, camera.height), round(self.fps))
         return sequence_writer(self.target)
