@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import nan
+from math import inf, nan
 from pathlib import Path
 from typing import Any
 
@@ -51,13 +51,13 @@ class Contender:
         times = np.asarray(self.ms)
         percentiles = {f"ms_p{share}": float(np.percentile(times, share)) for share in (50, 95, 99)}
         mean = float(times.mean())
-        rate = {"fps": 1000.0 / mean, "gpu_bytes": self.gpu_bytes}
-        return {"ms_mean": mean, "ms_std": float(times.std()), **percentiles, **rate}
+        spread = {"ms_mean": mean, "ms_std": float(times.std()), **percentiles}
+        return {**spread, "fps": 1000.0 / mean, "gpu_bytes": self.gpu_bytes}
 
     def ratio_to(self, first: Contender) -> dict[str, float]:
         """How many times `first`'s frame time ours is: of the medians, and between which most pairs of frames lie."""
         pairs = np.asarray(self.ms) / np.asarray(first.ms)
-        low, high = (float(v) for v in np.percentile(pairs, (5, 95)))
+        low, high = np.percentile(pairs, (5, 95)).tolist()
         return {"ratio": float(np.median(self.ms) / np.median(first.ms)), "ratio_p5": low, "ratio_p95": high}
 
 
@@ -173,25 +173,17 @@ class PowerMeter:
 PSNR_FRAMES = 8  # compared between two marchers, spread over the path
 
 
-@dataclass(frozen=True)
-class Photographs:
-    scene: Scene
-    split: str
-
-    @classmethod
-    def of(cls, pack: Pack, scene: Path, split: str = "test", downscale: int = 1) -> Photographs:
-        """Reads `scene` as the maker of `pack` read it. UserError where the split has no photographs."""
-        read = load_scene(scene, downscale=downscale, **recorded_options(pack.metadata.get("provenance")))
-        if not read.splits.get(split):
-            names = ", ".join(name for name, some in read.splits.items() if some)
-            raise UserError("has no such photographs", where=scene, expected=f"--split {names}", found=split)
-        return cls(read, split)
+def photographed_scene(pack: Pack, scene: Path, split: str, downscale: int) -> Scene:
+    """Reads `scene` as the maker of `pack` read it. UserError where the split has no photographs."""
+    read = load_scene(scene, downscale=downscale, **recorded_options(pack.metadata.get("provenance")))
+    if not read.splits.get(split):
+        names = ", ".join(name for name, some in read.splits.items() if some)
+        raise UserError("has no such photographs", where=scene, expected=f"--split {names}", found=split)
+    return read
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """What was measured."""
-
     renderer: str
     clock: str  # what measured the times
     contenders: list[Contender]  # in the order given
@@ -204,12 +196,13 @@ def measure(
     cameras: list[ViewCamera],
     contenders: list[Contender],
     *,
-    photographs: Photographs | None = None,
+    scene: Scene | None = None,
+    split: str = "test",
     allow_half: bool = False,
 ) -> Measurement:
     """Draws every camera with every contender in turn. UserError where there is no OpenGL or a pack does not fit.
 
-    allow_half: a pack that does not fit is measured at half its resolution.
+    scene, split: photographs to compare with. allow_half: a pack that does not fit is measured at half its resolution.
     """
     with taking_turns(pack, contenders, allow_half=allow_half) as turns:
         turns.warm_up(cameras[0])
@@ -219,15 +212,14 @@ def measure(
         for contender in contenders[1:]:
             if contender.pack is None:
                 contender.psnr = _psnr(turns.offscreen, compared, contender.settings, first)
-        if photographs is not None:
-            _compare_with_photographs(turns, photographs)
+        if scene is not None:
+            _compare_with_photographs(turns, scene, split)
         return Measurement(turns.device, turns.clock, contenders, meter.watts, turns.offscreen.pack.grid_size)
 
 
-def _compare_with_photographs(turns: Turns, photographs: Photographs) -> None:
+def _compare_with_photographs(turns: Turns, scene: Scene, split: str) -> None:
     """Notes the PSNR of each contender's pictures, as snerg-eval has it: of 8-bit pictures, the mean over views."""
-    scene = photographs.scene
-    views = scene.splits[photographs.split]
+    views = scene.splits[split]
     scores: dict[str, list[float]] = {c.name: [] for c in turns.contenders}
     with progress("comparing with photographs", len(views)) as bar:
         for view in views:
@@ -244,15 +236,10 @@ def _compare_with_photographs(turns: Turns, photographs: Photographs) -> None:
         contender.photographs_psnr = float(np.mean(scores[contender.name]))
 
 
-def _psnr(
-    offscreen: OffscreenRenderer, cameras: list[ViewCamera], settings: RenderSettings, against: RenderSettings
-) -> float:
-    errors = []
-    for camera in cameras:
-        difference = offscreen.render_float(camera, settings) - offscreen.render_float(camera, against)
-        errors.append(np.mean(np.square(difference, dtype=np.float64)))
-    error = float(np.mean(errors))
-    return float("inf") if error == 0 else -10.0 * float(np.log10(error))
+def _psnr(offscreen: OffscreenRenderer, cameras: list[ViewCamera], a: RenderSettings, b: RenderSettings) -> float:
+    differences = (offscreen.render_float(camera, a) - offscreen.render_float(camera, b) for camera in cameras)
+    error = float(np.mean([np.mean(np.square(difference, dtype=np.float64)) for difference in differences]))
+    return inf if error == 0 else -10.0 * float(np.log10(error))
 
 
 def sustained(

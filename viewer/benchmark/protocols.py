@@ -79,16 +79,18 @@ def flight(
         return Flight(cameras, {**facts, "distance": None, "distance_from": None})
     assert chosen.distance is not None, "only forward-facing cameras do not orbit"
     number, named = given_distance(distance), "given"
-    as_in_paper = pack.contraction is not None or _within(pack, chosen.distance)
+    origin = np.linalg.inv(pack.worldspace_T_opengl)[:3, 3]  # of the training frame, in the grid frame
+    farthest = float(np.linalg.norm(np.abs(content_box(pack) - origin).max(axis=0)))
+    # else cameras of the paper's orbit would stand in the content
+    as_in_paper = pack.contraction is not None or farthest < chosen.distance
     if number is None and (distance == "paper" or (distance == "auto" and as_in_paper)):
         number, named = chosen.distance, "paper"
     if number is not None:  # about the grid's y axis, so far from the training frame's origin, which is looked at
-        turns, origin = (360.0 * i / frames for i in range(frames)), _origin(pack)
+        turns = (360.0 * i / frames for i in range(frames))
         cameras = [ViewCamera.orbit(pack, turn, ORBIT_ELEVATION, number, fov, size, origin) for turn in turns]
         return Flight(cameras, {**facts, "distance": number, "distance_from": named})
-    low, high = content_box(pack)
     cameras = orbit_path(pack, frames, fov, size)
-    far = float(np.linalg.norm(cameras[0].position - 0.5 * (low + high)))
+    far = float(np.linalg.norm(cameras[0].position - np.mean(content_box(pack), axis=0)))
     return Flight(cameras, {**facts, "distance": far, "distance_from": FITTED})
 
 
@@ -104,14 +106,3 @@ def given_distance(text: str) -> float | None:
         expected = "auto, paper, content or a positive number"
         raise UserError("is not a distance", where="--distance", expected=expected, found=repr(text))
     return number
-
-
-def _origin(pack: Pack) -> np.ndarray:
-    """The origin of the training frame in the grid frame [3]."""
-    return np.linalg.inv(pack.worldspace_T_opengl)[:3, 3]
-
-
-def _within(pack: Pack, distance: float) -> bool:
-    """Whether all content lies nearer to the origin than so, so that no camera of the orbit stands in it."""
-    low, high = content_box(pack) - _origin(pack)
-    return bool(np.linalg.norm(np.maximum(np.abs(low), np.abs(high))) < distance)

@@ -15,7 +15,8 @@ from console.arguments import parse_size
 from console.desktop import tell_if_unseen
 from console.plots import Line, Plot, draw_plots, require_plots
 from scenepack import Pack, load_pack
-from viewer.benchmark.frames import Contender, Measurement, Photographs, measure
+from training.scenes import Scene
+from viewer.benchmark.frames import Contender, Measurement, measure, photographed_scene
 from viewer.benchmark.protocols import flight, protocol_for
 from viewer.rendering.gpu_memory import OR_HALF, NoRoomError
 from viewer.rendering.settings import MARCHERS, RenderSettings
@@ -24,25 +25,20 @@ ORBITS = {"paper": "the paper's", "content": "around the content", "given": "as 
 HEADINGS = ("", "ms mean ± std", "p50", "p95", "p99", "FPS", "p50 / ours", "GPU MiB")
 
 
-def figures(
-    measurement: Measurement, photographs: Photographs | None = None, *, systems: bool = False
-) -> dict[str, Any]:
-    """The measured part of the JSON that docs/commands.md promises. photographs: that pictures were compared with.
+def figures(measurement: Measurement, scene: Scene | None, split: str, *, systems: bool) -> dict[str, Any]:
+    """The measured part of the JSON that docs/commands.md promises. scene, split: photographs that were compared with.
 
     systems: the contenders are two packs, each with a marcher of its own.
     """
     ours, *others = measurement.contenders
-    first = ours.statistics()
-    result: dict[str, Any] = {
-        **first,
-        "watts": measurement.watts,
-        "fps_per_watt": None if measurement.watts is None else first["fps"] / measurement.watts,
-    }
-    if photographs is not None:
-        views = photographs.scene.splits[photographs.split]
+    result: dict[str, Any] = {**ours.statistics(), "watts": measurement.watts, "fps_per_watt": None}
+    if measurement.watts is not None:
+        result["fps_per_watt"] = result["fps"] / measurement.watts
+    if scene is not None:
+        views = scene.splits[split]
         result["photographs"] = {
-            "scene": str(photographs.scene.path),
-            "split": photographs.split,
+            "scene": str(scene.path),
+            "split": split,
             "views": len(views),
             "width": views[0].camera.width,
             "height": views[0].camera.height,
@@ -66,18 +62,16 @@ def rows(measurement: Measurement) -> list[tuple[str, ...]]:
     table = []
     for contender in measurement.contenders:
         s = contender.statistics()
-        times = (f"{s[key]:.2f}" for key in ("ms_p50", "ms_p95", "ms_p99"))
-        spread = f"{s['ms_mean']:.2f} ± {s['ms_std']:.2f}"
+        times = f"{s['ms_mean']:.2f} ± {s['ms_std']:.2f}", *(f"{s[f'ms_{key}']:.2f}" for key in ("p50", "p95", "p99"))
         rest = f"{s['fps']:.1f}", f"{s['ms_p50'] / base:.2f}", f"{contender.gpu_bytes / 2**20:.1f}"
-        table.append((contender.name, spread, *times, *rest))
+        table.append((contender.name, *times, *rest))
     return table
 
 
 def title(result: Mapping[str, Any]) -> str:
-    orbit = ""
-    if result["distance"] is not None:
-        orbit = f", orbit at {result['distance']:.4g} ({ORBITS[result['distance_from']]})"
-    return f"{result['width']}x{result['height']}, {result['frames']} frames, {result['protocol']}, {result['fov']:g}°{orbit}"
+    text = f"{result['width']}x{result['height']}, {result['frames']} frames, {result['protocol']}, {result['fov']:g}°"
+    distance, named = result["distance"], result["distance_from"]
+    return text if distance is None else f"{text}, orbit at {distance:.4g} ({ORBITS[named]})"
 
 
 def notes(result: Mapping[str, Any], measurement: Measurement) -> list[str]:
@@ -86,7 +80,7 @@ def notes(result: Mapping[str, Any], measurement: Measurement) -> list[str]:
     halved = ", at reduced resolution" if result["halved"] else ""
     lines = [f"{measurement.renderer}; {measurement.clock}; {grid}{halved}"]
     if measurement.watts is not None:
-        lines.append(f"{measurement.watts:.1f} W, {result['fps'] / measurement.watts:.3f} FPS/W")
+        lines.append(f"{measurement.watts:.1f} W, {result['fps_per_watt']:.3f} FPS/W")
     if "compare" in result:
         psnr = measurement.contenders[1].psnr
         lines.append(f"exact is {_times(result['compare'])} as fast as paper; PSNR between them {psnr:.1f} dB")
@@ -205,7 +199,7 @@ def bench(
     check_results(json, markdown, plot)
     loaded = load_pack(pack)
     flown = flight(loaded, protocol_for(loaded, protocol), frames, fov=fov, size=pixels, distance=distance)
-    photographs = Photographs.of(loaded, scene, split, downscale) if scene is not None else None
+    photographs = photographed_scene(loaded, scene, split, downscale) if scene is not None else None
     if against is not None:
         contenders = _systems(pack, loaded, against, marchers)
     else:
@@ -214,7 +208,8 @@ def bench(
     for contender in contenders:
         contender.settings = replace(contender.settings, surroundings=surroundings)
     try:
-        measurement = measure(loaded, list(flown.cameras), contenders, photographs=photographs, allow_half=allow_half)
+        cameras = list(flown.cameras)
+        measurement = measure(loaded, cameras, contenders, scene=photographs, split=split, allow_half=allow_half)
     except NoRoomError as error:
         raise error if allow_half else error.with_remedy(OR_HALF) from error
     result = {
@@ -224,7 +219,7 @@ def bench(
         "grid_size": measurement.grid_size,
         "halved": measurement.grid_size != tuple(loaded.grid_size),
         "clock": measurement.clock,
-        **figures(measurement, photographs, systems=against is not None),
+        **figures(measurement, photographs, split, systems=against is not None),
     }
     if not write_json(json, result):
         print_table(result, measurement)

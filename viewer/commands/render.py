@@ -18,7 +18,7 @@ from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from scenepack.placement import placed_T_grid
 from training.scenes import picture_stems
-from viewer.benchmark.frames import Photographs
+from viewer.benchmark.frames import photographed_scene
 from viewer.core.annotations import Annotations
 from viewer.core.pose import FARTHEST
 from viewer.features.bookmarks.place_labels import with_places
@@ -134,9 +134,12 @@ def render(
     require_in_range("--lens-rays", lens_rays, *LENS_RAYS)
     kind = _kind_of(out)
     transparent, exr = background == TRANSPARENT, EXR in (kind, f".{format}")
+    colour = (1.0, 1.0, 1.0) if transparent else parse_point(background, "--background")
+    if not all(0 <= channel <= 1 for channel in colour):
+        raise UserError("is not a colour", where="--background", expected="r,g,b in 0 ... 1", found=background)
     settings = RenderSettings(
         marcher=marcher,
-        background=(1.0, 1.0, 1.0) if transparent else _colour(background),
+        background=colour,
         crop=parse_corners(crop, "--crop") if crop else None,
         surroundings=surroundings,
         samples=samples,
@@ -154,9 +157,10 @@ def render(
     loaded = with_annotations(load_pack(pack), pack)
     if loaded.ndc and (ortho_height is not None or projection != "perspective"):
         raise UserError("is a forward-facing pack, which has a perspective view alone", where=pack)
-    if look:
-        kept = annotations_of(loaded).look
-        passes = [replace(each, settings=replace(each.settings, look=kept)) for each in passes]
+    grid_T_placed = np.linalg.inv(placed_T_grid(loaded))
+    upwards = grid_T_placed[:3, :3] @ (parse_point(up, "--up") if up else (0.0, 1.0, 0.0))
+    if not np.any(upwards):
+        raise UserError("is not a direction", where="--up", found=up)
     shape = pixels or parse_size(DEFAULT_SIZE)
     if scene is not None:
         views = _photograph_views(loaded, scene, split, index, downscale, pixels)
@@ -164,21 +168,21 @@ def render(
         path = filling_orbit(loaded, orbit, fov or DEFAULT_FOV, shape)
         views: list[View] = [(f"{i:04d}", (camera,)) for i, camera in enumerate(path)]
     else:
-        views = [("view", (_posed(loaded, eye, target, up, fov or DEFAULT_FOV, shape),))]
-    grid_T_placed = np.linalg.inv(placed_T_grid(loaded))
+        views = [("view", (_posed(loaded, grid_T_placed, eye, target, upwards, fov or DEFAULT_FOV, shape),))]
     unit = abs(np.linalg.det(grid_T_placed[:3, :3])) ** (1 / 3)
-    passes = [replace(each, settings=replace(each.settings, near=unit * near)) for each in passes]
+    kept = annotations_of(loaded).look if look else None
+    passes = [replace(each, settings=replace(each.settings, near=unit * near, look=kept)) for each in passes]
     if ortho_height is not None:
         views = [(name, (camera.as_orthographic(unit * ortho_height),)) for name, (camera,) in views]
     if projection != "perspective" and pixels:
-        upwards = grid_T_placed[:3, :3] @ (parse_point(up, "--up") if up else (0.0, 1.0, 0.0))
-        views = _panoramas(views, pixels, upwards, ACROSS[projection], eye_distance and unit * eye_distance)
+        eyes = (0.0,) if eye_distance is None else (-0.5 * unit * eye_distance, 0.5 * unit * eye_distance)
+        views = [
+            (name, tuple(camera.as_panorama(pixels, upwards, ACROSS[projection], place) for place in eyes))
+            for name, (camera,) in views
+        ]
     if kind in (PNG, EXR) and len(views) > 1 and not sheet:
-        raise UserError(
-            f"cannot hold {len(views)} pictures",
-            where=out,
-            remedy="name a folder or a film, or choose one with --index",
-        )
+        remedy = "name a folder or a film, or choose one with --index"
+        raise UserError(f"cannot hold {len(views)} pictures", where=out, remedy=remedy)
     if len({(camera.width, camera.height) for _, (camera, *_) in views}) > 1 and kind in FILMS:
         raise UserError("the photographs differ in size", where=scene, remedy="choose one with --size")
     with _written_by_us_alone(out), OffscreenRenderer(loaded, marcher) as renderer:
@@ -192,20 +196,12 @@ def render(
         if kind == "":
             out.mkdir(exist_ok=True)
         for (name, (camera, *_)), pictures in drawn:
-            files = [out if kind else out / f"{name}.{format}"]
+            file = out if kind else out / f"{name}.{format}"
             if exr:
-                write_exr(files[0], passes, pictures, camera, renderer.pack)
+                write_exr(file, passes, pictures, camera, renderer.pack)
+                print(file)
             else:
-                files = write_pngs(files[0], passes, pictures)
-            print(*files, sep="\n")
-
-
-def _panoramas(
-    views: list[View], size: tuple[int, int], up: np.ndarray, across: float, between: float | None
-) -> list[View]:
-    """Of the same places. across: degrees of the width. between: two eyes, grid units; None for one."""
-    places = (0.0,) if between is None else (-0.5 * between, 0.5 * between)
-    return [(name, tuple(camera.as_panorama(size, up, across, place) for place in places)) for name, (camera,) in views]
+                print(*write_pngs(file, passes, pictures), sep="\n")
 
 
 def _written_by_us_alone(out: Path) -> ExitStack:
@@ -267,44 +263,31 @@ def _kind_of(out: Path) -> str:
     return suffix
 
 
-def _colour(text: str) -> tuple[float, float, float]:
-    colour = parse_point(text, "--background")
-    if not all(0 <= channel <= 1 for channel in colour):
-        raise UserError("is not a colour", where="--background", expected="r,g,b in 0 ... 1", found=text)
-    return colour
-
-
 def _posed(
-    pack: Pack, eye: str | None, target: str | None, up: str | None, fov: float, size: tuple[int, int]
-) -> ViewCamera:
+    pack: Pack, grid_T_placed: np.ndarray, eye: str | None, target: str | None, up: np.ndarray, fov: float,
+    size: tuple[int, int],
+) -> ViewCamera:  # fmt: skip
+    """eye, target: as they were given. up: in the grid frame."""
     if eye is None:
         return filling_orbit(pack, 1, fov, size, FIRST_AZIMUTH)[0]
-    upwards = parse_point(up, "--up") if up else (0.0, 1.0, 0.0)
-    if not np.any(upwards):
-        raise UserError("is not a direction", where="--up", found=up)
-    grid_T_placed = np.linalg.inv(placed_T_grid(pack))
-    upwards = grid_T_placed[:3, :3] @ upwards
     at = (grid_T_placed @ (*parse_point(eye, "--eye"), 1.0))[:3]
     middle = np.zeros(3) if pack.ndc else np.mean(content_box(pack), axis=0)
     towards = (grid_T_placed @ (*parse_point(target, "--target"), 1.0))[:3] if target else middle
     if np.allclose(at, towards, rtol=0, atol=1e-12):
         raise UserError("is the same point as the target", where="--eye", remedy="choose another --target")
-    return ViewCamera.look_at(at, towards, upwards, fov, size, mirrored=is_mirrored(pack))
+    return ViewCamera.look_at(at, towards, up, fov, size, mirrored=is_mirrored(pack))
 
 
 def _photograph_views(
     pack: Pack, scene: Path, split: str, index: int | None, downscale: int, size: tuple[int, int] | None
 ) -> list[View]:
-    photographs = Photographs.of(pack, scene, split, downscale).scene.splits[split]
+    photographs = photographed_scene(pack, scene, split, downscale).splits[split]
     if index is not None and not 0 <= index < len(photographs):
         raise UserError("no such photograph", where="--index", expected=f"0 ... {len(photographs) - 1}", found=index)
-    views = []
-    for number, (photograph, name) in enumerate(zip(photographs, picture_stems(photographs), strict=True)):
-        if index is not None and number != index:
-            continue
-        camera = ViewCamera.from_scene_camera(pack, photograph.camera)
-        views.append((name, (camera.resized(*size) if size else camera,)))
-    return views
+    cameras = [ViewCamera.from_scene_camera(pack, photograph.camera) for photograph in photographs]
+    shaped: list[tuple[ViewCamera, ...]] = [(camera.resized(*size) if size else camera,) for camera in cameras]
+    views = list(zip(picture_stems(photographs), shaped, strict=True))
+    return views if index is None else [views[index]]
 
 
 def _check_passes(passes: list[Pass], out: Path, kind: str, exr: bool) -> None:
@@ -348,9 +331,8 @@ def _drawn(
 def _focused(pack: Pack, name: str, camera: ViewCamera, settings: RenderSettings, lens: Aperture) -> Aperture:
     """The aperture with its focus on the surface in the middle of a view, unless it has one. UserError where it can have none."""
     if any(camera.distortion):
-        raise UserError(
-            "is of a lens that distorts, which has no depth of field here", where=name, remedy="leave out --aperture"
-        )
+        what = "is of a lens that distorts, which has no depth of field here"
+        raise UserError(what, where=name, remedy="leave out --aperture")
     if lens.focus:
         return lens
     focus = depth_in_middle(pack, camera, settings)

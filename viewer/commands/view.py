@@ -28,6 +28,7 @@ from viewer.desktop import desktop_entry
 from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.comparison.comparison import How
 from viewer.features.film.kiosk import Kiosk
+from viewer.features.film.pictures import PNG
 from viewer.features.making import survey
 from viewer.features.opening import session
 from viewer.features.preferences import preferences
@@ -40,7 +41,6 @@ from viewer.window.shutdown import SIGNALED, on_lost_display, signals_ask
 from viewer.window.window import NoDisplay, Window, require_display
 
 OUT = Path("out")
-STILL_SUFFIX = ".png"
 SCRIPTED = ("--frames", "--screenshot")
 SERVED_ON = 8090  # port
 SMALLEST_SIDE = 64  # of a window, screen units
@@ -124,9 +124,13 @@ class View:
         if self.export_size is not None:
             parse_size(self.export_size, "--export-size")
         if self.pose is not None:
-            _check_pose(self.pose)
-        if self.pack is None:
-            _check_has_pack(self)
+            try:
+                pose_from_text(self.pose)
+            except ValueError as error:
+                raise UserError(str(error), where="--pose") from error
+        for name in ("pose", "compare", "photographs", "photograph", "path", "export", "kiosk"):
+            if self.pack is None and getattr(self, name) not in (None, False):
+                raise UserError("needs a pack", where=f"--{name}", expected=f"snerg-view PACK --{name} …")
         try:
             return _show_window(self, window_size, frames)
         except NoDisplay as reason:
@@ -198,22 +202,20 @@ class View:
             raise UserError("its photographs are not on this computer", where=self.pack, remedy=remedy)
 
     def _export(self, app: App) -> None:
-        if self.export is not None:
-            with app.messages.as_dialog("The export cannot be started"):
-                self._start_export(app, self.export)
-
-    def _start_export(self, app: App, target: Path) -> None:
-        rig = app.open_scene.rig
-        if self.export_size is not None:
-            app.filming.size = parse_size(self.export_size, "--export-size")
-        width, height = app.filming.size
-        rig.shape(width / height)  # the film's, not the window's: that has none yet, or one that changes
-        if target.suffix.lower() == STILL_SUFFIX:
-            app.filming.still(app, target, rig.camera(app.filming.size, app.settings.near))
+        if self.export is None:
             return
-        if not app.filming.path.keyframes:
-            app.filming.turntable(app)
-        app.filming.film(app, target)
+        rig, filming = app.open_scene.rig, app.filming
+        with app.messages.as_dialog("The export cannot be started"):
+            if self.export_size is not None:
+                filming.size = parse_size(self.export_size, "--export-size")
+            width, height = filming.size
+            rig.shape(width / height)  # the film's, not the window's: that has none yet, or one that changes
+            if self.export.suffix.lower() == PNG:
+                filming.still(app, self.export, rig.camera(filming.size, app.settings.near))
+                return
+            if not filming.path.keyframes:
+                filming.turntable(app)
+            filming.film(app, self.export)
 
 
 def _register(wanted: bool) -> int:
@@ -227,19 +229,6 @@ def _register(wanted: bool) -> int:
     if not gone:
         print("snerg-view: nothing was registered")
     return 0
-
-
-def _check_pose(text: str) -> None:
-    try:
-        pose_from_text(text)
-    except ValueError as error:
-        raise UserError(str(error), where="--pose") from error
-
-
-def _check_has_pack(view: View) -> None:
-    for name in ("pose", "compare", "photographs", "photograph", "path", "export", "kiosk"):
-        if getattr(view, name) not in (None, False):
-            raise UserError("needs a pack", where=f"--{name}", expected=f"snerg-view PACK --{name} …")
 
 
 def _show_window(view: View, size: tuple[int, int] | None, frames: int | None) -> int:

@@ -93,7 +93,9 @@ class Docking:
             root = self._begin_anew(space, box)
             app.interface.layout_reset = False
         if self.home and builder.dock_builder_get_node(self.home) is None:  # its last page was dragged away
-            self._lose_home()
+            for page in self._at_home:  # those not shown went to the node's neighbour, which may be the picture
+                builder.dock_builder_dock_window(self.names[page], 0)
+            self.home = 0
         if self.home == 0 and app.interface.page:
             central = builder.dock_builder_get_central_node(space)
             if central is None:  # not laid out yet
@@ -111,12 +113,6 @@ class Docking:
         builder.dock_builder_add_node(space, builder.DockNodeFlagsPrivate_.dock_space)
         builder.dock_builder_set_node_size(space, ImVec2(box[2], box[3]))
         return builder.dock_builder_get_node(space)
-
-    def _lose_home(self) -> None:
-        """The node is gone, and imgui has sent the pages that are not shown to its neighbour, which may be the picture."""
-        for page in self._at_home:
-            imgui.internal.dock_builder_dock_window(self.names[page], 0)
-        self.home = 0
 
     def _notice_moves(self, app: App) -> None:
         """Tells the app which pages are not at home any more, or are there again."""
@@ -244,28 +240,31 @@ def show_pages(app: App, canvas: Canvas, where: Regions) -> None:
     for page in PAGES:
         if where.rail[2] <= 0 or app.scene is None:  # closed in this frame, maybe
             return
-        if not where.pages and page.id == app.interface.over:
-            _page_over(app, canvas, page, where)
-        elif where.pages and app.interface.shows(page.id):
-            _page(app, canvas, page)
+        if _open(app, page.id, where):
+            seen, still_open = _begin_docked(page) if where.pages else _begin_over(page, where)
+            if seen:
+                with coloured(child_bg=theme.CARD):
+                    page.show(app, canvas)
+            imgui.end()
+            if not still_open and where.pages:
+                app.interface.closes(page.id)
+            elif not still_open:
+                app.interface.over = ""
 
 
-def _page_over(app: App, canvas: Canvas, page: Page, where: Regions) -> None:
+def _begin_over(page: Page, where: Regions) -> tuple[bool, bool | None]:
+    """Begins a page over the picture; whether it is in view, and whether it was not closed just now."""
     _, y, width, height = where.dock
     wide = min(px(SIDE), width)
     imgui.set_next_window_pos(ImVec2(width - wide, y))
     imgui.set_next_window_size(ImVec2(wide, height))
     flags = kinds.no_move | kinds.no_resize | kinds.no_collapse | kinds.no_docking | kinds.no_saved_settings
     with style(window_padding=(12, 12), window_rounding=0.0):
-        _, still_open = imgui.begin(f"{page.icon}   {page.title}###over", True, flags)
-    with coloured(child_bg=theme.CARD):
-        page.show(app, canvas)
-    imgui.end()
-    if not still_open:
-        app.interface.over = ""
+        return imgui.begin(f"{page.icon}   {page.title}###over", True, flags)
 
 
-def _page(app: App, canvas: Canvas, page: Page) -> None:
+def _begin_docked(page: Page) -> tuple[bool, bool | None]:
+    """As _begin_over(), where the page is docked."""
     imgui.set_next_window_size(ImVec2(px(SIDE), px(520)), imgui.Cond_.first_use_ever)
     highest = max(px(160), 0.85 * imgui.get_io().display_size.y)  # of one that floats
     imgui.set_next_window_size_constraints(ImVec2(px(SMALLEST_PAGE), px(140)), ImVec2(1e6, highest))
@@ -273,10 +272,4 @@ def _page(app: App, canvas: Canvas, page: Page) -> None:
     kind.dock_node_flags_override_set = imgui.internal.DockNodeFlagsPrivate_.no_close_button  # tabs have one each
     imgui.set_next_window_class(kind)
     with style(window_padding=(12, 12)):
-        seen, still_open = imgui.begin(page.window, True, imgui.WindowFlags_.no_collapse)
-    if seen:
-        with coloured(child_bg=theme.CARD):
-            page.show(app, canvas)
-    imgui.end()
-    if not still_open:
-        app.interface.closes(page.id)
+        return imgui.begin(page.window, True, imgui.WindowFlags_.no_collapse)

@@ -25,8 +25,8 @@ ICONS = {
     "save": fa.ICON_FA_CAMERA,
     "home": fa.ICON_FA_HOUSE,
     "frame": fa.ICON_FA_EXPAND,
+    **START_ICONS,
 }
-ICONS |= START_ICONS
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,13 @@ def plan(width: float, unit: float, widths: tuple[float, float, float], buttons:
     # From everything to the least; the first of which the name has enough space.
     steps = [(True, True, True, buttons), (True, False, True, buttons), (False, False, True, buttons)]
     steps += [(False, False, False, shown) for shown in range(buttons, LEAST_BUTTONS - 1, -1)]
-    while True:
-        word, with_details, with_speed, shown = steps.pop(0)
+    for word, with_details, with_speed, shown in steps:
         fixed = MARK + WORD * word + NAME_GAP * (name > 0) + STEP * (shown + (shown < buttons)) + EDGE
         fixed += GAP * (with_details and details > 0) + GAP * (1 + (with_speed and speed > 0))
         left = width - unit * fixed - details * with_details - speed * with_speed
-        if not steps or left >= min(name, unit * (NAME if with_speed else SHORTEST_NAME)):
-            return Plan(word, max(0.0, min(name, left)), with_details, with_speed, shown)
+        if left >= min(name, unit * (NAME if with_speed else SHORTEST_NAME)):
+            break
+    return Plan(word, max(0.0, min(name, left)), with_details, with_speed, shown)
 
 
 def show(app: App, box: Box) -> None:

@@ -51,10 +51,10 @@ def show(app: App, canvas: Canvas, box: Box, gizmo: CropGizmo) -> None:
         screen.draw_layers(canvas.layers, box)
         comparison_panel.draw_comparison(app, canvas, box)
         show_axes(app, box)
-        if not gizmo.over:
-            imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), ANY_BUTTON)
-        else:
+        if gizmo.over:
             imgui.dummy(ImVec2(box[2], box[3]))  # never hovered, and so the gizmo's
+        else:
+            imgui.invisible_button("##canvas", ImVec2(box[2], box[3]), ANY_BUTTON)
         over = not gizmo.over and (imgui.is_item_hovered() or imgui.is_item_active())
         placing_panel.draw(app, box)
         film_panel.draw_path(app, box)
@@ -101,7 +101,9 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
     io, rig = imgui.get_io(), app.open_scene.rig
     at = io.mouse_pos.x - box[0], io.mouse_pos.y - box[1]
     hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
+    dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
     if imgui.is_item_activated():
+        dx = dy = 0.0  # in a slow frame, that is how the mouse came to where it was pressed
         _mouse_state.under, _mouse_state.travelled = under, 0.0
         _mouse_state.button = next((b for b in (LEFT, RIGHT, MIDDLE) if imgui.is_mouse_clicked(b)), LEFT)
         _mouse_state.holds = _held(app, box)
@@ -109,9 +111,6 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
             rig.remember()
         if _mouse_state.holds == "erase":
             app.erasing.press(app, *at, subtracts=io.key_ctrl)
-    dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
-    if imgui.is_item_activated():
-        dx = dy = 0.0  # in a slow frame, that is how the mouse came to where it was pressed
     if (active or imgui.is_item_deactivated()) and (dx or dy):  # the last way and the release may come in one frame
         _mouse_state.travelled += abs(io.mouse_delta.x) + abs(io.mouse_delta.y)
         _drag(app, box, dx, dy)
@@ -194,8 +193,7 @@ def _move_by_keys(app: App) -> None:
     """What held keys do: W A S D Q E (their places) and the arrows while flying and walking, else the arrows alone."""
     rig, keyboard, io = app.open_scene.rig, app.keyboard, imgui.get_io()
     seconds = min(io.delta_time, 0.1)
-    across, along = keyboard.axis("Right", "Left"), keyboard.axis("Up", "Down")
-    up = 0.0
+    across, along, up = keyboard.axis("Right", "Left"), keyboard.axis("Up", "Down"), 0.0
     if rig.looks_around:
         across, along = across + keyboard.axis("D", "A"), along + keyboard.axis("W", "S")
         up = keyboard.axis("E", "Q")

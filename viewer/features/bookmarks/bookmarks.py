@@ -43,7 +43,7 @@ TOLERANCE = 4.0, 0.02  # by which something lies before a place that it covers: 
 
 def is_covered(pack: Pack, camera: ViewCamera, settings: RenderSettings, point: Point) -> bool:
     """Whether something else hides a place in the picture of a camera."""
-    (x, y), _ = (found[0] for found in project(camera, np.array([point])))
+    x, y = project(camera, np.array([point]))[0][0]
     hit = surface_at(pack, camera, settings, x, y)
     before = 0.0 if hit is None else float((np.asarray(point) - hit.point) @ ray_through(camera, x, y)[1])
     voxels, share = TOLERANCE
@@ -85,14 +85,14 @@ class Bookmarks:
         pack = app.scene.pack
         view = id(pack), camera.key, settings.crop, settings.near, settings.surroundings  # what surface_at depends on
         points = {view.point for view in app.annotations.current.bookmarks if view.point is not None}
-        self._looked = {point: found for point, found in self._looked.items() if point in points}
-        stale = [point for point in points if self._looked.get(point, (0.0, None))[1] != view]
+        self._looked = {point: self._looked.get(point, (0.0, None, False)) for point in points}
+        stale = [point for point, found in self._looked.items() if found[1] != view]
         now = time.monotonic()
         if stale:
             app.touch(1)
         if now - max((found[0] for found in self._looked.values()), default=0.0) < PAUSE_S:
             stale = []
-        for point in sorted(stale, key=lambda point: self._looked.get(point, (0.0,))[0]):
+        for point in sorted(stale, key=lambda point: self._looked[point][0]):
             self._looked[point] = time.monotonic(), view, is_covered(pack, camera, settings, point)
             if time.monotonic() > now + COVERED_S:
                 break
@@ -135,7 +135,6 @@ class Bookmarks:
         app.messages.say(app.annotations.current.bookmarks[self.selected].name)
 
     def edit(self, app: App, index: int, **fields: Any) -> None:
-        """Changes fields of a view."""
         views = list(app.annotations.current.bookmarks)
         views[index] = replace(views[index], **fields)
         self._change(app, views, self.selected)
@@ -163,11 +162,9 @@ class Bookmarks:
         self.selected = selected
 
     def keyframes(self, app: App) -> list[Keyframe]:
-        keys = []
-        for view in app.annotations.current.bookmarks:
-            table = replace(app.open_scene.rig.table, up=view.up)
-            keys.append(Keyframe(pose_of(view, table).matrix(table), view.fov))
-        return keys
+        table, views = app.open_scene.rig.table, app.annotations.current.bookmarks
+        turned = [(view, replace(table, up=view.up)) for view in views]
+        return [Keyframe(pose_of(view, table).matrix(table), view.fov) for view, table in turned]
 
     def film(self, app: App) -> None:
         if len(app.annotations.current.bookmarks) < 2:
@@ -183,28 +180,26 @@ class Bookmarks:
 
 SIZE = (144, 90)  # width, height, pixels
 MOST_KEPT = 200  # 38 KiB each, and as much on the GPU
-Key = tuple[bytes, float]
 
 
 @dataclass
 class ViewPictures:
     """pictures: uint8 [90, 144, 3] by view."""
 
-    _pictures: dict[Key, np.ndarray] = field(default_factory=dict)
+    _pictures: dict[str, np.ndarray] = field(default_factory=dict)
     _drawn_with: tuple[object, ...] = ()
     _drew: bool = False  # in this frame
 
     def tick(self, app: App) -> None:
         """A new frame. Another background, or a finer pack, is another picture; too many begin anew."""
         self._drew = False
-        pack = app.scene.pack if app.scene is not None else None
-        now = (id(pack), app.settings.background)
+        now = (id(app.scene.pack) if app.scene else None, app.settings.background)
         if now == self._drawn_with and len(self._pictures) <= MOST_KEPT:
             return
         self._drawn_with = now
-        for key in self._pictures:
+        for name in self._pictures:
             if app.canvas is not None:
-                app.canvas.drop_image(_name(key))
+                app.canvas.drop_image(name)
         self._pictures.clear()
 
     def texture(self, app: App, canvas: Canvas, grid_T_camera: np.ndarray, fov: float) -> int | None:
@@ -212,17 +207,13 @@ class ViewPictures:
 
         One is drawn in a frame at most, and none while the picture is not whole: that goes before.
         """
-        key = (np.round(grid_T_camera, 6).tobytes(), round(fov, 4))
-        if key not in self._pictures:
+        name = f"view {np.round(grid_T_camera, 6).tobytes().hex()} {round(fov, 4)}"
+        if name not in self._pictures:
             if self._drew or canvas.pending or not app.open_scene.whole:
                 app.touch(1)
                 return None
             self._drew = True
             camera = view_camera(grid_T_camera, fov, SIZE)
-            self._pictures[key] = canvas.snapshot(camera, RenderSettings(background=app.settings.background))
+            self._pictures[name] = canvas.snapshot(camera, RenderSettings(background=app.settings.background))
             app.touch(2)
-        return canvas.image(_name(key), self._pictures[key])
-
-
-def _name(key: Key) -> str:
-    return f"view {key[0].hex()} {key[1]}"
+        return canvas.image(name, self._pictures[name])

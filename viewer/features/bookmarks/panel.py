@@ -1,7 +1,6 @@
 """Bookmarks page."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,7 +13,7 @@ from viewer.core import widgets as ui
 from viewer.core.annotations import Bookmark, named, worded
 from viewer.core.screen import Screen
 from viewer.core.widgets import Box, px
-from viewer.features.bookmarks.bookmarks import SIZE, pose_of
+from viewer.features.bookmarks.bookmarks import SIZE
 from viewer.rendering.canvas import Canvas
 
 SHOWN = 6  # rows of the list
@@ -46,16 +45,13 @@ def show(app: App, canvas: Canvas) -> None:
 
 
 def _list(app: App, canvas: Canvas) -> None:
-    bookmarks, table = app.bookmarks, app.open_scene.rig.table
-    views = app.annotations.current.bookmarks
+    bookmarks, views = app.bookmarks, app.annotations.current.bookmarks
     rows = min(len(views), SHOWN)
     height = rows * px(HEIGHT) + (rows - 1) * imgui.get_style().item_spacing.y + px(30)
     with ui.list_box("##bookmarks", height):
-        for i, view in enumerate(views):
-            turned = replace(table, up=view.up)
-            pose = pose_of(view, turned).matrix(turned)
+        for i, (view, key) in enumerate(zip(views, bookmarks.keyframes(app), strict=True)):
             texts = view.name, "" if view.point is None else str(i + 1)
-            if row(app, canvas, f"bookmark{i}", (pose, view.fov), texts, chosen=i == bookmarks.selected):
+            if row(app, canvas, f"bookmark{i}", (key.grid_T_camera, key.fov), texts, chosen=i == bookmarks.selected):
                 bookmarks.go(app, i)
 
 
@@ -104,9 +100,8 @@ def draw(app: App, box: Box, over: bool) -> int | None:
             hot = i in (under, bookmarks.selected)
             draw_list.add_circle_filled(at, px(RADIUS + 1.5), theme.packed(theme.BASE, 0.85))
             draw_list.add_circle_filled(at, px(RADIUS), theme.packed(theme.ACCENT if hot else theme.CARD))
-            size = imgui.calc_text_size(str(i + 1))
-            colour = theme.packed(theme.ON_ACCENT if hot else theme.TEXT)
-            draw_list.add_text(ImVec2(at.x - 0.5 * size.x, at.y - 0.5 * size.y), colour, str(i + 1))
+            corner = at - imgui.calc_text_size(str(i + 1)) * 0.5
+            draw_list.add_text(corner, theme.packed(theme.ON_ACCENT if hot else theme.TEXT), str(i + 1))
         said = bookmarks.selected if under is None else under
         if said in seen:
             _say(views[said], seen[said], box)
@@ -157,16 +152,14 @@ def row(
     clicked = imgui.selectable(f"##{name}", chosen, 0, ImVec2(0, px(HEIGHT)))[0]
     if not imgui.is_item_visible():  # what is scrolled out needs no picture
         return clicked
-    draw = imgui.get_window_draw_list()
-    low, high = ImVec2(at.x, at.y), ImVec2(at.x + px(WIDTH), at.y + px(HEIGHT))
+    draw, high = imgui.get_window_draw_list(), ImVec2(at.x + px(WIDTH), at.y + px(HEIGHT))
     texture = app.views.texture(app, canvas, *view)
     if texture is None:
-        draw.add_rect_filled(low, high, theme.packed(theme.CONTROL), px(4))
+        draw.add_rect_filled(at, high, theme.packed(theme.CONTROL), px(4))
     else:
-        ui.draw_picture(texture, low, high)
+        ui.draw_picture(texture, at, high)
     middle = at.y + 0.5 * (px(HEIGHT) - imgui.get_text_line_height())
-    right = imgui.calc_text_size(texts[1]).x
-    left = px(WIDTH + GAP)
+    left, right = px(WIDTH + GAP), imgui.calc_text_size(texts[1]).x
     shown = ui.elided(texts[0], width - left - right - px(2 * GAP if texts[1] else GAP))
     draw.add_text(ImVec2(at.x + left, middle), theme.packed(theme.TEXT), shown)
     draw.add_text(ImVec2(at.x + width - right - px(4), middle), theme.packed(theme.MUTED), texts[1])

@@ -31,7 +31,7 @@ class ForwardFacingCamera(OrbitCamera):
         self.middle, self.radius = np.zeros(3), 1.0  # the content box is in warped space, of no use here
         self.speed = 0.1
 
-    def _first_pose(self) -> Pose:
+    def _home(self) -> Pose:
         return Pose((0.0, 0.0, 0.0), AHEAD, 0.0, START_DISTANCE)
 
     def _bounded(self, pose: Pose) -> Pose:
@@ -55,8 +55,7 @@ class ForwardFacingCamera(OrbitCamera):
         """Slides parallel to the photographs' plane, within the bounds."""
         self.take_over()
         scale = PAN_PER_HEIGHT * tan(radians(self.fov) / 2) * self.goal.distance / START_DISTANCE
-        rotation = self.table.rotation(AHEAD, 0.0)
-        self._shift(scale * (-dx * rotation[:, 0] + dy * rotation[:, 1]))
+        self._shift(scale * self.table.rotation(AHEAD, 0.0) @ (-dx, dy, 0.0))
 
     def frame(self) -> None:
         """Straight ahead again, at the distance it has."""

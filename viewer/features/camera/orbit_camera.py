@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import exp, log, radians, tan
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -32,17 +32,13 @@ HOME_ANGLES = (205.0, 22.0)  # azimuth, elevation in degrees; from -z as in the 
 Navigation = Literal["orbit", "fly", "walk"]  # what keys and mouse do
 
 
-State = tuple[Pose, ViewCamera | None, float, Turntable, bool, bool]  # what undo restores; see OrbitCamera._state
-
-
 class OrbitCamera:
     bounded = False  # forward-facing packs are only seen from about where they were photographed
 
     def __init__(self, pack: Pack, fov: float = DEFAULT_FOV) -> None:
         self.table = Turntable(mirrored=is_mirrored(pack), placed=placement_of(pack).rotation)
-        low, high = content_box(pack)
-        self.all_of_it = low, high
-        self._outline = np.stack([low, high]) if self.bounded else outline(pack)
+        self.all_of_it = content_box(pack)
+        self._outline = np.stack(self.all_of_it) if self.bounded else outline(pack)
         self.middle = middle_of(self._outline)
         self.radius = max(float(np.linalg.norm(self._outline - self.middle, axis=1).max()), 1e-6)
         self.home_fov = self.fov = fov
@@ -52,11 +48,10 @@ class OrbitCamera:
         self.orthographic = False
         self.speed = 0.5 * self.radius  # grid units per second
         self.aspect = 1.0  # width over height of the picture that the scene shall fit into
-        view = None if self.bounded else view_from_within(pack)
-        if view is not None:
-            self.home_fov = self.fov = float(np.degrees(2.0 * np.arctan(0.5 * view.height / view.fy)))
-        self._view = view
-        self.within = view is not None  # the first view is one from amid the scene, and need not show all of it
+        self._view = None if self.bounded else view_from_within(pack)
+        if self._view is not None:
+            self.home_fov = self.fov = float(np.degrees(2.0 * np.arctan(0.5 * self._view.height / self._view.fy)))
+        self.within = self._view is not None  # the first view is one from amid the scene, and need not show all of it
         self.home_pose = self._home()
         self.goal = self.shown = self.home_pose
         self.held: ViewCamera | None = None
@@ -67,9 +62,8 @@ class OrbitCamera:
         return Pose.from_matrix(grid_T_camera, self._distance_to_middle(grid_T_camera), self.table)
 
     def _home(self) -> Pose:
-        return self._first_pose() if self._view is None else self._pose_of(self._view.grid_T_camera)
-
-    def _first_pose(self) -> Pose:
+        if self._view is not None:
+            return self._pose_of(self._view.grid_T_camera)
         return Pose(triple(self.middle), *HOME_ANGLES, self.framing_distance(*HOME_ANGLES, self.home_fov))
 
     def framing_distance(self, azimuth: float, elevation: float, fov: float) -> float:
@@ -84,7 +78,7 @@ class OrbitCamera:
         self.aspect = aspect
         if self.bounded or self.within:
             return
-        before, self.home_pose = self.home_pose, self._first_pose()
+        before, self.home_pose = self.home_pose, self._home()
         if self.goal == before and self.held is None and self.fov == self.home_fov:
             self.shown = self.home_pose if self.shown == before else self.shown
             self.goal = self.home_pose
@@ -137,13 +131,10 @@ class OrbitCamera:
             return False
         share = 1.0 - exp(-seconds / SETTLE_S)
         shown, goal = self.shown, self.goal
-        turn = shortest_turn(shown.azimuth, goal.azimuth)
-        pose = Pose(
-            shown.pivot,
-            shown.azimuth + share * turn,
-            shown.elevation + share * (goal.elevation - shown.elevation),
-            exp(log(shown.distance) + share * log(goal.distance / shown.distance)),
-        )
+        azimuth = shown.azimuth + share * shortest_turn(shown.azimuth, goal.azimuth)
+        elevation = shown.elevation + share * (goal.elevation - shown.elevation)
+        distance = exp(log(shown.distance) + share * log(goal.distance / shown.distance))
+        pose = Pose(shown.pivot, azimuth, elevation, distance)
         eye, pivot = shown.eye(self.table), np.asarray(shown.pivot)
         eye_way, pivot_way = goal.eye(self.table) - eye, np.asarray(goal.pivot) - pivot
         # Of eye and pivot, the one that moves less keeps to a straight line: looking around, the eye; orbiting, the pivot.
@@ -188,8 +179,7 @@ class OrbitCamera:
         """Slides parallel to the picture, so that what lies at the pivot's depth stays under the cursor."""
         self.take_over()
         height = 2.0 * self.goal.distance * tan(radians(self.fov) / 2)
-        rotation = self.goal.rotation(self.table)
-        self._shift(height * (-dx * rotation[:, 0] + dy * rotation[:, 1]))
+        self._shift(height * self.goal.rotation(self.table) @ (-dx, dy, 0.0))
 
     def _shift(self, by: np.ndarray) -> None:
         self.goal = self._bounded(replace(self.goal, pivot=triple(np.asarray(self.goal.pivot) + by)))
@@ -199,10 +189,8 @@ class OrbitCamera:
         self.take_over()
         smallest, largest = self._distance_limits()
         distance = float(np.clip(self.goal.distance * DOLLY_STEP**notches, smallest, largest))
-        half_height = tan(radians(self.fov) / 2)
-        rotation = self.goal.rotation(self.table)
-        offset = half_height * (cursor[0] * rotation[:, 0] + cursor[1] * rotation[:, 1])
-        shift = (self.goal.distance - distance) * offset
+        closer = (self.goal.distance - distance) * tan(radians(self.fov) / 2)
+        shift = closer * self.goal.rotation(self.table) @ (*cursor, 0.0)
         self.goal = replace(self.goal, distance=distance)
         self._shift(shift)
 
@@ -215,8 +203,7 @@ class OrbitCamera:
         if self.walking:
             self._steps += seconds * np.array([right, up, forward])
             return
-        rotation = self.goal.rotation(self.table)
-        self._shift(self.speed * seconds * (rotation @ np.array([right, up, -forward])))
+        self._shift(self.speed * seconds * self.goal.rotation(self.table) @ (right, up, -forward))
 
     def faster(self, notches: float) -> float:
         """Changes the flying speed, by a fifth per notch; the new one."""
@@ -322,12 +309,12 @@ class OrbitCamera:
         distance = float(np.linalg.norm(back))
         if distance < 1e-9:
             return
-        if self.orthographic:  # turning would show another side, and the distance tells the size
-            self.goal = self._bounded(replace(self.goal, pivot=triple(point)))
-            return
-        azimuth, elevation = self.table.angles(back)
-        azimuth = self.goal.azimuth if abs(elevation) > STEEP else azimuth
-        self.goal = self._bounded(Pose(triple(point), azimuth, elevation, distance))
+        pose = replace(self.goal, pivot=triple(point))
+        if not self.orthographic:  # there, turning would show another side, and the distance tells the size
+            azimuth, elevation = self.table.angles(back)
+            azimuth = pose.azimuth if abs(elevation) > STEEP else azimuth
+            pose = Pose(pose.pivot, azimuth, elevation, distance)
+        self.goal = self._bounded(pose)
 
     def set_up(self, up: str) -> None:
         """Another axis points up from now on; the camera keeps its place and is levelled."""
@@ -393,10 +380,10 @@ class OrbitCamera:
         """Marks the present camera as a place to come back to; call before each gesture."""
         self.history.remember()
 
-    def _state(self) -> State:
+    def _state(self) -> tuple[Any, ...]:
         return self.goal, self.held, self.fov, self.table, self.orthographic, self.walking
 
-    def _return(self, state: State) -> None:
+    def _return(self, state: tuple[Any, ...]) -> None:
         before = self.table
         self.goal, self.held, self.fov, self.table, self.orthographic, walked = state
         if self.table != before:  # there is no way to glide from one up to another

@@ -23,9 +23,8 @@ NAVIGATIONS: dict[Navigation, str] = {"orbit": "Orbit", "fly": "Fly", "walk": "W
 def show(app: App, canvas: Canvas) -> None:
     rig = app.open_scene.rig
     with ui.card("go", "Go to"):
-        ui.two_commands(
-            app, ("home", f"{fa.ICON_FA_HOUSE}  First view"), ("frame", f"{fa.ICON_FA_EXPAND}  Whole scene")
-        )
+        whole = f"{fa.ICON_FA_EXPAND}  Whole scene"
+        ui.two_commands(app, ("home", f"{fa.ICON_FA_HOUSE}  First view"), ("frame", whole))
         if not rig.bounded:
             for views in (("front", "right", "top"), ("back", "left", "bottom")):
                 if picked := ui.segments(f"##axis {views[0]}", {view: view.capitalize() for view in views}, ""):
@@ -36,18 +35,15 @@ def show(app: App, canvas: Canvas) -> None:
             if (picked := ui.segments("Navigation", NAVIGATIONS, rig.navigation)) not in (None, rig.navigation):
                 app.run(rig.navigation if picked == "orbit" else picked)
             *move, down, up = app.keyboard.flying_names
+            keys = " ".join(move)
             if rig.walking:
                 app.walking.eye_height_m = ui.slider("Eye height", app.walking.eye_height_m, *EYE_HEIGHTS, "%.2f m")
                 if not app.annotations.current.scale.unit:
                     ui.hint("The scene has no scale, so that its metres are a guess.")
-                ui.hint(
-                    f"{' '.join(move)} or the arrows to walk, {up} to jump, Shift faster, drag to look, wheel for the speed."
-                )
+                ui.hint(f"{keys} or the arrows to walk, {up} to jump, Shift faster, drag to look, wheel for the speed.")
             elif rig.flying:
-                ui.hint(
-                    f"{' '.join(move)} or the arrows to move, {down} and {up} down and up, Shift faster, drag to look, "
-                    "wheel for the speed."
-                )
+                text = f"{keys} or the arrows to move, {down} and {up} down and up, Shift faster, drag to look, "
+                ui.hint(f"{text}wheel for the speed.")
     with ui.card("lens", "Lens"):
         value = ui.undoable_slider(app, "Field of view##fov", rig.fov, 10.0, 110.0, "%.0f°")
         ui.tip("Vertical angle; Ctrl+click to type")
@@ -65,9 +61,8 @@ def show(app: App, canvas: Canvas) -> None:
         if not rig.bounded:
             ui.figure("Pivot", _numbers((placed_T_grid @ (*rig.goal.pivot, 1.0))[:3]))
         ui.hint("In the placed frame, y up.")
-        ui.two_commands(
-            app, ("copy-pose", f"{fa.ICON_FA_COPY}  Copy pose"), ("paste", f"{fa.ICON_FA_PASTE}  Paste pose")
-        )
+        copy, paste = f"{fa.ICON_FA_COPY}  Copy pose", f"{fa.ICON_FA_PASTE}  Paste pose"
+        ui.two_commands(app, ("copy-pose", copy), ("paste", paste))
 
 
 def _numbers(point: np.ndarray) -> str:
@@ -78,8 +73,10 @@ def _numbers(point: np.ndarray) -> str:
 RADIUS, AXES_MARGIN, BALL = 36.0, 14.0, 9.5  # of the gizmo, from the picture's edges, of an axis's end; units at 100 %
 LEAST_ROOM = 260.0  # a picture that is smaller has none for it
 CLICK = 4.0  # a drag is longer
-NAMES = "XYZ"
 ON_BALL = "#10151c"
+# The ends of the axes: +x, +y, +z, -x, -y, -z.
+NAMES = ("X", "Y", "Z", "-X", "-Y", "-Z")
+ENDS = np.concatenate([np.eye(3), -np.eye(3)])  # unit vectors, placed frame
 
 
 def show_axes(app: App, box: Box) -> None:
@@ -91,52 +88,41 @@ def show_axes(app: App, box: Box) -> None:
         return
     radius, reach = px(RADIUS), px(RADIUS) + px(BALL)
     middle = np.array([box[0] + box[2] - px(AXES_MARGIN) - reach, box[1] + px(AXES_MARGIN) + reach])
-    imgui.set_cursor_screen_pos(ImVec2(*(float(v) for v in middle - reach)))
+    imgui.set_cursor_screen_pos(ImVec2(*(middle - reach)))
     imgui.invisible_button("##axes", ImVec2(2 * reach, 2 * reach))
     hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
     ends = axis_ends(np.array(rig.table.placed) @ camera.grid_T_camera[:3, :3])
     io = imgui.get_io()
-    places = middle + radius * ends[:, :2]
-    under = _under(places, ends[:, 2], np.array([io.mouse_pos.x, io.mouse_pos.y])) if hovered else None
+    places, depths = middle + radius * ends[:, :2], ends[:, 2]
+    close = np.linalg.norm(places - [io.mouse_pos.x, io.mouse_pos.y], axis=1) <= px(BALL)
+    # the foremost where two lie over each other
+    under = int(np.argmax(np.where(close, depths, -np.inf))) if hovered and close.any() else None
     dragged = io.mouse_drag_max_distance_sqr[0] >= px(CLICK) ** 2
     if imgui.is_item_activated():
         rig.remember()
     elif active and dragged and (io.mouse_delta.x or io.mouse_delta.y):
         rig.orbit(io.mouse_delta.x / box[3], io.mouse_delta.y / box[3])
     elif imgui.is_item_deactivated() and not dragged and under is not None:
-        rig.look_from(axis_of(under) @ np.array(rig.table.placed))
+        rig.look_from(ENDS[under] @ np.array(rig.table.placed))
     if hovered or active:
-        disc = ImVec2(float(middle[0]), float(middle[1]))
-        imgui.get_window_draw_list().add_circle_filled(disc, reach, theme.packed(theme.BASE, 0.55))
-    _draw_axes(middle, places, ends[:, 2], under, hovered or active)
+        imgui.get_window_draw_list().add_circle_filled(ImVec2(*middle), reach, theme.packed(theme.BASE, 0.55))
+    _draw_axes(middle, places, depths, under, hovered or active)
     imgui.set_cursor_pos(ImVec2(0, 0))
-
-
-def axis_of(end: int) -> np.ndarray:
-    """Unit vector of an axis's end: 0 … 2 for x, y, z, 3 … 5 for the opposite directions; float64 [3], placed frame."""
-    return (1.0 if end < 3 else -1.0) * np.eye(3)[end % 3]
 
 
 def axis_ends(placed_R_camera: np.ndarray) -> np.ndarray:
     """Where the six ends are seen, float64 [6, 3]: x to the right, y down, z towards the viewer."""
-    seen = np.stack([axis_of(end) for end in range(6)]) @ placed_R_camera
-    return seen * [1.0, -1.0, 1.0]
-
-
-def _under(places: np.ndarray, depths: np.ndarray, mouse: np.ndarray) -> int | None:
-    """The end under the mouse, the foremost where two lie over each other."""
-    close = np.linalg.norm(places - mouse, axis=1) <= px(BALL)
-    return int(np.argmax(np.where(close, depths, -np.inf))) if close.any() else None
+    return ENDS @ placed_R_camera * [1.0, -1.0, 1.0]
 
 
 def _draw_axes(middle: np.ndarray, places: np.ndarray, depths: np.ndarray, under: int | None, near: bool) -> None:
     draw = imgui.get_window_draw_list()
     for end in np.argsort(depths):
-        place = ImVec2(float(places[end][0]), float(places[end][1]))
+        place = ImVec2(*places[end])
         colour, positive = AXIS_COLOURS[end % 3], end < 3
         opacity = 0.65 + 0.35 * float(depths[end] > -0.3)
         if positive:
-            draw.add_line(ImVec2(float(middle[0]), float(middle[1])), place, theme.packed(colour, opacity), px(2.5))
+            draw.add_line(ImVec2(*middle), place, theme.packed(colour, opacity), px(2.5))
         size = px(BALL if positive or near else 0.72 * BALL)
         draw.add_circle_filled(place, size, theme.packed(colour if positive else ON_BALL, opacity if positive else 0.6))
         if not positive:
@@ -144,8 +130,6 @@ def _draw_axes(middle: np.ndarray, places: np.ndarray, depths: np.ndarray, under
         if end == under:
             draw.add_circle(place, size + px(1.5), theme.packed("#ffffff"), 0, px(2))
         if positive or end == under:
-            name = NAMES[end % 3] if positive else f"-{NAMES[end % 3]}"
             with ui.font(None, theme.SMALL):
-                wide = imgui.calc_text_size(name)
-                at = ImVec2(place.x - wide.x / 2, place.y - wide.y / 2)
-                draw.add_text(at, theme.packed(ON_BALL if positive else "#ffffff"), name)
+                at = place - imgui.calc_text_size(NAMES[end]) / 2
+                draw.add_text(at, theme.packed(ON_BALL if positive else "#ffffff"), NAMES[end])

@@ -87,10 +87,8 @@ class Walking:
         back = local_R_grid @ rig.table.rotation(rig.goal.azimuth, 0.0)[:, 2]
         places = [at + distance * back for distance in np.arange(2 * RADIUS, FARTHEST_BACK, 2 * RADIUS)]
         grounds = [(place, space.ground(place, LOWEST)) for place in places]
-        free = [
-            feet for place, y in grounds if y is not None and space.is_free(feet := np.array([place[0], y, place[2]]))
-        ]
-        feet = min(free, key=lambda feet: feet[1], default=places[0])
+        stands = [np.array([x, y, z]) for (x, _, z), y in grounds if y is not None]
+        feet = min(filter(space.is_free, stands), key=lambda feet: feet[1], default=places[0])
         return self.eye_height * (feet + EYE) @ local_R_grid
 
     def faster(self, notches: float) -> float:

@@ -20,7 +20,6 @@ BACKGROUNDS: dict[str, tuple[float, float, float]] = {
     "Black": (0.0, 0.0, 0.0),
 }
 PLAIN = "plain"
-STYLES = ("gradient", "checker")
 TRAINED = (1.0, 1.0, 1.0)  # the background that packs are trained with, which a pack does not say
 GREYS: dict[tuple[str, str], tuple[float, float]] = {  # above and below, or of the squares
     ("gradient", "dark"): (0.58, 0.38),

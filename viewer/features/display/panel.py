@@ -69,9 +69,8 @@ def _look(app: App) -> None:
             set_look(app, **{name: value})
     if ui.button("Colours as they are", enabled=look != Look()):
         app.annotations.change(app, replace(app.annotations.current, look=None))
-    ui.hint(
-        "Of the scene, not of its background; kept with the pack. Comparisons with photographs show colours as they are."
-    )
+    of_scene = "Of the scene, not of its background; kept with the pack."
+    ui.hint(f"{of_scene} Comparisons with photographs show colours as they are.")
 
 
 def _background(app: App) -> None:
@@ -109,14 +108,13 @@ BAR = (200.0, 12.0)  # width, height
 LEGEND_PADDING = 12.0
 GREY = ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
 COUNTED = {"samples": "voxels fetched per ray", "jumps": "jumps per ray"}
-Colour = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Legend:
     """stops: colours, evenly spaced from left to right. low, middle, high: numbers below the bar. unit: what they count."""
 
-    stops: tuple[Colour, ...]
+    stops: tuple[tuple[float, float, float], ...]
     low: str
     middle: str
     high: str
@@ -152,25 +150,21 @@ def show_legend(app: App, box: tuple[float, float, float, float]) -> None:
         line = imgui.get_text_line_height()
         width = min(px(BAR[0]), box[2] - px(28 + 2 * LEGEND_PADDING))
         height = px(BAR[1]) + 2 * line + px(10)
-        left, top = box[0] + px(14) + px(LEGEND_PADDING), box[1] + box[3] - px(14) - px(LEGEND_PADDING) - height
         pad = px(LEGEND_PADDING)
+        left, top = box[0] + px(14) + pad, box[1] + box[3] - px(14) - pad - height
         if width < px(90) or top - pad < box[1]:
             return
         low, high = ImVec2(left - pad, top - pad), ImVec2(left + width + pad, top + height + pad)
         draw.add_rect_filled(low, high, theme.packed(theme.BASE, 0.82), px(10))
         draw.add_text(ImVec2(left, top), theme.packed(theme.MUTED), legend.unit)
         y = top + line + px(4)
-        _bar(draw, legend.stops, ImVec2(left, y), width, px(BAR[1]))
-        y += px(BAR[1]) + px(4)
+        step, foot = width / (len(legend.stops) - 1), y + px(BAR[1])
+        packed = [imgui.color_convert_float4_to_u32((*stop, 1.0)) for stop in legend.stops]
+        for i, (a, b) in enumerate(pairwise(packed)):
+            x = left + i * step
+            draw.add_rect_filled_multi_color(ImVec2(x, y), ImVec2(x + step, foot), a, b, b, a)
+        draw.add_rect(ImVec2(left, y), ImVec2(left + width, foot), theme.packed(theme.LINE))
+        y = foot + px(4)
         for text, place in ((legend.low, 0.0), (legend.middle, 0.5), (legend.high, 1.0)):
             wide = imgui.calc_text_size(text).x
             draw.add_text(ImVec2(left + place * (width - wide), y), theme.packed(theme.TEXT), text)
-
-
-def _bar(draw: imgui.ImDrawList, stops: tuple[Colour, ...], corner: ImVec2, width: float, height: float) -> None:
-    packed = [imgui.color_convert_float4_to_u32(imgui.ImVec4(*stop, 1.0)) for stop in stops]
-    step = width / (len(stops) - 1)
-    for i, (a, b) in enumerate(pairwise(packed)):
-        low = ImVec2(corner.x + i * step, corner.y)
-        draw.add_rect_filled_multi_color(low, ImVec2(low.x + step, corner.y + height), a, b, b, a)
-    draw.add_rect(corner, ImVec2(corner.x + width, corner.y + height), theme.packed(theme.LINE))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from imgui_bundle import ImVec2, imgui
+from imgui_bundle import ImVec2, imgui, imgui_ctx
 from imgui_bundle import icons_fontawesome_6 as fa
 
 from viewer.app.application import App
@@ -10,7 +10,7 @@ from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.annotations import Scale
 from viewer.core.widgets import BUTTON_WIDTH, Box, px
-from viewer.features.export.exporting import FACES, FRAMES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan
+from viewer.features.export.exporting import FACES, FRAMES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan, ExportPreview
 from viewer.features.making.panel import with_time_left
 from viewer.rendering.canvas import Canvas
 
@@ -41,20 +41,25 @@ def show(app: App, canvas: Canvas, pane: PreviewPane) -> None:
     imgui.dummy(ImVec2(0, px(4)))
     if beside:
         flags = imgui.ChildFlags_.auto_resize_y | imgui.ChildFlags_.nav_flattened
-        imgui.begin_child("##choices", ImVec2(px(CHOICES), 0), flags)
-        _choices(app, exporting.plan)
-        imgui.end_child()
+        with imgui_ctx.begin_child("##choices", ImVec2(px(CHOICES), 0), flags):
+            _choices(app, exporting.plan)
         imgui.same_line(0, px(GAP))
-        imgui.begin_group()
-        if exporting.plan.kind == "page":
-            imgui.dummy(ImVec2(px(beside), px(ROWS_HIGH)))  # it looks like the scene
-        else:
-            pane.show(app, canvas, px(beside), px(ROWS_HIGH))
-        imgui.end_group()
+        with imgui_ctx.begin_group():
+            if exporting.plan.kind == "page":
+                imgui.dummy(ImVec2(px(beside), px(ROWS_HIGH)))  # it looks like the scene
+            else:
+                pane.show(app, canvas, px(beside), px(ROWS_HIGH))
     else:
         _choices(app, exporting.plan)
     imgui.dummy(ImVec2(0, px(8)))
-    _answer(app)
+    cancelled, wanted = ui.cancel_or("Export…", 112, PADDING)
+    wanted = wanted or ui.pressed_here(imgui.Key.enter)
+    if cancelled or wanted:
+        imgui.close_current_popup()
+    if cancelled:
+        exporting.dismiss()
+    elif wanted:
+        exporting.choose_file(app)
     imgui.end_popup()
 
 
@@ -93,17 +98,6 @@ def _frame_hint(plan: ExportPlan, scale: Scale) -> str:
     if plan.frame == "grid":
         return "The grid's, y up, in its own units."
     return "That of the photographs' poses, in its own units."
-
-
-def _answer(app: App) -> None:
-    cancelled, wanted = ui.cancel_or("Export…", 112, PADDING)
-    wanted = wanted or ui.pressed_here(imgui.Key.enter)
-    if cancelled or wanted:
-        imgui.close_current_popup()
-    if cancelled:
-        app.exporting.dismiss()
-    elif wanted:
-        app.exporting.choose_file(app)
 
 
 def show_card(app: App, box: Box) -> None:
@@ -180,7 +174,8 @@ class PreviewPane:
         if preview.working:
             low = ImVec2(at.x + width * preview.share, corner.y)
             draw.add_rect_filled(ImVec2(at.x, corner.y - px(3)), low, theme.packed(theme.ACCENT))
-        ui.hint(_preview_text(app), theme.WARN if preview.error and not preview.working else theme.FAINT)
+        text = _preview_text(preview, "Gaussians" if app.exporting.plan.kind == "gaussians" else "points")
+        ui.hint(text, theme.WARN if preview.error and not preview.working else theme.FAINT)
 
     def drop(self, canvas: Canvas) -> None:
         """Frees what it holds on the card."""
@@ -204,9 +199,7 @@ class PreviewPane:
             app.touch()
 
 
-def _preview_text(app: App) -> str:
-    preview = app.exporting.preview
-    assert preview is not None
+def _preview_text(preview: ExportPreview, of_points: str) -> str:
     if preview.working:
         return "Making a preview…"
     if preview.error:
@@ -214,6 +207,5 @@ def _preview_text(app: App) -> str:
     if preview.geometry is None:
         return ""
     geometry, f = preview.geometry, preview.geometry.coarser
-    of_points = "Gaussians" if app.exporting.plan.kind == "gaussians" else "points"
     what = f"{len(geometry.faces):,} triangles" if len(geometry.faces) else f"{len(geometry.vertices):,} {of_points}"
     return f"Preview: {what}." if f == 1 else f"Preview in voxels {f} times as large: {what}. The file is finer."

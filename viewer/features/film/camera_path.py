@@ -40,8 +40,8 @@ class CameraPath:
     @property
     def duration(self) -> float:
         """Seconds from start to end."""
-        legs = self.keyframes if self.closed and len(self.keyframes) > 1 else self.keyframes[:-1]
-        return sum(keyframe.seconds for keyframe in legs)
+        count = len(self.keyframes)
+        return self.start_of(count if self.closed and count > 1 else count - 1)
 
     def at(self, seconds: float) -> tuple[np.ndarray, float]:
         """grid_T_camera (float64 [4, 4]) and vertical fov (degrees) at a time; held at the ends. ValueError if empty."""
@@ -67,15 +67,11 @@ class CameraPath:
         if not self.keyframes:
             raise ValueError("a path without keyframes leads nowhere")
         count = len(self.keyframes)
-        index, share = np.zeros(len(seconds), int), np.zeros(len(seconds))
-        if self.duration > 0:
-            lengths = np.array([key.seconds for key in (self.keyframes if self.closed else self.keyframes[:-1])])
-            ends = np.cumsum(lengths)
-            seconds = seconds - ends[-1] * np.floor(seconds / ends[-1]) if self.closed else seconds
-            index = np.minimum(np.searchsorted(ends, seconds), len(lengths) - 1)
-            share = np.clip((seconds - (ends - lengths)[index]) / np.maximum(lengths[index], 1e-9), 0.0, 1.0)
+        starts = np.cumsum([0.0, *(key.seconds for key in self.keyframes)])[: count + self.closed]
+        place = np.interp(seconds % starts[-1] if self.closed else seconds, starts, np.arange(len(starts)))
+        index = np.minimum(place.astype(int), max(len(starts) - 2, 0))
         near = index[:, None] + np.arange(-1, 3)
-        return near % count if self.closed else np.clip(near, 0, count - 1), share
+        return near % count if self.closed else np.clip(near, 0, count - 1), place - index
 
     def sample(self, fps: float) -> list[tuple[np.ndarray, float]]:
         """Matrix and fov of every frame of a film; a closed path does not repeat its first frame at the end."""
@@ -151,9 +147,8 @@ def load_path(file: Path, training_T_grid: np.ndarray) -> CameraPath:
     except OSError as error:
         raise UserError("cannot be read", where=file, found=error.strerror) from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise UserError(
-            "is not a camera path", where=file, expected="nerfstudio's camera_path.json with keyframes", found=error
-        ) from error
+        expected = "nerfstudio's camera_path.json with keyframes"
+        raise UserError("is not a camera path", where=file, expected=expected, found=error) from error
 
 
 def _keyframe(entry: dict[str, Any], grid_T_training: np.ndarray, default: float) -> Keyframe:

@@ -22,7 +22,7 @@ from PIL import Image
 from console import UserError, not_written
 from console.atomic import replacing
 from scenepack.pack import Pack
-from viewer.features.film.pictures import EXR, Pass, write_exr, write_pngs
+from viewer.features.film.pictures import EXR, PICTURE, PNG, Pass, write_exr, write_pngs
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.dynamic_resolution import tiles
@@ -35,7 +35,6 @@ FILMS: dict[str, tuple[str, str, dict[str, str]]] = {  # encoder, its pixels, an
     ".webp": ("libwebp_anim", "bgra", {"quality": "90"}),
     ".gif": ("gif", "pal8", {}),
 }
-ENDLESS = {"loop": "0"}  # of .webp and .gif
 
 
 def require_video() -> None:
@@ -68,8 +67,8 @@ def film_writer(path: Path, size: tuple[int, int], fps: int) -> Iterator[Add]:
     if suffix == ".mp4" and (size[0] % 2 or size[1] % 2):
         raise UserError("H.264 needs an even width and height", where=path, found=f"{size[0]}x{size[1]}")
     with replacing(path, alone=True) as aside:
-        repeats = {} if suffix == ".mp4" else ENDLESS
-        container = av.open(str(aside), "w", format=suffix[1:], options=repeats)
+        endless = {} if suffix == ".mp4" else {"loop": "0"}
+        container = av.open(str(aside), "w", format=suffix[1:], options=endless)
         stream: Any = container.add_stream(codec, rate=fps, options=options)
         stream.width, stream.height = size
         stream.pix_fmt = pixels
@@ -137,14 +136,11 @@ def sequence_writer(target: Path) -> Iterator[Add]:
 
 # --- Pictures and films written to disk while the window stays alive ---
 
-STILL_SUFFIX = ".png"
 CENTRES = 256  # to a pixel, that principal points are rounded to: GPUs then hold them exactly, whatever a tile's corner
 
 
 @dataclass
 class Export:
-    """Pictures and films that are drawn and written bit by bit."""
-
     cameras: list[ViewCamera]  # one a frame
     settings: RenderSettings
     target: Path  # a .png or .exr (one frame), a film, or a folder for numbered PNGs
@@ -190,12 +186,12 @@ class Export:
 
     def _draw(self) -> Generator[None, None, None]:
         """Draws a tile at a time, and writes each picture that is whole."""
-        passes = self.passes or [Pass("rgb", self.settings, False)]
+        passes = self.passes or [Pass(PICTURE, self.settings, False)]
         width, height = self.cameras[0].width, self.cameras[0].height
         kinds = [(4, np.float32) if each.floats else (3, np.uint8) for each in passes]
         pictures = [np.zeros((height, width, channels), kind) for channels, kind in kinds]
         boxes = tiles(width, height, self.tile_side)
-        with self._writer() as add:
+        with self._writer(passes) as add:
             for number, camera in enumerate(self.cameras):
                 for tile, (x, y, w, h) in enumerate(boxes, 1):
                     part = replace(camera, width=w, height=h, cx=camera.cx - x, cy=camera.cy - y)
@@ -206,28 +202,22 @@ class Export:
                     yield
                 if self.finish is not None and not passes[0].floats:
                     pictures[0][...] = self.finish(pictures[0], camera)
-                if add is not None:
-                    add(pictures[0])
-                else:
-                    self._write_view(passes, pictures)
+                add(*pictures)
 
-    def _writer(self) -> AbstractContextManager[Add | None]:
-        """Of a film or a sequence; gives None for the pictures of one view."""
+    def _writer(self, passes: list[Pass]) -> AbstractContextManager[Callable[..., object]]:
+        """What takes the pictures of each camera: of a film, a sequence, or one view."""
         suffix, camera = self.target.suffix.lower(), self.cameras[0]
-        if self.put is not None or self.passes is not None or suffix == STILL_SUFFIX:
-            return nullcontext()
+
+        def write_view(*pictures: np.ndarray) -> None:
+            self.target.parent.mkdir(parents=True, exist_ok=True)  # not before: cancelled, it leaves nothing
+            if self.passes is not None and suffix == EXR:
+                write_exr(self.target, passes, pictures, camera, self.pack)
+            else:
+                write_pngs(self.target, passes, pictures)
+
+        if self.put is not None or self.passes is not None or suffix == PNG:
+            return nullcontext(self.put or write_view)
         self.target.parent.mkdir(parents=True, exist_ok=True)
         if suffix in FILMS:
             return film_writer(self.target, (camera.width, camera.height), round(self.fps))
         return sequence_writer(self.target)
-
-    def _write_view(self, passes: list[Pass], pictures: list[np.ndarray]) -> None:
-        """The pictures of one view: to whoever takes them, a file for each, or one .exr."""
-        if self.put is not None:
-            self.put(pictures[0])
-            return
-        self.target.parent.mkdir(parents=True, exist_ok=True)
-        if self.passes is not None and self.target.suffix.lower() == EXR:
-            write_exr(self.target, passes, pictures, self.cameras[0], self.pack)
-        else:
-            write_pngs(self.target, passes, pictures)

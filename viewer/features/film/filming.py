@@ -116,7 +116,7 @@ class Filming:
         """Shows the view at a time of the path."""
         if not self.path.keyframes:
             return
-        self.time = min(max(seconds, 0.0), max(self.path.duration, 0.0))
+        self.time = min(max(seconds, 0.0), self.path.duration)
         matrix, fov = self.path.at(self.time)
         self._held = view_camera(matrix, fov, app.viewport.pixels)
         app.open_scene.rig.hold(self._held)
@@ -142,7 +142,7 @@ class Filming:
                     self.time, self.playing = self.path.duration, False
             self.show(app, self.time)
         if self.export is not None:
-            self._step(app)
+            self._step(app, self.export)
             app.touch(2)
 
     def turntable(self, app: App) -> None:
@@ -152,14 +152,12 @@ class Filming:
         if rig.bounded:
             raise UserError("a turntable does not work with a forward-facing pack")
         turns = [360.0 * i / TURNTABLE_KEYS for i in range(TURNTABLE_KEYS)]
-        pose, keys = rig.goal, []
+        pose = rig.goal
         if pose == rig.home_pose and not rig.within:  # nobody chose the distance: no side shall be cut off
             sides = [rig.framing_distance(pose.azimuth + turn, pose.elevation, rig.fov) for turn in turns]
             pose = replace(pose, distance=max(sides))
-        for turn in turns:
-            pose = replace(pose, azimuth=rig.goal.azimuth + turn)
-            keys.append(Keyframe(pose.matrix(rig.table), rig.fov, 1.0))
-        self.use(CameraPath(keys, closed=True))
+        matrices = [replace(pose, azimuth=pose.azimuth + turn).matrix(rig.table) for turn in turns]
+        self.use(CameraPath([Keyframe(matrix, rig.fov, 1.0) for matrix in matrices], closed=True))
         app.messages.say("A turntable of 8 seconds")
 
     # Files
@@ -202,10 +200,8 @@ class Filming:
         scene = app.open_scene
         if camera.orthographic or any(camera.distortion):
             raise UserError("depth of field needs perspective without a distorting lens", remedy="switch it off")
-        if self.focus is None:
-            focus = depth_in_middle(scene.pack, camera, app.settings)
-        else:
-            focus = depth_of(camera, np.array(self.focus))
+        at = self.focus
+        focus = depth_in_middle(scene.pack, camera, app.settings) if at is None else depth_of(camera, np.array(at))
         if focus is None or focus <= 0:
             raise UserError("there is nothing to focus on", remedy="click on what shall be in focus")
         return Aperture(self.aperture * scene.rig.radius, focus, self.lens_rays)
@@ -253,9 +249,7 @@ class Filming:
         self.playing = False
         app.touch()
 
-    def _step(self, app: App) -> None:
-        export = self.export
-        assert export is not None
+    def _step(self, app: App, export: Export) -> None:
         copies = export.target is COPY
         try:
             export.step(STEP_S)

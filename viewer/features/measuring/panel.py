@@ -70,10 +70,8 @@ def _list(app: App, words: LengthFormat) -> None:
         with ui.list_box("##measured", px(min(LIST_HEIGHT, 26.0 * len(measurements) + 24.0))):
             for i, measurement in enumerate(measurements):
                 width = imgui.get_content_region_avail().x
-                imgui.push_id(i)
                 if imgui.selectable(f"{TITLES[measurement.kind]} {i + 1}", i == measure_tool.selected)[0]:
                     measure_tool.selected = None if i == measure_tool.selected else i
-                imgui.pop_id()
                 imgui.same_line(px(86))
                 ui.write(ui.elided(words.measurement(measurement), width - px(80)), theme.MUTED)
         _actions(app)
@@ -168,10 +166,9 @@ def draw(app: App, box: Box, over: bool) -> Handle | None:
 def _handle_at(screen: Screen, measurements: tuple[Measurement, ...], mouse: ImVec2) -> Handle | None:
     best, nearest = None, px(REACH)
     for index, measurement in enumerate(measurements):
-        places, before = screen.points(np.asarray(measurement.points))
-        for point, place in enumerate(places):
+        for point, (place, before) in enumerate(zip(*screen.points(np.asarray(measurement.points)), strict=True)):
             away = float(np.hypot(place.x - mouse.x, place.y - mouse.y))
-            if before[point] and away < nearest:
+            if before and away < nearest:
                 best, nearest = (index, point), away
     return best
 
@@ -188,17 +185,12 @@ def _shape(
     elif tool == "point" and points:
         _label_at(screen, points[0], words.place(points[0]), below=True)
     elif tool != "ground":
-        _lengths(screen, words, points)
+        pieces = lengths(points)
+        for (a, b), piece in zip(pairwise(points), pieces, strict=True):
+            _label_at(screen, 0.5 * np.add(a, b), words.length(piece))
+        if len(pieces) > 1:
+            _label_at(screen, points[-1], f"total {words.length(sum(pieces))}", below=True)
     _dots(screen, points, colour, hot)
-
-
-def _lengths(screen: Screen, words: LengthFormat, points: tuple[Point, ...]) -> None:
-    """The length of each piece in its middle, and of all together at the last point."""
-    pieces = lengths(points)
-    for (a, b), piece in zip(pairwise(points), pieces, strict=True):
-        _label_at(screen, triple(0.5 * (np.asarray(a) + np.asarray(b))), words.length(piece))
-    if len(pieces) > 1:
-        _label_at(screen, points[-1], f"total {words.length(sum(pieces))}", below=True)
 
 
 def _line(
@@ -226,17 +218,16 @@ def _arc(screen: Screen, points: tuple[Point, ...], colour: str) -> None:
 def _dots(screen: Screen, points: tuple[Point, ...], colour: str, hot: int | None) -> None:
     if not points:
         return
-    places, before = screen.points(np.asarray(points))
     draw = imgui.get_window_draw_list()
-    for i, place in enumerate(places):
-        if before[i]:
+    for i, (place, before) in enumerate(zip(*screen.points(np.asarray(points)), strict=True)):
+        if before:
             size = 7.0 if i == hot else 4.5
             draw.add_circle_filled(place, px(size + 2), theme.packed(theme.BASE, 0.85))
             draw.add_circle_filled(place, px(size), theme.packed(colour))
             draw.add_circle_filled(place, px(1.5), theme.packed(theme.BASE))
 
 
-def _label_at(screen: Screen, at: Point, text: str, *, below: bool = False) -> None:
+def _label_at(screen: Screen, at: Point | np.ndarray, text: str, *, below: bool = False) -> None:
     """A label at a point of the scene: on its middle, or just below."""
     places, before = screen.points(np.asarray([at]))
     if before[0]:

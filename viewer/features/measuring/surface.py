@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy import ndimage
 
 from scenepack.constants import ALPHA_CONTRIBUTES, EMPTY_BLOCK, NDC_NEAR
 from scenepack.contraction import path_of, piece_at
@@ -37,8 +38,6 @@ BEYOND = 8 * STEPS  # how far behind the middle the highest opacity is looked fo
 
 @dataclass(frozen=True)
 class Hit:
-    """What a ray meets."""
-
     point: np.ndarray  # float64 [3], grid frame (in forward-facing packs: before the warp)
     distance: float  # from the camera, grid units (from the plane of the picture, where rays are parallel)
     position: np.ndarray  # float64 [3], voxels
@@ -166,13 +165,6 @@ def opacities(pack: Pack, places: np.ndarray) -> np.ndarray:
     if not len(held):
         return found
     local = places[held] - blocks[held] * pack.block_size + 0.5  # voxel centres of the padded copy are at whole numbers
-    base = np.floor(local).astype(int)
-    share = local - base
-    base += slots[held] * pack.padded_block_size
-    total = np.zeros(len(held))
-    for corner in np.ndindex(2, 2, 2):
-        weight = np.prod(np.where(corner, share, 1.0 - share), axis=1)
-        x, y, z = (base + corner).T
-        total += weight * pack.atlas_rgba[z, y, x, 3]
-    found[held] = total / 255.0
+    x, y, z = (local + slots[held] * pack.padded_block_size).T
+    found[held] = ndimage.map_coordinates(pack.atlas_rgba[..., 3], (z, y, x), np.float64, order=1) / 255.0
     return found

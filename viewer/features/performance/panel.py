@@ -1,6 +1,6 @@
 """Performance page: the marcher, frame times and their plots, memory, samples per ray."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -74,9 +74,8 @@ def _rays(app: App) -> None:
         ui.figure("Jumps, mean", f"{costs.jumps_mean:.1f}")
         ui.figure("Jumps, maximum", f"{costs.jumps_max}")
         width, height = costs.size
-        ui.hint(
-            f"Of the {100 * costs.hit:.0f} % of rays that hit something, counted at {width} × {height}.", theme.MUTED
-        )
+        text = f"Of the {100 * costs.hit:.0f} % of rays that hit something, counted at {width} × {height}."
+        ui.hint(text, theme.MUTED)
 
 
 # --- Frame times as ImPlot shows them ---
@@ -92,9 +91,8 @@ def rolling(times: FrameStats, target_ms: float, height: float) -> None:
         if not shown or not len(frames):
             return
         _line("target", np.full(2, target_ms), theme.FAINT, 1.0, xs=np.array([-KEPT, 0.0]))
-        look = implot.Spec()
-        look.fill_color = theme.rgb(FRAME, 0.16)
-        implot.plot_shaded("frame shade", _ages(frames), frames, 0.0, look)
+        look = implot.Spec(fill_color=theme.rgb(FRAME, 0.16))
+        implot.plot_shaded("frame shade", np.arange(1.0 - len(frames), 1.0), frames, 0.0, look)
         for name, values, colour in (("wall", times.scene_ms, WALL), ("gpu", times.gpu_ms, GPU)):
             _line(name, np.asarray(values, np.float64), colour, 1.5)
         _line("frame", frames, FRAME, 1.5)
@@ -109,8 +107,7 @@ def histogram(times: FrameStats, target_ms: float, height: float) -> None:
             return
         counts, edges = np.histogram(np.minimum(values, top), bins=BINS, range=(0.0, top))
         centres = 0.5 * (edges[1:] + edges[:-1])
-        look = implot.Spec()
-        look.fill_color = look.line_color = theme.rgb(FRAME)
+        look = implot.Spec(fill_color=theme.rgb(FRAME), line_color=theme.rgb(FRAME))
         implot.plot_bars("frames", centres, 0.92 * counts / max(int(counts.max()), 1), 0.85 * top / BINS, look)
         _line("target", np.array([0.0, 1.0]), theme.FAINT, 1.0, xs=np.full(2, target_ms))
 
@@ -148,10 +145,8 @@ def _plot(name: str, height: float, xs: tuple[float, float], top: float, x_forma
             implot.setup_axes("", "", quiet if x_format else bare, bare if x_format else quiet)
             axis = implot.ImAxis_.x1 if x_format else implot.ImAxis_.y1
             implot.setup_axis_format(axis, x_format or "%.0f")
-            if x_format:  # none at the ends, where they would stick out
-                implot.setup_axis_ticks(axis, 0.25 * xs[1], 0.75 * xs[1], 3)
-            else:
-                implot.setup_axis_ticks(axis, 0.0, top, 3)
+            ticks = (0.25 * xs[1], 0.75 * xs[1]) if x_format else (0.0, top)  # at the ends of x, they would stick out
+            implot.setup_axis_ticks(axis, *ticks, 3)
             implot.setup_axes_limits(*xs, 0.0, top, imgui.Cond_.always)
         yield shown
         if shown:
@@ -160,16 +155,12 @@ def _plot(name: str, height: float, xs: tuple[float, float], top: float, x_forma
     implot.pop_style_color(len(colours))
 
 
-def _ages(values: Sequence[float] | np.ndarray) -> np.ndarray:
-    return np.arange(len(values), dtype=np.float64) - len(values) + 1
-
-
 def _line(name: str, values: np.ndarray, colour: str, width: float, xs: np.ndarray | None = None) -> None:
+    """xs: float64; by default how many frames ago each of the values was, below 0."""
     if len(values) == 0 or np.isnan(values).all():
         return
-    look = implot.Spec()
-    look.line_color, look.line_weight = theme.rgb(colour), px(width)
-    implot.plot_line(name, _ages(values) if xs is None else xs.astype(np.float64), values, look)
+    look = implot.Spec(line_color=theme.rgb(colour), line_weight=px(width))
+    implot.plot_line(name, np.arange(1.0 - len(values), 1.0) if xs is None else xs, values, look)
 
 
 def frame_time(app: App) -> None:
