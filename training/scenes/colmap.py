@@ -25,7 +25,6 @@ LOOKED_FOR = "sparse/0/cameras.bin with images (COLMAP)"
 
 
 def recognises(path: Path) -> bool:
-    """Whether the folder looks like a COLMAP scene."""
     return bool(_model_folders(path))
 
 

@@ -72,8 +72,6 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Sparse points."""
-
     places: np.ndarray  # [M, 3]
     weights: np.ndarray  # [M]: in how many photographs each was found
     seen: Sequence[np.ndarray]  # of each photograph, the rows of the points it shows
