@@ -20,6 +20,7 @@ STEP = 1 / 512  # of the cube's side
 INITIAL = 5  # visits that a cell of the hull stays on
 TOGETHER = 512  # cells in a row of which all or none are visited
 SHARE = 4  # a visit takes one in so many
+FADED_WHOLE = 3  # what codes lose by a visit to the whole grid, instead of 1
 POINTS = 1 << 20  # of which densities are asked at once
 
 
@@ -36,13 +37,12 @@ def code_of(density: np.ndarray, threshold: float) -> np.ndarray:
 
 
 def visited(
-    codes: np.ndarray, density_at: Callable[[np.ndarray], np.ndarray], random: np.random.Generator, threshold: float, *,
-    whole: bool, faded: int = 1,
+    codes: np.ndarray, density_at: Callable[[np.ndarray], np.ndarray], random: np.random.Generator, threshold: float,
+    whole: bool,
 ) -> np.ndarray:  # fmt: skip
-    """Codes after a visit to a random SHARE of the cells, or to the whole grid.
-
-    density_at: of points float32 [N, 3] of the unit cube. faded: what codes lose.
-    """
+    """Codes after a visit to a random SHARE of the cells, or to the whole grid. density_at: of points float32 [N, 3] of the unit
+    cube."""
+    faded = FADED_WHOLE if whole else 1
     flat, side = codes.ravel().copy(), codes.shape[0]
     picked = np.flatnonzero(flat != NEVER)
     if not whole:
