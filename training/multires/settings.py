@@ -15,10 +15,8 @@ ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
 COARSEST, FINEST = 16, 512  # resolution of the first level, and of the last at most
 FINEST_CONTRACTED = 1024
 CONTRACTED_FINER = 4  # contracted space has the inner cube in half of its side, and what is looked at in half of that
-SAMPLES, MOST_SAMPLES = (
-    32_768,
-    131_072,
-)  # of a step; fewer, larger steps of as many samples learn less (docs/notebook.md)
+# Of a step. Fewer, larger steps of as many samples learn less (docs/notebook.md).
+SAMPLES, MOST_SAMPLES = 32_768, 131_072
 SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness loss compares
 LARGEST_RAW = 12.0  # of density, before its exponential
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
