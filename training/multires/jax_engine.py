@@ -183,12 +183,10 @@ class JaxEngine:
 
     def pairs(self, state: State, step: int) -> jax.Array:
         """The pairs of points of a step's smoothness loss; the same in every process."""
-        settings = self.settings
-        if not any(settings.smoothness):
+        if not any(self.settings.smoothness):
             return jnp.zeros((0, 2, 3))
         random = np.random.default_rng((self.seed, step, 3))
-        cells, finest = self._derived(state)[-1], self.settings.resolutions[-1]
-        return jnp.asarray(neighbouring_points(cells, settings.resolution, 1 / finest, self.settings.pairs, random))
+        return jnp.asarray(neighbouring_points(self._derived(state)[-1], self.settings, random))
 
     def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
         _, maps, _, levels, _ = self._derived(state)

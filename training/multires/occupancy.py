@@ -14,6 +14,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from training.multires.settings import Settings
+
 NEVER = 255
 DECAY, LONGEST = 0.8, 40  # LONGEST: visits that the densest cell stays on
 STEP = 1 / 512  # of the cube's side
@@ -22,6 +24,7 @@ TOGETHER = 512  # cells in a row of which all or none are visited
 SHARE = 4  # a visit takes one in so many
 FADED_WHOLE = 3  # what codes lose by a visit to the whole grid, instead of 1
 POINTS = 1 << 20  # of which densities are asked at once
+SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness loss compares
 
 
 def is_on(codes: np.ndarray) -> np.ndarray:
@@ -60,17 +63,16 @@ def visited(
     return flat.reshape(codes.shape)
 
 
-def neighbouring_points(
-    cells: np.ndarray, side: int, spacing: float, count: int, random: np.random.Generator
-) -> np.ndarray:  # fmt: skip
-    """Pairs [count, 2, 3] of points of the unit cube: a random point of the cells int [C] of side³, and one `spacing` further
-    along an axis. None where there are no cells."""
+def neighbouring_points(cells: np.ndarray, settings: Settings, random: np.random.Generator) -> np.ndarray:
+    """Pairs [M, 2, 3] of points of the unit cube, for the smoothness loss: a random point of the occupancy grid's cells int [C],
+    and one further along an axis by a cell of the finest level. None where there are no cells."""
     if not len(cells):
         return np.zeros((0, 2, 3), np.float32)
+    side, count = settings.resolution, settings.samples // SAMPLES_PER_PAIR
     chosen = cells[random.integers(0, len(cells), count)]
     corner = np.stack([chosen % side, chosen // side % side, chosen // side**2], -1)
     pairs = np.repeat(((corner + random.random((count, 3))) / side).astype(np.float32)[:, None], 2, 1)
-    pairs[np.arange(count), 1, random.integers(0, 3, count)] += np.float32(spacing)
+    pairs[np.arange(count), 1, random.integers(0, 3, count)] += np.float32(1 / settings.resolutions[-1])
     return np.minimum(pairs, np.float32(1 - 1e-6))
 
 

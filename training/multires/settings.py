@@ -17,7 +17,6 @@ FINEST_CONTRACTED = 1024
 CONTRACTED_FINER = 4  # contracted space has the inner cube in half of its side, and what is looked at in half of that
 # Of a step. Fewer, larger steps of as many samples learn less (docs/notebook.md).
 SAMPLES, MOST_SAMPLES = 32_768, 131_072
-SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness loss compares
 LARGEST_RAW = 12.0  # of density, before its exponential
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
 PARALLAX = 0.6  # pixels between front and back of a cell of NDC; tried on fern alone, at three sizes (docs/notebook.md)
@@ -53,11 +52,6 @@ class Settings(NamedTuple):
     def smoothness(self) -> tuple[float, float]:
         """Weights of density, and of colours and features."""
         return self.by_kind.density_smoothness, self.by_kind.colour_smoothness
-
-    @property
-    def pairs(self) -> int:
-        """Pairs of points that the smoothness loss compares in a step."""
-        return self.samples // SAMPLES_PER_PAIR
 
     def rates_at(self, updates: int, progress: float) -> tuple[float, float, float]:
         """Adam's rates of table, decoder and view MLP with warm-up, decay and bias correction, after so many updates."""

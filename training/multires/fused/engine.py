@@ -132,9 +132,7 @@ class FusedEngine:
 
         self.workers.share_range(rays, 16 * CHUNK, fill)
         if any(self.settings.smoothness):
-            cells, finest = self._derived(state)[2], self.settings.resolutions[-1]
-            pairs = neighbouring_points(cells, self.settings.resolution, 1 / finest, self.settings.pairs, random)
-            batch = batch._replace(pairs=pairs)
+            batch = batch._replace(pairs=neighbouring_points(self._derived(state)[2], self.settings, random))
         return batch
 
     def differentiate(self, state: State, batch: Batch) -> Output:
