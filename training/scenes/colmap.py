@@ -134,7 +134,7 @@ def _placed(
     in_frame = replace(points, places=frame.points(points.places)) if points.suffices else None
     if in_frame is None:
         notice(path, f"{len(found.points)} points are too few for a box; it is a guess: set --aabb")
-    opaque = not options.masks and not may_be_transparent(placed)
+    opaque = not may_be_transparent(placed)
     return placed, space.space_of_capture([photograph.camera for photograph in placed], in_frame, opaque=opaque)
 
 

@@ -46,8 +46,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
     described = zip([source.stem for source in sources], sources, cameras, masks, strict=True)
     photographs = photographs_of(path, described, factor, options.downscale)
     if spherified:
-        opaque = not options.masks and not may_be_transparent(photographs)
-        space = space_of_bounds(photographs, bounds * frame.scale, opaque=opaque)
+        space = space_of_bounds(photographs, bounds * frame.scale, opaque=not may_be_transparent(photographs))
     else:
         space = space_forward(photographs)
     return Scene(path=path, kind="llff", splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
