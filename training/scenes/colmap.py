@@ -121,7 +121,7 @@ def _placed(
         if options.up is not None:
             raise UserError("which way is up is not asked of a forward-facing scene", where=UP, found=str(path),
                             remedy="leave it out, or use --spherify")  # fmt: skip
-        placed = moved(photographs, space.frame_forward(P, space.depth_ranges(P, points).min()))
+        placed = moved(photographs, space.frame_forward(P, space.nearest_depth(P, points)))
         try:
             scene_space = space.space_forward(placed)
             notice(path, "the cameras look forward; --spherify reads it as seen from all around")
