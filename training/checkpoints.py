@@ -31,7 +31,6 @@ Tree = TypeVar("Tree")
 
 
 def named_leaves(tree: Any) -> dict[str, Any]:
-    """The leaves of a tree by their names."""
     return {keystr(path, simple=True, separator="/"): leaf for path, leaf in tree_leaves_with_path(tree)}
 
 

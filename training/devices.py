@@ -123,16 +123,12 @@ def here(tree: Tree) -> Tree:
 
 def agree(tree: Tree) -> Tree:
     """Process 0's arrays, in every process. Their shapes must be the same in all."""
-    if jax.process_count() == 1:
-        return tree
-    return jax.tree.map(np.asarray, multihost_utils.broadcast_one_to_all(tree))  # type: ignore[return-value]
+    return multihost_utils.broadcast_one_to_all(tree)
 
 
 def anywhere(flag: bool) -> bool:
     """Whether any process says so."""
-    if jax.process_count() == 1:
-        return flag
-    return bool(np.asarray(multihost_utils.process_allgather(np.array([flag]))).any())
+    return bool(multihost_utils.process_allgather(np.array([flag])).any())
 
 
 @contextmanager
@@ -143,7 +139,7 @@ def together() -> Iterator[None]:
         yield
     except UserError as error:
         failure = error
-    if jax.process_count() > 1 and anywhere(failure is not None) and failure is None:
+    if anywhere(failure is not None) and failure is None:
         failure = UserError("another process of this run stopped", remedy="see the message of that process")
     if failure is not None:
         raise failure

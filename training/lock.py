@@ -22,8 +22,7 @@ def only_one_trains(run: Path, doing: str = "training into this run") -> Iterato
             run.mkdir(parents=True, exist_ok=True)
             handle = os.open(run, os.O_RDONLY)
         if handle >= 0 and try_lock(handle) is False:
-            remedy = "wait for it, or choose another --out"
-            raise UserError(f"another process is {doing}", where=run, remedy=remedy)
+            raise UserError(f"another process is {doing}", where=run, remedy="wait for it, or choose another --out")
         yield
     finally:
         if handle >= 0:

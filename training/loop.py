@@ -99,7 +99,7 @@ def _train(run: Run, after_step: Callable[[Run], None] | None) -> Run:
             if (last or _is_pictured(run)) and not stopping:
                 with together():
                     recorder.validate()
-            if after_step is not None and not (last or stopping) and jax.process_count() == 1:
+            if after_step is not None and not last and jax.process_count() == 1:
                 with recorder.paused():
                     after_step(run)
             if stopping and run.step < config.steps:

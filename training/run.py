@@ -42,8 +42,6 @@ class RunDescription:
 
 @dataclass
 class Run:
-    """A training run in memory."""
-
     path: Path
     description: RunDescription
     scene: Scene

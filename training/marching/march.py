@@ -78,8 +78,6 @@ def dilate(volume: np.ndarray) -> np.ndarray:
 
 
 class MarchSizes(NamedTuple):
-    """Static sizes."""
-
     segments: int  # that are tested a ray
     coarse: int  # of the coarse list
     samples: int  # of the sample list
@@ -152,17 +150,22 @@ def march(cells: Cells, rays: GridRays, phase: jax.Array, sizes: MarchSizes, ste
     return Samples(sample_ray, rank, g.reshape(-1, 3)[chosen], t.ravel()[chosen], valid, complete, counts)
 
 
-def transmittance(samples: Samples, tau: jax.Array, rays: int, per_ray: int) -> tuple[jax.Array, jax.Array]:
-    """T before each sample [S] of optical depth tau [S], and T behind each ray [rays]. Samples not valid count as empty.
+def sums_along_rays(samples: Samples, values: jax.Array, rays: int, per_ray: int) -> tuple[jax.Array, jax.Array]:
+    """The sum [S] of values [S] up to each valid sample on its ray, itself included, and of each whole ray [rays].
 
-    Optical depths are spread into [rays, per_ray] so that the running sum starts afresh for each ray and keeps precision.
+    Values are spread into [rays, per_ray] so that the running sum starts afresh for each ray and keeps precision.
     """
-    tau = jnp.where(samples.valid, tau, 0.0)
     slot = jnp.where(samples.valid, samples.ray * per_ray + samples.rank, rays * per_ray)
-    spread = jnp.zeros(rays * per_ray, tau.dtype).at[slot].set(tau, mode="drop")
-    depth = jnp.cumsum(spread.reshape(rays, per_ray), axis=1)
-    before = depth.ravel().at[slot].get(mode="fill", fill_value=0.0) - tau
-    return jnp.exp(-before), jnp.exp(-depth[:, -1])
+    spread = jnp.zeros(rays * per_ray, values.dtype).at[slot].set(values, mode="drop")
+    sums = jnp.cumsum(spread.reshape(rays, per_ray), axis=1)
+    return sums.ravel().at[slot].get(mode="fill", fill_value=0.0), sums[:, -1]
+
+
+def transmittance(samples: Samples, tau: jax.Array, rays: int, per_ray: int) -> tuple[jax.Array, jax.Array]:
+    """T before each sample [S] of optical depth tau [S], and T behind each ray [rays]. Samples not valid count as empty."""
+    tau = jnp.where(samples.valid, tau, 0.0)
+    depth, whole = sums_along_rays(samples, tau, rays, per_ray)
+    return jnp.exp(tau - depth), jnp.exp(-whole)
 
 
 def until_complete(

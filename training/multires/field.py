@@ -16,10 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from scenepack.constants import TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP, VIEW_MLP_WIDTHS
-from training.marching.march import MarchSizes, Samples, transmittance
+from training.marching.march import MarchSizes, Samples, sums_along_rays, transmittance
 from training.marching.rays import GridRays
 from training.method import RenderOutput, ViewMlpParams
-from training.multires.levels import FEATURES, Level, Levels, rows_at
+from training.multires.levels import FEATURES, Level, rows_at
 from training.multires.settings import LARGEST_RAW, Settings
 from training.view_mlp import VIEW_FREQUENCIES, apply_view_mlp
 from training.volume import alpha_of
@@ -28,26 +28,18 @@ HIDDEN, OUTPUTS = 64, 8
 VIEW_PARAMETERS = sum(inputs * outputs + outputs for inputs, outputs in pairwise(VIEW_MLP_WIDTHS))
 
 
-def static_levels(levels: Levels) -> tuple[Level, ...]:
-    """The levels, hashable."""
-    columns = (levels.resolution.tolist(), levels.offset.tolist(), levels.place.tolist())
-    return tuple(Level(*row) for row in zip(*columns, strict=True))
-
-
 def inputs_of(levels: int) -> int:
     """I: inputs of the decoder."""
     return -(-levels * FEATURES // 8) * 8
 
 
 def decoder_size(inputs: int) -> int:
-    """Parameters of the decoder."""
     return inputs * HIDDEN + HIDDEN + HIDDEN * OUTPUTS + OUTPUTS
 
 
 def initial_parameters(levels: int, view_mlp: ViewMlpParams, random: np.random.Generator, octaves: int) -> np.ndarray:
     """Parameters float32 [P]: He-uniform decoder without biases; rows of inputs that do not exist are zero."""
-    inputs = inputs_of(levels)
-    w0 = random.uniform(-1, 1, (inputs, HIDDEN)) * np.sqrt(6 / (levels * FEATURES))
+    w0 = random.uniform(-1, 1, (inputs_of(levels), HIDDEN)) * np.sqrt(6 / (levels * FEATURES))
     w0[levels * FEATURES :] = 0
     w1 = random.uniform(-1, 1, (HIDDEN, OUTPUTS)) * np.sqrt(6 / (HIDDEN + OUTPUTS))
     decoder = [w0, np.zeros(HIDDEN), w1, np.zeros(OUTPUTS)]
@@ -170,11 +162,9 @@ def distortion(samples: Samples, weights: jax.Array, step: jax.Array, count: int
 
     By running sums, as DVGO v2 (Sun et al. 2022).
     """
-    slot = jnp.where(samples.valid, samples.ray * per_ray + samples.rank, count * per_ray)
 
     def before(values: jax.Array) -> jax.Array:
-        spread = jnp.zeros(count * per_ray, values.dtype).at[slot].set(values, mode="drop").reshape(count, per_ray)
-        return jnp.cumsum(spread, axis=1).ravel().at[slot].get(mode="fill", fill_value=0.0) - values
+        return sums_along_rays(samples, values, count, per_ray)[0] - values
 
     first = jnp.zeros(count).at[jnp.where(samples.rank == 0, samples.ray, count)].set(samples.t, mode="drop")
     t = samples.t - first[samples.ray]

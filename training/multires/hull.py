@@ -79,7 +79,9 @@ def _look(
         rows = int(last - first) // width
         table = np.zeros((rows + 1, width + 1), np.int32)
         if cut_out:
-            shows = _pixels(dataset, int(first), int(last))[:, -1].reshape(rows, width) > 0
+            ids = np.arange(first, last, dtype=np.int32)
+            pixels = photographs.pixels[first:last] if dataset.mesh.size == 1 else dataset.pixels_here(ids)
+            shows = pixels[:, -1].reshape(rows, width) > 0
             np.cumsum(np.cumsum(shows, 0, dtype=np.int32), 1, out=table[1:, 1:])
 
         def look(_: int, z: int, view: int = view, table: np.ndarray = table) -> None:
@@ -87,13 +89,6 @@ def _look(
 
         workers.share(side, look)
     possible[(counts[0] < least_views) | (counts[1] > disagree * counts[0])] = 0
-
-
-def _pixels(dataset: RayDataset, first: int, last: int) -> np.ndarray:
-    """Pixels uint8 [N, C] of rays first … last - 1, in every process."""
-    if dataset.mesh.size == 1:
-        return np.asarray(dataset.pixels)[first:last]
-    return dataset.pixels_here(np.arange(first, last, dtype=np.int32))
 
 
 @njit(nogil=True, cache=True)
@@ -136,7 +131,7 @@ def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell,
             px, py = lens[0] * u + lens[2], (lens[1] * v + lens[3]) / photographs.row_step
             if px >= 0 and py >= 0 and px < width and py < rows:
                 counts[0, z, y, x] += 1
-            if not cut_out or photographs.ndc[2] > 0:
+            if not cut_out:
                 continue
             if projection == EQUIRECTANGULAR:
                 distance, down = np.sqrt(distance2), lens[1] / photographs.row_step

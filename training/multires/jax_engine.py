@@ -127,8 +127,7 @@ def adam(
     """Adam; a feature without a gradient is left alone, moments included (DVGO's masked Adam). Features decay only in blocks of
     rows that a sample of the step meets. decay: see update."""
     (values, first, second), (keep1, keep2) = optimised, ADAM_BETAS
-    inputs = field.inputs_of(len(constants.levels))
-    decoder = field.decoder_size(inputs)
+    decoder = field.decoder_size(field.inputs_of(len(constants.levels)))
     of_parameters = jnp.where(jnp.arange(gradient.parameters.size) < decoder, rates[1], rates[2])
     unseen = np.zeros(gradient.parameters.size, bool)  # weights of inputs that the view MLP does not have
     unseen[decoder : decoder + 34 * 16] = np.repeat(~field.seen_inputs(constants.settings.own.view_octaves), 16)
@@ -184,12 +183,10 @@ class JaxEngine:
 
     def pairs(self, state: State, step: int) -> jax.Array:
         """The pairs of points of a step's smoothness loss; the same in every process."""
-        settings = self.settings
-        if not any(settings.smoothness):
+        if not any(self.settings.smoothness):
             return jnp.zeros((0, 2, 3))
         random = np.random.default_rng((self.seed, step, 3))
-        cells, finest = self._derived(state)[-1], self.settings.resolutions[-1]
-        return jnp.asarray(neighbouring_points(cells, settings.resolution, 1 / finest, self.settings.pairs, random))
+        return jnp.asarray(neighbouring_points(self._derived(state)[-1], self.settings, random))
 
     def values_at(self, state: State, points: np.ndarray) -> np.ndarray:
         _, maps, _, levels, _ = self._derived(state)
@@ -224,7 +221,9 @@ class JaxEngine:
             levels = make_levels(self.settings.resolutions, state.bricks)
             decay = jnp.asarray(decay_of_blocks(levels, self.settings.by_kind.feature_decay))
             arrays = cells_of(state, self.dataset.facts.contraction), jnp.asarray(levels.maps), decay
-            derived = *arrays, field.static_levels(levels), np.flatnonzero(is_on(state.codes))
+            columns = levels.resolution.tolist(), levels.offset.tolist(), levels.place.tolist()
+            constant = tuple(field.Level(*row) for row in zip(*columns, strict=True))  # hashable
+            derived = *arrays, constant, np.flatnonzero(is_on(state.codes))
             state.kept = {"of": (id(state.codes), id(state.bricks)), "derived": derived}
         return state.kept["derived"]
 

@@ -30,7 +30,7 @@ from training.multires.state import PARTS, State, Trainable, restored, saved
 from training.view_mlp import init_view_mlp
 
 VISITS_FROM, VISIT_EVERY, SETTLED = 200, (50, 100), 1000  # steps: the second interval once settled
-WHOLE_EVERY, FADED_WHOLE = 100, 3  # steps, before it settles, between visits to every cell; what codes lose then
+WHOLE_EVERY = 100  # steps, before it settles, between visits to every cell
 WITHIN = 1 - 1e-6  # of the inner cube's side: in the last cell before its edge
 VIEW_BIAS = -2.0  # the view MLP starts near zero, so that diffuse colour settles first
 SAMPLES_AT_FIRST = 64.0  # a ray, until a step has counted them
@@ -91,11 +91,9 @@ class MultiresMethod:
         asked = np.asarray(points, np.float32)
         if inner is not None:  # a voxel beyond an edge of contracted space, to interpolate with, is as the edge
             size = np.abs(asked)
-            beyond = np.flatnonzero(size.max(-1) > inner)
-            clipped, largest = np.clip(asked[beyond], -WITHIN * inner, WITHIN * inner), size[beyond].argmax(-1)
-            clipped[np.arange(len(beyond)), largest] = asked[beyond, largest]
-            asked = asked.copy()
-            asked[beyond] = clipped
+            is_largest = np.arange(3) == size.argmax(-1, keepdims=True)
+            beyond = (size.max(-1, keepdims=True) > inner) & ~is_largest
+            asked = np.where(beyond, np.clip(asked, -WITHIN * inner, WITHIN * inner), asked)
         places = (asked - box.origin.astype(np.float32)) * (1 / box.cell).astype(np.float32)
         cells = np.clip(places, 0, side - 1).astype(np.int32)
         codes = state.codes.ravel()[(cells[:, 2] * side + cells[:, 1]) * side + cells[:, 0]]
@@ -140,8 +138,8 @@ class MultiresMethod:
         def density_at(points: np.ndarray) -> np.ndarray:
             return self.engine.values_at(state, points)[:, 0]
 
-        threshold, faded = self.settings.by_kind.occupancy_threshold, FADED_WHOLE if whole else 1
-        state.codes = agree(visited(state.codes, density_at, random, threshold, whole=whole, faded=faded))
+        threshold = self.settings.by_kind.occupancy_threshold
+        state.codes = agree(visited(state.codes, density_at, random, threshold, whole))
 
     def _with_levels(self, state: State, step: int, progress: float) -> State:
         """The state with rows for the levels that have joined. When one joins, sparse levels keep bricks near content only."""

@@ -14,13 +14,17 @@ from collections.abc import Callable
 
 import numpy as np
 
+from training.multires.settings import Settings
+
 NEVER = 255
 DECAY, LONGEST = 0.8, 40  # LONGEST: visits that the densest cell stays on
 STEP = 1 / 512  # of the cube's side
 INITIAL = 5  # visits that a cell of the hull stays on
 TOGETHER = 512  # cells in a row of which all or none are visited
 SHARE = 4  # a visit takes one in so many
+FADED_WHOLE = 3  # what codes lose by a visit to the whole grid, instead of 1
 POINTS = 1 << 20  # of which densities are asked at once
+SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness loss compares
 
 
 def is_on(codes: np.ndarray) -> np.ndarray:
@@ -36,13 +40,12 @@ def code_of(density: np.ndarray, threshold: float) -> np.ndarray:
 
 
 def visited(
-    codes: np.ndarray, density_at: Callable[[np.ndarray], np.ndarray], random: np.random.Generator, threshold: float, *,
-    whole: bool, faded: int = 1,
+    codes: np.ndarray, density_at: Callable[[np.ndarray], np.ndarray], random: np.random.Generator, threshold: float,
+    whole: bool,
 ) -> np.ndarray:  # fmt: skip
-    """Codes after a visit to a random SHARE of the cells, or to the whole grid.
-
-    density_at: of points float32 [N, 3] of the unit cube. faded: what codes lose.
-    """
+    """Codes after a visit to a random SHARE of the cells, or to the whole grid. density_at: of points float32 [N, 3] of the unit
+    cube."""
+    faded = FADED_WHOLE if whole else 1
     flat, side = codes.ravel().copy(), codes.shape[0]
     picked = np.flatnonzero(flat != NEVER)
     if not whole:
@@ -60,17 +63,16 @@ def visited(
     return flat.reshape(codes.shape)
 
 
-def neighbouring_points(
-    cells: np.ndarray, side: int, spacing: float, count: int, random: np.random.Generator
-) -> np.ndarray:  # fmt: skip
-    """Pairs [count, 2, 3] of points of the unit cube: a random point of the cells int [C] of side³, and one `spacing` further
-    along an axis. None where there are no cells."""
+def neighbouring_points(cells: np.ndarray, settings: Settings, random: np.random.Generator) -> np.ndarray:
+    """Pairs [M, 2, 3] of points of the unit cube, for the smoothness loss: a random point of the occupancy grid's cells int [C],
+    and one further along an axis by a cell of the finest level. None where there are no cells."""
     if not len(cells):
         return np.zeros((0, 2, 3), np.float32)
+    side, count = settings.resolution, settings.samples // SAMPLES_PER_PAIR
     chosen = cells[random.integers(0, len(cells), count)]
     corner = np.stack([chosen % side, chosen // side % side, chosen // side**2], -1)
     pairs = np.repeat(((corner + random.random((count, 3))) / side).astype(np.float32)[:, None], 2, 1)
-    pairs[np.arange(count), 1, random.integers(0, 3, count)] += np.float32(spacing)
+    pairs[np.arange(count), 1, random.integers(0, 3, count)] += np.float32(1 / settings.resolutions[-1])
     return np.minimum(pairs, np.float32(1 - 1e-6))
 
 

@@ -15,11 +15,8 @@ ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
 COARSEST, FINEST = 16, 512  # resolution of the first level, and of the last at most
 FINEST_CONTRACTED = 1024
 CONTRACTED_FINER = 4  # contracted space has the inner cube in half of its side, and what is looked at in half of that
-SAMPLES, MOST_SAMPLES = (
-    32_768,
-    131_072,
-)  # of a step; fewer, larger steps of as many samples learn less (docs/notebook.md)
-SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness loss compares
+# Of a step. Fewer, larger steps of as many samples learn less (docs/notebook.md).
+SAMPLES, MOST_SAMPLES = 32_768, 131_072
 LARGEST_RAW = 12.0  # of density, before its exponential
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
 PARALLAX = 0.6  # pixels between front and back of a cell of NDC; tried on fern alone, at three sizes (docs/notebook.md)
@@ -55,11 +52,6 @@ class Settings(NamedTuple):
     def smoothness(self) -> tuple[float, float]:
         """Weights of density, and of colours and features."""
         return self.by_kind.density_smoothness, self.by_kind.colour_smoothness
-
-    @property
-    def pairs(self) -> int:
-        """Pairs of points that the smoothness loss compares in a step."""
-        return self.samples // SAMPLES_PER_PAIR
 
     def rates_at(self, updates: int, progress: float) -> tuple[float, float, float]:
         """Adam's rates of table, decoder and view MLP with warm-up, decay and bias correction, after so many updates."""

@@ -151,7 +151,6 @@ class Perturbation(NamedTuple):
 
 
 def draw_perturbation(key: jax.Array, count: int, config: NerfConfig) -> Perturbation:
-    """Random perturbations of `count` rays."""
     keys = jax.random.split(key, 4)
     coarse, fine, scale = config.coarse_samples, config.fine_samples, config.density_noise
     noise = [
@@ -163,8 +162,6 @@ def draw_perturbation(key: jax.Array, count: int, config: NerfConfig) -> Perturb
 
 
 def init_nerf(key: jax.Array, config: NerfConfig) -> NerfParams:
-    """Fresh parameters of both models."""
-
     def model(k_field: jax.Array, k_view: jax.Array) -> ModelParams:
         view = None
         if config.view != "none":

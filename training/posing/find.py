@@ -6,6 +6,7 @@ which says what it was made of and what was left out.
 
 import contextlib
 import json
+import math
 import os
 import shutil
 import time
@@ -20,10 +21,9 @@ from training.lock import only_one_trains
 from training.posing import prepare
 from training.posing.child_process import ask
 from training.posing.prepare import IMAGES, LOG, Prepared, masked_names
-from training.posing.rejection_report import report_rejections, require_enough, warn_left_out, warn_of_prepared
-from training.scenes.files import notice
+from training.scenes.files import few, notice
 from training.scenes.read import has_poses
-from training.scenes.sources import MASKS, Source, require_source
+from training.scenes.sources import FEWEST, MASKS, Source, require_source
 
 SCENE, WORK, REPORT = "scene", "posing", "poses.json"
 MARK = "README.txt"  # in WORK: it is ours
@@ -33,6 +33,10 @@ FORMAT = 1
 FRAMES = 120  # of a film, at most
 STAGE = "poses"
 CONTINUE = "what is finished is kept; the same command line continues"
+LEFT_OUT = "left_out.json"  # in WORK, for programs: why pictures are left out, and where they are
+FEWEST_SHARE = 0.6  # of the pictures that must have a pose
+CHECK = "snerg-make with --check shows which match"
+OVERLAP = "take more photographs, each showing at least two thirds of what the one before shows"
 
 
 def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = FRAMES) -> Path:
@@ -54,7 +58,7 @@ def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = F
     require(source)
     _require_ours(out)
     if source.kind == "photographs":
-        require_enough(source, len(source.files))  # before anything is written
+        _require_enough(source, len(source.files))  # before anything is written
     with only_one_trains(out / WORK, "finding camera poses"):
         try:
             return _find(source, out, {**key, "seed": seed})
@@ -95,10 +99,10 @@ def _find(source: Source, out: Path, key: Mapping[str, Any]) -> Path:
         with _timed(work, "pictures"), progress("choosing pictures", len(source.files), stage=STAGE) as bar:
             prepared = prepare.prepare(source, work, key["frames"], bar)
         prepare.store(work, key, prepared)
-    warn_of_prepared(source, prepared, masked_names(work))
-    require_enough(source, len(prepared.pictures))
+    _warn_of_prepared(source, prepared, masked_names(work))
+    _require_enough(source, len(prepared.pictures))
     found = _reconstructed(prepared, work, key["seed"])
-    left_out = report_rejections(source, work, prepared, found)
+    left_out = _report_rejections(source, work, prepared, found)
     unposed = [name for name in left_out if name not in prepared.aside]
     display_name = {picture.name: picture.display_name for picture in prepared.pictures}
     report = {
@@ -109,7 +113,7 @@ def _find(source: Source, out: Path, key: Mapping[str, Any]) -> Path:
     }  # fmt: skip
     _assemble(out / SCENE, work, found["registered"], report)
     shutil.rmtree(work, ignore_errors=True)
-    warn_left_out(source, unposed, "no pose was found")
+    _warn_left_out(source, unposed, "no pose was found")
     return out / SCENE
 
 
@@ -178,3 +182,88 @@ def _key_of(scene: Path) -> Any:
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         report = read_json_file(scene / REPORT)
         return report["key"] if report["format"] == FORMAT else None
+
+
+# --- messages about photographs that are left out -----------------------------------------------------------------------
+
+
+def _warn_of_prepared(source: Source, prepared: Prepared, masked: Sequence[str]) -> None:
+    """Notices of pictures that are not used, and why, and of those without a mask where others have one."""
+    by_reason: dict[str, list[str]] = {}
+    for name, reason in prepared.aside.items():
+        if reason.startswith("the same as "):
+            name, reason = f"{name} = {reason.removeprefix('the same as ')}", "repeated"
+        by_reason.setdefault(reason, []).append(name)
+    for reason, names in by_reason.items():
+        _warn_left_out(source, names, reason)
+    without = [picture.display_name for picture in prepared.pictures if masked and picture.name not in set(masked)]
+    count = f"{len(without)} photographs have no mask" if len(without) > 1 else "1 photograph has no mask"
+    notice(source.path, f"{count}, all of it is used", without)
+
+
+def _warn_left_out(source: Source, names: Sequence[str], reason: str) -> None:
+    are = "pictures are" if len(names) > 1 else "picture is"
+    notice(source.path, f"{len(names)} {are} left out: {reason}", names)
+
+
+def _require_enough(source: Source, count: int) -> None:
+    if count < FEWEST:
+        what, remedy = "too few photographs to find camera poses", "20 to 100 from all around show a shape"
+        if source.kind == "film":
+            what, remedy = "too few frames of this film differ", "walk around what you film"
+        raise UserError(what, where=source.path, expected=f"at least {FEWEST}", found=count, remedy=remedy)
+
+
+def _report_rejections(source: Source, work: Path, prepared: Prepared, found: Mapping[str, Any]) -> dict[str, str]:
+    """Why pictures have no pose or were set aside, by the names that the user knows. found: see mapping.reconstruct.
+
+    Writes LEFT_OUT for programs. UserError where too few pictures have a pose.
+    """
+    registered, others = set(found["registered"]), {name for part in found["models"][1:] for name in part}
+    why = {}
+    for picture in prepared.pictures:
+        if picture.name not in registered:
+            alone = "matches too few others" if found["matched"].get(picture.name, 0) else "matches no other"
+            why[picture.display_name] = "matches others, but not the rest" if picture.name in others else alone
+    unposed = list(why)
+    why |= prepared.aside
+    files = {
+        p.display_name: str((work / IMAGES / p.name).resolve()) for p in prepared.pictures if p.display_name in why
+    }
+    left_out = {"photographs": str(source.path.resolve()), "left_out": why, "files": files}
+    write_file(work / LEFT_OUT, json.dumps(left_out, indent=1) + "\n")
+    enough = max(FEWEST, math.ceil(FEWEST_SHARE * len(prepared.pictures)))
+    if len(registered) < enough:
+        raise _too_few_poses(source, prepared, found, unposed, enough)
+    return why
+
+
+def _too_few_poses(
+    source: Source, prepared: Prepared, found: Mapping[str, Any], unposed: Sequence[str], enough: int
+) -> UserError:
+    total, registered = len(prepared.pictures), len(found["registered"])
+    if found["is_static"]:
+        still, matched = found["still"]
+        mask = source.files[0].with_suffix(".png").name
+        remedy = f"put a folder {MASKS} with {mask} and so on beside the photographs, white where the object is"
+        if source.kind == "film":
+            remedy = "take photographs instead, with masks beside them, or walk around it"
+        elif source.masks is not None:
+            remedy = f"the masks in {source.masks} must be black where nothing turns"
+        return UserError(
+            "the camera stands still and the background hides what turns before it", where=source.path,
+            expected="photographs from all around, or a turntable before an empty background",
+            found=f"{still} of {matched} pairs match at the same place of the picture",
+            remedy=remedy,
+        )  # fmt: skip
+    if not registered:
+        alone = [picture.display_name for picture in prepared.pictures if found["matched"].get(picture.name) == 0]
+        text = f"{len(alone)} of {total} match no other: {few(alone)}"
+        return UserError("the photographs do not overlap enough to find camera poses", where=source.path,
+                         found=text if alone else "no two show one thing from two places",
+                         remedy=f"{OVERLAP}; {CHECK}")  # fmt: skip
+    parts = [len(set(part) - set(found["registered"])) for part in found["models"][1:]]
+    apart = [f"{count} of these" for count in parts if count]
+    text = f"none for {few(unposed)}" + (f"; {' and '.join(apart)} match one another alone" if apart else "")
+    return UserError(f"only {registered} of {total} photographs have a camera pose", where=source.path,
+                     expected=f"at least {enough}", found=text, remedy=f"{OVERLAP}, or remove these; {CHECK}")  # fmt: skip

@@ -301,8 +301,7 @@ def _matches_found(task: Task) -> dict[str, Any]:
             longest = max(sides[image.camera_id] for image in both)
             still += bool(np.median(np.linalg.norm(first - second, axis=-1)) < STILL * longest)
             pairs += 1
-    is_static = still > MOST_STILL * pairs
-    return {"matched": matched, "still": (still, pairs), "is_static": is_static}
+    return {"matched": matched, "still": (still, pairs), "is_static": still > MOST_STILL * pairs}
 
 
 # --- poses ------------------------------------------------------------------------------------------------------------

@@ -25,7 +25,6 @@ LOOKED_FOR = "sparse/0/cameras.bin with images (COLMAP)"
 
 
 def recognises(path: Path) -> bool:
-    """Whether the folder looks like a COLMAP scene."""
     return bool(_model_folders(path))
 
 
@@ -122,7 +121,7 @@ def _placed(
         if options.up is not None:
             raise UserError("which way is up is not asked of a forward-facing scene", where=UP, found=str(path),
                             remedy="leave it out, or use --spherify")  # fmt: skip
-        placed = moved(photographs, space.frame_forward(P, space.depth_ranges(P, points).min()))
+        placed = moved(photographs, space.frame_forward(P, space.nearest_depth(P, points)))
         try:
             scene_space = space.space_forward(placed)
             notice(path, "the cameras look forward; --spherify reads it as seen from all around")
@@ -135,7 +134,7 @@ def _placed(
     in_frame = replace(points, places=frame.points(points.places)) if points.suffices else None
     if in_frame is None:
         notice(path, f"{len(found.points)} points are too few for a box; it is a guess: set --aabb")
-    opaque = not options.masks and not may_be_transparent(placed)
+    opaque = not may_be_transparent(placed)
     return placed, space.space_of_capture([photograph.camera for photograph in placed], in_frame, opaque=opaque)
 
 

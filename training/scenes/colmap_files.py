@@ -134,8 +134,7 @@ def _lens(number: int, model: str, size: tuple[float, float], values: np.ndarray
     fx, fy, cx, cy = lens.intrinsics(named, *size)
     if not np.isfinite(values).all() or min(fx, fy) <= 0 or not 1 <= min(size) <= max(size) <= LARGEST_SIDE:
         found = ", ".join([f"{size[0]:g}x{size[1]:g}", *(f"{value:g}" for value in values)])
-        what = f"size and focal length of camera {number} must be positive numbers"
-        raise UserError(what, where=file, found=found)
+        raise UserError(f"size and focal length of camera {number} must be positive numbers", where=file, found=found)
     return number, Camera(np.eye(4), int(size[0]), int(size[1]), fx, fy, cx, cy, lens.lens(named))
 
 

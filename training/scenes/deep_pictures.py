@@ -31,9 +31,8 @@ class DeepHeader:
     stored: tuple[tuple[int, int], ...]  # sizes that decoding takes memory for
     words: float  # four bytes that each of their pixels takes
     part: int  # of the file, which has the picture
-    channels: tuple[
-        str | float, ...
-    ]  # names of red, green, blue (the same for grey) and alpha, or 1 for its opaque pixels
+    # names of red, green, blue (the same for grey) and alpha, or 1 for its opaque pixels
+    channels: tuple[str | float, ...]
     orientation: int  # EXIF's, 1 to 8
 
     @property

@@ -84,13 +84,17 @@ class FileFinder:
         ]
 
     def _find_in(self, root: Path, parts: Sequence[str]) -> Path | None:
+        """The file with the first suffix of those that have a name; None where there is none, or several have it."""
         folders = [root]
         for part in parts[:-1]:
             below = [child for folder in folders for child in self._alike(folder, part)]
             folders = [child for child in below if _key(child.name) == _key(part) and child.is_dir()]
         alike = [path for folder in folders for path in self._alike(folder, parts[-1]) if path.is_file()]
         same = [path for path in alike if _key(path.name) == _key(parts[-1])]
-        return self._first(same or [path for path in alike if path.suffix.lower() in self._suffixes])
+        files = same or [path for path in alike if path.suffix.lower() in self._suffixes]
+        ranks = [(*self._suffixes, path.suffix.lower()).index(path.suffix.lower()) for path in files]
+        best = [path for path, rank in zip(files, ranks, strict=True) if rank == min(ranks)]
+        return best[0] if len(best) == 1 else None
 
     def _alike(self, folder: Path, name: str) -> list[Path]:
         """The visible entries of a folder that have a name, whatever their suffix."""
@@ -101,12 +105,6 @@ class FileFinder:
                     if not is_hidden(entry):
                         listing.setdefault(without_suffix(_key(entry.name)), []).append(entry)
         return self._listings[folder].get(without_suffix(_key(name)), [])
-
-    def _first(self, files: list[Path]) -> Path | None:
-        """The file whose suffix comes first; None where there is none, or several have it."""
-        ranks = [(*self._suffixes, path.suffix.lower()).index(path.suffix.lower()) for path in files]
-        best = [path for path, rank in zip(files, ranks, strict=True) if rank == min(ranks)]
-        return best[0] if len(best) == 1 else None
 
 
 def find_masks(folder: Path, names: Sequence[str]) -> list[Path | None]:

@@ -22,7 +22,6 @@ MOST_BYTES = 64 << 20  # of poses_bounds.npy; a row takes 136
 
 
 def recognises(path: Path) -> bool:
-    """Whether the folder looks like an LLFF scene."""
     return (path / "poses_bounds.npy").is_file()
 
 
@@ -47,8 +46,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
     described = zip([source.stem for source in sources], sources, cameras, masks, strict=True)
     photographs = photographs_of(path, described, factor, options.downscale)
     if spherified:
-        opaque = not options.masks and not may_be_transparent(photographs)
-        space = space_of_bounds(photographs, bounds * frame.scale, opaque=opaque)
+        space = space_of_bounds(photographs, bounds * frame.scale, opaque=not may_be_transparent(photographs))
     else:
         space = space_forward(photographs)
     return Scene(path=path, kind="llff", splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
@@ -57,7 +55,19 @@ def read(path: Path, options: SceneOptions) -> Scene:
 
 def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, np.ndarray]:
     """world_T_camera [N, 4, 4] (OpenGL axes), (height, width) and focal length of full pictures, depths [N, 2]."""
-    rows = _rows(path)
+    try:  # mapped, not read: a header may claim any size, and an archive is no file of numbers
+        stored = np.lib.format.open_memmap(path, mode="r")
+    except Exception as error:  # NumPy does not say which its reader raises
+        raise UserError("not a NumPy file of numbers", where=path, found=str(error).split("\n")[0][:80]) from error
+    if (
+        stored.ndim != 2
+        or stored.shape[1] != 17
+        or not 0 < stored.nbytes <= MOST_BYTES
+        or stored.dtype.kind not in "fiu"
+    ):
+        found = f"{stored.dtype} {list(stored.shape)}"[:80]
+        raise UserError("not an LLFF pose file", where=path, expected="[N, 17]", found=found)
+    rows = np.array(stored, np.float64)
     down, right, back, position, hwf = np.moveaxis(rows[:, :15].reshape(-1, 3, 5), -1, 0)
     bounds = rows[:, 15:]
     sound = (np.rint(hwf[:, :2]) >= 1) & (hwf[:, 2:] > 0) & (bounds[:, :1] > 0) & (bounds[:, 1:] > bounds[:, :1])
@@ -69,18 +79,6 @@ def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, n
     matrices = np.stack([right, -down, back, position], axis=-1)
     P = np.stack([pose(matrix, f"{path} row {row}") for row, matrix in enumerate(matrices)])
     return P, (round(height), round(width)), float(focal), bounds
-
-
-def _rows(path: Path) -> np.ndarray:
-    """float64 [N, 17]. Mapped, not read: a header may claim any size, and an archive is no file of numbers."""
-    try:
-        rows = np.lib.format.open_memmap(path, mode="r")
-    except Exception as error:  # NumPy does not say which its reader raises
-        raise UserError("not a NumPy file of numbers", where=path, found=str(error).split("\n")[0][:80]) from error
-    if rows.ndim != 2 or rows.shape[1] != 17 or not 0 < rows.nbytes <= MOST_BYTES or rows.dtype.kind not in "fiu":
-        found = f"{rows.dtype} {list(rows.shape)}"[:80]
-        raise UserError("not an LLFF pose file", where=path, expected="[N, 17]", found=found)
-    return np.array(rows, np.float64)
 
 
 def picture_folders(path: Path) -> dict[int, Path]:

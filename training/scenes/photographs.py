@@ -37,22 +37,17 @@ def photograph_of(
         stored = header.stored if as_stored else header.size
         camera = described if isinstance(described, Camera) else described(stored)
         if _same_shape(stored, (camera.width, camera.height)) and (shape is None or _same_shape(stored, shape)):
-            size = _target_size(stored, min(1.0, factor / downscale), downscale)
+            scale = min(1.0, factor / downscale)
+            size = int(stored[0] * scale + 1e-6), int(stored[1] * scale + 1e-6)  # fractions of a pixel are left out
+            if min(size) < 1:
+                raise UserError("downscale leaves no picture", where=f"--downscale {downscale}", found=times(stored),
+                                remedy="use a smaller factor")  # fmt: skip
             return Photograph(name, camera.resized(*size), PictureLoader(picture, stored, size, mask, as_stored))
     camera = described if isinstance(described, Camera) else described(header.size)
     expected = (camera.width, camera.height)
     expected = shape if shape is not None and _same_shape(header.size, expected) else expected
     raise UserError("the picture is of another size", where=picture, expected=f"the shape of {times(expected)}",
                     found=times(header.size))  # fmt: skip
-
-
-def _target_size(stored: Size, scale: float, downscale: int) -> Size:
-    """Size of the pictures to train on: fractions of a pixel are left out."""
-    size = int(stored[0] * scale + 1e-6), int(stored[1] * scale + 1e-6)
-    if min(size) < 1:
-        raise UserError("downscale leaves no picture", where=f"--downscale {downscale}", found=times(stored),
-                        remedy="use a smaller factor")  # fmt: skip
-    return size
 
 
 def tell_turned(where: Path, photographs: Sequence[Photograph]) -> None:

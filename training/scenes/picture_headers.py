@@ -27,25 +27,14 @@ Image.MAX_IMAGE_PIXELS = None  # gigapixel photographs are big, not an attack
 # Pillow goes by a file's content, and knows formats that start other programs (Ghostscript for PostScript).
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
 LOSSY = ("JPEG", "MPO", "WEBP", "HEIF", "AVIF", "jpegxl", "jpeg2000")
-DEEP = (
-    "a TIFF",
-    "a JPEG XL",
-    "a JPEG 2000",
-    "an OpenEXR",
-    "a Radiance HDR",
-)  # what OpenImageIO reads where Pillow does not
+# What OpenImageIO reads where Pillow does not.
+DEEP = ("a TIFF", "a JPEG XL", "a JPEG 2000", "an OpenEXR", "a Radiance HDR")
 # Pixels for each byte of a file: DEFLATE stores so many of a white mask, photographs have a few. Small pictures are not weighed.
 MOST_PIXELS_PER_BYTE, UNDOUBTED_PIXELS = 1100, 1 << 24
 # A JPEG goes over all its pixels once for each scan, which may have 30 bytes: cameras write 1, other programs 10 to 64.
 MOST_SCANS, SCAN = 100, b"\xff\xda"
-SUBFILE, WIDTH, HEIGHT, BITS, ORIENTATION, DNG_VERSION = (
-    254,
-    256,
-    257,
-    258,
-    274,
-    50706,
-)  # tags of TIFF, one of EXIF as well
+# Tags of TIFF; ORIENTATION is one of EXIF as well.
+SUBFILE, WIDTH, HEIGHT, BITS, ORIENTATION, DNG_VERSION = 254, 256, 257, 258, 274, 50706
 SIDEWAYS = (5, 6, 7, 8)  # values of ORIENTATION that swap width and height
 # What Pillow and OpenImageIO raise for damaged files; they were not written with one error in mind.
 UNREADABLE = (

@@ -175,12 +175,10 @@ class Program(NamedTuple):
     files: tuple[str, ...]  # patterns of those that it writes into a folder
     wrote: Callable[[bytes], bool]  # whether it wrote a file, by the first HEAD_BYTES
     read: Callable[[Path, SizeOf], Reconstruction]  # of the first such file
-    # where its pictures lie: one of these must be there, and the first counts
-    pictures: tuple[str, ...] = ("images", ".")
+    pictures: tuple[str, ...] = ("images", ".")  # where its pictures lie: the first folder of these that is there
 
 
 def recognises(path: Path) -> bool:
-    """Whether a folder holds an export of one of the programs."""
     return _found(path) is not None
 
 

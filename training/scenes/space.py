@@ -72,8 +72,6 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Sparse points."""
-
     places: np.ndarray  # [M, 3]
     weights: np.ndarray  # [M]: in how many photographs each was found
     seen: Sequence[np.ndarray]  # of each photograph, the rows of the points it shows
@@ -211,14 +209,14 @@ def space_forward(photographs: Sequence[Photograph]) -> Space:
     return Space(0.0, 1.0, aabb, NDC_WORLDSPACE_T_OPENGL, disparity=False, ndc=True, ndc_camera=ndc_camera)
 
 
-def depth_ranges(P: np.ndarray, points: PointCloud) -> np.ndarray:
-    """Nearest and farthest depth [N, 2] of what each photograph shows, outliers left out; of all where it shows too little."""
+def nearest_depth(P: np.ndarray, points: PointCloud) -> float:
+    """The nearest depth of what any photograph shows, outliers left out: by all that is shown where one shows too little."""
     weights = [points.weights[rows] for rows in points.seen]
     shown = zip(P, points.seen, strict=True)
     depths = [np.maximum(-(points.places[rows] - pose[:3, 3]) @ pose[:3, 2], 1e-6) for pose, rows in shown]
-    whole = _quantiles(np.concatenate(depths), np.concatenate(weights))
+    whole = _quantiles(np.concatenate(depths), np.concatenate(weights))[0]
     pairs = zip(depths, weights, strict=True)
-    return np.array([_quantiles(d, w) if len(d) >= FEWEST_POINTS else whole for d, w in pairs])
+    return min(_quantiles(d, w)[0] if len(d) >= FEWEST_POINTS else whole for d, w in pairs)
 
 
 def _published_bounds_suit(cameras: Sequence[Camera], centre: np.ndarray) -> bool:

@@ -156,8 +156,8 @@ def _read_synthetic(path: Path, options: SceneOptions) -> Scene:
             splits[split] = tuple(replace(one, name=without_suffix(one.name)) for one in photographs)
     frame = space.frame_of_object([photograph.camera for photograph in splits["train"]])
     splits = {split: moved(photographs, frame) for split, photographs in splits.items()}
-    opaque = not may_be_transparent(splits["train"])
-    found = space.space_of_object([photograph.camera for photograph in splits["train"]], opaque=opaque)
+    cameras = [photograph.camera for photograph in splits["train"]]
+    found = space.space_of_object(cameras, opaque=not may_be_transparent(splits["train"]))
     held_out = "as transforms_test.json lists them" if "test" in splits else ""
     return Scene(path=path, kind="blender", splits=splits, held_out=held_out, notes=vars(options), **found._asdict())
 
@@ -173,7 +173,7 @@ def _read_capture(path: Path, options: SceneOptions) -> Scene:
     cameras = [photograph.camera for photograph in photographs]
     file_box = _box_of_file(document, description, frame)
     points = _points(path, document, cameras, frame)
-    opaque = not options.masks and not may_be_transparent(photographs)
+    opaque = not may_be_transparent(photographs)
     found = space.space_of_capture(cameras, points, opaque=opaque, file_box=file_box)
     if file_box is not None and points is None and not ((file_box[0] < 0).all() and (file_box[1] > 0).all()):
         notice(description, "its aabb, scale and offset name a box that the cameras do not look at, which is not used")

@@ -30,43 +30,32 @@ SAMPLED_BELOW = 2.0  # times the mean of slopes; see _sample_slopes
 
 
 class Field(NamedTuple):
-    """levels and table: of features. parameters: of decoder and view MLP, as the loops have them. turned: what their gradients'
-    products read. inputs: I."""
-
     levels: Levels
-    table: np.ndarray
-    parameters: np.ndarray
-    turned: np.ndarray
-    inputs: int
+    table: np.ndarray  # of features
+    parameters: np.ndarray  # of decoder and view MLP, as the loops have them
+    turned: np.ndarray  # what their gradients' products read
+    inputs: int  # I
 
 
 class Numbers(NamedTuple):
-    """What a step treats as constants.
+    """What a step treats as constants."""
 
-    step: distance between samples, in cells. reference: world units of a side of the cube. distortion: weight by distances in
-    cells. sparsity: weight by lengths in world units, and its scale. shaded_below: T at which the view MLP, if has_view_mlp,
-    counts. octaves: of the direction that it sees. first_view: where its parameters begin; first_turned: in what the gradients'
-    products read. smoothness: weights of density and of colours and features; cell: side of the finest level's, of the cube.
-    sampled_below: times the mean of slopes; samples with smaller ones are taken at random for the gradient. 0: all are taken.
-    near, whole_from: see Settings.
-    """
-
-    step: float
-    reference: float
-    distortion: float
-    sparsity: float
+    step: float  # distance between samples, in cells
+    reference: float  # world units of a side of the cube
+    distortion: float  # weight by distances in cells
+    sparsity: float  # weight by lengths in world units
     sparsity_scale: float
     largest_raw: float
     least_light: float
-    shaded_below: float
-    octaves: int
+    shaded_below: float  # T at which the view MLP, if has_view_mlp, counts
+    octaves: int  # of the direction that it sees
     has_view_mlp: bool
-    first_view: int
-    first_turned: int
-    smoothness: tuple[float, float]
-    cell: float
-    sampled_below: float
-    near: float
+    first_view: int  # where its parameters begin
+    first_turned: int  # the same in Field.turned
+    smoothness: tuple[float, float]  # weights of density, and of colours and features
+    cell: float  # side of the finest level's, of the cube
+    sampled_below: float  # times the mean of slopes: samples below are taken at random for the gradient; 0: all are
+    near: float  # this and the next: see Settings
     whole_from: float
 
 

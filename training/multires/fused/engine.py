@@ -83,11 +83,12 @@ class FusedEngine:
         self.photographs, self.count = photographs_of(dataset), dataset.count
         self.settings, self.seed, self.sampled_below = settings, seed, sampled_below
         self.workers = Workers(threads)
-        self.inputs = inputs_of(len(settings.resolutions))
+        self.levels = len(settings.resolutions)
+        self.inputs = inputs_of(self.levels)
         self.shading = [mlp.make_shading(CHUNK) for _ in range(self.workers.count)]
         self.scratch: list[Scratch] = []
         self._one_caller = threading.Lock()  # of those below that use `scratch`: a bake asks from many threads
-        self._output: Output | None = None
+        self._places_and_slopes = [np.empty(0, np.float32)] * 4  # memory for an Output
         self._spare = SPARE[0]
 
     def adopt(self, state: State) -> State:
@@ -131,9 +132,7 @@ class FusedEngine:
 
         self.workers.share_range(rays, 16 * CHUNK, fill)
         if any(self.settings.smoothness):
-            cells, finest = self._derived(state)[2], self.settings.resolutions[-1]
-            pairs = neighbouring_points(cells, self.settings.resolution, 1 / finest, self.settings.pairs, random)
-            batch = batch._replace(pairs=pairs)
+            batch = batch._replace(pairs=neighbouring_points(self._derived(state)[2], self.settings, random))
         return batch
 
     def differentiate(self, state: State, batch: Batch) -> Output:
@@ -145,7 +144,7 @@ class FusedEngine:
         of_pairs = -(-len(pairs) // PAIRS_TOGETHER)  # chunks, and parts
         while True:
             capacity = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
-            output = self._make_output(capacity, chunks + of_pairs, parts + of_pairs, len(field.levels.resolution))
+            output = self._make_output(capacity, chunks + of_pairs, parts + of_pairs)
 
             def work(worker: int, low: int, high: int, output: Output = output) -> None:
                 memory, part = (self.scratch[worker], self.shading[worker]), low // CHUNKS_TOGETHER
@@ -200,7 +199,7 @@ class FusedEngine:
             query_points(field, np.float32(LARGEST_RAW), points, values, low, high, self.scratch[worker])
 
         with self._one_caller:
-            self._make_scratch(CHUNK * SPARE[1], len(field.levels.resolution))
+            self._make_scratch(CHUNK * SPARE[1])
             self.workers.share_range(len(points), POINTS_TOGETHER, look)
         return values
 
@@ -209,7 +208,7 @@ class FusedEngine:
         box, gathered, contraction = state.box, np.empty((len(near), 9), np.float32), self.photographs.contraction
         for low in range(0, len(near), RENDERED_TOGETHER):
             some = slice(low, low + RENDERED_TOGETHER)
-            batch = empty_batch(len(near[some]), contraction, coloured=False)
+            batch = empty_batch(len(near[some]), contraction)
             batch.phase[:] = 0.5
             geometry = origins[some], directions[some], near[some], far[some]
             take_rays(*geometry, contraction, box.origin, box.cell, box.dims, batch)
@@ -232,7 +231,7 @@ class FusedEngine:
                     suffices[chunk] = gather_chunk(chunk, grid, field, batch, numbers, self.scratch[worker], gathered)
 
             with self._one_caller:
-                self._make_scratch(capacity, len(field.levels.resolution))
+                self._make_scratch(capacity)
                 self.workers.share(chunks, look)
             capacity *= 2
         return gathered
@@ -307,23 +306,18 @@ class FusedEngine:
         parameters = np.concatenate([flat[:decoder], view_mlp])
         return Field(self._derived(state)[1], state.values.table, parameters, turned, self.inputs)
 
-    def _make_scratch(self, capacity: int, levels: int) -> None:
+    def _make_scratch(self, capacity: int) -> None:
         capacity = -(-capacity // BLOCK) * BLOCK + BLOCK
         if not self.scratch or self.scratch[0].ray.size < capacity:
-            self.scratch = [make_scratch(capacity, levels, self.inputs) for _ in range(self.workers.count)]
+            self.scratch = [make_scratch(capacity, self.levels, self.inputs) for _ in range(self.workers.count)]
 
-    def _make_output(self, capacity: int, chunks: int, parts: int, levels: int) -> Output:
+    def _make_output(self, capacity: int, chunks: int, parts: int) -> Output:
         """An output for so many chunks, of at least this capacity each."""
-        self._make_scratch(capacity, levels)
+        self._make_scratch(capacity)
         samples, parameters = chunks * (self.scratch[0].ray.size - BLOCK), decoder_size(self.inputs) + mlp.SIZE
-        if self._output is None or len(self._output.xs) < samples or len(self._output.slopes) < levels * samples * 4:
-            whole = samples + samples // 4
-            places = (np.empty(whole, np.float32) for _ in range(3))
-            self._output = Output(
-                np.empty(0, np.int64), *places, np.empty(levels * whole * 4, np.float32), np.empty(0), np.empty(0)
-            )
-        kept = self._output
-        return Output(
-            np.zeros(chunks, np.int64), *(a[:samples] for a in kept[1:4]), kept.slopes[: levels * samples * 4],
-            np.zeros((chunks, mlp.METRICS)), np.zeros((parts, parameters), np.float32),
-        )  # fmt: skip
+        sizes = samples, samples, samples, self.levels * samples * 4
+        if len(self._places_and_slopes[0]) < samples:
+            self._places_and_slopes = [np.empty(size + size // 4, np.float32) for size in sizes]
+        kept = (array[:size] for array, size in zip(self._places_and_slopes, sizes, strict=True))
+        metrics, gradient = np.zeros((chunks, mlp.METRICS)), np.zeros((parts, parameters), np.float32)
+        return Output(np.zeros(chunks, np.int64), *kept, metrics, gradient)

@@ -68,26 +68,16 @@ def photographs_of(dataset: RayDataset) -> Photographs:
     )
 
 
-def empty_batch(rays: int, contraction: float, coloured: bool = True) -> Batch:
-    """Unfilled arrays for so many rays, of several pieces each where contraction is not 0. coloured: with viewing directions,
-    target and background."""
+def empty_batch(rays: int, contraction: float) -> Batch:
+    """Unfilled arrays for so many rays, of several pieces each where contraction is not 0."""
     pieces = MOST_PIECES if contraction > 0 else 1
-
-    def array(*shape: int) -> np.ndarray:
-        return np.empty((rays, *shape), np.float32)
-
-    viewdirs, target, background = (np.empty((rays if coloured else 0, 3), np.float32) for _ in range(3))
-    ends = array(), array(), array()
-    return Batch(array(pieces, 3), array(pieces, 3), array(pieces), *ends, viewdirs, target, background, array())
+    shapes = (pieces, 3), (pieces, 3), (pieces,), (), (), (), (3,), (3,), (3,), ()
+    return Batch(*(np.empty((rays, *shape), np.float32) for shape in shapes))
 
 
 @njit(nogil=True, cache=True)
 def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
-    """Fills rays low … high - 1 of `batch` from their ids, but for phase and background, which are there already.
-
-    Where the batch has no arrays for them (empty_batch), viewing directions and colours are left out.
-    """
-    coloured = batch.target.shape[0] > 0
+    """Fills rays low … high - 1 of `batch` from their ids, but for phase and background, which are there already."""
     direction, position = np.empty(3), np.empty(3)
     for n in range(low, high):
         view = np.searchsorted(photographs.first, ids[n], side="right") - 1
@@ -103,16 +93,14 @@ def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
         norm = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
         for axis in range(3):
             direction[axis] /= norm
-            if coloured:
-                batch.viewdirs[n, axis] = direction[axis]
+            batch.viewdirs[n, axis] = direction[axis]
         if photographs.ndc[2] > 0:
             _warp_to_ndc(position, direction, photographs.ndc)
         near, far, inner = photographs.near, photographs.far, photographs.contraction
         _into_grid(batch, n, position, direction, near, far, inner, origin, voxel, dims)
         if not shown:
             batch.end[n] = batch.start[n]
-        if coloured:
-            _colour(photographs.pixels, photographs.gains, view, ids[n], batch, n)
+        _colour(photographs.pixels, photographs.gains, view, ids[n], batch, n)
 
 
 @njit(nogil=True, cache=True)

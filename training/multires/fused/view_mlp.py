@@ -57,18 +57,17 @@ def turned(parameters: np.ndarray) -> np.ndarray:
 
 
 class Shading(NamedTuple):
-    """Memory of one worker. Of each of m rays: its number in the chunk, inputs, hidden layers, outputs and their slopes, and
-    slopes of the first eight inputs."""
+    """Memory of one worker, of each of m rays."""
 
-    ray: np.ndarray
+    ray: np.ndarray  # its number in the chunk
     inputs: np.ndarray
     hidden0: np.ndarray
     hidden1: np.ndarray
     output: np.ndarray
-    slope0: np.ndarray
+    slope0: np.ndarray  # of hidden0, as the next two of hidden1 and output
     slope1: np.ndarray
     slope2: np.ndarray
-    input_slopes: np.ndarray
+    input_slopes: np.ndarray  # of the first eight inputs
 
 
 def make_shading(rays: int) -> Shading:
