@@ -126,7 +126,6 @@ class Progress:
         """For those that show it. updated: more is done; else time passes."""
 
     def report(self, *, at_once: bool = False) -> None:
-        """Tells where the work is."""
         if self._reporter is not None:
             passed, left = time.monotonic() - self.started, self.seconds_left
             report = Report(
@@ -136,7 +135,6 @@ class Progress:
             self._reporter.tell(report, at_once=at_once)
 
     def advance(self, units: float = 1.0, metrics: Mapping[str, float] | None = None) -> None:
-        """`units` more are finished."""
         self.update(self.done + units, metrics=metrics)
 
 
@@ -160,8 +158,6 @@ class _TimeLeft(ProgressColumn):
 
 
 class _Plain(Progress):
-    """Progress as plain lines."""
-
     _printed: float | None = None  # when the last line was
     _finished = False
 

@@ -7,7 +7,8 @@ import errno
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,11 @@ def check_results(*files: Path | None, folder: Path | None = None) -> None:
     """
     for file in files:
         if file is not None and file != STDOUT:
-            _attempt(file, _try_file)
+            with _written_to(file):
+                _try_file(file)
     if folder is not None:
-        _attempt(folder, try_folder)
+        with _written_to(folder):
+            try_folder(folder)
 
 
 def write_json(path: Path | None, value: Any) -> bool:
@@ -44,13 +47,10 @@ def write_json(path: Path | None, value: Any) -> bool:
 
 def write_result(path: Path | None, content: bytes | str | Iterable[bytes]) -> None:
     """Writes the file that an option names, if it does, in one step, and makes its folder. UserError where it cannot."""
-
-    def write(file: Path) -> None:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_file(file, content)
-
     if path is not None:
-        _attempt(path, write)
+        with _written_to(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_file(path, content)
 
 
 def try_folder(folder: Path) -> None:
@@ -72,9 +72,10 @@ def _try_file(path: Path) -> None:
         try_folder(path.parent)
 
 
-def _attempt(path: Path, action: Callable[[Path], None]) -> None:
+@contextmanager
+def _written_to(path: Path) -> Iterator[None]:
     try:
-        action(path)
+        yield
     except OSError as error:
         words, remedy = not_written(error)
         raise UserError(f"cannot be written: {words}", where=path, remedy=remedy) from error

@@ -311,7 +311,6 @@ class App:
         return self.scene.rig.fov if held is None else degrees(2 * atan(0.5 * held.height / held.fy))
 
     def copy(self, text: str, said: str) -> None:
-        """Puts a text on the clipboard, and says so."""
         self.clipboard.text = text
         self.messages.say(said)
 
@@ -362,7 +361,6 @@ class App:
         self.set(backdrop=chosen, **({} if chosen is None else {"background": TRAINED}))
 
     def set_theme(self, theme: str) -> None:
-        """Changes the theme, and the backdrop with it."""
         self.interface.theme = theme
         if self.settings.backdrop is not None:
             self.set_backdrop(self.settings.backdrop.style)

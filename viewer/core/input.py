@@ -98,8 +98,6 @@ ORBIT_PER_S, PAN_PER_S, NOTCHES_PER_S = 0.7, 0.6, 6.0  # at full deflection: pic
 
 @dataclass(frozen=True)
 class ControllerState:
-    """One device."""
-
     name: str  # as the system has it
     axes: tuple[float, ...]  # -1 … 1 each
     buttons: tuple[bool, ...] = ()  # whether each is down
@@ -129,7 +127,6 @@ class Controllers:
         return any(state.usable for state in self.states)
 
     def update(self, app: App, states: Sequence[ControllerState], seconds: float) -> None:
-        """Applies what the devices say for `seconds`."""
         self.states = states
         usable = [state for state in states if state.usable]
         pressed = [command for state in usable for command in self._pressed(state)]

@@ -52,8 +52,6 @@ class LogLine:
 
 @dataclass(frozen=True)
 class Dialog:
-    """A message to be answered."""
-
     title: str
     text: str
     buttons: Buttons = OK
@@ -76,7 +74,6 @@ class Messages:
         self.crash_log(f"{level}: {text}")
 
     def say(self, text: str, level: str = "info") -> None:
-        """Shows `text` for a few seconds, and logs it."""
         self.log(text, level)
         self.show_toast(text, level)
 
@@ -181,7 +178,6 @@ class CrashLog:
         return self._close() is not None
 
     def _close(self) -> Path | None:
-        """The file, if it was open."""
         if self._file is None:
             return None
         faulthandler.disable()

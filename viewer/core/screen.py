@@ -28,8 +28,6 @@ def draw_layers(layers: list[Layer], box: Box) -> None:
 
 
 class Screen:
-    """Projects grid points to window units."""
-
     def __init__(self, app: App, box: Box) -> None:
         camera = app.viewport.camera
         assert camera is not None

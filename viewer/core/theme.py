@@ -107,7 +107,6 @@ class Fonts:
         return "".join(letter for letter in SAMPLES if not self.regular.is_glyph_in_font(ord(letter)))
 
     def has(self, letters: str) -> bool:
-        """Whether all of the letters can be shown."""
         return all(self.regular.is_glyph_in_font(ord(letter)) for letter in letters)
 
     def add(self, file: FontFile) -> None:

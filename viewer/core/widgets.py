@@ -115,7 +115,6 @@ def figure(name: str, value: str, dot: str = "") -> None:
 
 
 def headline(number: str, unit: str) -> None:
-    """A large number and its unit."""
     write(number, face=theme.fonts.bold, size=26.0)
     imgui.same_line(0, px(5))
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
@@ -123,13 +122,11 @@ def headline(number: str, unit: str) -> None:
 
 
 def hint(text: str, colour: str = theme.FAINT) -> None:
-    """Small muted text, wrapped."""
     with font(None, theme.SMALL):
         paragraph(text, colour)
 
 
 def paragraph(text: str, colour: str = theme.TEXT) -> None:
-    """Text, wrapped."""
     with imgui_ctx.push_text_wrap_pos():
         write(text, colour)
 
@@ -143,7 +140,6 @@ def heading(icon: str, title: str, colour: str = theme.ACCENT, size: float = the
 
 
 def tip(text: str) -> None:
-    """A tooltip for the item before."""
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
         imgui.set_tooltip(text)
 
@@ -222,7 +218,6 @@ def button(text: str, width: float = -1, height: float = 0, *, enabled: bool = T
 
 
 def command(app: App, name: str, text: str, width: float = -1, height: float = 0, *, enabled: bool = True) -> None:
-    """A button that runs a command of viewer.app.commands."""
     if button(text, width, height, enabled=enabled):
         app.run(name)
 

@@ -168,7 +168,6 @@ class Canvas:
         return read_pixels(framebuffer, camera.width, camera.height)
 
     def drop_export_preview(self) -> None:
-        """Frees the GPU memory of `draw_export_preview`."""
         self._preview_picture.release()
 
     def raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
