@@ -83,9 +83,7 @@ class Progress:
     the time left is estimated from what is done since.
     """
 
-    def __init__(
-        self, title: str, total: float, begun: float, reporter: Reporter | None = None, stage: str | None = None
-    ) -> None:
+    def __init__(self, title: str, total: float, begun: float, reporter: Reporter | None, stage: str | None) -> None:
         self.title, self.total, self.done, self.note = title, total, begun, ""
         self.metrics: Mapping[str, float] = {}
         self.begun = begun

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from console.atomic import Replacement, is_stream, write_file
+from console.atomic import is_stream, reserved, write_file
 from console.errors import UserError, not_written
 
 STDOUT = Path("-")
@@ -67,7 +67,8 @@ def _try_file(path: Path) -> None:
     elif path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     elif path.parent.is_dir():
-        Replacement(path, durable=False).discard()  # by the name that it will have
+        with reserved(path.resolve()):  # by the name that it will have
+            pass
     else:
         try_folder(path.parent)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -263,11 +264,8 @@ def elided(text: str, width: float) -> str:
     text = translated(text)
     if imgui.calc_text_size(text).x <= width:
         return text
-    low, high = 0, len(text)
-    while low < high:
-        middle = (low + high + 1) // 2
-        low, high = (middle, high) if imgui.calc_text_size(f"{text[:middle]}…").x <= width else (low, middle - 1)
-    return f"{text[:low].rstrip()}…" if low else ""
+    kept = bisect_right(range(1, len(text) + 1), width, key=lambda n: imgui.calc_text_size(f"{text[:n]}…").x)
+    return f"{text[:kept].rstrip()}…" if kept else ""
 
 
 def elided_start(text: str, width: float) -> str:

@@ -160,8 +160,7 @@ class ViewCamera:
     @property
     def mirrored(self) -> bool:
         """Whether the camera's axes are left-handed, as where the grid frame mirrors the training frame."""
-        (a, b, c), (d, e, f), (g, h, i) = self.grid_T_camera[:3, :3].tolist()
-        return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) <= 0
+        return bool(np.linalg.det(self.grid_T_camera[:3, :3]) <= 0)
 
 
 def is_mirrored(pack: Pack) -> bool:

@@ -56,7 +56,7 @@ def opengl_refusal(version: str, complaint: str = "", *, window: bool = False) -
     number = re.match(r"OpenGL (?:ES )?(\d+)\.(\d+)", version)
     if number is None or (int(number[1]), int(number[2])) >= (3, 3):
         version = ""  # it was something else then
-    remedy = _remedy(version, complaint, os.environ, sys.platform)
+    remedy = _remedy(version, complaint)
     if window and not version:
         remedy += "; snerg-render may draw without a window"
     what = "this computer's OpenGL is too old" if version else "no OpenGL to draw with"
@@ -68,15 +68,15 @@ def opengl_refusal(version: str, complaint: str = "", *, window: bool = False) -
     return UserError(what, expected=NEEDED, found=found or "none", remedy=remedy)
 
 
-def _remedy(version: str, complaint: str, environment: Mapping[str, str], platform: str) -> str:
-    if override := environment.get(OVERRIDE):
+def _remedy(version: str, complaint: str) -> str:
+    if override := os.environ.get(OVERRIDE):
         return f"{OVERRIDE}={override} is set, which hides what the driver can do: unset it and start again"
-    if platform == "win32":
+    if sys.platform == "win32":
         return (
             "install the driver of the graphics card's maker (what comes with Windows has OpenGL 1.1 alone); over Remote "
             "Desktop, start it on the computer itself"
         )
-    if platform == "darwin":
+    if sys.platform == "darwin":
         return "update macOS: every Mac since 2012 has OpenGL 4.1"
     if "GLX extension not found" in complaint:
         return "this display has no OpenGL, as over ssh -X or some VNC servers: start it on the computer's own screen"
