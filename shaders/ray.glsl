@@ -10,9 +10,7 @@
 //   begins, across the direction of its column, so that two such pictures are a stereo pair in all directions.
 //   NDC: training_camera, ndc_scale, voxel_R_ndc, voxel_t_ndc; see ndc_ray.
 //   CONTRACTED: the ray is that of space; path.glsl makes rays of the grid of it, one a piece.
-#ifndef TINY
 #define TINY 1e-8
-#endif
 
 uniform vec2 viewport_origin;
 uniform vec2 picture_size;

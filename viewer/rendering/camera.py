@@ -188,6 +188,12 @@ def content_box(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
     return pack.min_xyz + pack.voxel_size * low, pack.min_xyz + pack.voxel_size * high
 
 
+def box_points(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """float64 [..., 8, 3]: corners of boxes from low to high [..., 3]; bit k of the index tells low or high along axis k."""
+    ends = np.stack([low, high], axis=-2, dtype=np.float64)
+    return ends[..., np.arange(8)[:, None] >> np.arange(3) & 1, np.arange(3)]
+
+
 def orbit_path(
     pack: Pack, frames: int, fov_degrees: float = 39.0, size: tuple[int, int] = (800, 800)
 ) -> list[ViewCamera]:

@@ -323,15 +323,11 @@ class Canvas:
         self._drop_coming()
         for name in list(self._images):
             self.drop_image(name)
-        self._sheet.release()
-        self.drop_export_preview()
-        if self._difference is not None:
-            self._difference.release()
-        for target in (self._quick, self._full, self._still):
-            target.release()
-        if self.renderer is not None:
-            self.renderer.release()
-            self.renderer = None
+        targets = self._quick, self._full, self._still
+        for part in (self._sheet, self._preview_picture, self._difference, *targets, self.renderer):
+            if part is not None:
+                part.release()
+        self.renderer = None
         self.layers, self.difference = [], None
 
     def close(self) -> None:

@@ -131,8 +131,7 @@ class GpuScene:
     def _weights(self, name: str, matrix: np.ndarray) -> None:
         """matrix [inputs, outputs] as float RGBA texels, outputs padded to whole texels."""
         inputs, outputs = matrix.shape
-        padded = np.zeros((inputs, -(-outputs // 4) * 4), np.float32)
-        padded[:, :outputs] = matrix
+        padded = np.pad(matrix.astype(np.float32), [(0, 0), (0, -outputs % 4)])
         self.textures[name] = self.ctx.texture((padded.shape[1] // 4, inputs), 4, padded.tobytes(), dtype="f4")
         self._check("the view MLP's weights", padded.nbytes)
         self.gpu_bytes += padded.nbytes

@@ -17,6 +17,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import moderngl
@@ -144,12 +145,9 @@ def read_pixels(
 
 def unbind_framebuffers(ctx: moderngl.Context) -> None:
     """Binds a framebuffer that outlives ours: moderngl binds the last one again whenever it makes another."""
-    if ctx.screen is not None:
-        ctx.screen.use()
-        return
-    if ctx.extra is None:
+    if ctx.screen is None and ctx.extra is None:
         ctx.extra = ctx.simple_framebuffer((1, 1))
-    ctx.extra.use()
+    (ctx.screen or ctx.extra).use()
 
 
 def free_framebuffer(framebuffer: moderngl.Framebuffer, *, textures: bool = True) -> None:
@@ -211,11 +209,8 @@ class GpuClock:
     def time(self, draw: Callable[[], None]) -> tuple[float | None, float]:
         """Runs `draw` to its end: milliseconds on the GPU, None where they are not measured, and by the wall clock."""
         start = time.perf_counter()
-        if self._query is None:
+        with self._query or nullcontext():
             draw()
-        else:
-            with self._query:
-                draw()
         finish(self.ctx)
         wall = 1000.0 * (time.perf_counter() - start)
         return (self._query.elapsed / 1e6 if self._query is not None else None), wall
