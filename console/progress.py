@@ -12,9 +12,8 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
-from rich.text import Text
 
 from console.progress_protocol import Report, Reporter, in_words
 
@@ -98,6 +97,12 @@ class Progress:
         """An estimate; None while too little is known for one."""
         return self._estimate.left(time.monotonic()) if self.done < self.total else None
 
+    @property
+    def time_left(self) -> str:
+        """In words; "" while too little is known."""
+        left = self.seconds_left
+        return "" if left is None else f"{duration(left)} left"
+
     def update(self, done: float, note: str = "", metrics: Mapping[str, float] | None = None) -> None:
         """`done` units of `total` are finished. metrics: figures by name (console.progress_protocol.METRICS), shown where there
         is no `note`, a short text of its own.
@@ -141,18 +146,10 @@ class _Live(Progress):
 
     def __init__(self, bars: RichProgress, title: str, total: float, begun: float, *named: Any) -> None:
         super().__init__(title, total, begun, *named)
-        self.bars, self._task = bars, bars.add_task(title, total=total, completed=int(begun), note="", work=self)
+        self.bars, self._task = bars, bars.add_task(title, total=total, completed=int(begun), work=self)
 
     def _show(self, updated: bool) -> None:
-        self.bars.update(self._task, completed=self.done, note=self.note)
-
-
-class _TimeLeft(ProgressColumn):
-    """The time left of each bar, where it is known."""
-
-    def render(self, task: Task) -> Text:
-        left = task.fields["work"].seconds_left
-        return Text("" if left is None else f"{duration(left)} left")
+        self.bars.update(self._task, completed=self.done)
 
 
 class _Plain(Progress):
@@ -169,8 +166,7 @@ class _Plain(Progress):
             return
         self._printed, self._finished = now, finished
         share = 100.0 if finished else 100 * self.done / self.total
-        left, times = self.seconds_left, duration(now - self.started)
-        times += "" if left is None else f", {duration(left)} left"
+        times = ", ".join(filter(None, (duration(now - self.started), self.time_left)))
         print(f"{self.title}: {share:.0f} %  {times}  {self.note}".rstrip(), file=sys.stderr, flush=True)
 
 
@@ -212,8 +208,9 @@ def progress(
 
 def _bars() -> RichProgress:
     return RichProgress(
-        TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), _TimeLeft(),
-        TextColumn("{task.fields[note]}", markup=False), console=Console(stderr=True),
+        TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+        TextColumn("{task.fields[work].time_left}", markup=False), TextColumn("{task.fields[work].note}", markup=False),
+        console=Console(stderr=True),
     )  # fmt: skip
 
 
