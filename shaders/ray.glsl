@@ -125,23 +125,19 @@ Ray camera_ray(vec2 fragment) {
     pixel.y = picture_size.y - pixel.y;
     vec2 image = (pixel - intrinsics.zw) / intrinsics.xy;
     bool runs = true;
+    vec3 origin = camera_position;
 #ifdef DISTORTION
     image = undistorted(image, runs);
     vec3 in_camera = through_lens(image);
+    if (lens[2].w == LENS_EQUIRECTANGULAR) origin += grid_R_camera * (eye_offset * vec3(cos(image.x), 0.0, sin(image.x)));
 #elif defined(ORTHOGRAPHIC)
     vec3 in_camera = vec3(0.0, 0.0, -1.0);
+    origin += grid_R_camera * vec3(image.x, -image.y, 0.0);
 #else
     vec3 in_camera = normalize(vec3(image.x, -image.y, -1.0));
 #endif
     float first = max(near_plane / max(-in_camera.z, TINY), ray_near);
     ray.viewdir = normalize(training_R_camera * in_camera);
-    vec3 origin = camera_position;
-#ifdef DISTORTION
-    if (lens[2].w == LENS_EQUIRECTANGULAR) origin += grid_R_camera * (eye_offset * vec3(cos(image.x), 0.0, sin(image.x)));
-#endif
-#ifdef ORTHOGRAPHIC
-    origin += grid_R_camera * vec3(image.x, -image.y, 0.0);
-#endif
     vec3 direction = normalize(grid_R_camera * in_camera);
 #ifdef NDC
     runs = ndc_ray(ray.viewdir, first, origin, direction, first) && runs;

@@ -38,7 +38,7 @@ class Command:
 
 
 def _rig(action: Callable) -> Callable[[App], object]:
-    return lambda app: action(app.scene.rig) if app.scene is not None else None
+    return lambda app: action(app.open_scene.rig)
 
 
 def _toggle(name: str) -> Callable[[App], object]:
@@ -46,8 +46,8 @@ def _toggle(name: str) -> Callable[[App], object]:
 
 
 def _fly(app: App) -> None:
-    if app.scene is not None and not app.scene.rig.bounded:
-        rig = app.scene.rig
+    rig = app.open_scene.rig
+    if not rig.bounded:
         rig.take_over()
         rig.navigate("orbit" if rig.flying else "fly")
         *move, down, up = app.keyboard.flying_names
@@ -77,7 +77,7 @@ def _escape(app: App) -> None:
 
 
 def _close(app: App) -> None:
-    if app.scene is not None and not app.erasing.ask_to_leave(app, [app.scene], "close-unsaved"):
+    if not app.erasing.ask_to_leave(app, [app.open_scene], "close-unsaved"):
         app.close()
 
 

@@ -25,7 +25,7 @@ from console import not_written
 from console.atomic import write_file
 from console.json_text import read_json_file
 from console.streams import one_line
-from scenepack.pack import Pack
+from scenepack.pack import Pack, number_in
 from scenepack.placement import MARKS as KEY
 from scenepack.placement import (
     NOT_MOVED,
@@ -164,15 +164,11 @@ def _list(value: Any, what: str) -> list[Any]:
     return value
 
 
-def is_number(value: Any) -> bool:
-    """Whether it is a finite number of JSON."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def number_from_json(value: Any, low: float, high: float, what: str) -> float:
-    if not is_number(value) or not low <= value <= high:
+    number = number_in(value, low, high)
+    if number is None:
         raise ValueError(f"{what}: expected a number from {low:g} to {high:g}")
-    return float(value)
+    return number
 
 
 def point_from_json(value: Any, what: str) -> Point:

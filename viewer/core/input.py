@@ -14,6 +14,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import copysign
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -168,8 +169,7 @@ def shaped(value: float, dead_zone: float) -> float:
     size = min(abs(value), 1.0)
     if not size > dead_zone:
         return 0.0
-    size = (size - dead_zone) / (1.0 - dead_zone)
-    return size * size if value > 0 else -size * size
+    return copysign(((size - dead_zone) / (1.0 - dead_zone)) ** 2, value)
 
 
 def _move_gamepad(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:

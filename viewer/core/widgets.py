@@ -200,9 +200,8 @@ def switch(name: str, on: bool, title: str = "") -> bool:
     at = imgui.get_cursor_screen_pos()
     if imgui.invisible_button(f"##{name}", ImVec2(width, height), imgui.ButtonFlags_.enable_nav):
         on = not on
-    hot = imgui.is_item_hovered()
     draw = imgui.get_window_draw_list()
-    track = theme.ACCENT if on else (theme.FAINT if hot else theme.CONTROL_HOT)
+    track = theme.ACCENT if on else theme.FAINT if imgui.is_item_hovered() else theme.CONTROL_HOT
     draw.add_rect_filled(at, ImVec2(at.x + width, at.y + height), theme.packed(track), height / 2)
     knob = at.x + (width - height / 2 if on else height / 2)
     colour = theme.packed(theme.ON_ACCENT if on else theme.TEXT)

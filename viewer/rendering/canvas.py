@@ -194,10 +194,9 @@ class Canvas:
     @property
     def gpu_bytes_by_use(self) -> dict[str, int]:
         """Texture memory in bytes, by what it is for; what takes none is left out."""
-        other = self.other.gpu_bytes if self.other is not None else 0
         uses = {
             "Pack": self.renderer.gpu_bytes() if self.renderer is not None else 0,
-            "Other pack": other,
+            "Other pack": self.other.gpu_bytes if self.other is not None else 0,
             "Pictures": sum(4 * target.size[0] * target.size[1] for target in (self._quick, self._full, self._still)),
             "Photographs": self._sheet.gpu_bytes + sum(t.width * t.height * 4 for _, t in self._images.values()),
         }

@@ -141,12 +141,11 @@ class GpuScene:
     def arrive(self, seconds: float = inf) -> bool:
         """Fills the textures for about `seconds`; True where all has arrived. NoRoomError where the driver gives up."""
         end = time.perf_counter() + seconds
-        while self.arriving is not None:
-            if next(self.arriving, self) is self:
-                self.arriving = None
+        for _ in self.arriving or ():
             if time.perf_counter() >= end:
-                break
-        return self.arriving is None
+                return False
+        self.arriving = None
+        return True
 
     def _fill(self, taken_before: set[int] | None) -> Iterator[None]:
         """One layer of slots at a time, whose macroblocks are shown from then on."""
