@@ -17,7 +17,7 @@ import secrets
 import shutil
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -53,84 +53,62 @@ def is_stream(path: Path) -> bool:
 
 @contextmanager
 def replacing(target: Path, *, folder: bool = False, durable: bool = True, alone: bool = False) -> Iterator[Path]:
-    """Yields the path of a Replacement; on a clean exit it takes target's place.
+    """Yields the path of an empty file or folder to be written; on a clean exit it takes the place of `target`.
 
-    Where the block raises, what was written is deleted and the target is untouched. Raises OSError.
+    Where the block raises, what was written is deleted and the target is untouched. Where `target` is a symbolic link, what it
+    leads to is replaced, not the link. durable: False spares the disk, for what nobody misses after a power cut. alone: what
+    takes a while to write is written by one process at a time; otherwise the last one stays. Raises OSError as reserved() does.
     """
-    replacement = Replacement(target, folder=folder, durable=durable, alone=alone)
-    try:
-        yield replacement.path
-        replacement.finish()
-    finally:
-        replacement.discard()
+    target = target.resolve() if target.is_symlink() else target
+    with reserved(target, folder=folder, alone=alone) as new:
+        yield new
+        if durable:
+            _flush(new)
+        _take_place(new, target)
+        if durable:
+            _flush_names(target.parent)
 
 
 @contextmanager
 def writing_alone(target: Path) -> Iterator[None]:
     """For work of a while that ends in writing to the file or folder `target`. OSError where another process is at such work."""
-    claim, target = None, target.resolve()
-    if target.name and not is_stream(target):  # to which as many may write as like
-        try:
-            claim = Replacement(target, durable=False, alone=True)
-        except OSError as error:  # a folder, say, that may be written to, but not what it lies in
-            if error.errno == errno.EBUSY:
-                raise
-    try:
-        yield
-    finally:
-        if claim is not None:
-            claim.discard()
-
-
-class Replacement:
-    """What is to take the place of `target`, whose folder exists. path: to be written, an empty folder or an empty file.
-
-    Where `target` is a symbolic link, what it leads to is replaced, not the link.
-    durable: False spares the disk, for what nobody misses after a power cut. alone: what takes a while to write is written by
-    one process at a time; otherwise the last one stays. Raises OSError, also where `target` is a device or a pipe, or another
-    process writes it alone.
-    """
-
-    def __init__(self, target: Path, *, folder: bool = False, durable: bool = True, alone: bool = False) -> None:
-        if is_stream(target):
-            raise OSError(errno.EINVAL, "a device or a pipe is there", str(target))
-        target = target.resolve() if target.is_symlink() else target
-        recover_interrupted_write(target)
-        remove_leftovers(target)
-        if alone:
-            _require_alone(target)
-        self.target, self._durable = target, durable
-        self.path = _sibling(target, NEW)
-        if folder:
-            self.path.mkdir()
-        else:
-            self.path.touch()
-        self._lock = -1
-        if fcntl:
-            self._lock = os.open(self.path, _lock_flags(self.path))
-            with suppress(OSError):  # there are no locks; else it waits for those who look whether anybody holds it
-                fcntl.flock(self._lock, fcntl.LOCK_EX)
-        if alone:
+    target = target.resolve()
+    with ExitStack() as stack:
+        if target.name and not is_stream(target):  # to which as many may write as like
             try:
-                _require_alone(target, self.path)
-            except OSError:
-                self.discard()
-                raise
+                stack.enter_context(reserved(target, alone=True))
+            except OSError as error:  # a folder, say, that may be written to, but not what it lies in
+                if error.errno == errno.EBUSY:
+                    raise
+        yield
 
-    def finish(self) -> None:
-        """It is whole: flushes it to the disk and puts it in its place."""
-        if self._durable:
-            _flush(self.path)
-        _take_place(self.path, self.target)
-        if self._durable:
-            _flush_names(self.target.parent)
 
-    def discard(self) -> None:
-        """Leaves nothing beside the target; after finish() as well as instead of it."""
-        if self._lock >= 0:
-            os.close(self._lock)
-            self._lock = -1
-        _delete(self.path)  # what failed
+@contextmanager
+def reserved(target: Path, *, folder: bool = False, alone: bool = False) -> Iterator[Path]:
+    """Yields the path of a new empty file or folder beside `target`, whose folder exists; deletes it at the end, if still there.
+
+    Raises OSError, also where `target` is a device or a pipe, or another process writes it alone.
+    """
+    if is_stream(target):
+        raise OSError(errno.EINVAL, "a device or a pipe is there", str(target))
+    recover_interrupted_write(target)
+    remove_leftovers(target)
+    if alone:
+        _require_alone(target)
+    path = _sibling(target, NEW)
+    with ExitStack() as stack:
+        if folder:
+            path.mkdir()
+        else:
+            path.touch()
+        stack.callback(_delete, path)
+        if fcntl:
+            lock = stack.enter_context(_opened(path))
+            with suppress(OSError):  # there are no locks; else it waits for those who look whether anybody holds it
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        if alone:
+            _require_alone(target, path)
+        yield path
 
 
 def recover_interrupted_write(target: Path) -> None:
@@ -304,25 +282,19 @@ def _writer_of(path: Path) -> int:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[int]:
-    handle = os.open(path, _lock_flags(path))
+    handle = os.open(
+        path, os.O_RDONLY if path.is_dir() else os.O_RDWR
+    )  # network file systems lock only what can be written
     try:
         yield handle
     finally:
         os.close(handle)
 
 
-def _lock_flags(path: Path) -> int:
-    """How to open `path` for a lock: network file systems lock only files that are open for writing."""
-    return os.O_RDONLY if path.is_dir() else os.O_RDWR
-
-
 def _process_exists(pid: int) -> bool:
-    if os.name != "posix":
-        return True  # os.kill would end it there; age decides
     try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        pass
+        if os.name == "posix":  # elsewhere os.kill would end it; age decides
+            os.kill(pid, 0)
+    except OSError as error:
+        return not isinstance(error, ProcessLookupError)
     return True

@@ -75,7 +75,6 @@ def show_box(title: str, text: str) -> None:
 
 
 def _boxes(title: str, text: str) -> list[list[str]]:
-    """Command lines that show it."""
     if sys.platform == "darwin":
         return [["osascript", "-e", MAC, title, text]]
     on_kde = "KDE" in os.environ.get("XDG_CURRENT_DESKTOP", "").upper()

@@ -12,9 +12,8 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
-from rich.text import Text
 
 from console.progress_protocol import Report, Reporter, in_words
 
@@ -83,9 +82,7 @@ class Progress:
     the time left is estimated from what is done since.
     """
 
-    def __init__(
-        self, title: str, total: float, begun: float, reporter: Reporter | None = None, stage: str | None = None
-    ) -> None:
+    def __init__(self, title: str, total: float, begun: float, reporter: Reporter | None, stage: str | None) -> None:
         self.title, self.total, self.done, self.note = title, total, begun, ""
         self.metrics: Mapping[str, float] = {}
         self.begun = begun
@@ -99,6 +96,12 @@ class Progress:
     def seconds_left(self) -> float | None:
         """An estimate; None while too little is known for one."""
         return self._estimate.left(time.monotonic()) if self.done < self.total else None
+
+    @property
+    def time_left(self) -> str:
+        """In words; "" while too little is known."""
+        left = self.seconds_left
+        return "" if left is None else f"{duration(left)} left"
 
     def update(self, done: float, note: str = "", metrics: Mapping[str, float] | None = None) -> None:
         """`done` units of `total` are finished. metrics: figures by name (console.progress_protocol.METRICS), shown where there
@@ -126,7 +129,6 @@ class Progress:
         """For those that show it. updated: more is done; else time passes."""
 
     def report(self, *, at_once: bool = False) -> None:
-        """Tells where the work is."""
         if self._reporter is not None:
             passed, left = time.monotonic() - self.started, self.seconds_left
             report = Report(
@@ -136,7 +138,6 @@ class Progress:
             self._reporter.tell(report, at_once=at_once)
 
     def advance(self, units: float = 1.0, metrics: Mapping[str, float] | None = None) -> None:
-        """`units` more are finished."""
         self.update(self.done + units, metrics=metrics)
 
 
@@ -145,23 +146,13 @@ class _Live(Progress):
 
     def __init__(self, bars: RichProgress, title: str, total: float, begun: float, *named: Any) -> None:
         super().__init__(title, total, begun, *named)
-        self.bars, self._task = bars, bars.add_task(title, total=total, completed=int(begun), note="", work=self)
+        self.bars, self._task = bars, bars.add_task(title, total=total, completed=int(begun), work=self)
 
     def _show(self, updated: bool) -> None:
-        self.bars.update(self._task, completed=self.done, note=self.note)
-
-
-class _TimeLeft(ProgressColumn):
-    """The time left of each bar, where it is known."""
-
-    def render(self, task: Task) -> Text:
-        left = task.fields["work"].seconds_left
-        return Text("" if left is None else f"{duration(left)} left")
+        self.bars.update(self._task, completed=self.done)
 
 
 class _Plain(Progress):
-    """Progress as plain lines."""
-
     _printed: float | None = None  # when the last line was
     _finished = False
 
@@ -175,8 +166,7 @@ class _Plain(Progress):
             return
         self._printed, self._finished = now, finished
         share = 100.0 if finished else 100 * self.done / self.total
-        left, times = self.seconds_left, duration(now - self.started)
-        times += "" if left is None else f", {duration(left)} left"
+        times = ", ".join(filter(None, (duration(now - self.started), self.time_left)))
         print(f"{self.title}: {share:.0f} %  {times}  {self.note}".rstrip(), file=sys.stderr, flush=True)
 
 
@@ -218,8 +208,9 @@ def progress(
 
 def _bars() -> RichProgress:
     return RichProgress(
-        TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), _TimeLeft(),
-        TextColumn("{task.fields[note]}", markup=False), console=Console(stderr=True),
+        TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+        TextColumn("{task.fields[work].time_left}", markup=False), TextColumn("{task.fields[work].note}", markup=False),
+        console=Console(stderr=True),
     )  # fmt: skip
 
 

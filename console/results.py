@@ -7,11 +7,12 @@ import errno
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from console.atomic import Replacement, is_stream, write_file
+from console.atomic import is_stream, reserved, write_file
 from console.errors import UserError, not_written
 
 STDOUT = Path("-")
@@ -24,9 +25,11 @@ def check_results(*files: Path | None, folder: Path | None = None) -> None:
     """
     for file in files:
         if file is not None and file != STDOUT:
-            _attempt(file, _try_file)
+            with _written_to(file):
+                _try_file(file)
     if folder is not None:
-        _attempt(folder, try_folder)
+        with _written_to(folder):
+            try_folder(folder)
 
 
 def write_json(path: Path | None, value: Any) -> bool:
@@ -44,13 +47,10 @@ def write_json(path: Path | None, value: Any) -> bool:
 
 def write_result(path: Path | None, content: bytes | str | Iterable[bytes]) -> None:
     """Writes the file that an option names, if it does, in one step, and makes its folder. UserError where it cannot."""
-
-    def write(file: Path) -> None:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_file(file, content)
-
     if path is not None:
-        _attempt(path, write)
+        with _written_to(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_file(path, content)
 
 
 def try_folder(folder: Path) -> None:
@@ -67,14 +67,16 @@ def _try_file(path: Path) -> None:
     elif path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     elif path.parent.is_dir():
-        Replacement(path, durable=False).discard()  # by the name that it will have
+        with reserved(path.resolve()):  # by the name that it will have
+            pass
     else:
         try_folder(path.parent)
 
 
-def _attempt(path: Path, action: Callable[[Path], None]) -> None:
+@contextmanager
+def _written_to(path: Path) -> Iterator[None]:
     try:
-        action(path)
+        yield
     except OSError as error:
         words, remedy = not_written(error)
         raise UserError(f"cannot be written: {words}", where=path, remedy=remedy) from error

@@ -57,7 +57,6 @@ def page(docs: Path = DOCS) -> str:
 
 
 def table_text(table: Mapping[str, Any]) -> str:
-    """A table of Markdown."""
     columns, formats = table["columns"], table["formats"]
     bold = {tuple(place) for place in table.get("bold", ())}
     rule = "|" + "---|" * len(columns) if table.get("tight") else "| " + " | ".join(["---"] * len(columns)) + " |"
@@ -114,7 +113,11 @@ def report_page(document: Mapping[str, Any]) -> str:
         f"{about['theirs']}, measured on their machines. [All scenes](../../results.md#the-papers-tables)",
     ]
     for name, title, section in sections(document, figures=False):
-        lines += ["", f"## {title}", *_made(document.get("made", {}).get(name)), "", *_without_pictures(section)]
+        lines += ["", f"## {title}"]
+        if made := document.get("made", {}).get(name):
+            lines += ["", f"    {made['command']}", "", f"Commit {made['commit']}; {made['device']}."]
+        text = "\n".join(line for line in section if not line.startswith("!["))
+        lines += ["", re.sub(r"\n{3,}", "\n\n", text).rstrip("\n")]
     return "\n".join(lines) + "\n"
 
 
@@ -124,17 +127,6 @@ def without_folders(document: Mapping[str, Any]) -> dict[str, Any]:
     for path, word in sorted(((about["out"], "DIR"), (about["run"], "RUN"), (about["scene"], "SCENE")), reverse=True):
         text = text.replace(json.dumps(path)[1:-1], word)
     return json.loads(text)
-
-
-def _made(made: Mapping[str, Any] | None) -> list[str]:
-    if made is None:
-        return []
-    return ["", f"    {made['command']}", "", f"Commit {made['commit']}; {made['device']}."]
-
-
-def _without_pictures(lines: list[str]) -> list[str]:
-    text = "\n".join(line for line in lines if not line.startswith("!["))
-    return re.sub(r"\n{3,}", "\n\n", text).rstrip("\n").split("\n")
 
 
 def pages() -> dict[Path, str]:

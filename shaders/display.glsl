@@ -75,14 +75,12 @@ vec3 grid_normal(Ray ray, Marched marched) {
 
 vec3 displayed_colour(Ray ray, Marched marched) {
     float alpha = 1.0 - marched.transmittance;
-#if MODE == MODE_NORMAL || MODE == MODE_DIFFUSE
+#if MODE == MODE_NORMAL || MODE == MODE_DIFFUSE || MODE == MODE_ATLAS
     vec3 colour = diffuse_colour(marched) + residual(ray, marched);
 #ifdef LOOK
     colour = with_look(colour, marched.transmittance * background, alpha);
 #endif
     return colour;
-#elif MODE == MODE_ATLAS
-    return diffuse_colour(marched);
 #elif MODE == MODE_FEATURES
     return marched.features.rgb;
 #elif MODE == MODE_VIEW_DEPENDENT

@@ -10,9 +10,7 @@
 //   begins, across the direction of its column, so that two such pictures are a stereo pair in all directions.
 //   NDC: training_camera, ndc_scale, voxel_R_ndc, voxel_t_ndc; see ndc_ray.
 //   CONTRACTED: the ray is that of space; path.glsl makes rays of the grid of it, one a piece.
-#ifndef TINY
 #define TINY 1e-8
-#endif
 
 uniform vec2 viewport_origin;
 uniform vec2 picture_size;
@@ -127,23 +125,19 @@ Ray camera_ray(vec2 fragment) {
     pixel.y = picture_size.y - pixel.y;
     vec2 image = (pixel - intrinsics.zw) / intrinsics.xy;
     bool runs = true;
+    vec3 origin = camera_position;
 #ifdef DISTORTION
     image = undistorted(image, runs);
     vec3 in_camera = through_lens(image);
+    if (lens[2].w == LENS_EQUIRECTANGULAR) origin += grid_R_camera * (eye_offset * vec3(cos(image.x), 0.0, sin(image.x)));
 #elif defined(ORTHOGRAPHIC)
     vec3 in_camera = vec3(0.0, 0.0, -1.0);
+    origin += grid_R_camera * vec3(image.x, -image.y, 0.0);
 #else
     vec3 in_camera = normalize(vec3(image.x, -image.y, -1.0));
 #endif
     float first = max(near_plane / max(-in_camera.z, TINY), ray_near);
     ray.viewdir = normalize(training_R_camera * in_camera);
-    vec3 origin = camera_position;
-#ifdef DISTORTION
-    if (lens[2].w == LENS_EQUIRECTANGULAR) origin += grid_R_camera * (eye_offset * vec3(cos(image.x), 0.0, sin(image.x)));
-#endif
-#ifdef ORTHOGRAPHIC
-    origin += grid_R_camera * vec3(image.x, -image.y, 0.0);
-#endif
     vec3 direction = normalize(grid_R_camera * in_camera);
 #ifdef NDC
     runs = ndc_ray(ray.viewdir, first, origin, direction, first) && runs;

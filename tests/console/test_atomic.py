@@ -14,7 +14,7 @@ import pytest
 from baker.commands.pack import main as snerg_pack
 from baker.reports.figures import Section, draw_sections
 from console import atomic, write_json
-from console.atomic import Replacement, replacing
+from console.atomic import replacing, reserved
 from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
 from training.checkpoints import write_checkpoint
@@ -70,8 +70,8 @@ def test_what_a_person_keeps_is_flushed_before_it_takes_its_place(tmp_path, monk
 def test_what_a_killed_writer_left_is_gone_after_the_next_one(tmp_path: Path) -> None:
     file = tmp_path / "figures.json"
     code = (
-        "import os, sys; from pathlib import Path; from console.atomic import Replacement\n"
-        "Replacement(Path(sys.argv[1])).path.write_text('half'); os._exit(9)"
+        "import os, sys; from pathlib import Path; from console.atomic import reserved\n"
+        "with reserved(Path(sys.argv[1])) as new: new.write_text('half'); os._exit(9)"
     )
     assert subprocess.run([sys.executable, "-c", code, str(file)], cwd=ROOT, timeout=60).returncode == 9
     assert len(os.listdir(tmp_path)) == 1
@@ -139,7 +139,7 @@ def test_one_that_is_killed_stands_in_nobodys_way(tmp_path: Path) -> None:
     with writers(tmp_path / "film.mp4") as (child,):
         assert go_on(child) == "writes"
         with pytest.raises(OSError, match="another process is writing it"):
-            Replacement(tmp_path / "film.mp4", alone=True)
+            reserved(tmp_path / "film.mp4", alone=True).__enter__()
         with replacing(tmp_path / "film.mp4") as new:  # what is written in a moment asks nobody
             new.write_text("ours")
         child.kill()

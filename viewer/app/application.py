@@ -36,7 +36,7 @@ from viewer.features.film.kiosk import Kiosk
 from viewer.features.making.making import Making
 from viewer.features.making.review import SparsePreview
 from viewer.features.measuring.measure_tool import MeasureTool
-from viewer.features.measuring.surface import surface_at
+from viewer.features.measuring.surface import surface_under
 from viewer.features.opening.open_prompt import OpenPrompt, looks_like_path, path_in
 from viewer.features.opening.opening import Loading, Opening, OpenPacks
 from viewer.features.opening.session import Sessions
@@ -311,14 +311,12 @@ class App:
         return self.scene.rig.fov if held is None else degrees(2 * atan(0.5 * held.height / held.fy))
 
     def copy(self, text: str, said: str) -> None:
-        """Puts a text on the clipboard, and says so."""
         self.clipboard.text = text
         self.messages.say(said)
 
     def pose_text(self) -> str:
         """The camera's pose in the placed frame, as one line of JSON."""
-        assert self.scene is not None
-        rig, annotations = self.scene.rig, self.annotations.current
+        rig, annotations = self.open_scene.rig, self.annotations.current
         parallel = rig.ortho_height * annotations.scale.factor if rig.orthographic and rig.held is None else None
         return pose_to_text(moved_pose(annotations.placed_T_grid, rig.matrix), self.fov, parallel)
 
@@ -362,7 +360,6 @@ class App:
         self.set(backdrop=chosen, **({} if chosen is None else {"background": TRAINED}))
 
     def set_theme(self, theme: str) -> None:
-        """Changes the theme, and the backdrop with it."""
         self.interface.theme = theme
         if self.settings.backdrop is not None:
             self.set_backdrop(self.settings.backdrop.style)
@@ -382,10 +379,9 @@ class App:
 
     def pivot_at(self, x: float, y: float) -> bool:
         """Makes the surface under a point of the viewport (window units from its corner) the pivot; False for none."""
-        camera, scale = self.camera(), self.viewport.pixels_per_unit
-        if camera is None or self.scene is None or self.scene.rig.bounded:
+        if self.scene is None or self.scene.rig.bounded:
             return False
-        hit = surface_at(self.scene.pack, camera, self.settings, x * scale, y * scale)
+        hit = surface_under(self, x, y)
         if hit is not None:
             self.scene.rig.set_pivot(hit.point)
             self.touch()

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from viewer.features.display.display import next_mode
-from viewer.features.editing.erasing import CHANGES, RULES, TOOLS, Tool
+from viewer.features.editing.erasing import CHANGES, RULES, TOOLS
 from viewer.features.editing.erasing import PAGE as ERASE_PAGE
 from viewer.features.film import kiosk
 from viewer.features.opening.open_prompt import ask_to_open, browse
@@ -38,7 +38,7 @@ class Command:
 
 
 def _rig(action: Callable) -> Callable[[App], object]:
-    return lambda app: action(app.scene.rig) if app.scene is not None else None
+    return lambda app: action(app.open_scene.rig)
 
 
 def _toggle(name: str) -> Callable[[App], object]:
@@ -46,17 +46,13 @@ def _toggle(name: str) -> Callable[[App], object]:
 
 
 def _fly(app: App) -> None:
-    if app.scene is not None and not app.scene.rig.bounded:
-        rig = app.scene.rig
+    rig = app.open_scene.rig
+    if not rig.bounded:
         rig.take_over()
         rig.navigate("orbit" if rig.flying else "fly")
         *move, down, up = app.keyboard.flying_names
         flying = f"Flying: {' '.join(move)}, {down} and {up}, or the arrows; drag to look"
         app.messages.say(flying if rig.flying else "Orbiting the pivot")
-
-
-def _copy_pose(app: App) -> None:
-    app.copy(app.pose_text(), "The pose is on the clipboard")
 
 
 def _escape(app: App) -> None:
@@ -81,7 +77,7 @@ def _escape(app: App) -> None:
 
 
 def _close(app: App) -> None:
-    if app.scene is not None and not app.erasing.ask_to_leave(app, [app.scene], "close-unsaved"):
+    if not app.erasing.ask_to_leave(app, [app.open_scene], "close-unsaved"):
         app.close()
 
 
@@ -97,23 +93,19 @@ def _remove(app: App) -> None:
         app.measure_tool.back(app)
 
 
+def _other_theme(app: App) -> None:
+    app.set_theme("dark" if app.interface.theme == "light" else "light")
+
+
 _other_projection = _rig(lambda rig: rig.set_orthographic(not rig.orthographic))
 
 
-def _erasing_tool(tool: Tool) -> Callable[[App], object]:
-    return lambda app: app.erasing.choose(app, "" if tool == app.erasing.tool else tool)
+def _tool(feature: str, tool: str) -> Callable[[App], object]:
+    def choose(app: App) -> None:
+        tools = getattr(app, feature)
+        tools.choose(app, "" if tool == tools.tool else tool)
 
-
-def _placing_tool(tool: Literal["ground", "origin"]) -> Callable[[App], object]:
-    return lambda app: app.measure_tool.choose(app, "" if tool == app.measure_tool.tool else tool)
-
-
-def _usual_size(app: App) -> None:
-    app.interface.scale = 1.0
-
-
-def _other_theme(app: App) -> None:
-    app.set_theme("dark" if app.interface.theme == "light" else "light")
+    return choose
 
 
 def _group(group: str, *rows: tuple) -> list[Command]:
@@ -131,7 +123,12 @@ _ALL = (
         ("frame", "Show the whole scene", _rig(lambda rig: rig.frame()), "F"),
         ("fly", "Fly or orbit", _fly, "V"),
         ("walk", "Walk or orbit", lambda app: app.walking.toggle(app), "G"),
-        ("copy-pose", "Copy the pose as text", _copy_pose, "Ctrl+C"),
+        (
+            "copy-pose",
+            "Copy the pose as text",
+            lambda app: app.copy(app.pose_text(), "The pose is on the clipboard"),
+            "Ctrl+C",
+        ),
         ("paste", "Go to a copied pose, open a copied path", lambda app: app.paste(), "Ctrl+V", False),
         ("undo", "Undo", _rig(lambda rig: rig.history.undo()), "Ctrl+Z"),
         ("redo", "Redo it", _rig(lambda rig: rig.history.redo()), "Ctrl+Shift+Z or Ctrl+Y"),
@@ -195,7 +192,13 @@ _ALL = (
         ("layout", "Reset the layout", lambda app: app.interface.reset_layout(), "Ctrl+L", False),
         ("larger", "Larger interface", lambda app: app.interface.rescale(1), "Ctrl+Plus", False),
         ("smaller", "Smaller interface", lambda app: app.interface.rescale(-1), "Ctrl+Minus", False),
-        ("usual-size", "Interface at its usual size", _usual_size, "Ctrl+0", False),
+        (
+            "usual-size",
+            "Interface at its usual size",
+            lambda app: setattr(app.interface, "scale", 1.0),
+            "Ctrl+0",
+            False,
+        ),
         ("theme", "Light or dark theme", _other_theme, "Ctrl+Shift+L", False),
         ("full-screen", "Full screen", _toggle("full_screen"), "F11", False),
         ("help", "Keys and mouse", _toggle("help_shown"), "? or F1", False),
@@ -217,7 +220,7 @@ _ALL = (
     ),
     *_group(
         "Erasing",
-        *((f"erase-{tool}", title, _erasing_tool(tool), "") for tool, title in TOOLS.items()),
+        *((f"erase-{tool}", title, _tool("erasing", tool), "") for tool, title in TOOLS.items()),
         *((f"select-{a}", title, lambda app, a=a: app.erasing.select(app, a), "") for a, title in RULES.items()),
         *((f"selection-{a}", way[0], lambda app, a=a: app.erasing.change(app, a), "") for a, way in CHANGES.items()),
         ("erase-selected", "Erase what is selected", lambda app: app.erasing.erase(app), ""),
@@ -225,8 +228,8 @@ _ALL = (
     ),
     *_group(
         "Moving",
-        ("move-ground", "Level the ground by three points", _placing_tool("ground"), ""),
-        ("move-origin", "Set the origin", _placing_tool("origin"), ""),
+        ("move-ground", "Level the ground by three points", _tool("measure_tool", "ground"), ""),
+        ("move-origin", "Set the origin", _tool("measure_tool", "origin"), ""),
         ("move-find-ground", "Find the ground", placing.find_ground, ""),
         ("move-reset", "Back to the grid frame", placing.reset, ""),
     ),

@@ -25,7 +25,7 @@ from console import not_written
 from console.atomic import write_file
 from console.json_text import read_json_file
 from console.streams import one_line
-from scenepack.pack import Pack
+from scenepack.pack import Pack, number_in
 from scenepack.placement import MARKS as KEY
 from scenepack.placement import (
     NOT_MOVED,
@@ -113,7 +113,7 @@ class Annotations:
 def annotations_to_json(annotations: Annotations) -> dict[str, Any]:
     placement = annotations.placement
     return {
-        "scale": {"factor": annotations.scale.factor, "unit": annotations.scale.unit},
+        "scale": asdict(annotations.scale),
         "measurements": [{"kind": m.kind, "points": [list(p) for p in m.points]} for m in annotations.measurements],
         "bookmarks": [bookmark_to_json(view) for view in annotations.bookmarks],
         **({} if annotations.look is None else {"look": asdict(annotations.look)}),
@@ -122,10 +122,8 @@ def annotations_to_json(annotations: Annotations) -> dict[str, Any]:
 
 
 def bookmark_to_json(view: Bookmark) -> dict[str, Any]:
-    place = {} if view.point is None else {"point": list(view.point)}
-    text = {"text": view.text} if view.text else {}
-    camera = {"eye": list(view.eye), "target": list(view.target), "up": view.up, "fov": view.fov}
-    return {"name": view.name, **camera, **place, **text}
+    fields = {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(view).items()}
+    return {name: value for name, value in fields.items() if value not in (None, "")}
 
 
 def annotations_from_json(document: Any, complain: Callable[[str], None] | None = None) -> Annotations:
@@ -140,7 +138,7 @@ def annotations_from_json(document: Any, complain: Callable[[str], None] | None 
             complain(str(error))
             return otherwise
 
-    entries = part(object_from_json, document, {})
+    entries = part(lambda value: object_from_json(value, "marks"), document, {})
 
     def listed(key: str, read: Callable[[Any], Any]) -> tuple[Any, ...]:
         values = part(lambda value: _list(value, key), entries.get(key, []), [])
@@ -154,8 +152,7 @@ def annotations_from_json(document: Any, complain: Callable[[str], None] | None 
     return Annotations(scale, measurements, bookmarks, look, placement)
 
 
-def object_from_json(value: Any, what: str = "marks") -> Mapping[str, Any]:
-    """An object. ValueError for anything else."""
+def object_from_json(value: Any, what: str) -> Mapping[str, Any]:
     if not isinstance(value, dict):
         raise ValueError(f"{what}: expected an object")
     return value
@@ -167,20 +164,14 @@ def _list(value: Any, what: str) -> list[Any]:
     return value
 
 
-def is_number(value: Any) -> bool:
-    """Whether it is a finite number of JSON."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def number_from_json(value: Any, low: float, high: float, what: str) -> float:
-    """A finite number. ValueError for anything else."""
-    if not is_number(value) or not low <= value <= high:
+    number = number_in(value, low, high)
+    if number is None:
         raise ValueError(f"{what}: expected a number from {low:g} to {high:g}")
-    return float(value)
+    return number
 
 
 def point_from_json(value: Any, what: str) -> Point:
-    """Three numbers. ValueError for anything else."""
     if not isinstance(value, list) or len(value) != 3:
         raise ValueError(f"{what}: expected three numbers")
     x, y, z = (number_from_json(number, -FARTHEST, FARTHEST, what) for number in value)

@@ -127,7 +127,6 @@ class FolderProcess:
             raise
 
     def due(self) -> bool:
-        """Whether it is time to look at it again."""
         now = time.monotonic()
         if now - self._looked < LOOK_EVERY_S:
             return False

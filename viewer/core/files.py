@@ -27,8 +27,6 @@ SCENE_FILES = (
 
 @dataclass(frozen=True)
 class FileRequest:
-    """A path that the user is asked for."""
-
     title: str
     kind: Literal["open", "folder", "save"]  # an existing file, a folder, or a file to write
     then: Callable[[Path], object]  # called with the path that was chosen
@@ -87,7 +85,6 @@ def scene_around(path: Path) -> Path:
 
 
 def existing_folder(path: Path) -> Path:
-    """`path`, or the nearest folder above it that is there."""
     path = path.absolute()
     return next((folder for folder in (path, *path.parents) if os.path.isdir(folder)), Path(path.anchor))
 

@@ -14,6 +14,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import copysign
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -98,8 +99,6 @@ ORBIT_PER_S, PAN_PER_S, NOTCHES_PER_S = 0.7, 0.6, 6.0  # at full deflection: pic
 
 @dataclass(frozen=True)
 class ControllerState:
-    """One device."""
-
     name: str  # as the system has it
     axes: tuple[float, ...]  # -1 … 1 each
     buttons: tuple[bool, ...] = ()  # whether each is down
@@ -129,7 +128,6 @@ class Controllers:
         return any(state.usable for state in self.states)
 
     def update(self, app: App, states: Sequence[ControllerState], seconds: float) -> None:
-        """Applies what the devices say for `seconds`."""
         self.states = states
         usable = [state for state in states if state.usable]
         pressed = [command for state in usable for command in self._pressed(state)]
@@ -171,8 +169,7 @@ def shaped(value: float, dead_zone: float) -> float:
     size = min(abs(value), 1.0)
     if not size > dead_zone:
         return 0.0
-    size = (size - dead_zone) / (1.0 - dead_zone)
-    return size * size if value > 0 else -size * size
+    return copysign(((size - dead_zone) / (1.0 - dead_zone)) ** 2, value)
 
 
 def _move_gamepad(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:

@@ -13,7 +13,6 @@ import platform
 import sys
 import time
 import traceback
-import warnings
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,8 +23,9 @@ from typing import TYPE_CHECKING, TextIO
 
 import platformdirs
 
-from console import Notice, UserError, refusal
+from console import UserError, refusal
 from console.atomic import try_lock
+from console.errors import handle_notices
 
 if TYPE_CHECKING:
     from viewer.features.making.make_job import RejectedPhotographs
@@ -52,8 +52,6 @@ class LogLine:
 
 @dataclass(frozen=True)
 class Dialog:
-    """A message to be answered."""
-
     title: str
     text: str
     buttons: Buttons = OK
@@ -76,7 +74,6 @@ class Messages:
         self.crash_log(f"{level}: {text}")
 
     def say(self, text: str, level: str = "info") -> None:
-        """Shows `text` for a few seconds, and logs it."""
         self.log(text, level)
         self.show_toast(text, level)
 
@@ -113,13 +110,14 @@ class Messages:
     @contextmanager
     def noting_warnings(self, *, dialog: bool = True) -> Iterator[None]:
         """Logs the notices of the `with` block, such as a pack too large for the GPU; dialog: shows them as well."""
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", Notice)
-            yield
-        for text in (str(warning.message) for warning in caught if issubclass(warning.category, Notice)):
+
+        def note(text: str) -> None:
             self.log(text, "warning")
             if dialog:
                 self.dialogs.append(Dialog("Shown with less detail", text[:1].upper() + text[1:], failed=False))
+
+        with handle_notices(note):
+            yield
 
     @property
     def toast_left(self) -> float:
@@ -181,7 +179,6 @@ class CrashLog:
         return self._close() is not None
 
     def _close(self) -> Path | None:
-        """The file, if it was open."""
         if self._file is None:
             return None
         faulthandler.disable()

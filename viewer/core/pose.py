@@ -172,6 +172,7 @@ def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera
 
 # --- From the grid frame to the picture: points, frusta, boxes, and dragging along an axis ---
 
+# Of viewer.rendering.camera.box_points, and of frustum_points
 BOX_EDGES = tuple((a, b) for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1)
 FRUSTUM_EDGES = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1))
 
@@ -192,11 +193,6 @@ def frustum_points(camera: ViewCamera, depth: float) -> np.ndarray:
     corners = [(0, 0), (camera.width, 0), (camera.width, camera.height), (0, camera.height)]
     points = np.vstack([np.zeros(3), depth * rays_through(camera, np.asarray(corners, np.float64))])
     return points @ camera.grid_T_camera[:3, :3].T + camera.grid_T_camera[:3, 3]
-
-
-def box_points(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """float64 [8, 3]: corners of a box; bit k of the index tells low or high along axis k. See BOX_EDGES."""
-    return np.array([[(high if i >> k & 1 else low)[k] for k in range(3)] for i in range(8)], np.float64)
 
 
 def along_axis(camera: ViewCamera, at: np.ndarray, axis: int, moved: tuple[float, float]) -> float:

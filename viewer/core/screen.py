@@ -28,8 +28,6 @@ def draw_layers(layers: list[Layer], box: Box) -> None:
 
 
 class Screen:
-    """Projects grid points to window units."""
-
     def __init__(self, app: App, box: Box) -> None:
         camera = app.viewport.camera
         assert camera is not None
@@ -38,8 +36,7 @@ class Screen:
 
     def points(self, grid: np.ndarray) -> tuple[list[ImVec2], np.ndarray]:
         pixels, before = project(self.camera, grid)
-        corner = np.array(self.box[:2])
-        return [ImVec2(*(float(v) for v in corner + self.scale * p)) for p in pixels], before
+        return [ImVec2(x, y) for x, y in (self.box[:2] + self.scale * pixels).tolist()], before
 
     def outlined_lines(
         self, grid: np.ndarray, edges, colour: str, width: float, dark: float, shade: float = 0.75

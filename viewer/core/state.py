@@ -55,8 +55,6 @@ class OpenScene:
 
 @dataclass
 class Interface:
-    """What the panels remember."""
-
     page: str = "view"  # the one that the rail shows at its usual place; "" for none
     moved: list[str] = field(default_factory=list)  # others, dragged elsewhere: they stay open whatever the rail shows
     over: str = ""  # the one that lies over the picture of a narrow window

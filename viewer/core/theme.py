@@ -11,7 +11,6 @@ import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -107,7 +106,6 @@ class Fonts:
         return "".join(letter for letter in SAMPLES if not self.regular.is_glyph_in_font(ord(letter)))
 
     def has(self, letters: str) -> bool:
-        """Whether all of the letters can be shown."""
         return all(self.regular.is_glyph_in_font(ord(letter)) for letter in letters)
 
     def add(self, file: FontFile) -> None:
@@ -213,15 +211,13 @@ def load_fonts(missing: str) -> list[FontFile]:
 def find_fonts(missing: str) -> list[FontFile]:
     """OSError or TimeoutExpired where fontconfig's programs are not there or do not answer."""
     if sys.platform == "win32":
-        return _in_folder(Path(os.environ.get("SYSTEMROOT", "C:/Windows")) / "Fonts", WINDOWS)
-    if sys.platform == "darwin":
-        return _in_folder(Path("/System/Library/Fonts"), MACOS)
-    command = ["fc-match", "--sort", "--format", FORMAT, "sans-serif"]
-    done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, stdin=subprocess.DEVNULL)
-    return chosen_fonts(done.stdout.decode(errors="replace"), missing)
-
-
-def _in_folder(folder: Path, names: Iterable[str]) -> list[FontFile]:
+        folder, names = Path(os.environ.get("SYSTEMROOT", "C:/Windows")) / "Fonts", WINDOWS
+    elif sys.platform == "darwin":
+        folder, names = Path("/System/Library/Fonts"), MACOS
+    else:
+        command = ["fc-match", "--sort", "--format", FORMAT, "sans-serif"]
+        done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, stdin=subprocess.DEVNULL)
+        return chosen_fonts(done.stdout.decode(errors="replace"), missing)
     return [FontFile(folder / name) for name in names if (folder / name).is_file()]
 
 

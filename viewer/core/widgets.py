@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -115,7 +116,6 @@ def figure(name: str, value: str, dot: str = "") -> None:
 
 
 def headline(number: str, unit: str) -> None:
-    """A large number and its unit."""
     write(number, face=theme.fonts.bold, size=26.0)
     imgui.same_line(0, px(5))
     imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + px(9))
@@ -123,13 +123,11 @@ def headline(number: str, unit: str) -> None:
 
 
 def hint(text: str, colour: str = theme.FAINT) -> None:
-    """Small muted text, wrapped."""
     with font(None, theme.SMALL):
         paragraph(text, colour)
 
 
 def paragraph(text: str, colour: str = theme.TEXT) -> None:
-    """Text, wrapped."""
     with imgui_ctx.push_text_wrap_pos():
         write(text, colour)
 
@@ -143,7 +141,6 @@ def heading(icon: str, title: str, colour: str = theme.ACCENT, size: float = the
 
 
 def tip(text: str) -> None:
-    """A tooltip for the item before."""
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
         imgui.set_tooltip(text)
 
@@ -203,9 +200,8 @@ def switch(name: str, on: bool, title: str = "") -> bool:
     at = imgui.get_cursor_screen_pos()
     if imgui.invisible_button(f"##{name}", ImVec2(width, height), imgui.ButtonFlags_.enable_nav):
         on = not on
-    hot = imgui.is_item_hovered()
     draw = imgui.get_window_draw_list()
-    track = theme.ACCENT if on else (theme.FAINT if hot else theme.CONTROL_HOT)
+    track = theme.ACCENT if on else theme.FAINT if imgui.is_item_hovered() else theme.CONTROL_HOT
     draw.add_rect_filled(at, ImVec2(at.x + width, at.y + height), theme.packed(track), height / 2)
     knob = at.x + (width - height / 2 if on else height / 2)
     colour = theme.packed(theme.ON_ACCENT if on else theme.TEXT)
@@ -222,7 +218,6 @@ def button(text: str, width: float = -1, height: float = 0, *, enabled: bool = T
 
 
 def command(app: App, name: str, text: str, width: float = -1, height: float = 0, *, enabled: bool = True) -> None:
-    """A button that runs a command of viewer.app.commands."""
     if button(text, width, height, enabled=enabled):
         app.run(name)
 
@@ -268,11 +263,8 @@ def elided(text: str, width: float) -> str:
     text = translated(text)
     if imgui.calc_text_size(text).x <= width:
         return text
-    low, high = 0, len(text)
-    while low < high:
-        middle = (low + high + 1) // 2
-        low, high = (middle, high) if imgui.calc_text_size(f"{text[:middle]}…").x <= width else (low, middle - 1)
-    return f"{text[:low].rstrip()}…" if low else ""
+    kept = bisect_right(range(1, len(text) + 1), width, key=lambda n: imgui.calc_text_size(f"{text[:n]}…").x)
+    return f"{text[:kept].rstrip()}…" if kept else ""
 
 
 def elided_start(text: str, width: float) -> str:

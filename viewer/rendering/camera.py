@@ -160,8 +160,7 @@ class ViewCamera:
     @property
     def mirrored(self) -> bool:
         """Whether the camera's axes are left-handed, as where the grid frame mirrors the training frame."""
-        (a, b, c), (d, e, f), (g, h, i) = self.grid_T_camera[:3, :3].tolist()
-        return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) <= 0
+        return bool(np.linalg.det(self.grid_T_camera[:3, :3]) <= 0)
 
 
 def is_mirrored(pack: Pack) -> bool:
@@ -187,6 +186,12 @@ def content_box(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
     if len(corners):
         low, high = np.maximum(corners.min(0), low), np.minimum(corners.max(0) + pack.block_size, high)
     return pack.min_xyz + pack.voxel_size * low, pack.min_xyz + pack.voxel_size * high
+
+
+def box_points(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """float64 [..., 8, 3]: corners of boxes from low to high [..., 3]; bit k of the index tells low or high along axis k."""
+    ends = np.stack([low, high], axis=-2, dtype=np.float64)
+    return ends[..., np.arange(8)[:, None] >> np.arange(3) & 1, np.arange(3)]
 
 
 def orbit_path(

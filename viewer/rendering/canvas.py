@@ -168,7 +168,6 @@ class Canvas:
         return read_pixels(framebuffer, camera.width, camera.height)
 
     def drop_export_preview(self) -> None:
-        """Frees the GPU memory of `draw_export_preview`."""
         self._preview_picture.release()
 
     def raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
@@ -195,10 +194,9 @@ class Canvas:
     @property
     def gpu_bytes_by_use(self) -> dict[str, int]:
         """Texture memory in bytes, by what it is for; what takes none is left out."""
-        other = self.other.gpu_bytes if self.other is not None else 0
         uses = {
             "Pack": self.renderer.gpu_bytes() if self.renderer is not None else 0,
-            "Other pack": other,
+            "Other pack": self.other.gpu_bytes if self.other is not None else 0,
             "Pictures": sum(4 * target.size[0] * target.size[1] for target in (self._quick, self._full, self._still)),
             "Photographs": self._sheet.gpu_bytes + sum(t.width * t.height * 4 for _, t in self._images.values()),
         }
@@ -324,15 +322,11 @@ class Canvas:
         self._drop_coming()
         for name in list(self._images):
             self.drop_image(name)
-        self._sheet.release()
-        self.drop_export_preview()
-        if self._difference is not None:
-            self._difference.release()
-        for target in (self._quick, self._full, self._still):
-            target.release()
-        if self.renderer is not None:
-            self.renderer.release()
-            self.renderer = None
+        targets = self._quick, self._full, self._still
+        for part in (self._sheet, self._preview_picture, self._difference, *targets, self.renderer):
+            if part is not None:
+                part.release()
+        self.renderer = None
         self.layers, self.difference = [], None
 
     def close(self) -> None:

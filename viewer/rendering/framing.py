@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 from scenepack.blocks import block_data
 from scenepack.pack import Pack, cached_per_pack
 from scenepack.placement import placement_of
-from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, inner_box, orbit_path
+from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, box_points, content_box, inner_box, orbit_path
 
 MARGIN = 1.05  # of half the picture over what is seen
 STRAY = 0.01  # of the macroblocks: a piece with fewer is not counted
@@ -45,15 +45,15 @@ def outline(pack: Pack) -> np.ndarray:
     """Corners of the hull around what is counted, float64 [n, 3], grid frame; of the grid where a pack is empty."""
     blocks = np.argwhere(counted_blocks(pack))  # z, y, x
     if not len(blocks):
-        return _corners(*content_box(pack))
+        return box_points(*content_box(pack))
     size = pack.block_size
-    corners = _corners(blocks[:, ::-1] * float(size), (blocks[:, ::-1] + 1.0) * size)
+    corners = box_points(blocks[:, ::-1] * size, (blocks[:, ::-1] + 1) * size).reshape(-1, 3)
     hull = ConvexHull(corners)
     middles = (blocks[:, ::-1] + 0.5) * size
     inside = -(middles @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1)  # to the hull's nearest face
     boxes = [box for block in blocks[inside < OUTER * size] if (box := _seen_box(pack, block)) is not None]
     if boxes:
-        corners = _corners(*np.stack(boxes, axis=1))
+        corners = box_points(*np.stack(boxes, axis=1)).reshape(-1, 3)
     if np.linalg.matrix_rank(corners - corners[0]) == 3:
         corners = corners[ConvexHull(corners).vertices]
     return pack.min_xyz + pack.voxel_size * np.clip(corners, *inner_box(pack))
@@ -68,13 +68,6 @@ def _seen_box(pack: Pack, block: np.ndarray) -> tuple[np.ndarray, np.ndarray] | 
     low, high = (np.array([span[end] for span in spans], np.float64) for end in (0, -1))
     start = block[::-1] * float(pack.block_size)
     return start + low, start + high + 1.0
-
-
-def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The corners of boxes (float [..., 3] each), float64 [8 n, 3]."""
-    ends = np.stack([np.asarray(low, np.float64), np.asarray(high, np.float64)])
-    return np.concatenate([np.stack([ends[i][..., 0], ends[j][..., 1], ends[k][..., 2]], -1).reshape(-1, 3)
-                           for i, j, k in np.ndindex(2, 2, 2)])  # fmt: skip
 
 
 def middle_of(points: np.ndarray) -> np.ndarray:

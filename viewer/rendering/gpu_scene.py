@@ -131,8 +131,7 @@ class GpuScene:
     def _weights(self, name: str, matrix: np.ndarray) -> None:
         """matrix [inputs, outputs] as float RGBA texels, outputs padded to whole texels."""
         inputs, outputs = matrix.shape
-        padded = np.zeros((inputs, -(-outputs // 4) * 4), np.float32)
-        padded[:, :outputs] = matrix
+        padded = np.pad(matrix.astype(np.float32), [(0, 0), (0, -outputs % 4)])
         self.textures[name] = self.ctx.texture((padded.shape[1] // 4, inputs), 4, padded.tobytes(), dtype="f4")
         self._check("the view MLP's weights", padded.nbytes)
         self.gpu_bytes += padded.nbytes
@@ -142,12 +141,11 @@ class GpuScene:
     def arrive(self, seconds: float = inf) -> bool:
         """Fills the textures for about `seconds`; True where all has arrived. NoRoomError where the driver gives up."""
         end = time.perf_counter() + seconds
-        while self.arriving is not None:
-            if next(self.arriving, self) is self:
-                self.arriving = None
+        for _ in self.arriving or ():
             if time.perf_counter() >= end:
-                break
-        return self.arriving is None
+                return False
+        self.arriving = None
+        return True
 
     def _fill(self, taken_before: set[int] | None) -> Iterator[None]:
         """One layer of slots at a time, whose macroblocks are shown from then on."""

@@ -17,6 +17,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import moderngl
@@ -56,7 +57,7 @@ def opengl_refusal(version: str, complaint: str = "", *, window: bool = False) -
     number = re.match(r"OpenGL (?:ES )?(\d+)\.(\d+)", version)
     if number is None or (int(number[1]), int(number[2])) >= (3, 3):
         version = ""  # it was something else then
-    remedy = _remedy(version, complaint, os.environ, sys.platform)
+    remedy = _remedy(version, complaint)
     if window and not version:
         remedy += "; snerg-render may draw without a window"
     what = "this computer's OpenGL is too old" if version else "no OpenGL to draw with"
@@ -68,15 +69,15 @@ def opengl_refusal(version: str, complaint: str = "", *, window: bool = False) -
     return UserError(what, expected=NEEDED, found=found or "none", remedy=remedy)
 
 
-def _remedy(version: str, complaint: str, environment: Mapping[str, str], platform: str) -> str:
-    if override := environment.get(OVERRIDE):
+def _remedy(version: str, complaint: str) -> str:
+    if override := os.environ.get(OVERRIDE):
         return f"{OVERRIDE}={override} is set, which hides what the driver can do: unset it and start again"
-    if platform == "win32":
+    if sys.platform == "win32":
         return (
             "install the driver of the graphics card's maker (what comes with Windows has OpenGL 1.1 alone); over Remote "
             "Desktop, start it on the computer itself"
         )
-    if platform == "darwin":
+    if sys.platform == "darwin":
         return "update macOS: every Mac since 2012 has OpenGL 4.1"
     if "GLX extension not found" in complaint:
         return "this display has no OpenGL, as over ssh -X or some VNC servers: start it on the computer's own screen"
@@ -144,12 +145,9 @@ def read_pixels(
 
 def unbind_framebuffers(ctx: moderngl.Context) -> None:
     """Binds a framebuffer that outlives ours: moderngl binds the last one again whenever it makes another."""
-    if ctx.screen is not None:
-        ctx.screen.use()
-        return
-    if ctx.extra is None:
+    if ctx.screen is None and ctx.extra is None:
         ctx.extra = ctx.simple_framebuffer((1, 1))
-    ctx.extra.use()
+    (ctx.screen or ctx.extra).use()
 
 
 def free_framebuffer(framebuffer: moderngl.Framebuffer, *, textures: bool = True) -> None:
@@ -211,11 +209,8 @@ class GpuClock:
     def time(self, draw: Callable[[], None]) -> tuple[float | None, float]:
         """Runs `draw` to its end: milliseconds on the GPU, None where they are not measured, and by the wall clock."""
         start = time.perf_counter()
-        if self._query is None:
+        with self._query or nullcontext():
             draw()
-        else:
-            with self._query:
-                draw()
         finish(self.ctx)
         wall = 1000.0 * (time.perf_counter() - start)
         return (self._query.elapsed / 1e6 if self._query is not None else None), wall

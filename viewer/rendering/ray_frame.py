@@ -60,13 +60,11 @@ class RayFrame:
             near, ray_near = 0.0, max(near, ray_near)
         voxels = 1.0 if pack.ndc else 1.0 / pack.voxel_size
         position = (camera.position - pack.min_xyz) / pack.voxel_size
-        focal = camera.fx, camera.fy
-        if camera.orthographic:  # pixels per voxel
-            focal = camera.fx * pack.voxel_size, camera.fy * pack.voxel_size
+        scale = pack.voxel_size if camera.orthographic else 1.0  # to pixels per voxel
         training_T_camera = self.training_T_grid @ camera.grid_T_camera
         return {
             "picture_size": (camera.width, camera.height),
-            "intrinsics": (*focal, camera.cx, camera.cy),
+            "intrinsics": (camera.fx * scale, camera.fy * scale, camera.cx, camera.cy),
             "orthographic": float(camera.orthographic),
             "lens": lambda: np.reshape(whole_lens(camera.distortion)[:LENS_SIZE], (3, 4)).T,  # a column for each vec4
             "lens_reach": lambda: lens_reach(camera.distortion),

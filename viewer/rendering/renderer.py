@@ -85,7 +85,6 @@ class Renderer:
         self._ray_frame = RayFrame(self.pack)
 
     def scene(self, marcher: str) -> GpuScene:
-        """The textures of `marcher`, uploaded if they are not yet."""
         layout = _layout(marcher)
         if layout not in self._scenes:
             self._scenes[layout] = upload(self.ctx, self.pack, layout)

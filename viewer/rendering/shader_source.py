@@ -159,8 +159,7 @@ def view_mlp_biases(mlp: ViewMlp) -> str:
     """The biases as `const vec4 BIAS_L[]`, zero-padded to whole vectors."""
     lines = []
     for layer, bias in enumerate(mlp.biases):
-        padded = np.zeros(-(-len(bias) // 4) * 4)
-        padded[: len(bias)] = bias
+        padded = np.pad(bias, (0, -len(bias) % 4))
         vectors = ", ".join(f"vec4({_numbers(row)})" for row in padded.reshape(-1, 4))
         lines.append(f"const vec4 BIAS_{layer}[{len(padded) // 4}] = vec4[]({vectors});")
     return "\n".join(lines) + "\n"

@@ -82,7 +82,7 @@ class SkipGrid:
 
 @cached_per_pack
 def skip_grid_of(pack: Pack) -> SkipGrid:
-    words = skip_words(content_cells(pack, CELL // 2))
+    words = skip_words(content_eighths(pack))
     content = words & FARTHEST == 0
     return SkipGrid(words, *content_bounds(content), hull_triangles(content))
 
@@ -90,7 +90,7 @@ def skip_grid_of(pack: Pack) -> SkipGrid:
 def skip_words(eighths: np.ndarray) -> np.ndarray:
     """uint16 [cells z, y, x]: a cell's distance (chebyshev_distances) in the low byte, its eighths with content above it.
 
-    eighths: bool [z, y, x]: content_cells of half a cell's side. Bit 8 + dx + 2 dy + 4 dz is that of eighth (dx, dy, dz).
+    eighths: bool [z, y, x], as content_eighths has them. Bit 8 + dx + 2 dy + 4 dz is that of eighth (dx, dy, dz).
     """
     shape = [-(-n // 2) for n in eighths.shape]
     bits = np.zeros(shape, np.uint16)
@@ -101,12 +101,12 @@ def skip_words(eighths: np.ndarray) -> np.ndarray:
     return bits | chebyshev_distances(bits > 0)
 
 
-def content_cells(pack: Pack, side: int = CELL) -> np.ndarray:
-    """bool [cells z, cells y, cells x]: where a sample may find content. side: of a cell, voxels.
+def content_eighths(pack: Pack) -> np.ndarray:
+    """bool [z, y, x], of eighths of cells: where a sample may find content.
 
     A texel cube across a macroblock's border counts for both macroblocks, whose padded copies need not agree.
     """
-    size = pack.block_size
+    size, side = pack.block_size, CELL // 2
     cells = np.zeros([n * size // side + 1 for n in pack.grid_blocks[::-1]], bool)
     for block in map(tuple, np.argwhere(pack.occupied).tolist()):
         content = np.asarray(block_copy(pack, pack.atlas_rgba, block)[..., 3] > 0)

@@ -44,7 +44,6 @@ MARGIN = 1  # pixels above and at the right of each picture
 
 
 def with_margin(camera: ViewCamera) -> ViewCamera:
-    """The camera of the picture and its margin."""
     width, height = camera.width + MARGIN, camera.height + MARGIN
     return replace(camera, width=width, height=height, cy=camera.cy + MARGIN)
 

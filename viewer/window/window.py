@@ -347,8 +347,7 @@ def _name(key: int, scancode: int) -> str:
 
 def _local_name(place: str) -> str:
     """What the user's layout prints at a place."""
-    key = next((key for key, known in PLACES.items() if known == place), glfw.KEY_UNKNOWN)
-    name = glfw.get_key_name(key, 0) if key != glfw.KEY_UNKNOWN else None
+    name = next((glfw.get_key_name(key, 0) for key, known in PLACES.items() if known == place), None)
     return name.upper() if name else place
 
 

@@ -5,8 +5,8 @@ import pytest
 
 from scenepack.pack import Pack
 from tests.scenepack.volumes import cube_pack
-from viewer.core.pose import box_points, project
-from viewer.rendering.camera import ViewCamera, content_box, forward_facing_path, orbit_path
+from viewer.core.pose import project
+from viewer.rendering.camera import ViewCamera, box_points, content_box, forward_facing_path, orbit_path
 from viewer.rendering.framing import filling_orbit
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings

@@ -10,11 +10,11 @@ from imgui_bundle import imgui, imguizmo
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
-from viewer.core.pose import BOX_EDGES, box_points
+from viewer.core.pose import BOX_EDGES
 from viewer.core.screen import AXIS_COLOURS, Screen
 from viewer.core.widgets import Box, px
 from viewer.features.crop import crop
-from viewer.rendering.camera import ViewCamera
+from viewer.rendering.camera import ViewCamera, box_points
 from viewer.rendering.canvas import Canvas
 
 TITLES: dict[crop.Tool, str] = {"faces": "Faces", "move": "Move", "scale": "Scale"}

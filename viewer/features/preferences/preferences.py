@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from collections.abc import Callable
 from copy import copy
@@ -20,7 +21,7 @@ import platformdirs
 from console import not_written
 from console.atomic import write_file
 from console.json_text import read_json_file
-from viewer.core.annotations import is_number
+from scenepack.pack import number_in
 from viewer.core.tasks import Autosave
 from viewer.features.camera.walking import EYE_HEIGHTS
 from viewer.features.display.display import PLAIN
@@ -108,13 +109,13 @@ def _like(value: Any, default: Any) -> Any:
     if isinstance(default, bool | str):
         return value if isinstance(value, type(default)) else None
     if isinstance(default, float):
-        return float(value) if is_number(value) else None
+        return number_in(value, -sys.float_info.max, sys.float_info.max)
     if isinstance(default, list):
         good = isinstance(value, list) and all(isinstance(item, str) for item in value)
         return value[:MOST_RECENT] if good else None
     kind = type(default[0])
     good = isinstance(value, list | tuple) and len(value) == len(default)
-    return tuple(map(kind, value)) if good and all(is_number(v) and 0 <= v <= LARGEST for v in value) else None
+    return tuple(map(kind, value)) if good and all(number_in(v, 0, LARGEST) is not None for v in value) else None
 
 
 # Where the app holds each preference, and under which name there. Of the backdrop, it is the style.

@@ -12,10 +12,10 @@ from scenepack import Pack
 from scenepack.blocks import dense_from_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.scenes import with_cameras
-from viewer.core.pose import box_points, project, shortest_turn
+from viewer.core.pose import project, shortest_turn
 from viewer.features.camera.forward_facing import DISTANCES, PAN_LIMIT, TURN_LIMIT, orbit_camera_for
 from viewer.features.camera.orbit_camera import OrbitCamera
-from viewer.rendering.camera import ViewCamera, content_box
+from viewer.rendering.camera import ViewCamera, box_points, content_box
 
 SIZE = (800, 600)
 
