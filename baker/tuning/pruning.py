@@ -50,27 +50,20 @@ TOGETHER = 1_048_576  # rays that are made together, of whole photographs
 
 def _spacing(marcher: PackMarcher, dataset: RayDataset, rng: np.random.Generator) -> tuple[float, int] | None:
     """Pixels between the rays, and `reach`; None where no photograph sees anything."""
-    pilots = rng.integers(0, dataset.count, max(8 * PILOTS, 1), np.int32)
+    pilots = rng.integers(0, dataset.count, 8 * PILOTS, np.int32)
     meets = marcher.meets(pilots)
     if not meets.any():
         return None
-    width = _pixel_width(marcher, np.resize(pilots[meets], PILOTS))
-    if width is None:
+    # How many voxels apart the rays of neighbouring pixels are where they meet surfaces, for all but the widest pixels
+    ids = np.resize(pilots[meets], PILOTS)
+    depths = marcher.half_depths(ids)
+    if not depths.any():
         return None
+    widths = np.asarray(_widths(marcher.box, marcher.rays, jnp.asarray(ids), jnp.asarray(depths)))
+    width = float(np.quantile(widths[depths > 0], FEW_WIDER))
     expected = meets.mean() * dataset.count * (width / SPACING) ** 2
     wider = sqrt(max(expected / MOST_RAYS, 1.0))
     return SPACING / width * wider, ceil(SPACING * wider - 2)
-
-
-def _pixel_width(marcher: PackMarcher, ids: np.ndarray) -> float | None:
-    """How many voxels apart the rays of neighbouring pixels are where they meet surfaces, for all but the widest pixels: at
-    the last sample with half of the light or more."""
-    depths = marcher.half_depths(ids)
-    met = depths > 0
-    if not met.any():
-        return None
-    widths = np.asarray(_widths(marcher.box, marcher.rays, jnp.asarray(ids), jnp.asarray(depths)))[met]
-    return float(np.quantile(widths, FEW_WIDER))
 
 
 @jax.jit
