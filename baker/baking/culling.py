@@ -21,7 +21,7 @@ from baker.baking.work_folder import Arrays, Tick, WorkFolder, in_order, once
 from baker.tuning.marcher import box_of, share_rays
 from training.dataset import RayDataset
 from training.marching.march import dilate
-from training.marching.rays import GridFrameRays, GridRays
+from training.marching.rays import GridFrameRays
 from training.multires.fused.compiled import Workers, kernel
 from training.multires.fused.march import piece_from
 
@@ -197,11 +197,10 @@ def best_transmittance(
     box = box_of(grid.min_xyz, cell, density.shape[::-1], grid.contraction)
     source = GridFrameRays(dataset, jnp.asarray(np.linalg.inv(grid.worldspace_T_opengl), jnp.float32))
     ids = np.random.default_rng(0).permutation(dataset.count)[:RAYS].astype(np.int32)
-
-    def look(worker: int, rays: GridRays, first: int, low: int, high: int) -> None:
-        _raise_best(density, blocks, rays, low, high, best[worker])
-
-    share_rays(workers, box, source, ids, look, tick)
+    share_rays(
+        workers, box, source, ids,
+        lambda worker, rays, _, low, high: _raise_best(density, blocks, rays, low, high, best[worker]), tick,
+    )  # fmt: skip
     return np.maximum.reduce(best)
 
 

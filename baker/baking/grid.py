@@ -105,10 +105,10 @@ class FloatGrid:
         return self.rows.size * CHANNELS * 4
 
 
-Part = tuple[np.ndarray, np.ndarray, np.ndarray]
+Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def assemble(parts: Iterable[Part], kept: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def assemble(parts: Iterable[Arrays], kept: np.ndarray, size: int) -> Arrays:
     """atlas_indices (as Pack has them), rows and values of parts: macroblocks [n, 3] (z, y, x), flat places int [N] among their
     voxels, content float32 [N, 8]. kept: bool [blocks z, y, x], all macroblocks. size: data voxels a side.
     """

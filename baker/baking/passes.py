@@ -92,14 +92,11 @@ class Voxels:
     """State of a bake between passes."""
 
     pack: Pack
-    photographs: RayDataset
-    """Training photographs with the exposure that the field has."""
+    photographs: RayDataset  # with the exposure that the field has
     config: BakeConfig
     pruned: Pruned | None = None
-    steps: Steps = EXACT
-    """Quantisation steps of what is stored."""
-    notes: Mapping[str, Any] = field(default_factory=dict)
-    """For the pack's provenance."""
+    steps: Steps = EXACT  # of what is stored
+    notes: Mapping[str, Any] = field(default_factory=dict)  # for the pack's provenance
 
     @property
     def by_opacity(self) -> bool:
@@ -112,13 +109,10 @@ class Voxels:
 
     def transmittance(self, bar: Progress) -> np.ndarray | None:
         """As arriving_transmittance, in the photographs and in views between them; half of the work of its pass."""
-        views = with_views_between(self.photographs)
-        return arriving_transmittance(
-            self.pack, views, self.config.seed, lambda share: bar.update(0.5 * share, "transmittance")
-        )
+        views, seed = with_views_between(self.photographs), self.config.seed
+        return arriving_transmittance(self.pack, views, seed, lambda share: bar.update(0.5 * share, "transmittance"))
 
     def noted(self, **notes: Any) -> Voxels:
-        """The same with more for the provenance."""
         return replace(self, notes={**self.notes, **notes})
 
 
@@ -127,13 +121,12 @@ Pass = Callable[[Voxels, Progress], Voxels]
 
 def passes_of(config: BakeConfig) -> list[tuple[str, Pass]]:
     """The passes of a bake by name, in order."""
-    passes: list[tuple[str, Pass]] = [("padding", padded)]
     if config.preset == "paper":
-        return passes if config.quality == "draft" else [*passes, ("view MLP", with_tuned_view_mlp)]
-    passes.append(("pruning", pruned))
-    if config.quality == "draft":
-        return passes
-    return [*passes, ("feature scale", with_scaled_features), ("tuning", tuned), ("hidden voxels", smoothed)]
+        first, tuning = [("padding", padded)], [("view MLP", with_tuned_view_mlp)]
+    else:
+        first = [("padding", padded), ("pruning", pruned)]
+        tuning = [("feature scale", with_scaled_features), ("tuning", tuned), ("hidden voxels", smoothed)]
+    return first if config.quality == "draft" else [*first, *tuning]
 
 
 def padded(voxels: Voxels, bar: Progress) -> Voxels:

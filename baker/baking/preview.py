@@ -47,7 +47,7 @@ def preview_pack(run: Run, resolution: int = RESOLUTION) -> Pack | None:
         "preview": True, **vars(run.options),
     }  # fmt: skip
     atlas = fill_atlas(macroblocks, culling.kept, BLOCK_SIZE)
-    pack = assembled(run, grid, atlas, run.method.view_mlp(run.state))
+    pack = assembled(run, grid, atlas)
     restore_pack_padding(pack)
     return pack.with_metadata(provenance=provenance, cameras=cameras_of(run.scene), near=float(run.scene.near))
 
@@ -61,12 +61,8 @@ class Previews:
 
     def update(self, run: Run) -> None:
         """Writes another where it is time; for training.loop.train, after each step."""
-        if self.due(run):
+        if run.config.method == "multires" and run.step >= FIRST_STEP and time.monotonic() >= self._due:
             self.write(run)
-
-    def due(self, run: Run) -> bool:
-        """Whether it is time for another."""
-        return run.config.method == "multires" and run.step >= FIRST_STEP and time.monotonic() >= self._due
 
     def write(self, run: Run) -> None:
         """Writes one. What it fails at is no reason to stop the training: the next may be written."""

@@ -14,6 +14,7 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,7 +78,11 @@ class WorkFolder:
         try:
             path.mkdir(parents=True, exist_ok=True)
             remove_leftovers(path)
-            self._lock = self._hold()
+            self._lock = os.open(path / "lock", os.O_RDWR | os.O_CREAT, 0o644)
+            if try_lock(self._lock) is False:
+                os.close(self._lock)
+                raise UserError("another process is baking into this pack", where=path,
+                                remedy="wait for it, or choose another --out")  # fmt: skip
             if file.is_file() and file.read_text(encoding="utf-8") != text:
                 warnings.warn(Notice("the unfinished bake here was of another run or with other options: starting over"),
                               stacklevel=2)  # fmt: skip
@@ -89,9 +94,8 @@ class WorkFolder:
 
     def once(self, name: str, make: Callable[[], Arrays]) -> Arrays:
         """The arrays of piece `name`: read where they were made before, else made now and kept."""
-        kept = self.read(name)
-        if kept is not None:
-            return kept
+        with suppress(OSError, KeyError, *ZIP_ERRORS), np.load(self.file(name), allow_pickle=False) as stored:
+            return {key: stored[key] for key in stored.files}  # zip's checksums tell of damage
         arrays = make()
         self.made += 1
         buffer = io.BytesIO()
@@ -104,14 +108,6 @@ class WorkFolder:
             if not self.path.is_dir():
                 raise BakeEnded from error
         return arrays
-
-    def read(self, name: str) -> Arrays | None:
-        """The arrays of a piece, None where it is not there or damaged. Zip's checksums tell."""
-        try:
-            with np.load(self.file(name), allow_pickle=False) as stored:
-                return {key: stored[key] for key in stored.files}
-        except (OSError, KeyError, *ZIP_ERRORS):
-            return None
 
     def has(self, name: str) -> bool:
         """Whether a piece was made before (it may yet turn out damaged)."""
@@ -144,14 +140,6 @@ class WorkFolder:
                     expected="the same command line in every process, with folders that all hosts share",
                 )  # fmt: skip
             time.sleep(0.2)
-
-    def _hold(self) -> int:
-        handle = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o644)
-        if try_lock(handle) is False:
-            os.close(handle)
-            raise UserError("another process is baking into this pack", where=self.path,
-                            remedy="wait for it, or choose another --out")  # fmt: skip
-        return handle
 
     def _refused(self, error: OSError) -> UserError:
         return UserError(f"its pieces cannot be written: {error.strerror or error}", where=self.path,
