@@ -6,7 +6,6 @@ included.
 
 from __future__ import annotations
 
-import warnings
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -136,7 +135,7 @@ class Pack:
         return replace(self, params={**self.params, "snerg": {**self.metadata, **entries}})
 
 
-# --- Pack cache: weak per-pack memoisation. The thread that reads a pack computes first, so that no windo ---
+# --- Pack cache: weak per-pack memoisation. The thread that reads a pack computes first, so that no window waits ---
 
 T = TypeVar("T")
 
@@ -161,8 +160,3 @@ def cached_per_pack(compute: Callable[[Pack], T]) -> Callable[[Pack], T]:
 
 class PackWarning(Notice):
     """An untidy pack was opened all the same; the message says what was repaired or left out."""
-
-
-def warn(message: str) -> None:
-    """One PackWarning line. Commands print it plainly (console.plain_notices)."""
-    warnings.warn(PackWarning(message), stacklevel=3)

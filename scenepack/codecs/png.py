@@ -14,8 +14,7 @@ import numpy as np
 from PIL import Image
 
 from console.file_signature import sniff_type
-from scenepack.codecs.base import Codec, CodecError, Layout, Shape, cut_off
-from scenepack.constants import PLANES_PER_IMAGE
+from scenepack.codecs.base import Codec, CodecError, Shape, cut_off
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_BYTES = 33  # signature and the IHDR chunk
@@ -30,9 +29,6 @@ class PngCodec(Codec):
     name = "png"
     layout = "atlas"
     header_bytes = PNG_HEADER_BYTES
-
-    def planes(self, layout: Layout, block_size: int) -> int:
-        return PLANES_PER_IMAGE
 
     def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
         return tuple(f"{part}_{number:03d}.png" for part in (("rgba", "feature") if features else ("rgba",)))

@@ -27,20 +27,16 @@ GREY = 128
 CELLS_AT_ONCE = 128
 
 
-def padded(values: np.ndarray, fill: int) -> np.ndarray:
-    """[D, H, W, …] with rows and columns filled up to whole cells."""
-    _, height, width = values.shape[:3]
-    if height % CELL == 0 and width % CELL == 0:
-        return values
-    pad = [(0, 0), (0, -height % CELL), (0, -width % CELL)] + [(0, 0)] * (values.ndim - 3)
-    return np.pad(values, pad, constant_values=fill)
+def padded(values: np.ndarray) -> np.ndarray:
+    """[D, H, W, …] with rows and columns filled up to whole cells, by zeros."""
+    pad = [(0, 0), *((0, -side % CELL) for side in values.shape[1:3]), *[(0, 0)] * (values.ndim - 3)]
+    return np.pad(values, pad)
 
 
 def premultiplied(values: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """Straight values times alpha, uint8 [D, H, W, C]; never brighter than alpha, zero where alpha is zero."""
     _, height, width = alpha.shape
-    product = values[:, :height, :width].astype(np.uint16) * alpha[..., None]
-    return ((product + 127) // 255).astype(np.uint8)
+    return ((values[:, :height, :width].astype(np.uint16) * alpha[..., None] + 127) // 255).astype(np.uint8)
 
 
 def filled(values: np.ndarray, alpha: np.ndarray, smoothing: float = 0.0, *, premultiplied: bool = False) -> np.ndarray:
@@ -65,9 +61,7 @@ def filled(values: np.ndarray, alpha: np.ndarray, smoothing: float = 0.0, *, pre
             surroundings = _blurred(colour) / np.maximum(_blurred(weight), 1e-6)
             inside = smoothing * (weight > 0)
             colour, weight = colour + inside * surroundings, weight + inside
-        mean = _pull_push(colour, weight)
-        if premultiplied:
-            mean *= 255
+        mean = _pull_push(colour, weight) * (255 if premultiplied else 1)
         cube = np.clip(np.rint(mean), 0, 255).astype(np.uint8)
         for i, cell in enumerate(some):
             d = result[cell].shape[0]
@@ -99,7 +93,7 @@ def _pull_push(total: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.where(weight > 0, mean, coarse)
 
 
-# --- Lossy codecs that show a piece's planes as the frames of short ---
+# --- Lossy codecs that show a piece's planes as the frames of short films ---
 
 CUBE = 2  # voxels a side that share a byte of the occupancy
 FIRST_SMOOTHING, SMOOTHED_FROM = 8.0, 75.0  # in units of alpha, at this quality and below; none at 100
@@ -130,9 +124,9 @@ class StreamCodec(Codec):
         k = FIRST_SMOOTHING * min(1.0, (100 - quality) / (100 - SMOOTHED_FROM))
 
         def colours(values: np.ndarray) -> np.ndarray:
-            return filled(values, alpha, k, premultiplied=True) if self.straight else padded(values, 0)
+            return filled(values, alpha, k, premultiplied=True) if self.straight else padded(values)
 
-        grey = filled(alpha[..., None], alpha)[..., 0] if self.straight else padded(alpha, 0)
+        grey = filled(alpha[..., None], alpha)[..., 0] if self.straight else padded(alpha)
         files = [pack_occupancy(alpha > 0), self.film(grey, "alpha", quality)]
         files.append(self.film(colours(rgba[..., :3]), "rgb", quality))
         if features is not None:

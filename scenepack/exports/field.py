@@ -74,27 +74,19 @@ class Field:
         self._coarse[place] = (mean * grown / np.maximum(alpha, 1e-9)).astype(np.float32)
         return self._coarse[place]
 
-    def with_next(self, place: Place) -> np.ndarray | None:
-        """The macroblock's cells and one more on its far sides, float32 [side + 1, ...]; None where all of them are empty."""
-        box: np.ndarray | None = None
-        for step in product((0, 1), repeat=3):
-            cells = self.block((place[0] + step[0], place[1] + step[1], place[2] + step[2]))
-            if cells is None:
-                continue
-            if box is None:
-                box = np.zeros((*(self.side + 1,) * 3, 4), np.float32)
-            to = tuple(slice(self.side, None) if s else slice(0, self.side) for s in step)
-            of = tuple(slice(0, 1) if s else slice(None) for s in step)
-            box[to] = cells[of]
-        return box
-
     def boxes(self) -> Iterator[tuple[Place, np.ndarray]]:
-        """Boxes whose cubes of neighbouring cells are all cubes that something lies in, each once: see with_next."""
-        places = {(z - dz, y - dy, x - dx) for z, y, x in self.occupied for dz, dy, dx in product((0, 1), repeat=3)}
-        for place in sorted(places):
-            box = self.with_next(place)
-            if box is not None:
-                yield place, box
+        """Boxes whose cubes of neighbouring cells are all cubes that something lies in, each once: a macroblock's cells and one
+        more on its far sides, float32 [side + 1, ...]."""
+        steps = list(product((0, 1), repeat=3))
+        places = {(z - dz, y - dy, x - dx) for z, y, x in self.occupied for dz, dy, dx in steps}
+        for z, y, x in sorted(places):
+            box = np.zeros((*(self.side + 1,) * 3, 4), np.float32)
+            for step in steps:
+                cells = self.block((z + step[0], y + step[1], x + step[2]))
+                if cells is not None:
+                    to = tuple(slice(self.side, None) if s else slice(0, self.side) for s in step)
+                    box[to] = cells[tuple(slice(0, 1) if s else slice(None) for s in step)]
+            yield (z, y, x), box
 
     @property
     def count(self) -> int:

@@ -96,7 +96,9 @@ def glb_parts(
 ) -> list[bytes]:
     """The file in parts. vertices, normals float32 [v, 3]; colours uint8 [v, 3], sRGB; faces int [f, 3]. said: asset.extras."""
     colour = np.full((len(colours), 4), 65535, "<u2")
-    colour[:, :3] = np.rint(65535 * _linear(colours))
+    levels = np.arange(256) / 255.0
+    linear = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
+    colour[:, :3] = np.rint(65535 * linear[colours])
     arrays = [
         (vertices.astype("<f4"), FLOAT, "VEC3", ARRAY),
         (normals.astype("<f4"), FLOAT, "VEC3", ARRAY),
@@ -133,12 +135,6 @@ def glb_parts(
     head = struct.pack("<III", MAGIC, 2, 12 + 8 + len(text) + 8 + offset)
     binary = struct.pack("<II", offset, BINARY_CHUNK)
     return [head, struct.pack("<II", len(text), JSON_CHUNK), text, binary, *(array.tobytes() for array, *_ in arrays)]
-
-
-def _linear(colours: np.ndarray) -> np.ndarray:
-    levels = np.arange(256) / 255.0
-    table = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
-    return table[colours]
 
 
 # --- Voxels as 3D Gaussians ---

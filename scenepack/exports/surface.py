@@ -47,39 +47,31 @@ class Surface:
 
 def extract(field: Field, level: float, on_progress: Shared = lambda share: None) -> Surface:
     """The surface of `field` where opacity is `level`, 0 ... 1; nothing where there is none."""
+    from skimage.measure import marching_cubes
+
     level = (np.floor(255.0 * level) + 0.5) / 255.0  # all opacities are whole 255ths
     names, positions, colours, faces = [], [], [], []
     begun = 0
     for done, (place, box) in enumerate(field.boxes()):
         on_progress(min(done / field.count, 1.0))
-        part = _of_box(box, level)
-        if part is None:
+        opacity = box[..., 3]
+        if opacity.max() <= level or opacity.min() >= level:
             continue
-        cells, triangles = part
+        cells, triangles, _, _ = marching_cubes(opacity, level, allow_degenerate=True)
+        cells = cells.astype(np.float64)  # z, y, x in cells of the box
         corner = np.asarray(place) * field.side
         names.append(_names(cells, corner, field))
         rgba = np.stack([map_coordinates(box[..., c], cells.T, order=1, prefilter=False) for c in range(4)], axis=-1)
         straight = rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6)
         colours.append(np.rint(255.0 * np.clip(straight, 0.0, 1.0)).astype(np.uint8))
         positions.append((field.coarser * (cells + corner + 0.5)).astype(np.float32)[:, ::-1])
-        faces.append(triangles + begun)
+        faces.append(triangles.astype(np.int32) + begun)
         begun += len(cells)
     if not faces:
         return Surface(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 3), np.uint8))
     _, first, number = np.unique(np.concatenate(names), return_index=True, return_inverse=True)
     joined = number.astype(np.int32)[np.concatenate(faces)]
     return Surface(np.concatenate(positions)[first], joined, np.concatenate(colours)[first])
-
-
-def _of_box(box: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Vertices float64 [v, 3] (z, y, x in cells of the box) and faces int32 [f, 3]; None where it has no surface."""
-    from skimage.measure import marching_cubes
-
-    opacity = box[..., 3]
-    if opacity.max() <= level or opacity.min() >= level:
-        return None
-    vertices, faces, _, _ = marching_cubes(opacity, level, allow_degenerate=True)
-    return vertices.astype(np.float64), faces.astype(np.int32)
 
 
 def _names(cells: np.ndarray, corner: np.ndarray, field: Field) -> np.ndarray:
