@@ -37,9 +37,6 @@ SHORT = {
 }  # fmt: skip
 
 
-Panel = tuple[np.ndarray, str]  # a picture [H, W, 3], uint8, and what is said of it
-
-
 def draw_figure(
     study: Study, rows: Sequence[Mapping[str, Any]], names: Sequence[str], path: Path
 ) -> dict[str, Any] | None:
@@ -55,23 +52,21 @@ def draw_figure(
     view = max(range(len(views)), key=lambda i: abs(shown[0]["views"][views[i]] - shown[-1]["views"][views[i]]))
     pairs = [_pictures(study.out / row["pictures"] / f"{picture_stems(study.photographs)[view]}.png") for row in shown]
     box = _most_different(pairs[0][0], pairs[-1][0], pairs[0][1])
-    panels, labels = list[Panel](), []
-    for row, (picture, _) in zip(shown, pairs, strict=True):
-        psnr = row["views"][views[view]]
-        label = SHORT.get(row["row"]) or str(row["label"])
-        panels.append((picture, f"{label} ({psnr:.2f} dB)"))
-        labels.append({"row": row["row"], "label": label, "psnr": psnr})
-    panels.append((pairs[0][1], "photograph"))
-    draw_panels(panels, box, path)
+    labels = [
+        {"row": row["row"], "label": SHORT.get(row["row"]) or str(row["label"]), "psnr": row["views"][views[view]]}
+        for row in shown
+    ]
+    captions = [f"{each['label']} ({each['psnr']:.2f} dB)" for each in labels]
+    panels = [(picture, caption) for (picture, _), caption in zip(pairs, captions, strict=True)]
+    draw_panels([*panels, (pairs[0][1], "photograph")], box, path)
     return {"picture": path.name, "view": views[view], "box": list(box), "panels": labels}
 
 
 def _pictures(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """The picture and the photograph of a comparison that baker.reports.evaluation wrote; see save_comparison."""
     with Image.open(path, formats=["PNG"]) as opened:
-        whole = np.asarray(opened.convert("RGB"))
-    width = whole.shape[1] // 3
-    return whole[:, :width], whole[:, width : 2 * width]
+        picture, photograph, _ = np.split(np.asarray(opened.convert("RGB")), 3, axis=1)
+    return picture, photograph
 
 
 def _most_different(first: np.ndarray, last: np.ndarray, photograph: np.ndarray) -> tuple[int, int, int]:
@@ -86,8 +81,8 @@ def _most_different(first: np.ndarray, last: np.ndarray, photograph: np.ndarray)
     return int(left), int(top), side
 
 
-def draw_panels(panels: Sequence[Panel], box: tuple[int, int, int], path: Path) -> None:
-    """A row of panels: the crop, whole pixels enlarged; the whole picture above, with the crop's frame."""
+def draw_panels(panels: Sequence[tuple[np.ndarray, str]], box: tuple[int, int, int], path: Path) -> None:
+    """A row of pictures (uint8 [H, W, 3]) with captions: the crop, whole pixels enlarged; above, all with the crop's frame."""
     left, top, side = box
     height, width = panels[0][0].shape[:2]
     small = PANEL, round(PANEL * height / width)
@@ -120,7 +115,10 @@ def draw_report_plots(out: Path, tables: Mapping[str, Mapping[str, Any]]) -> Non
     if "resolution" in tables:
         _draw_resolution(out / "resolution.png", tables["resolution"]["rows"])
     if "storage" in tables:
-        _draw_storage(out / "storage.png", tables["storage"]["rows"])
+        measured = [{**row, "mb": row["bytes"] / 1e6} for row in tables["storage"]["rows"] if row.get("codec")]
+        names = dict.fromkeys(row["codec"] for row in measured)
+        lines = [_over([r for r in measured if r["codec"] == n], "mb", n, lambda r: r["psnr"]) for n in names]
+        draw_plots(out / "storage.png", [Plot(lines, "Quality and size, by codec", "MB on disk", "PSNR (dB)", "data")])
     if "sparsity" in tables:
         lines = []
         for row in tables["sparsity"]["rows"]:
@@ -150,13 +148,6 @@ def _draw_resolution(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         Plot(lines(lambda r: r["ms_p50"], None), "Frame time and resolution (exact, p50)", x_label, "milliseconds"),
     ]
     draw_plots(path, plots, (720, 270))
-
-
-def _draw_storage(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    measured = [{**row, "mb": row["bytes"] / 1e6} for row in rows if row.get("codec")]
-    names = dict.fromkeys(row["codec"] for row in measured)
-    lines = [_over([r for r in measured if r["codec"] == n], "mb", n, lambda r: r["psnr"]) for n in names]
-    draw_plots(path, [Plot(lines, "Quality and size, by codec", "MB on disk", "PSNR (dB)", "data")])
 
 
 def _over(rows: Iterable[Mapping[str, Any]], key: str, label: str, value: Callable[[Any], float]) -> Line:
@@ -208,12 +199,8 @@ def section(pack: Pack, axis: int, at: float) -> Section:
 
 def shares(cut: Section) -> dict[str, float]:
     """Of the plane's voxels: how many are opaque (alpha of 128 or more), have any alpha, lie in stored macroblocks."""
-    alpha = cut.rgba[..., 3]
-    return {
-        "opaque": float((alpha >= OPAQUE).mean()),
-        "with_alpha": float((alpha > 0).mean()),
-        "stored": float(cut.stored.mean()),
-    }
+    held = {"opaque": cut.rgba[..., 3] >= OPAQUE, "with_alpha": cut.rgba[..., 3] > 0, "stored": cut.stored}
+    return {name: float(where.mean()) for name, where in held.items()}
 
 
 def opacity_picture(rgba: np.ndarray, stored: np.ndarray) -> np.ndarray:

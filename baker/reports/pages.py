@@ -134,25 +134,20 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
 
     columns = [LABEL, *SCORES, ("against the field (dB)", gap), MB, ("time", _took), *PAPER, RELEASE]
     own = NO_SUCH_FIELD if table["field"].startswith(("multi-resolution field", "voxel field")) else ""
-    means = [
-        str(row["label"]).split(":")[0]
-        for row in rows
-        if row.get("paper") and row["row"] in paper_figures.QUALITY_MEANS
-    ]
+    printed = [row for row in rows if row.get("paper") and row["row"] in paper_figures.QUALITY_MEANS]
+    means = ", ".join(str(row["label"]).split(":")[0] for row in printed)
     lines = [
         f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. {own}".strip(), "",
         *_table(rows, *columns), "",
         "SNeRG rows are baked as the paper writes (`snerg-bake --preset paper`), ours by default settings. Time is of training "
         "for fields, of baking for packs."
-        + (f" The paper prints {', '.join(means)} as means over its synthetic scenes only." if means else ""),
+        + (f" The paper prints {means} as means over its synthetic scenes only." if means else ""),
         *_to_fill(rows),
     ]  # fmt: skip
     for name, figure in table.get(FIGURES_NAME, {}).items():
         lines += ["", f"![{name}: {figure['view']}]({figure['picture']})", ""]
-        lines.append(
-            f"View {figure['view']}, and a crop of it where the first and the last picture differ most. PSNR of the whole view "
-            "in brackets."
-        )
+        lines.append(f"View {figure['view']}, and a crop of it where the first and the last picture differ most. PSNR of the "
+                     "whole view in brackets.")  # fmt: skip
     return lines
 
 

@@ -18,7 +18,7 @@ from baker.reports.evaluation import Drawn, evaluate
 from baker.reports.float_pictures import float_pictures
 from baker.reports.options import ReportOptions
 from baker.reports.paper_figures import Kind, kind_of
-from console.atomic import write_file
+from console import write_json
 from training.run import Run, load_run
 from training.scenes import Photograph, Scene
 
@@ -95,9 +95,8 @@ class Study:
         if kept.get("key") == json.loads(json.dumps(key)) and pack.is_dir() and isinstance(kept.get("seconds"), dict):
             return Baked(name, pack, key, kept["seconds"])
         note.unlink(missing_ok=True)  # first, so that no note ever tells of another pack
-        note.parent.mkdir(parents=True, exist_ok=True)
         seconds = bake_to(run, config, pack)
-        write_file(note, json.dumps({"key": key, "seconds": seconds}, indent=2) + "\n")
+        write_json(note, {"key": key, "seconds": seconds})
         return Baked(name, pack, key, seconds)
 
     def score(self, baked: Baked, mask_of: Baked | None = None) -> Score:
@@ -130,17 +129,15 @@ class Study:
         kept = read_note(note)
         if kept.get("of") == json.loads(json.dumps(about)) and isinstance(kept.get("score"), dict):
             return kept["score"]
-        images = self.out / "pictures" / name
+        images, subject = f"pictures/{name}", make()
         mask = None if mask_of is None else mask_of.path
-        subject = make()
-        scores = evaluate(subject, self.scene, self.options.split, images, mask_of=mask)
+        scores = evaluate(subject, self.scene, self.options.split, self.out / images, mask_of=mask)
         psnr_of = {view["name"]: view["psnr"] for view in scores["views"]}
         score = {**{metric: scores[metric] for metric in ("psnr", "ssim", "lpips")}, "views": psnr_of}
         if isinstance(subject, Drawn):
             score["bytes"] = subject.bytes
-        score["pictures"] = f"pictures/{name}"
-        note.parent.mkdir(parents=True, exist_ok=True)
-        write_file(note, json.dumps({"of": about, "score": score}, indent=2) + "\n")
+        score["pictures"] = images
+        write_json(note, {"of": about, "score": score})
         return score
 
 
