@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from math import inf
+from math import inf, prod
 from pathlib import Path
 from typing import Any
 
@@ -115,7 +115,7 @@ class Voxels:
         points = self.frame.points(positions.reshape(-1, 3)).reshape(len(first), -1, 3)
         return points.min(axis=1) - pack.voxel_size, points.max(axis=1) + pack.voxel_size  # which covers rounding
 
-    def where(self, test: Test, near: np.ndarray | None = None) -> Selection:
+    def where(self, test: Test, near: np.ndarray) -> Selection:
         """Voxels of which `test` is true. near: bool [n], the macroblocks that are looked at."""
 
         def mask_of(number: int) -> np.ndarray:
@@ -126,20 +126,20 @@ class Voxels:
             return mask
 
         with np.errstate(all="ignore"):  # what lies next to infinity
-            return self._chosen(mask_of, None if near is None else np.flatnonzero(near).tolist())
+            return self._chosen(mask_of, np.flatnonzero(near).tolist())
 
     def _chosen(self, mask_of: Callable[[int], np.ndarray], numbers: Iterable[int] | None = None) -> Selection:
         """The voxels in the masks of macroblocks, by default of all."""
-        masks = ((number, mask_of(number)) for number in (range(len(self.places)) if numbers is None else numbers))
+        masks = ((k, mask_of(k)) for k in (range(len(self.places)) if numbers is None else numbers))
         return Selection({number: np.packbits(mask) for number, mask in masks if mask.any()})
 
     def mask(self, selection: Selection, number: int) -> np.ndarray:
         """Of a macroblock, which voxels are selected: bool [bs, bs, bs]."""
-        size = self.pack.block_size
+        shape = (self.pack.block_size,) * 3
         bits = selection.bits.get(number)
-        if bits is None:
-            return np.zeros((size,) * 3, bool)
-        return np.unpackbits(bits, count=size**3).reshape((size,) * 3).view(bool)
+        return (
+            np.zeros(shape, bool) if bits is None else np.unpackbits(bits, count=prod(shape)).reshape(shape).view(bool)
+        )
 
     def everything(self) -> Selection:
         return self._chosen(self.content)
@@ -170,8 +170,8 @@ class Voxels:
 
     def in_ball(self, centre: np.ndarray, radius: float) -> Selection:
         """Voxels whose centres lie within `radius` of a position, both in voxels: in bent space this is no sphere."""
-        first = self.places[:, ::-1] * self.pack.block_size
-        near = np.all((first <= centre + radius) & (first + self.pack.block_size >= centre - radius), axis=1)
+        first, size = self.places[:, ::-1] * self.pack.block_size, self.pack.block_size
+        near = np.all((first <= centre + radius) & (first + size >= centre - radius), axis=1)
         return self.where(lambda positions: np.square(positions - centre).sum(axis=1) <= radius**2, near)
 
     def grown(self, selection: Selection) -> Selection:
@@ -335,9 +335,8 @@ class EditPreview:
         if self.differs(removed, selected):
             self._goal = removed, selected
             wanted = {*self._shown, *removed.bits, *selected.bits}
-            self._todo = [
-                k for k in sorted(wanted) if any(a is not b for a, b in zip(self._bits(k), self._now(k), strict=True))
-            ]
+            now = {k: self._shown.get(k, (None, None)) for k in sorted(wanted)}
+            self._todo = [k for k in now if any(a is not b for a, b in zip(self._bits(k), now[k], strict=True))]
         while self._todo and time.perf_counter() < end:
             self._show(self._todo.pop())
 
@@ -349,9 +348,6 @@ class EditPreview:
 
     def _bits(self, number: int) -> tuple[np.ndarray | None, ...]:
         return tuple(selection.bits.get(number) for selection in self._goal)
-
-    def _now(self, number: int) -> tuple[np.ndarray | None, ...]:
-        return self._shown.get(number, (None, None))
 
     def _show(self, number: int) -> None:
         pack = self.voxels.pack

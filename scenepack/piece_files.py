@@ -152,15 +152,6 @@ def encoding_jobs(pack: Pack, codec: Codec, settings: Mapping[str, Any]) -> list
     return [partial(encode, *each) for each in enumerate(cut(pack, settings["layout"], settings["planes"]))]
 
 
-def all_there(files: PackFiles, features: Sequence[str], outline: Pack, note: Callable[[str], None]) -> bool:
-    """Whether the files of the features are there. note(line) is called where not, but for a diffuse pack, which has no use for
-    them and may leave all out."""
-    missing = [name for name in features if name not in files.sizes]
-    if missing and (outline.view_mlp is not None or len(missing) < len(features)):
-        note(f"{files.where(missing[0])} is missing ({len(missing)} in all); the pack is shown as diffuse")
-    return not missing
-
-
 def png_channels(files: PackFiles, name: str, width: int, height: int, entries: str, unit: str) -> str:
     """The channels of a PNG. UserError where it is none of the size that `entries` of the JSON ask for."""
     try:
@@ -204,8 +195,12 @@ class PieceFiles:
             raise UserError("is missing", where=files.where(missing[0]), expected=f"{len(needed)} files of the atlas",
                             found=found, remedy=COPY_OR_BAKE)  # fmt: skip
         features = [name for names in every for name in names if name not in set(needed)]
+        missing = [name for name in features if name not in files.sizes]
+        # A diffuse pack has no use for features, and may leave all out.
+        if missing and (outline.view_mlp is not None or len(missing) < len(features)):
+            note(f"{files.where(missing[0])} is missing ({len(missing)} in all); the pack is shown as diffuse")
         # A pack without any macroblock may have no files to tell by.
-        self.has_features = all_there(files, features, outline, note) if features else outline.view_mlp is not None
+        self.has_features = not missing if features else outline.view_mlp is not None
         self.names = every if self.has_features else always
         self._check(note)
 
@@ -222,7 +217,8 @@ class PieceFiles:
                     self.codec.check(name, self.files.head(name, self.codec.header_bytes), piece.shape)
                 except CodecError as error:
                     raise self.files.undecodable(name, error) from error
-        for name, channels in list(other.items())[:1]:
+        if other:
+            name, channels = next(iter(other.items()))
             note(f"{self.files.where(name)} is {channels}, not RGBA ({len(other)} in all); read as the PNG standard has it, "
                  "with alpha 255 where there is none")  # fmt: skip
 

@@ -177,12 +177,10 @@ def _size(pack: Path, before: int) -> str:
 
 def _codec_of(pack: Pack, codec: str | None, quality: int | None) -> tuple[str, int | None]:
     """The codec and the quality to write an edited pack with: its own where nothing else is wanted."""
-    own = pack.params.get("format")
     settings = pack.metadata.get(SETTINGS)
-    if codec is None and quality is None and isinstance(settings, Mapping):
-        before = settings.get("quality")
-        quality = before if isinstance(before, int) and not isinstance(before, bool) else None
-    name = codec or (own if isinstance(own, str) and own else "png")
+    if codec is None and quality is None and isinstance(settings, Mapping) and type(settings.get("quality")) is int:
+        quality = settings["quality"]
+    name = codec or pack.params.get("format", "png")
     chosen_quality(codec_named(name, "--codec"), quality)  # now, not after the work is done
     return name, quality
 
@@ -244,10 +242,8 @@ def move(
         moved = outline.with_metadata(**{MARKS: marks})
         copy_pack(reader.files, moved, out)
     where, upwards = (",".join(f"{value:.6g}" for value in vector) for vector in (placement.origin, placement.up))
-    unit = (
-        f"{np.cbrt(np.linalg.det(placed_T_grid(moved)[:3, :3])):.6g} {marks.get('scale', {}).get('unit', '')}".rstrip()
-    )
-    print(f"{out}: up is {upwards}, the origin is {where}, 1 grid unit is {unit}")
+    factor, unit = np.cbrt(np.linalg.det(placed_T_grid(moved)[:3, :3])), marks.get("scale", {}).get("unit", "")
+    print(f"{out}: up is {upwards}, the origin is {where}, 1 grid unit is {factor:.6g} {unit}".rstrip())
 
 
 def _length(text: str) -> tuple[float, str]:
@@ -310,9 +306,8 @@ def export(
     if to.suffix.lower() in PAGE_SUFFIXES or not to.suffix or to.is_dir():
         if kind is not None:
             raise UserError(f"cannot hold {kind}", where=to, expected="a web page", remedy="leave out --kind")
-        loaded = with_annotations(_read(pack), pack)
-        name = title or pack.resolve().stem
-        _export_page(loaded, to, PageContent(name, credits, path, box, pose, source=pack))
+        content = PageContent(title or pack.resolve().stem, credits, path, box, pose, source=pack)
+        _export_page(with_annotations(_read(pack), pack), to, content)
         return
     for option, value in (("--title", title), ("--credits", credits), ("--path", path), ("--pose", pose)):
         if value:
@@ -331,7 +326,7 @@ def export(
 def _export_page(pack: Pack, to: Path, content: PageContent) -> None:
     """As one file, or in a folder as several, index.html last: before, an older page stays whole."""
     one = to.suffix.lower() in PAGE_SUFFIXES and not to.is_dir()
-    check_results(*([to] if one else []), folder=None if one else to)
+    check_results(to if one else None, folder=None if one else to)
     with progress("exporting", 1) as bar:
         files = {to.name: scene_page(pack, content, bar.update)} if one else scene_files(pack, content, bar.update)
     for name, data in files.items():
