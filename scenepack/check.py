@@ -149,12 +149,10 @@ def _check_unused(pack: Pack) -> Finding:
     reached = np.zeros((z, y, x), bool)
     used = pack.atlas_indices[pack.occupied]
     reached[used[:, 2], used[:, 1], used[:, 0]] = True
-    lost = 0
+    alpha, lost = pack.atlas_rgba[..., 3:], 0
     for sz, sy, sx in np.argwhere(~reached) * side:
-        lost += bool(pack.atlas_rgba[sz : sz + side, sy : sy + side, sx : sx + side, 3].any())
-    hollow = sum(
-        int(np.sum(~copies.any(axis=(1, 2, 3, 4)))) for _, copies in block_chunks(pack, pack.atlas_rgba[..., 3:])
-    )
+        lost += bool(alpha[sz : sz + side, sy : sy + side, sx : sx + side].any())
+    hollow = sum(int(np.sum(~copies.any(axis=(1, 2, 3, 4)))) for _, copies in block_chunks(pack, alpha))
     figures = {"unreachable": int(np.sum(~reached)), "unreachable_with_content": lost, "without_alpha": hollow}
     message = f"{figures['unreachable']} atlas blocks are spare"
     if lost:

@@ -27,8 +27,7 @@ def order_of_groups(depth: int, padded_block_size: int) -> tuple[list[int], list
 
     First the middle of every layer, then its quarters, then the rest.
     """
-    order: list[int] = []
-    steps: list[int] = []
+    order, steps = list[int](), list[int]()
     layers = range(0, depth - padded_block_size + 1, padded_block_size)
     for quarters in ((2,), (1, 3)):
         planes = [start + padded_block_size * quarter // 4 for start in layers for quarter in quarters]
@@ -56,7 +55,9 @@ def coarse_pack(pack: Pack, known: np.ndarray) -> Pack | None:
     gains = np.concatenate([[f], (1.0 - (1.0 - alpha) ** f) / alpha]).astype(np.float32)  # by 8-bit opacity
     for i, plane in enumerate(planes.tolist()):  # one by one, so that what is between stays in a processor's caches
         if plane >= 0:
-            taken = [_picked(atlas[plane], rows, columns) for atlas in pack.atlases]
+            # four bytes at once
+            wholes = [np.ascontiguousarray(atlas[plane]).view(np.uint32) for atlas in pack.atlases]
+            taken = [whole[rows[:, None], columns].view(np.uint8) for whole in wholes]
             gain = gains[taken[0][..., 3:]]
             for part, values in zip(coarse, taken, strict=True):
                 part[i] = np.rint(np.minimum(values * gain, 255.0))
@@ -77,9 +78,3 @@ def _nearest(known: np.ndarray, start: int, side: int, kept: np.ndarray) -> np.n
     if not len(there):
         return np.full(len(kept), -1)
     return start + there[np.abs(there[None] - kept[:, None]).argmin(axis=1)]
-
-
-def _picked(plane: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Voxels of a plane of the atlas, uint8 [H, W, 4], in these rows and columns."""
-    whole = np.ascontiguousarray(plane).view(np.uint32)[..., 0]
-    return whole[rows[:, None], columns][..., None].view(np.uint8)

@@ -77,7 +77,6 @@ def alpha_histogram(pack: Pack) -> np.ndarray:
 
 
 def bytes_by_part(files: PackFiles) -> dict[str, int]:
-    """Bytes of each part's files: rgba, feature, indices, params, other."""
     parts: dict[str, int] = {"rgba": 0, "feature": 0, "indices": 0, "params": 0, "other": 0}
     for name, size in files.sizes.items():
         prefix = {PARAMS_NAME: "params", INDICES_NAME: "indices"}.get(name, name.partition("_")[0])

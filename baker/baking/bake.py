@@ -49,7 +49,6 @@ class Stages:
 
     @contextmanager
     def __call__(self, name: str, total: float = 1.0) -> Iterator[Progress]:
-        """A stage of so much work."""
         started = time.monotonic()
         with progress(name, total, stage=STAGE) as bar:
             yield bar

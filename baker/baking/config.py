@@ -28,8 +28,6 @@ UNLIMITED = 2**31 - 1
 
 @dataclass(frozen=True)
 class BakeConfig:
-    """How to bake."""
-
     resolution: int | None = None
     """Voxels along the longest side of the content's box. None: by the run, see resolution_of."""
     preset: BakePreset = "snerg"
@@ -47,7 +45,6 @@ class BakeConfig:
 
     @property
     def block_limit(self) -> int:
-        """Macroblocks that may be kept."""
         if self.most_macroblocks is not None:
             return self.most_macroblocks
         return UNLIMITED if self.preset == "paper" else MOST_MACROBLOCKS

@@ -93,8 +93,6 @@ CHANNELS = 8
 
 @dataclass(frozen=True)
 class FloatGrid:
-    """The grid and its content."""
-
     pack: Pack  # of the same grid; its atlas has alpha 255 where there is any opacity, and nothing else
     rows: np.ndarray  # int32 [D, H, W]: of each place in the atlas, padding included, its row of values
     values: np.ndarray  # float32 [V + 1, 8]: premultiplied rgb, alpha, features, in 0 … 1; the first is empty

@@ -103,7 +103,6 @@ def peak_memory() -> str:
 
 
 def describe_pack(pack: Pack, out: Path) -> str:
-    """One line about a pack just written."""
     x, y, z = pack.grid_size
     made = pack.metadata["provenance"]
     tuned = made.get("fine_tuning")

@@ -114,7 +114,6 @@ class WorkFolder:
         return self.file(name).is_file()
 
     def file(self, name: str) -> Path:
-        """Where a piece lies."""
         return self.path / f"{name}.npz"
 
     def close(self) -> None:
@@ -126,7 +125,6 @@ class WorkFolder:
             self._lock = None
 
     def remove(self) -> None:
-        """The bake is done: nothing of it stays."""
         self.close()
         discard(self.path)  # in one step: a helper may be writing a piece, and a folder that is not empty stays
 

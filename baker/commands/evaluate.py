@@ -80,7 +80,6 @@ def _psnr(scores: Mapping[str, Any]) -> str:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
     return run_command(snerg_eval, prog="snerg-eval", description=DESCRIPTION, args=args)
 
 

@@ -162,7 +162,6 @@ def _check(scene: Path, out: Path, frames: int, json: Path | None) -> None:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
     return run_command(snerg_make, prog="snerg-make", description=DESCRIPTION, args=args)
 
 

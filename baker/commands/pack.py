@@ -386,7 +386,6 @@ COMMANDS = {
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
     return run_command(COMMANDS, prog="snerg-pack", description=DESCRIPTION, args=args)
 
 

@@ -47,7 +47,6 @@ def snerg_report(
 
 
 def _side_by_side(folders: Sequence[Path], out: Path) -> None:
-    """The reports of several scenes as one."""
     from baker.reports.pages import scenes_text
     from baker.reports.scenes import read_report, scenes_document
 
@@ -60,7 +59,6 @@ def _side_by_side(folders: Sequence[Path], out: Path) -> None:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
     return run_command(snerg_report, prog="snerg-report", description=DESCRIPTION, args=args)
 
 

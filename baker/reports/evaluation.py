@@ -20,6 +20,7 @@ from PIL import Image
 
 from baker import metrics
 from baker.lpips import lpips
+from baker.reports.scenes import mean
 from console import UserError, progress
 from console.atomic import replacing
 from scenepack import load_pack
@@ -32,8 +33,6 @@ from training.scenes.scene_options import recorded_options
 
 # a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]
 Shown = Callable[[Camera, Literal["normal", "alpha"]], np.ndarray]
-
-
 SEEN = 0.5  # opacity: a pixel that shows more of the subject than of the background
 
 
@@ -91,7 +90,7 @@ def evaluate(
                 save_comparison(images / f"{name}.png", picture, truth)
             bar.advance(metrics={"psnr": float(np.mean([each["psnr"] for each in scores]))})
     return {
-        **{key: _mean([each[key] for each in scores]) for key in ("psnr", "psnr_matched", "ssim", "lpips")},
+        **{key: mean([each[key] for each in scores]) for key in ("psnr", "psnr_matched", "ssim", "lpips")},
         "views": scores,
         "width": photographs[0].camera.width,
         "height": photographs[0].camera.height,
@@ -175,8 +174,3 @@ def save_comparison(path: Path, picture: np.ndarray, truth: np.ndarray) -> None:
     row = np.concatenate([picture, truth, np.clip(5 * np.abs(picture - truth), 0, 1)], axis=1)
     with replacing(path) as new:
         Image.fromarray(np.round(255 * row).astype(np.uint8)).save(new, format="PNG")
-
-
-def _mean(values: list[float | None]) -> float | None:
-    known = [v for v in values if v is not None]
-    return float(np.mean(known)) if len(known) == len(values) else None

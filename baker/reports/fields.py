@@ -97,7 +97,6 @@ def _training(run: Run, preset: str) -> list[str]:
 
 
 def _reading(run: Run) -> list[str]:
-    """How the photographs are read, as options of snerg-train."""
     options, words = run.options, []
     if options.downscale != 1:
         words += ["--downscale", str(options.downscale)]

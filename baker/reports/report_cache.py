@@ -59,12 +59,10 @@ class Study:
 
     @property
     def kind(self) -> Kind:
-        """To which of the paper's kinds of scenes this one belongs."""
         return kind_of(self.scene)
 
     @property
     def name(self) -> str:
-        """The scene's, by its folder."""
         return self.scene.path.resolve().name
 
     @property
@@ -79,7 +77,6 @@ class Study:
         return None if against is None else load_run(against, scene_path=self.scene.path)
 
     def config(self, preset: BakePreset, **changes: Any) -> BakeConfig:
-        """How a pack of this report is baked."""
         return BakeConfig(**{"resolution": self.resolution, "preset": preset, **self.options.overrides, **changes})
 
     def baked(self, preset: BakePreset, run: Run | None = None, **changes: Any) -> Baked:

@@ -47,7 +47,6 @@ class Cells(NamedTuple):
 
 
 def cells_of(pack: Pack, tables: Tables, side: int) -> Cells:
-    """The cells of a pack's voxels."""
     corners = np.argwhere(pack.occupied)[:, ::-1].astype(np.int64) * pack.block_size - 1
     dims = -(-np.array(pack.grid_blocks, np.int64) * pack.block_size // side)
     numbers, nothing = np.zeros(int(dims.prod()), np.int32), np.zeros(0, np.int64)

@@ -30,8 +30,6 @@ FINAL_RATE = 0.05  # the rates fall log-linearly to this share
 
 @dataclass(frozen=True)
 class JointConfig:
-    """How to fine-tune voxels and view MLP together."""
-
     passes: float = 1.3
     """Passes over the training rays that meet content."""
     most_steps: int = 1100

@@ -72,7 +72,6 @@ class Decoders:
 
 
 def _taken() -> _Process | None:
-    """An idle process, if there is one."""
     while True:
         with _lock:
             process = _idle.pop() if _idle else None

@@ -35,8 +35,6 @@ OnProgress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class Export:
-    """What to write of a pack."""
-
     kind: Kind
     """points, mesh or gaussians"""
     level: float = 0.15
@@ -105,7 +103,6 @@ def check_export(export: Export, pack: Pack | None = None) -> None:
 
 
 def divisors(number: int) -> list[int]:
-    """1 ... number, those that divide it."""
     return [i for i in range(1, number + 1) if number % i == 0]
 
 
@@ -233,7 +230,6 @@ def scattered(surface: Surface, export: Export, export_frame: ExportFrame) -> tu
 
 
 def require_some(count: int, export: Export) -> None:
-    """UserError where there are none."""
     if not count:
         where = "--crop" if export.crop is not None else None
         raise UserError("there is nothing to export", where=where, remedy="choose a larger box or a lower --level")
