@@ -26,14 +26,12 @@ Voxels = tuple[np.ndarray, ...]  # index arrays (z, y, x) into an atlas, togethe
 
 @dataclass(frozen=True)
 class Shell:
-    """One direction's padding of n macroblocks. offsets: along z, y, x, its place in their padded copies. inside: bool [n],
-    whose neighbour there is occupied. originals: of these, the voxels that the padding copies.
-    """
+    """One direction's padding of n macroblocks."""
 
     step: tuple[int, ...]
-    offsets: list[np.ndarray]
-    inside: np.ndarray
-    originals: Voxels
+    offsets: list[np.ndarray]  # along z, y, x: its place in their padded copies
+    inside: np.ndarray  # bool [n]: whose neighbour there is occupied
+    originals: Voxels  # of these, the voxels that the padding copies
 
 
 def shells(atlas_indices: np.ndarray, block_size: int, blocks: np.ndarray) -> Iterator[Shell]:

@@ -53,32 +53,22 @@ class ViewMlp:
 
 @dataclass(frozen=True)
 class Pack:
-    """One baked scene. Arrays are treated as read-only.
+    """One baked scene. Arrays are treated as read-only."""
 
-    grid_size: voxels (width, height, depth) = (x, y, z). min_xyz: world position of the grid's corner, in the
-    OpenGL grid frame (y up). voxel_size: world units. block_size: data voxels per macroblock side (B - 2).
-    atlas_indices: uint8 [blocks z, blocks y, blocks x, 3], the atlas block (x, y, z) of a macroblock; 255 =
-    empty.
-    atlas_rgba: uint8 [D, H, W, 4], rgb premultiplied by alpha. atlas_features: uint8 [D, H, W, 4] or None.
-    view_mlp: None for a diffuse pack. worldspace_T_opengl: float64 [4, 4], grid frame to training frame.
-    ndc: forward-facing pack; then input_width, input_height (pixels) and input_focal (pixels) are set.
-    params: scene_params.json as it was read, unknown keys included; the writer starts from it.
-    """
-
-    voxel_size: float
-    min_xyz: np.ndarray
-    grid_size: tuple[int, int, int]
-    block_size: int
-    atlas_indices: np.ndarray
-    atlas_rgba: np.ndarray
-    atlas_features: np.ndarray | None
-    view_mlp: ViewMlp | None
-    worldspace_T_opengl: np.ndarray
-    ndc: bool = False
+    voxel_size: float  # world units
+    min_xyz: np.ndarray  # world position of the grid's corner, in the OpenGL grid frame (y up)
+    grid_size: tuple[int, int, int]  # voxels (width, height, depth) = (x, y, z)
+    block_size: int  # data voxels per macroblock side (B - 2)
+    atlas_indices: np.ndarray  # uint8 [blocks z, y, x, 3], a macroblock's atlas block (x, y, z); 255 = empty
+    atlas_rgba: np.ndarray  # uint8 [D, H, W, 4], rgb premultiplied by alpha
+    atlas_features: np.ndarray | None  # uint8 [D, H, W, 4]
+    view_mlp: ViewMlp | None  # None for a diffuse pack
+    worldspace_T_opengl: np.ndarray  # float64 [4, 4], grid frame to training frame
+    ndc: bool = False  # forward-facing pack; then the next three, in pixels, are set
     input_width: float | None = None
     input_height: float | None = None
     input_focal: float | None = None
-    params: Mapping[str, Any] = field(default_factory=dict)
+    params: Mapping[str, Any] = field(default_factory=dict)  # scene_params.json as read, from which the writer starts
 
     @property
     def atlases(self) -> list[np.ndarray]:

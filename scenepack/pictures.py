@@ -8,6 +8,7 @@ pack wherever that goes, as a folder, in a .zip, or into another codec; who does
 import base64
 import io
 from collections.abc import Mapping
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -52,11 +53,8 @@ def picture_of(camera: Mapping[str, Any]) -> np.ndarray | None:
             width, height = opened.size  # from the header
         if max(width, height) > LARGEST_SIDE:
             return None
-        decoders = Decoders()
-        try:
+        with closing(Decoders()) as decoders:
             rgba, _ = decoders.decode(PICTURE, {PICTURE: content}, (PICTURE,), (1, height, width), False)
-        finally:
-            decoders.stop()
         return rgba[0, ..., :3]
     except MemoryError:
         raise

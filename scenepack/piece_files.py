@@ -16,7 +16,7 @@ counted in where they are coarse, without which it cannot be read, and the quali
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.pool import ThreadPool
@@ -59,14 +59,13 @@ class AtlasPiece:
 
 @dataclass(frozen=True)
 class GridPiece:
-    """Layers of the grid. corner: where it begins in the grid (z, y, x), in blocks. where: int [n, 3], the macroblocks' places
-    (z, y, x) in the piece, in blocks; slots: int [n, 3], theirs (x, y, z) in the atlas."""
+    """Layers of the grid."""
 
     shape: Shape
     block_size: int
-    corner: Shape
-    where: np.ndarray
-    slots: np.ndarray
+    corner: Shape  # where it begins in the grid (z, y, x), in blocks
+    where: np.ndarray  # int [n, 3]: the macroblocks' places (z, y, x) in the piece, in blocks
+    slots: np.ndarray  # int [n, 3]: theirs (x, y, z) in the atlas
 
     def gather(self, atlas: np.ndarray) -> np.ndarray:
         values = np.zeros((*self.shape, atlas.shape[3]), np.uint8)
@@ -246,10 +245,8 @@ class PieceFiles:
             if isinstance(piece, AtlasPiece):
                 self.known[piece.planes] = True
 
-        try:
+        with closing(decoders):
             yield from in_threads(decode, self.total)
-        finally:
-            decoders.stop()
         # Left out of the grid's planes; lossy codecs make a copy differ from its original, which shows as a seam.
         if self._layout == "grid" or self.codec.default_quality is not None:
             for atlas in atlases:

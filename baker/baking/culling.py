@@ -36,11 +36,10 @@ DILATION = 2  # cells: what lies this near to a visible cell counts as visible
 
 @dataclass(frozen=True)
 class Opacity:
-    """opaque bool [blocks z, y, x]: which macroblocks have some voxel of alpha TAU_ALPHA or more. density float32 [z, y, x]: the
-    cells' mean density, 0 where no voxel is FAINTEST."""
+    """What of a grid holds anything."""
 
-    opaque: np.ndarray
-    density: np.ndarray
+    opaque: np.ndarray  # bool [blocks z, y, x]: which macroblocks have some voxel of alpha TAU_ALPHA or more
+    density: np.ndarray  # float32 [z, y, x]: the cells' mean density, 0 where no voxel is FAINTEST
 
     def culling(self, grid: BakeGrid, kept: np.ndarray) -> Culling:
         """What is left where only the macroblocks `kept` are."""
@@ -52,15 +51,12 @@ class Opacity:
 
 @dataclass(frozen=True)
 class Culling:
-    """kept bool [blocks z, y, x]; cells bool [z, y, x]: cells of kept blocks that hold opacity or touch one that does.
+    """What of a grid is worth storing."""
 
-    opaque: number of macroblocks with opacity; hidden: how many of these no camera sees.
-    """
-
-    kept: np.ndarray
-    cells: np.ndarray
-    opaque: int
-    hidden: int
+    kept: np.ndarray  # bool [blocks z, y, x]
+    cells: np.ndarray  # bool [z, y, x]: cells of kept blocks that hold opacity or touch one that does
+    opaque: int  # number of macroblocks with opacity
+    hidden: int  # how many of these no camera sees
 
     def counts(self) -> dict[str, int]:
         """How many macroblocks the grid has, each threshold removed, and are left."""

@@ -21,19 +21,17 @@ MAX_CELLS = 512  # of culling, along an axis
 
 @dataclass(frozen=True)
 class BakeGrid:
-    """min_xyz float64 [3], voxel_size: grid frame. blocks (x, y, z). worldspace_T_opengl [4, 4]: grid to training frame.
+    """Where the voxels are, and in which macroblocks."""
 
-    resolution: voxels along the longest side of the box that the blocks cover. contraction: half the side of the inner cube,
-    where space is contracted (scenepack.contraction); None where it is not.
-    """
-
-    min_xyz: np.ndarray
+    min_xyz: np.ndarray  # float64 [3], grid frame
     voxel_size: float
-    blocks: tuple[int, int, int]
+    blocks: tuple[int, int, int]  # x, y, z
     block_size: int
-    worldspace_T_opengl: np.ndarray
-    resolution: int
-    contraction: float | None = None
+    worldspace_T_opengl: np.ndarray  # [4, 4]: grid to training frame
+    resolution: int  # voxels along the longest side of the box that the blocks cover
+    contraction: float | None = (
+        None  # half the side of the inner cube where space is contracted (scenepack.contraction)
+    )
 
     @property
     def cell(self) -> int:

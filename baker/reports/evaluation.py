@@ -12,6 +12,7 @@ compare what is shown as it is.
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,21 +32,19 @@ from training.scenes.pictures import over_background
 from training.scenes.scene import shown_pixels
 from training.scenes.scene_options import recorded_options
 
-# a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]
-Shown = Callable[[Camera, Literal["normal", "alpha"]], np.ndarray]
+Mode = Literal["normal", "alpha"]
+Shown = Callable[[Camera, Mode], np.ndarray]  # a camera's picture, float32 [H, W, 3], or its opacity, float32 [H, W]
 SEEN = 0.5  # opacity: a pixel that shows more of the subject than of the background
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A subject that is drawn by `show`. Of a pack: grid_size, its voxels (x, y, z) as drawn; halved: fewer than it has.
-    bytes: of a grid that is drawn without a pack.
-    """
+    """A subject that is drawn by `show`."""
 
     show: Shown
-    grid_size: tuple[int, int, int] | None = None
-    halved: bool = False
-    bytes: int | None = None
+    grid_size: tuple[int, int, int] | None = None  # of a pack: its voxels (x, y, z) as drawn
+    halved: bool = False  # these are fewer than it has
+    bytes: int | None = None  # of a grid that is drawn without a pack
 
 
 def evaluate(
@@ -137,35 +136,29 @@ def shown_by(subject: Path | Run | Drawn, allow_half: bool = False, photographs:
         moved = not Path(read_description(subject).scene).exists()
         subject = load_run(subject, scene_path=photographs if moved else None)
     if not isinstance(subject, Path):
-        yield Drawn(_field_pictures(subject)) if isinstance(subject, Run) else subject
+        yield Drawn(partial(_field_picture, subject)) if isinstance(subject, Run) else subject
         return
     from viewer.rendering.offscreen import OffscreenRenderer
 
     pack = load_pack(subject)
     with OffscreenRenderer(pack, allow_half=allow_half) as renderer:
         drawn = renderer.pack.grid_size
-        yield Drawn(_pack_pictures(pack, renderer), drawn, drawn != pack.grid_size)
+        yield Drawn(partial(_pack_picture, pack, renderer), drawn, drawn != pack.grid_size)
 
 
-def _field_pictures(run: Run) -> Shown:
-    def show(camera: Camera, mode: Literal["normal", "alpha"]) -> np.ndarray:
-        output = run.method.render(run.state, run.dataset.view_rays(camera))
-        shown = np.asarray(output.rgb if mode == "normal" else output.alpha)
-        return np.clip(shown, 0, 1).reshape(camera.height, camera.width, *shown.shape[1:])
-
-    return show
+def _field_picture(run: Run, camera: Camera, mode: Mode) -> np.ndarray:
+    output = run.method.render(run.state, run.dataset.view_rays(camera))
+    shown = np.asarray(output.rgb if mode == "normal" else output.alpha)
+    return np.clip(shown, 0, 1).reshape(camera.height, camera.width, *shown.shape[1:])
 
 
-def _pack_pictures(pack: Pack, renderer: Any) -> Shown:
+def _pack_picture(pack: Pack, renderer: Any, camera: Camera, mode: Mode) -> np.ndarray:
     from viewer.rendering.camera import ViewCamera
     from viewer.rendering.settings import RenderSettings
 
-    def show(camera: Camera, mode: Literal["normal", "alpha"]) -> np.ndarray:
-        view = ViewCamera.from_scene_camera(pack, camera)
-        shown = renderer.render(view, RenderSettings(mode=mode)).astype(np.float32) / 255
-        return shown if mode == "normal" else shown[..., 0]
-
-    return show
+    view = ViewCamera.from_scene_camera(pack, camera)
+    shown = renderer.render(view, RenderSettings(mode=mode)).astype(np.float32) / 255
+    return shown if mode == "normal" else shown[..., 0]
 
 
 def save_comparison(path: Path, picture: np.ndarray, truth: np.ndarray) -> None:

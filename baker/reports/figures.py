@@ -166,16 +166,13 @@ LAYOUT = {0: (1, 2, True), 1: (2, 0, False), 2: (1, 0, True)}
 
 @dataclass(frozen=True)
 class Section:
-    """rgba: uint8 [rows, columns, 4], premultiplied. stored: bool [rows, columns], in an occupied macroblock.
+    """A plane of voxels."""
 
-    low, high: world coordinates of the plane's edges, (down-axis, across-axis). upward: rows run from high to low.
-    """
-
-    rgba: np.ndarray
-    stored: np.ndarray
-    low: np.ndarray
+    rgba: np.ndarray  # uint8 [rows, columns, 4], premultiplied
+    stored: np.ndarray  # bool [rows, columns]: in an occupied macroblock
+    low: np.ndarray  # world coordinates of the plane's edges, (down-axis, across-axis)
     high: np.ndarray
-    upward: bool
+    upward: bool  # rows run from high to low
 
 
 def section(pack: Pack, axis: int, at: float) -> Section:

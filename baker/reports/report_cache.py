@@ -40,13 +40,10 @@ class Study:
     """A run, what it is compared with, and what was made of it so far."""
 
     run: Run
-    scene: Scene
-    """With the photographs that count."""
+    scene: Scene  # with the photographs that count
     options: ReportOptions
-    resolution: int
-    """Of its packs where a table does not say otherwise."""
-    baselines: Mapping[str, Path] = field(default_factory=dict)
-    """Folders of further runs, by the row of the paper that they are."""
+    resolution: int  # of its packs where a table does not say otherwise
+    baselines: Mapping[str, Path] = field(default_factory=dict)  # folders of further runs, by the row of the paper
 
     @property
     def out(self) -> Path:

@@ -29,14 +29,13 @@ MARCHED_AT_ONCE, SCORED_AT_ONCE = 1 << 22, 1 << 20
 
 
 class Pixels(NamedTuple):
-    """Shaded training pixels: diffuse [P, 3] with background, features [P, 4], viewdirs [P, 3], target [P, 3]; weight [P, 1]
-    of a pixel's error, before it is squared."""
+    """Shaded training pixels."""
 
-    diffuse: jax.Array
-    features: jax.Array
-    viewdirs: jax.Array
-    target: jax.Array
-    weight: jax.Array
+    diffuse: jax.Array  # [P, 3], with background
+    features: jax.Array  # [P, 4]
+    viewdirs: jax.Array  # [P, 3]
+    target: jax.Array  # [P, 3]
+    weight: jax.Array  # [P, 1], of a pixel's error before it is squared
 
 
 def fine_tune(

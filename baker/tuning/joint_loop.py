@@ -30,20 +30,13 @@ FINAL_RATE = 0.05  # the rates fall log-linearly to this share
 
 @dataclass(frozen=True)
 class JointConfig:
-    passes: float = 1.3
-    """Passes over the training rays that meet content."""
-    most_steps: int = 1100
-    """Fewer passes where they would take more steps than this: every ray of an indoor scene meets content."""
-    samples: int = 393_216
-    """Samples marched a step; rays are as many as fill them."""
-    rate: float = 1.0
-    """Adam's learning rate of straight colours and features at the start, in units of 1/255."""
-    density_rate: float = 0.03
-    """Adam's learning rate of a cell's log density at the start."""
-    head_rate: float = 1e-3
-    """Adam's learning rate of the view MLP at the start."""
-    steps: Steps = EXACT
-    """What is stored in multiples of."""
+    passes: float = 1.3  # over the training rays that meet content
+    most_steps: int = 1100  # fewer passes where they would take more: every ray of an indoor scene meets content
+    samples: int = 393_216  # marched a step; rays are as many as fill them
+    rate: float = 1.0  # Adam's learning rate of straight colours and features at the start, in units of 1/255
+    density_rate: float = 0.03  # of a cell's log density
+    head_rate: float = 1e-3  # of the view MLP
+    steps: Steps = EXACT  # what is stored in multiples of
     seed: int = 0
 
 

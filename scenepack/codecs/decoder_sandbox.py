@@ -29,7 +29,7 @@ _lock = threading.Lock()
 
 
 class Decoders:
-    """Decodes pieces, from several threads at once, until stop(), which must be called."""
+    """Decodes pieces, from several threads at once, until close(), which must be called."""
 
     def __init__(self) -> None:
         self._busy: set[_Process] = set()
@@ -61,14 +61,20 @@ class Decoders:
             _idle.append(process)
         return answer
 
-    def stop(self) -> None:
-        """Kills running decoders; their callers get a CodecError."""
+    def close(self) -> None:
+        """Kills running decoders; their callers get a CodecError. Idle processes end later."""
+        global _ending
         with _lock:
             self._stopped = True
             busy = list(self._busy)
         for process in busy:
             process.close()
-        _end_idle_later()
+        with _lock:
+            if _ending is not None:
+                _ending.cancel()
+            _ending = threading.Timer(IDLE_S, _end_idle)
+            _ending.daemon = True
+            _ending.start()
 
 
 def _taken() -> _Process | None:
@@ -78,16 +84,6 @@ def _taken() -> _Process | None:
         if process is None or process.poll() is None:
             return process
         process.close()
-
-
-def _end_idle_later() -> None:
-    global _ending
-    with _lock:
-        if _ending is not None:
-            _ending.cancel()
-        _ending = threading.Timer(IDLE_S, _end_idle)
-        _ending.daemon = True
-        _ending.start()
 
 
 def _end_idle() -> None:

@@ -36,25 +36,17 @@ OnProgress = Callable[[float, str], None]
 @dataclass(frozen=True)
 class Export:
     kind: Kind
-    """points, mesh or gaussians"""
-    level: float = 0.15
-    """opacity, 0 ... 1, at which the surface of points and meshes lies; packs hold thin mist that is opaque only together"""
-    coarser: int | None = None
-    """voxels along each side that become one; None: as many as keep within MOST_FACES or MOST_GAUSSIANS"""
-    keep: str | float = 0.001
-    """components of the surface: all, largest, or those with at least this share of its area"""
-    smooth: int = 5
-    """steps of smoothing (Taubin)"""
-    faces: int | None = 500_000
-    """about so many triangles at most; None: all"""
-    spacing: float = 1.0
-    """of points, in voxels"""
-    frame: Frame = "placed"
-    """placed (y up, as people have moved the scene, in their unit), grid (y up) or world (that of the photographs' poses)"""
-    scale: float = 1.0
-    """by what lengths are multiplied"""
-    crop: Corners | None = None
-    """corners (min, max) of a box in the grid frame; nothing outside of it is written"""
+    level: float = 0.15  # opacity, 0 ... 1, of the surface of points and meshes; thin mist is opaque only together
+    coarser: int | None = (
+        None  # voxels a side that become one; None: as many as keep within MOST_FACES or MOST_GAUSSIANS
+    )
+    keep: str | float = 0.001  # components of the surface: all, largest, or those with at least this share of its area
+    smooth: int = 5  # steps of smoothing (Taubin)
+    faces: int | None = 500_000  # about so many triangles at most; None: all
+    spacing: float = 1.0  # of points, in voxels
+    frame: Frame = "placed"  # see scenepack.exports.field
+    scale: float = 1.0  # by what lengths are multiplied
+    crop: Corners | None = None  # corners (min, max) of a box in the grid frame; nothing outside of it is written
 
 
 @dataclass(frozen=True)

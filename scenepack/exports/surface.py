@@ -29,13 +29,11 @@ Shared = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Surface:
-    """vertices float32 [v, 3]: x, y, z in voxels of the pack's grid. faces int32 [f, 3], counter-clockwise from outside in the
-    grid's frame. colours uint8 [v, 3]: diffuse, sRGB.
-    """
+    """A mesh with vertex colours."""
 
-    vertices: np.ndarray
-    faces: np.ndarray
-    colours: np.ndarray
+    vertices: np.ndarray  # float32 [v, 3]: x, y, z in voxels of the pack's grid
+    faces: np.ndarray  # int32 [f, 3], counter-clockwise from outside in the grid's frame
+    colours: np.ndarray  # uint8 [v, 3]: diffuse, sRGB
 
     def only(self, faces: np.ndarray) -> Surface:
         """Some of the faces (bool [f]), and the vertices that they have."""
