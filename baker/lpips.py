@@ -79,10 +79,8 @@ class _ArraysOnly(pickle.Unpickler):
     """Reads pickles of NumPy arrays; anything else that a pickle could call is refused."""
 
     def find_class(self, module: str, name: str) -> Any:
-        if (module, name) == ("numpy", "ndarray"):
-            return np.ndarray
-        if (module, name) == ("numpy", "dtype"):
-            return np.dtype
+        if module == "numpy" and name in ("ndarray", "dtype"):
+            return getattr(np, name)
         if module in ("numpy.core.multiarray", "numpy._core.multiarray") and name == "_reconstruct":
             return np._core.multiarray._reconstruct  # type: ignore[attr-defined]
         raise pickle.UnpicklingError(f"{module}.{name} has no place among weights")

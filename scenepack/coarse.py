@@ -1,10 +1,9 @@
 """Something to see of a pack whose atlas is not whole yet: the same scene with coarser voxels.
 
-Notation: bs = block_size, B = bs + 2; f = how many voxels, along an axis, become one; a *layer* is the B planes of the
-atlas that one row of macroblocks along z takes. An atlas may be a single layer, so that no macroblock is whole before
-the last plane is there; but any plane tells a slice of every macroblock in its layer. The coarse macroblock takes every
-f-th data voxel and the outermost padding, and for a plane that is missing the nearest that is there. A ray takes 1/f as
-many samples, so that each must do the work of f: a becomes 1 - (1 - a)^f, and colour and features grow likewise.
+Notation: bs = block_size, B = bs + 2; f = how many voxels, along an axis, become one; a *layer* is the B planes of the atlas that
+one row of macroblocks along z takes. Any plane tells a slice of every macroblock in its layer. The coarse macroblock takes every
+f-th data voxel and the outermost padding, and for a plane that is missing the nearest that is there. A ray takes 1/f as many
+samples, so that each must do the work of f: a becomes 1 - (1 - a)^f, and colour and features grow likewise.
 """
 
 from dataclasses import replace

@@ -1,8 +1,7 @@
 """Small copies of the photographs that a pack was made from, inside its own metadata.
 
 An entry of "cameras" may have a "picture": a data URI (RFC 2397) of an AVIF, WebP, JPEG or PNG file, the photograph over its
-scene's background, in the shape of the camera's width and height but as small as its maker likes. It travels with the
-pack wherever that goes, as a folder, in a .zip, or into another codec; who does not know it reads past it.
+scene's background, in the shape of the camera's width and height but as small as its maker likes.
 """
 
 import base64

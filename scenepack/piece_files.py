@@ -2,15 +2,12 @@
 
 Notation: bs data voxels a side of a macroblock, B = bs + 2; a piece is uint8 [D, H, W, 4]. Two layouts:
 - "atlas": some consecutive planes of the atlas, as they are.
-- "grid": the data voxels of some consecutive layers of macroblocks where they lie in the grid, cropped to the
-  macroblocks in use. Content continues from macroblock to macroblock, which predicts far better than the
-  atlas's patchwork; the padding, 18 % of the voxels at bs = 30, is left out and copied again by
-  scenepack.blocks; what is empty costs next to nothing.
-A pack keeps the layout and the planes of a piece; all else follows from its indirection grid, in any reader.
-PNG, the published format, has four planes of the atlas to a piece.
-
-Under "snerg" such a pack keeps "codec_settings": layout ("atlas" or "grid") and planes of a piece, and the steps that values are
-counted in where they are coarse, without which it cannot be read, and the quality it was encoded with.
+- "grid": the data voxels of some consecutive layers of macroblocks where they lie in the grid, cropped to the macroblocks in use.
+  Content continues from macroblock to macroblock, which predicts far better than the atlas's patchwork; the padding, 18 % of the
+  voxels at bs = 30, is left out and copied again by scenepack.blocks; what is empty costs next to nothing.
+PNG, the published format, has four planes of the atlas to a piece. Other packs keep "codec_settings" under "snerg": layout and
+planes of a piece, the steps that values are counted in where they are coarse, and the quality. All else follows from the
+indirection grid.
 """
 
 import multiprocessing

@@ -46,15 +46,12 @@ def save_pack(
 ) -> None:
     """Writes a pack to the folder `path`, or to one file where its name ends in .zip.
 
-    The old pack stays until the new one is complete and on the disk; a kill at any moment leaves one of the
-    two. The JSON is pack.params with whatever has changed since; "snerg" gets version and codec where the
-    pack is ours.
-    png_level: 0 (fast, large) to 9 (slow, small). codec: see scenepack.codecs; only PNG is the published layout.
-    quality: 1 (worst) to 100, of codecs that lose something; by default the codec's own. on_progress(done, total)
-    is called after each image or piece.
-    UserError where the disk is full or refuses, where `path` holds anything that is no pack, or where a library
-    that the codec needs is missing, or where a number would be refused when it is read. ValueError for arrays that do not fit
-    together, which is a bug of the caller.
+    A kill at any moment leaves the old pack or the new one. The JSON is pack.params with whatever has changed since; "snerg" gets
+    version and codec where the pack is ours.
+    png_level: 0 (fast, large) to 9 (slow, small). codec: see scenepack.codecs; only PNG is the published layout. quality: 1
+    (worst) to 100, of codecs that lose something; by default the codec's own. on_progress(done, total) follows each piece.
+    UserError where the disk is full or refuses, `path` holds anything that is no pack, a library that the codec needs is missing,
+    or a number would be refused when it is read. ValueError for arrays that do not fit together, a bug of the caller.
     """
     _require_consistent(pack)
     chosen = codec_named(codec, "codec")

@@ -1,8 +1,7 @@
 """Which macroblocks are worth storing (SNeRG section 5.3): those with opacity, and seen by some training camera.
 
-Notation: TAU_ALPHA, TAU_VIS the thresholds; a cell is grid.cell³ voxels, the unit
-of the visibility test (2, as in the release, which tests on a grid of half the resolution; more in very fine grids). T is the
-transmittance of a ray so far; samples lie one cell apart, as those of a pack lie one voxel apart (docs/rendering.md).
+Notation: TAU_ALPHA, TAU_VIS the thresholds; a cell is grid.cell³ voxels, the unit of the visibility test (2, as in the release;
+more in very fine grids). T is the transmittance of a ray so far; samples lie one cell apart.
 """
 
 # pyright: reportCallIssue=false

@@ -3,8 +3,8 @@
 Notation: the grid frame is the pack's (OpenGL, y up; docs/format.md); voxel (x, y, z) covers
 min_xyz + voxel_size [x, x+1) and so on. A block is a macroblock of block_size³ data voxels. Arrays are [z, y, x].
 
-FloatGrid is the paper's "SNeRG (Float)" (table 3), which is never written to disk. It has the macroblocks of a pack, in an atlas
-of the same layout. Only voxels with opacity are held, of 32 bytes each: `rows` says where which of them lies.
+FloatGrid is the paper's "SNeRG (Float)" (table 3), never written to disk: the macroblocks of a pack, in an atlas of the same
+layout, of which only voxels with opacity are held, of 32 bytes each.
 """
 
 from collections.abc import Iterable

@@ -1,7 +1,7 @@
 """What a run has so far as a small pack, now and then while it trains: to fly around in before it is done.
 
-A field of voxels is asked at a grid of few voxels, without visibility, pruning and tuning: seconds where a bake takes
-minutes. The pack is one file, so that whoever reads the one before still can while the next takes its place.
+A field is asked at a grid of few voxels, without visibility, pruning and tuning. The pack is one file, so that whoever reads the
+one before still can while the next takes its place.
 """
 
 import time

@@ -1,10 +1,9 @@
 """The content of kept macroblocks: samples within each voxel, averaged and quantised (SNeRG sections 5.3 and 5.4).
 
 The paper takes 16 Gaussian samples a voxel, since an MLP may change within a voxel by as much as it likes. The multi-resolution
-field does not: it is smooth within the cells of its finest level (its grain), and blurring it again loses sharpness. So it is
-sampled once for each of its cells within a voxel: where it is no finer than the grid, at the centre alone. Colours and features
-are weighted by opacity before they are averaged. With `as_paper`, all is what the paper writes, to the letter: 16 Gaussian
-samples always, and plain averages of colours, features and densities.
+field is smooth within the cells of its finest level (its grain), and blurring it again loses sharpness. So it is sampled once for
+each of its cells within a voxel. Colours and features are weighted by opacity before they are averaged. With `as_paper`, all is
+what the paper writes: 16 Gaussian samples always, and plain averages of colours, features and densities.
 
 Macroblocks are made some at a time, in z, y, x order, and kept on disk where a work folder is given; of each only the
 voxels that are not empty. The random numbers of a macroblock depend on the seed and its place alone.

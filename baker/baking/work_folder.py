@@ -1,11 +1,9 @@
 """What a bake has done so far, kept on disk: a bake that was killed goes on there, and ends with the same pack.
 
-A work folder holds `key.json`, which says of which bake it is, and one .npz for each piece of work done, written aside
-and renamed. A piece that cannot be read (a power cut) is made again. Every piece depends on the key alone, never on
-when it was made or by whom, so an unbroken bake, a resumed one, and one shared by many hosts give the same bytes.
-
-Hosts share a bake through its work folder and nothing else: each makes the pieces of its own share first, then whatever
-is still missing. So none waits for another, and one that dies costs the others time, not the bake.
+A work folder holds `key.json`, which says of which bake it is, and one .npz for each piece of work done. A piece that cannot be
+read (a power cut) is made again. Every piece depends on the key alone, so an unbroken bake, a resumed one, and one shared by many
+hosts give the same bytes. Hosts share a bake through its work folder and nothing else: each makes the pieces of its own share
+first, then whatever is still missing, so that none waits for another.
 """
 
 import io

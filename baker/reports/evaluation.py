@@ -1,12 +1,10 @@
 """How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (docs/commands.md, snerg-eval).
 
 Where a scene goes on beyond the box that was trained, the paper masks photographs and pictures by the opacity of its own
-pictures (appendix C.2), since otherwise what lies outside of the box would decide: `by_alpha`. Several
-methods are compared on the same pixels where all take the mask of one of them: `mask_of`.
+pictures (appendix C.2): `by_alpha`. Several methods are compared on the same pixels where all take the mask of one: `mask_of`.
 
-A photograph that is held out has an exposure of its own, which nothing that was trained can know. So there is a second figure,
-psnr_matched, of pictures whose colours were matched to the photograph first (baker.metrics.colours_matched). All others
-compare what is shown as it is.
+A photograph that is held out has an exposure of its own, which nothing that was trained can know. So psnr_matched is of pictures
+whose colours were matched to the photograph first (baker.metrics.colours_matched).
 """
 
 from collections.abc import Callable, Iterator

@@ -1,8 +1,7 @@
 """Pictures of a report: the paper's figures of quality, and plots of the tables.
 
-A figure is the same crop of several pictures and the photograph, side by side, PSNR below each. Of the view that differs most
-between the first and the last picture, it shows the square whose differences are largest: where there is something to see.
-Pictures are those that scoring left in the report's folder.
+A figure is the same crop of several pictures and the photograph, side by side, PSNR below each: of the view that differs most
+between the first and the last picture, the square whose differences are largest. Scoring left the pictures.
 
 A cross-section is a plane of voxels across one axis of the OpenGL grid frame (y up), as in the figure on the sparsity loss. Rows
 go from top to bottom, columns from left to right: across x (y up, z to the right), across y a plan (z down, x to the right),

@@ -1,8 +1,8 @@
 """Fine-tuning of the view MLP on what the baked grid really shows (SNeRG section 5.5).
 
-Baking to 8 bits shifts accumulated colours and features; the view MLP is trained on against the photographs, with the
-grid held fixed. So every training pixel is marched once, and an epoch is a pass over what was accumulated. The release takes a
-whole photograph a step. The paper does not say how many pixels: here as many as a photograph has, of all photographs.
+Baking to 8 bits shifts accumulated colours and features; the view MLP is trained on against the photographs, with the grid held
+fixed. So every training pixel is marched once, and an epoch is a pass over what was accumulated. The paper does not say how many
+pixels a step takes: here as many as a photograph has, of all photographs.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """The loop around baker.tuning.tuner.Tuner: which rays, how many at once, for how long.
 
-All photographs are tuned on, to the end. Some held back would not tell whether tuning helps: the field knows them by heart, and
-tuning on the others makes the pack forget them, while it shows views that nobody trained on better.
+All photographs are tuned on. Some held back would not tell whether tuning helps: the field knows them by heart, and tuning on the
+others makes the pack forget them, while it shows views that nobody trained on better.
 """
 
 from collections.abc import Callable

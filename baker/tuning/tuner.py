@@ -1,18 +1,18 @@
 """Fine-tuning of the stored voxels and the view MLP together, on exactly what the viewer shows (beyond SNeRG section 5.5).
 
-The paper trains the view MLP on against the grid as quantising left it. Here the grid moves, too: every step takes the
-viewer's own samples of some training rays from the voxels *as rounded to 8 bits*, and its gradient moves what is behind them (a
-straight-through estimator). What is optimised is what is shown.
+The paper trains the view MLP on against the grid as quantising left it. Here the grid moves, too: every step takes the viewer's
+own samples of some training rays from the voxels *as rounded to 8 bits*, and its gradient moves what is behind them (a
+straight-through estimator).
 
-A voxel of a fine grid is met by a handful of rays, and learns their noise by heart. So the voxels of a cell of a few
-voxels a side move together: each cell adds to the straight colours and features of its voxels, and scales their density.
-For the same reason Adam's denominator has a floor, the mean over all cells: what has hardly any gradient hardly moves.
+A voxel of a fine grid is met by a handful of rays, and learns their noise by heart. So the voxels of a cell of a few voxels a
+side move together: each cell adds to the straight colours and features of its voxels, and scales their density. For the same
+reason Adam's denominator has a floor, the mean over all cells: what has hardly any gradient hardly moves.
 
     loss = mean over rays of |shown - photograph|²
 
-A step has four parts. Compiled loops march its rays through the stored atlas. JAX shades them and differentiates the loss.
-Compiled loops take the gradient back along the contributing samples to the cells. Cells that moved are rounded and stored.
-Results do not depend on the number of threads: sums are added in the order of the rays.
+In a step, compiled loops march its rays through the stored atlas, JAX shades them and differentiates the loss, compiled loops
+take the gradient back along the samples to the cells, and cells that moved are rounded and stored. Results do not depend on the
+number of threads: sums are added in the order of the rays.
 
 Notation: R rays of a step, in chunks of CHUNK; K cells, numbered from 1 in the grid's order (z slowest); row 0 of any table of
 cells stands for what is empty.
@@ -46,8 +46,7 @@ STORED = 512  # cells that a worker stores at once
 class Tuner:
     """It works on the pack's own arrays, which must be writable: a second copy of an atlas of 1000³ is a gigabyte.
 
-    cell: voxels a side of a cell. by_opacity: see ErrorTerms. rays: how many a step takes; known once
-    `fill` was called.
+    cell: voxels a side of a cell. by_opacity: see ErrorTerms. rays: how many a step takes; known once `fill` was called.
     """
 
     def __init__(self, pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False) -> None:

@@ -1,8 +1,7 @@
 """Decoder sandbox: decodes pieces in subprocesses and kills those that need more time or memory than a piece explains.
 
-Films and pictures can make a decoder do far more work than their size suggests: hidden frames, samples that share bytes, repeated
-scans. No check before decoding finds all of that, and a thread cannot be stopped inside a library. A subprocess can: the caller
-gets an error and goes on. scenepack.decoding_process is the code of the subprocess.
+Files can make a decoder do far more work than their size suggests: hidden frames, samples that share bytes, repeated scans. No
+check finds all of that, and no thread can be stopped inside a library. scenepack.decoding_process is the code of the subprocess.
 """
 
 from __future__ import annotations

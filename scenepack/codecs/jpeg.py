@@ -1,8 +1,7 @@
 """JPEG: images as in the published layout, in JPEG's terms.
 
-JPEG has no alpha, and alpha is what the renderer is most sensitive to, so alpha is a grey PNG of its own and stays
-exact. Colours are premultiplied as they are in the atlas, without subsampled chroma; features are their first three
-channels as if they were colours, and the fourth as a grey picture.
+JPEG has no alpha, to which the renderer is most sensitive, so alpha is a grey PNG of its own and stays exact. Colours stay
+premultiplied, without subsampled chroma; features are three channels as if they were colours, and the fourth as a grey picture.
 """
 
 import io

@@ -1,9 +1,7 @@
 """The published format: four atlas planes stacked in one PNG.
 
-Notation: group k of a part ("rgba" or "feature") is the atlas's four consecutive z-planes 4k … 4k + 3. In
-memory it is uint8 [4 · H, W, 4]: the planes stacked vertically, plane 4k on top, rows as they lie along y,
-columns along x (docs/format.md, "Atlas images"). So the atlas array [D, H, W, 4] is its groups one after another, and a
-group is a view of it.
+Notation: group k of a part ("rgba" or "feature") is the atlas's z-planes 4k … 4k + 3, uint8 [4 · H, W, 4]: stacked vertically,
+plane 4k on top, rows along y, columns along x (docs/format.md, "Atlas images"). So a group is a view of the atlas [D, H, W, 4].
 """
 
 import io

@@ -1,17 +1,17 @@
 """Streams: cubes of voxels as pictures of a film or an image sequence, without premultiplication.
 
-Notation: c premultiplied colour or feature, a alpha, both 0 … 255; c̄ = c / a straight; ⟨·⟩ the mean over the 3³
-neighbours weighted 1 2 1 along each axis. What a renderer adds up is a·c̄, so an error in c̄ counts a / 255 times,
-and a codec, which cannot know that, spends most of its bits on the noise of nearly transparent voxels. Therefore
+Notation: c premultiplied colour or feature, a alpha, both 0 … 255; c̄ = c / a straight; ⟨·⟩ the mean over the 3³ neighbours
+weighted 1 2 1 along each axis. A renderer adds up a·c̄, so that an error in c̄ counts a / 255 times; a codec does not know that,
+and spends most of its bits on the noise of nearly transparent voxels. Therefore
 - each voxel's c̄ is drawn towards its surroundings, the more the fainter it is:
   c̄ = (c + k·⟨c⟩/⟨a⟩) / (a + k), with k = `smoothing` in units of alpha: two thirds fewer bits at equal quality;
-- empty voxels, whose colour is invisible, continue their neighbours by means over 2³, 4³, … voxels ("pull-push"), so
-  that no edge is coded at the surface; voxels far from all content are grey.
+- empty voxels, whose colour is invisible, continue their neighbours by means over 2³, 4³, … voxels ("pull-push"), so that no edge
+  is coded at the surface; voxels far from all content are grey.
 All is done within cells of 16³ voxels, the unit of most codecs' own macroblocks: cells without content cost nothing.
 
-Notation: a piece is [D, H, W]; its frames are its D planes, filled up to whole cells of 16 (the macroblocks of video
-codecs). Files of piece N: occupied_NNN.xz, which voxels have any alpha, exactly; alpha, grey; rgb; feature, the first
-three channels; feature_w, the fourth, grey. What was empty decodes to zero, what was not to an alpha of at least 1.
+A piece is [D, H, W]; its frames are its D planes, filled up to whole cells. Files of piece N: occupied_NNN.xz, which voxels have
+any alpha, exactly; alpha, grey; rgb; feature, the first three channels; feature_w, the fourth, grey. What was empty decodes to
+zero, what was not to an alpha of at least 1.
 """
 
 import lzma

@@ -3,10 +3,9 @@
 The colours are photographed light, so nothing may light them again. COLOR_0 is linear, so they are decoded from sRGB, into 16
 bits: 8 would show bands in the dark.
 
-One round Gaussian for each voxel, without any dependence on the viewing direction: f_dc only, which stands for the diffuse
-colour. Viewers splat a Gaussian as o g(d): its opacity o, and g(d) = exp(-d^2 / 2 s^2) at distance d of the ray. A plane of
-voxels of opacity a must let as much pass as the pack does, so that o is chosen such that 1 - a is the mean, over where the ray
-pierces the plane, of the product of 1 - o g over the plane's voxels.
+One round Gaussian for each voxel, in its diffuse colour (f_dc only). Viewers splat a Gaussian as o g(d): its opacity o, and
+g(d) = exp(-d^2 / 2 s^2) at distance d of the ray. So that a plane of voxels of opacity a lets as much pass as the pack does, o is
+such that 1 - a is the mean, over where the ray pierces the plane, of the product of 1 - o g over the plane's voxels.
 """
 
 import gzip

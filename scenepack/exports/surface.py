@@ -3,10 +3,8 @@
 Each cube of neighbouring cells belongs to one box (scenepack.exports.field), so that no part of the surface is made twice and
 none is missing. Two boxes see the same values on the face that they share, so the surface runs on without a gap; its vertices
 there are joined by where they lie: on one edge between two cells (at most one vertex each), or within one cube. No opacity equals
-the level exactly. Memory: a box at a time; of the surface 12 bytes a triangle, and a vertex 12 for its position, 3 for its colour
-and 8 for its name until it is joined.
-
-Sums over faces are taken in parts, and neighbours are stored once, so that memory stays a small multiple of the mesh's.
+the level exactly. Sums over faces are taken in parts, and neighbours are stored once, so that memory stays a small multiple of
+the mesh's.
 """
 
 from __future__ import annotations
