@@ -1,18 +1,17 @@
 """Cutting a volume into padded macroblocks, and putting it back together (SNeRG paper, section 5.1).
 
-Notation: bs = block_size, data voxels per macroblock side; B = bs + 2, the side of its copy in the atlas.
-Volumes are [z, y, x, c]; sizes and block counts written as triples are (x, y, z), as in Pack.
-A macroblock's data voxel (i, j, k) lies in the atlas at B·slot + 1 + (i, j, k). The voxels around it copy
-what lies next to the macroblock in the grid: the neighbour's data voxels, or zeros where that neighbour is
-empty or outside of the grid. So a trilinear fetch anywhere within the macroblock never leaves its padded
-copy. Slots are handed out x fastest, then y, then z, both in the grid and in the atlas. A step is one of the 26 directions
-(z, y, x), each -1, 0 or 1, in which a neighbour lies; its shell is the part of the padded copy that lies in that neighbour.
+Notation: bs = block_size, data voxels per macroblock side; B = bs + 2, the side of its copy in the atlas. Volumes are
+[z, y, x, c]; sizes and block counts written as triples are (x, y, z), as in Pack. A macroblock's data voxel (i, j, k) lies in the
+atlas at B·slot + 1 + (i, j, k). The voxels around it copy the neighbours' data voxels in the grid, or are zeros where a neighbour is empty
+or outside of the grid, so that a trilinear fetch within the macroblock never leaves its padded copy. Slots are handed out x
+fastest, then y, then z, both in the grid and in the atlas. A step is one of the 26 directions (z, y, x), each -1, 0 or 1, in
+which a neighbour lies; its shell is the part of the padded copy that lies in that neighbour.
 """
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
-from math import ceil, prod, sqrt
+from math import ceil, sqrt
 
 import numpy as np
 
@@ -79,7 +78,6 @@ def voxels_at(indices: np.ndarray, blocks: np.ndarray, offsets: list[np.ndarray]
 
 
 MAX_SLICE_SIDE = 2048  # voxels; every OpenGL 3.3 driver in use takes 3D textures of this side
-MAX_DENSE_BYTES = 4 << 30
 
 Triple = tuple[int, int, int]
 ReadBox = Callable[[Triple, Triple], np.ndarray]
@@ -197,16 +195,13 @@ def block_data(pack: Pack, atlas: np.ndarray, block_zyx: tuple[int, ...]) -> np.
 def dense_from_pack(pack: Pack, box: tuple[Triple, Triple] | None = None) -> tuple[np.ndarray, np.ndarray | None]:
     """The grid's voxels as full arrays: rgba uint8 [z, y, x, 4], premultiplied, and features or None.
 
-    box: ((x0, y0, z0), (x1, y1, z1)) in voxels, by default the whole grid; must lie within it. Empty
-    macroblocks are zeros. ValueError for a box outside of the grid, MemoryError past 4 GiB: ask for a part
-    instead.
+    box: ((x0, y0, z0), (x1, y1, z1)) in voxels, by default the whole grid; ValueError where it is not within it.
+    Empty macroblocks are zeros.
     """
     low, high = (np.array(corner)[::-1] for corner in box or ((0, 0, 0), pack.grid_size))  # z, y, x
     if not ((low >= 0) & (low <= high) & (high <= pack.grid_size[::-1])).all():
         raise ValueError(f"box {box} does not lie within the grid {pack.grid_size}")
     shape, size = (high - low).tolist(), pack.block_size
-    if prod(shape) * 8 > MAX_DENSE_BYTES:
-        raise MemoryError(f"{shape} voxels are too many to hold in full; ask for a part (box=...)")
     dense = [np.zeros((*shape, 4), np.uint8) for _ in pack.atlases]
     first = low // size
     for block in np.argwhere(pack.occupied[tuple(map(slice, first, -(-high // size)))]) + first:

@@ -185,7 +185,10 @@ class Voxels:
             for step, other in zip(STEPS, self.neighbours[number].tolist(), strict=True):
                 if other in selection.bits:
                     around[_along(PADDING, step)] = self.mask(selection, other)[_along(COPIED, step)]
-            return _spread(around) & self.content(number)
+            for axis in range(3):
+                line = np.moveaxis(around, axis, 0)
+                around = np.moveaxis(line[:-2] | line[1:-1] | line[2:], 0, axis)
+            return around & self.content(number)
 
         return selection | self._chosen(mask_of, sorted(reached))
 
@@ -221,14 +224,6 @@ class Voxels:
             if len(some):
                 small[number] = some, size_of[of_label[row[some]]]
         return Parts(small, pack.block_size)
-
-
-def _spread(mask: np.ndarray) -> np.ndarray:
-    """Whether a voxel or one that it touches is in a mask bool [B, B, B]: bool [bs, bs, bs]."""
-    for axis in range(3):
-        mask = np.moveaxis(mask, axis, 0)
-        mask = np.moveaxis(mask[:-2] | mask[1:-1] | mask[2:], 0, axis)
-    return mask
 
 
 def _along(slices: Mapping[int, slice], step: Sequence[int]) -> tuple[slice, ...]:

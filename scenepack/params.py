@@ -30,9 +30,7 @@ def parse_params(data: bytes, where: str, note: Callable[[str], None]) -> tuple[
     """The pack that the JSON text `data` describes, and the codec of its atlas.
 
     The atlas has its true shape, holds zeros, takes no memory and cannot be written; there are no atlas_indices yet. A view MLP
-    that is all zero is left out.
-
-    note(line) is called for whatever was repaired. UserError naming `where` and the key for whatever cannot be used.
+    that is all zero is left out. note(line) is called for whatever was repaired. UserError, by key, for what cannot be used.
     """
     try:
         raw = parse_json(data)

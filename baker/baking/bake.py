@@ -242,8 +242,5 @@ class NothingThere(UserError):
     """A bake that can come to no pack, however often it is begun."""
 
     def __init__(self, run: Run) -> None:
-        what, remedy = (
-            "the trained field contains nothing that its cameras see",
-            "train for more steps, then bake again",
-        )
-        super().__init__(what, where=run.path, remedy=remedy)
+        super().__init__("the trained field contains nothing that its cameras see", where=run.path,
+                         remedy="train for more steps, then bake again")  # fmt: skip

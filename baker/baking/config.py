@@ -28,9 +28,7 @@ UNLIMITED = 2**31 - 1
 
 @dataclass(frozen=True)
 class BakeConfig:
-    resolution: int | None = (
-        None  # voxels along the longest side of the content's box; None: by the run, see resolution_of
-    )
+    resolution: int | None = None  # voxels along the longest side of the content's box; None: see resolution_of
     preset: BakePreset = "snerg"  # by whose method; see above
     # draft: nothing is tuned; full: tuned, in 8 bits; compact: tuned in coarser steps, for a third fewer bytes
     quality: Quality = "full"
@@ -38,9 +36,7 @@ class BakeConfig:
     # Where more would be kept, the grid is made coarser. None: MOST_MACROBLOCKS; in the preset paper, no limit.
     most_macroblocks: int | None = None
     keeps_hidden: bool = False  # macroblocks that no training camera sees: panel (d) of the paper's figure 4
-    aabb: Box | None = (
-        None  # the box that is baked, training frame, instead of that around the content; not for NDC scenes
-    )
+    aabb: Box | None = None  # box to bake, training frame, instead of that around the content; not for NDC scenes
 
     @property
     def block_limit(self) -> int:

@@ -29,9 +29,7 @@ class BakeGrid:
     block_size: int
     worldspace_T_opengl: np.ndarray  # [4, 4]: grid to training frame
     resolution: int  # voxels along the longest side of the box that the blocks cover
-    contraction: float | None = (
-        None  # half the side of the inner cube where space is contracted (scenepack.contraction)
-    )
+    contraction: float | None = None  # half the side of the inner cube of contracted space (scenepack.contraction)
 
     @property
     def cell(self) -> int:

@@ -173,7 +173,7 @@ def _alpha(pack: Pack, block: tuple[int, ...]) -> np.ndarray:
 
 
 def closing_gain(alpha: np.ndarray, transmittance: np.ndarray) -> np.ndarray:
-    """By what premultiplied voxels of alpha and transmittance uint8 [...] are multiplied, float32, so that little light goes on."""
+    """What premultiplied voxels of alpha and transmittance uint8 [...] are multiplied by, float32: little light goes on."""
     opacity, (shown, deep) = np.maximum(alpha, 1) / np.float32(255), CLOSED
     depth = np.clip((shown - transmittance / np.float32(255)) / (shown - deep), 0, 1)
     return (1 - (1 - opacity) ** (1 + (DENSER - 1) * depth)) / opacity

@@ -37,9 +37,7 @@ OnProgress = Callable[[float, str], None]
 class Export:
     kind: Kind
     level: float = 0.15  # opacity, 0 ... 1, of the surface of points and meshes; thin mist is opaque only together
-    coarser: int | None = (
-        None  # voxels a side that become one; None: as many as keep within MOST_FACES or MOST_GAUSSIANS
-    )
+    coarser: int | None = None  # voxels a side that become one; None: as many as MOST_FACES or MOST_GAUSSIANS allow
     keep: str | float = 0.001  # components of the surface: all, largest, or those with at least this share of its area
     smooth: int = 5  # steps of smoothing (Taubin)
     faces: int | None = 500_000  # about so many triangles at most; None: all
