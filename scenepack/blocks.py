@@ -1,10 +1,10 @@
 """Cutting a volume into padded macroblocks, and putting it back together (SNeRG paper, section 5.1).
 
-Notation: bs = block_size, data voxels per macroblock side; B = bs + 2, the side of its copy in the atlas. Volumes are
-[z, y, x, c]; sizes and block counts written as triples are (x, y, z), as in Pack. A macroblock's data voxel (i, j, k) lies in the
-atlas at B·slot + 1 + (i, j, k). The voxels around it copy the neighbours' data voxels in the grid, or are zeros where a neighbour is empty
-or outside of the grid, so that a trilinear fetch within the macroblock never leaves its padded copy. Slots are handed out x
-fastest, then y, then z, both in the grid and in the atlas. A step is one of the 26 directions (z, y, x), each -1, 0 or 1, in
+Notation: bs = block_size, data voxels per macroblock side; B = bs + 2, the side of its copy in the atlas. Volumes are [z, y, x,
+c]; sizes and block counts written as triples are (x, y, z), as in Pack. A macroblock's data voxel (i, j, k) lies in the atlas at
+B·slot + 1 + (i, j, k). The voxels around it copy the neighbours' data voxels in the grid, or are zeros where a neighbour is
+empty or outside of the grid, so that a trilinear fetch within the macroblock never leaves its padded copy. Slots are handed out
+x fastest, then y, then z, both in the grid and in the atlas. A step is one of the 26 directions (z, y, x), each -1, 0 or 1, in
 which a neighbour lies; its shell is the part of the padded copy that lies in that neighbour.
 """
 
