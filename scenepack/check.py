@@ -71,8 +71,7 @@ def _check_indices(pack: Pack) -> Finding:
 
 
 def _check_shared(pack: Pack) -> Finding:
-    used = pack.atlas_indices[pack.occupied]
-    _, counts = np.unique(used, axis=0, return_counts=True)
+    _, counts = np.unique(pack.atlas_indices[pack.occupied], axis=0, return_counts=True)
     shared = int(np.sum(counts > 1))
     message = f"{shared} atlas blocks are used more than once" if shared else "no atlas block is used twice"
     return Finding("shared", "warning" if shared else "ok", message, {"shared": shared})

@@ -146,8 +146,7 @@ class Voxels:
 
     def fainter_than(self, alpha: float) -> Selection:
         """Voxels whose opacity (0 ... 1) is below `alpha`."""
-        limit = 255.0 * alpha
-        return self._chosen(lambda number: self.content(number) & (self._alpha(number) < limit))
+        return self._chosen(lambda number: self.content(number) & (self._alpha(number) < 255.0 * alpha))
 
     def in_box(self, corners: Corners) -> Selection:
         """Voxels whose centres lie in a box of the grid frame, given by two corners."""
@@ -165,8 +164,7 @@ class Voxels:
         def test(positions: np.ndarray) -> np.ndarray:
             return np.square(self.frame.points(positions) - centre).sum(axis=1) <= radius**2
 
-        away = np.linalg.norm(np.clip(centre, *self.boxes) - centre, axis=1)
-        return self.where(test, away <= radius)
+        return self.where(test, np.linalg.norm(np.clip(centre, *self.boxes) - centre, axis=1) <= radius)
 
     def in_ball(self, centre: np.ndarray, radius: float) -> Selection:
         """Voxels whose centres lie within `radius` of a position, both in voxels: in bent space this is no sphere."""

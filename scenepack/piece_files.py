@@ -187,9 +187,8 @@ class PieceFiles:
         needed = [name for names in always for name in names]
         missing = [name for name in needed if name not in files.sizes]
         if missing:
-            found = len(needed) - len(missing)
             raise UserError("is missing", where=files.where(missing[0]), expected=f"{len(needed)} files of the atlas",
-                            found=found, remedy=COPY_OR_BAKE)  # fmt: skip
+                            found=len(needed) - len(missing), remedy=COPY_OR_BAKE)  # fmt: skip
         features = [name for names in every for name in names if name not in set(needed)]
         missing = [name for name in features if name not in files.sizes]
         # A diffuse pack has no use for features, and may leave all out.

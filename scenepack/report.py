@@ -112,10 +112,9 @@ def print_findings(findings: Sequence[Finding], console: Console) -> None:
 def _sections(facts: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
     blocks, voxels, sizes, ratio = (facts[key] for key in ("macroblocks", "voxels", "bytes", "compression"))
     low, high = facts["min_xyz"], facts["max_xyz"]
-    box = " × ".join(f"{a:.4g} … {b:.4g}" for a, b in zip(low, high, strict=True))
     grid = [
         ("grid", f"{_by(facts['grid'])} voxels of {facts['voxel_size']:.6g} world units"),
-        ("box (x × y × z)", box),
+        ("box (x × y × z)", " × ".join(f"{a:.4g} … {b:.4g}" for a, b in zip(low, high, strict=True))),
         ("block size", f"{facts['block_size']} voxels, {facts['block_size'] + 2} with padding"),
         ("macroblocks", _of(blocks["occupied"], blocks["grid"], "occupied")),
         ("atlas", f"{_by(facts['atlas'])} voxels, {_by(facts['atlas_blocks'])} blocks"),

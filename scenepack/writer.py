@@ -60,8 +60,7 @@ def save_pack(
 
 def copy_pack(files: PackFiles, pack: Pack, path: Path) -> None:
     """Writes the files of a pack as they are, with the metadata of `pack`, which was read from them. Otherwise as save_pack."""
-    metadata = {"version": _version(), **pack.metadata}
-    text = json.dumps({**pack.params, "snerg": metadata}, default=_plain)
+    text = json.dumps({**pack.params, "snerg": {"version": _version(), **pack.metadata}}, default=_plain)
 
     def copied() -> Generator[tuple[str, bytes], None, None]:
         yield PARAMS_NAME, text.encode()

@@ -188,8 +188,7 @@ def best_transmittance(
     z, y, x = (n // size for n in filled.shape)
     blocks = filled.reshape(z, size, y, size, x, size).any((1, 3, 5))
     best = [np.zeros(density.shape, np.float32) for _ in range(workers.count)]
-    cell = grid.voxel_size * grid.cell
-    box = box_of(grid.min_xyz, cell, density.shape[::-1], grid.contraction)
+    box = box_of(grid.min_xyz, grid.voxel_size * grid.cell, density.shape[::-1], grid.contraction)
     source = GridFrameRays(dataset, jnp.asarray(np.linalg.inv(grid.worldspace_T_opengl), jnp.float32))
     ids = np.random.default_rng(0).permutation(dataset.count)[:RAYS].astype(np.int32)
     share_rays(

@@ -75,8 +75,7 @@ def _midway(world_T_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             pairs.add(tuple(sorted((view, int(apart.argmin())))))
     poses = np.empty((len(pairs), 3, 4))
     for pose, (view, other) in zip(poses, sorted(pairs), strict=True):
-        both = Rotation.from_matrix(turns[[view, other]])
-        pose[:, :3] = Slerp([0.0, 1.0], both)(0.5).as_matrix()
+        pose[:, :3] = Slerp([0.0, 1.0], Rotation.from_matrix(turns[[view, other]]))(0.5).as_matrix()
         pose[:, 3] = 0.5 * (places[view] + places[other])
     return np.array([view for view, _ in sorted(pairs)], np.int64), poses
 

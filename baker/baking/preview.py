@@ -46,8 +46,7 @@ def preview_pack(run: Run, resolution: int = RESOLUTION) -> Pack | None:
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "of_steps": run.config.steps,
         "preview": True, **vars(run.options),
     }  # fmt: skip
-    atlas = fill_atlas(macroblocks, culling.kept, BLOCK_SIZE)
-    pack = assembled(run, grid, atlas)
+    pack = assembled(run, grid, fill_atlas(macroblocks, culling.kept, BLOCK_SIZE))
     restore_pack_padding(pack)
     return pack.with_metadata(provenance=provenance, cameras=cameras_of(run.scene), near=float(run.scene.near))
 

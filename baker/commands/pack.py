@@ -380,9 +380,7 @@ def _read_all(reader: PackReader) -> Pack:
         return reader.read(lambda done, _total: bar.update(done))
 
 
-COMMANDS = {
-    "info": info, "check": check, "convert": convert, "edit": edit, "move": move, "export": export, "compare": compare,
-}  # fmt: skip
+COMMANDS = {each.__name__: each for each in (info, check, convert, edit, move, export, compare)}
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -236,11 +236,10 @@ def _real(table: Table, about: Mapping[str, Any]) -> list[str]:
 
     headings = ("masked: PSNR", "SSIM", "LPIPS")
     columns = [LABEL, *SCORES, *(masked(heading, cell) for heading, (_, cell) in zip(headings, SCORES, strict=True))]
-    figures = "masked" if table["paper_is_masked"] else "of whole pictures"
     return [
         f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. Masked: photographs and "
         "pictures of all rows are compared where the paper's bake is opaque, as the paper does for 360° scenes. Its own "
-        f"figures here are {figures}.",
+        f"figures here are {'masked' if table['paper_is_masked'] else 'of whole pictures'}.",
         "", *_table(table["rows"], *columns, *PAPER, RELEASE), *_to_fill(table["rows"]),
     ]  # fmt: skip
 

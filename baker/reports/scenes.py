@@ -50,8 +50,7 @@ def scenes_document(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         held = {r["about"]["name"]: r for r in reports if table in r["tables"]}
         if held:
             tables[f"{table} {key}"] = {"rows": _rows(held, table, key), "scenes": list(held)}
-    abouts = [dict(report["about"]) for report in reports]
-    return {"about": {"scenes": abouts}, "tables": tables}
+    return {"about": {"scenes": [dict(report["about"]) for report in reports]}, "tables": tables}
 
 
 def _rows(reports: Mapping[str, Mapping[str, Any]], table: str, key: str) -> list[dict[str, Any]]:

@@ -166,14 +166,13 @@ def gaussian_values(
     count = len(positions)
     sizes = SIGMA * field.coarser * export_frame.sizes(positions)
     x, y, z, w = Rotation.from_matrix(export_frame.turned).as_quat(canonical=True)
-    quaternion = np.round([w, x, y, z], 12) + 0.0
     return [
         export_frame.points(positions),
         np.zeros((count, 3)),
         (straight - 0.5) / SH_0,
         np.log(opacity / (1.0 - opacity)),
         np.log(sizes),
-        np.broadcast_to(quaternion, (count, 4)),
+        np.broadcast_to(np.round([w, x, y, z], 12) + 0.0, (count, 4)),
     ]
 
 
@@ -181,8 +180,7 @@ def gaussian_values(
 def opacity_table() -> tuple[np.ndarray, np.ndarray]:
     """Opacities of a plane of voxels, rising, and the Gaussians' own that give them."""
     across = (np.arange(16) + 0.5) / 16 - 0.5
-    reach = np.arange(-3, 4)
-    distance = (across[:, None] - reach) ** 2  # [pierced at, voxel]
+    distance = (across[:, None] - np.arange(-3, 4)) ** 2  # [pierced at, voxel]
     passes = np.exp(-(distance[:, None, :, None] + distance[None, :, None, :]) / (2 * SIGMA**2))
     own = np.linspace(0.0, MOST_OPACITY, 100)
     return np.array([1.0 - np.prod(1.0 - o * passes, axis=(2, 3)).mean() for o in own]), own
