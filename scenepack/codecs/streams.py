@@ -70,10 +70,12 @@ def filled(values: np.ndarray, alpha: np.ndarray, smoothing: float = 0.0, *, pre
 
 def _blurred(values: np.ndarray) -> np.ndarray:
     """Weights 1 2 1 along axes 1, 2, 3, zeros outside; not normalised."""
-    from scipy.ndimage import convolve1d  # now: decoding does not need it
-
     for axis in (1, 2, 3):
-        values = convolve1d(values, [1, 2, 1], axis, mode="constant")
+        line = np.moveaxis(values, axis, 0)
+        spread = 2 * line
+        spread[1:] += line[:-1]
+        spread[:-1] += line[1:]
+        values = np.moveaxis(spread, 0, axis)
     return values
 
 
