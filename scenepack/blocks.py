@@ -92,13 +92,10 @@ def grid_block_counts(grid_size: Triple, block_size: int) -> Triple:
 def choose_atlas_blocks(count: int, block_size: int) -> Triple:
     """The atlas layout (x, y, z), in macroblocks, that holds `count` of them.
 
-    As few layers along z as slices of MAX_SLICE_SIDE² voxels allow, then the squarest slice; never more
-    than 255 along an axis, for a byte must hold the index and 255 means empty. ValueError where no layout is
-    large enough.
+    As few layers along z as slices of MAX_SLICE_SIDE² voxels allow, then the squarest slice; never more than 255 along an axis,
+    for a byte must hold the index and 255 means empty. ValueError where no layout is large enough.
     """
     side = min(MAX_SLICE_SIDE // (block_size + 2), MAX_BLOCK_INDEX + 1)
-    if side < 1:
-        raise ValueError(f"a macroblock of {block_size} voxels does not fit in a slice of {MAX_SLICE_SIDE}")
     count = max(count, 1)
     layers = ceil(count / side**2)
     if layers > MAX_BLOCK_INDEX + 1:
@@ -115,16 +112,10 @@ def atlas_shape(atlas_blocks: Triple, block_size: int) -> Triple:
 
 
 def atlas_layout(occupied: np.ndarray, atlas_blocks: Triple) -> np.ndarray:
-    """atlas_indices uint8 [blocks z, y, x, 3] that hand slots to the macroblocks of `occupied`, in the grid's order.
-
-    ValueError where the atlas is too small.
-    """
-    across, down, layers = atlas_blocks
-    count = int(occupied.sum())
-    if count > across * down * layers or max(atlas_blocks) > MAX_BLOCK_INDEX + 1:
-        raise ValueError(f"{count} macroblocks do not fit in an atlas of {atlas_blocks}")
+    """atlas_indices uint8 [blocks z, y, x, 3] that hand slots to the macroblocks of `occupied`, in the grid's order."""
+    across, down, _ = atlas_blocks
     indices = np.full((*occupied.shape, 3), EMPTY_BLOCK, np.uint8)
-    slots = np.arange(count)
+    slots = np.arange(np.count_nonzero(occupied))
     indices[occupied] = np.stack([slots % across, slots // across % down, slots // (across * down)], -1)
     return indices
 
@@ -163,8 +154,6 @@ def atlas_from_volume(
     asked for boxes within the grid, one per occupied macroblock, at most bs a side. grid_size: voxels (x, y, z). occupied: bool
     [blocks z, blocks y, blocks x].
     """
-    if occupied.shape != grid_block_counts(grid_size, block_size)[::-1]:
-        raise ValueError(f"occupied is {occupied.shape}, the grid {grid_size} needs another shape at {block_size}")
 
     def read(block: tuple[int, ...]) -> tuple[tuple[int, ...], np.ndarray]:
         z, y, x = (b * block_size for b in block)

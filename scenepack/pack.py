@@ -45,11 +45,6 @@ class ViewMlp:
     weights: tuple[np.ndarray, np.ndarray, np.ndarray]
     biases: tuple[np.ndarray, np.ndarray, np.ndarray]
 
-    @property
-    def is_zero(self) -> bool:
-        """True where every weight and bias is zero: such packs are meant as diffuse."""
-        return not any(np.any(array) for array in (*self.weights, *self.biases))
-
 
 @dataclass(frozen=True)
 class Pack:

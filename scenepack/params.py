@@ -158,11 +158,10 @@ class _Checker:
         shapes = [(VIEW_MLP_WIDTHS[layer], VIEW_MLP_WIDTHS[layer + 1]) for layer in LAYERS]
         w0, w1, w2 = (self.array(f"{layer}_weights", shapes[layer], np.float32) for layer in LAYERS)
         b0, b1, b2 = (self.array(f"{layer}_bias", shapes[layer][1:], np.float32) for layer in LAYERS)
-        mlp = ViewMlp((w0, w1, w2), (b0, b1, b2))
-        if mlp.is_zero:
+        if not any(map(np.any, (w0, w1, w2, b0, b1, b2))):  # which is meant as diffuse
             self.note(f"{self.where}: the view MLP is all zero; the pack is shown as diffuse")
             return None
-        return mlp
+        return ViewMlp((w0, w1, w2), (b0, b1, b2))
 
 
 def _as_number(value: Any, *, text: bool = False) -> float | None:

@@ -42,15 +42,15 @@ FORMAT = 4  # of a work folder: raised whenever the same key would give other pi
 
 
 class Stages:
-    """Seconds spent in each stage of a bake, by name, in order."""
+    """Seconds spent in each stage of a bake, by name, in order. quiet: without a progress line."""
 
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
+    def __init__(self, *, quiet: bool = False) -> None:
+        self.seconds, self.quiet = dict[str, float](), quiet
 
     @contextmanager
     def __call__(self, name: str, total: float = 1.0) -> Iterator[Progress]:
         started = time.monotonic()
-        with progress(name, total, stage=STAGE) as bar:
+        with progress(name, total, self.quiet, stage=STAGE) as bar:
             yield bar
             bar.update(total)
         self.seconds[name] = self.seconds.get(name, 0.0) + time.monotonic() - started

@@ -5,20 +5,13 @@ one before still can while the next takes its place.
 """
 
 import time
-from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from baker.baking.bake import assembled
-from baker.baking.config import BLOCK_SIZE
-from baker.baking.culling import content_box, opaque_macroblocks
-from baker.baking.field_query import field_query
-from baker.baking.grid import box_in_grid_frame, make_grid
-from baker.baking.supersample import Sampler, supersample
+from baker.baking.bake import Bake, NothingThere, Stages, culled_grid, supersampled
+from baker.baking.config import BakeConfig
 from console import UserError
 from scenepack import save_pack
-from scenepack.blocks import fill_atlas, restore_pack_padding
+from scenepack.blocks import restore_pack_padding
 from scenepack.pack import Pack
 from training.run import Run
 from training.scenes.scene import cameras_of
@@ -32,22 +25,17 @@ PNG_LEVEL = 1  # fast: it lives for a minute
 
 def preview_pack(run: Run, resolution: int = RESOLUTION) -> Pack | None:
     """The run's field as it is now; None where it holds nothing yet."""
-    query, frame = field_query(run), np.asarray(run.scene.worldspace_T_opengl, np.float64)
-    found = content_box(query, *box_in_grid_frame(run.dataset.aabb, frame), resolution, frame)
-    if found is None:
+    config = BakeConfig(resolution, seed=run.config.seed, keeps_hidden=True)
+    job = Bake(run, config, stages=Stages(quiet=True))
+    try:
+        pack = supersampled(job, *culled_grid(job))
+    except NothingThere:
         return None
-    grid = make_grid(*found, resolution, BLOCK_SIZE, frame, run.dataset.facts.contraction)
-    opacity = opaque_macroblocks(query, grid, partial(run.method.may_hold, run.state))
-    culling = opacity.culling(grid, opacity.opaque)  # what no camera sees stays
-    if not culling.kept.any():
-        return None
-    macroblocks = supersample(Sampler(query, grid, culling, run.method.grain(run.state), run.config.seed))
+    restore_pack_padding(pack)
     provenance = {
         "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "of_steps": run.config.steps,
         "preview": True, **vars(run.options),
     }  # fmt: skip
-    pack = assembled(run, grid, fill_atlas(macroblocks, culling.kept, BLOCK_SIZE))
-    restore_pack_padding(pack)
     return pack.with_metadata(provenance=provenance, cameras=cameras_of(run.scene), near=float(run.scene.near))
 
 
@@ -60,8 +48,12 @@ class Previews:
 
     def update(self, run: Run) -> None:
         """Writes another where it is time; for training.loop.train, after each step."""
-        if run.config.method == "multires" and run.step >= FIRST_STEP and time.monotonic() >= self._due:
+        if self.due(run):
             self.write(run)
+
+    def due(self, run: Run) -> bool:
+        """Whether it is time for another."""
+        return run.config.method == "multires" and run.step >= FIRST_STEP and time.monotonic() >= self._due
 
     def write(self, run: Run) -> None:
         """Writes one. What it fails at is no reason to stop the training: the next may be written."""
