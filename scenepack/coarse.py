@@ -40,8 +40,7 @@ def coarse_pack(pack: Pack, known: np.ndarray) -> Pack | None:
 
     None where its block size allows none. The grid's far faces may lie up to f - 1 voxels farther out.
     """
-    f = factor_for(pack.block_size)
-    if f is None:
+    if (f := factor_for(pack.block_size)) is None:
         return None
     side = pack.padded_block_size
     kept = np.array([0, *range(1 + f // 2, side - 1, f), side - 1])

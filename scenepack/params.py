@@ -57,8 +57,7 @@ class _Checker:
         return self.raw[key]
 
     def number(self, key: str) -> float:
-        number = _as_number(self.get(key))
-        if number is None:
+        if (number := _as_number(self.get(key))) is None:
             raise self.wrong(key, "is not a number", "a number", self.raw[key])
         if not math.isfinite(number):
             raise self.wrong(key, "is not finite", "a finite number", self.raw[key])

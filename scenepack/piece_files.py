@@ -185,8 +185,7 @@ class PieceFiles:
             [codec.names(i, piece.shape, features) for i, piece in enumerate(self.pieces)] for features in (False, True)
         )
         needed = [name for names in always for name in names]
-        missing = [name for name in needed if name not in files.sizes]
-        if missing:
+        if missing := [name for name in needed if name not in files.sizes]:
             raise UserError("is missing", where=files.where(missing[0]), expected=f"{len(needed)} files of the atlas",
                             found=len(needed) - len(missing), remedy=COPY_OR_BAKE)  # fmt: skip
         features = [name for names in every for name in names if name not in set(needed)]

@@ -51,8 +51,7 @@ def demo() -> Path:
     """
     from viewer.core.files import demo_pack
 
-    found = demo_pack()
-    if found is None:
+    if (found := demo_pack()) is None:
         raise SnergError("this installation has no demo pack", remedy="install snerg again")
     return found
 

@@ -129,15 +129,13 @@ def passes_of(config: BakeConfig) -> list[tuple[str, Pass]]:
 
 
 def padded(voxels: Voxels, bar: Progress) -> Voxels:
-    """Fills the borders of macroblocks, in place."""
     restore_pack_padding(voxels.pack)
     return voxels
 
 
 def pruned(voxels: Voxels, bar: Progress) -> Voxels:
     """Empties faint voxels, as far as PSNR on the photographs allows it."""
-    arriving = voxels.transmittance(bar)
-    if arriving is None:
+    if (arriving := voxels.transmittance(bar)) is None:
         return voxels
     pack, done = prune(voxels.pack, arriving, voxels.score, MOST_LOST_PRUNED)
     counts = {"before": done.voxels_before, "after": done.voxels_after, "tau_weight": done.tau_weight}
@@ -169,7 +167,6 @@ def tuned(voxels: Voxels, bar: Progress) -> Voxels:
 
 
 def with_tuned_view_mlp(voxels: Voxels, bar: Progress) -> Voxels:
-    """Tunes the view MLP alone (section 5.5)."""
     pack, before, after = fine_tune(
         voxels.pack, voxels.photographs, seed=voxels.config.seed, by_opacity=voxels.by_opacity, on_share=bar.update
     )

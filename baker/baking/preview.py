@@ -5,6 +5,7 @@ one before still can while the next takes its place.
 """
 
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from baker.baking.bake import Bake, NothingThere, Stages, culled_grid, supersampled
@@ -58,12 +59,9 @@ class Previews:
     def write(self, run: Run) -> None:
         """Writes one. What it fails at is no reason to stop the training: the next may be written."""
         began = time.monotonic()
-        try:
-            pack = preview_pack(run)
-            if pack is not None:
+        with suppress(UserError, OSError, MemoryError):  # a full disk, say, of which the training's own files will tell
+            if (pack := preview_pack(run)) is not None:
                 save_pack(pack, self.out, png_level=PNG_LEVEL)
-        except (UserError, OSError, MemoryError):  # a full disk, say, of which the training's own files will tell
-            pass
         ended = time.monotonic()
         self._due = ended + max(self.every, (ended - began) / MOST_OF_TIME)
 

@@ -33,8 +33,7 @@ def snerg_report(
     if out.exists() and not out.is_dir():
         raise UserError("is a file", where=out, expected="a folder, or nothing yet")
     check_results(folder=out)
-    run = next(iter(subjects), None)
-    if run is None:
+    if (run := next(iter(subjects), None)) is None:
         raise UserError("needs a run, or the reports of several scenes", where="snerg-report")
     if len(subjects) > 1 or (run / "report.json").is_file():
         _side_by_side(subjects, out)

@@ -57,10 +57,9 @@ def evaluate(
 ) -> dict[str, Any]:
     """The JSON of snerg-eval for a run (its folder, or loaded), a pack, or what is drawn some other way.
 
-    images: folder for pictures beside their photographs.
-
-    by_alpha: both are shown over the background wherever the subject is transparent; mask_of: wherever this other run or
-    pack is. allow_half: a pack that does not fit on the graphics card is drawn at half its resolution.
+    images: folder for pictures beside their photographs. by_alpha: both are shown over the background wherever the subject is
+    transparent; mask_of: wherever this other run or pack is. allow_half: a pack that does not fit on the graphics card is drawn
+    at half its resolution.
 
     UserError where the subject is neither, it does not fit, or the split has no photographs.
     """
@@ -78,10 +77,8 @@ def evaluate(
             if by_alpha or mask_of is not None:
                 opacity = mask.show(photograph.camera, "alpha")[..., None]
                 seen &= opacity[..., 0] > SEEN
-                picture, truth = (
-                    over_background(np.concatenate([shown, opacity], -1), scene.background)
-                    for shown in (picture, truth)
-                )
+                both = (np.concatenate([shown, opacity], -1) for shown in (picture, truth))
+                picture, truth = (over_background(shown, scene.background) for shown in both)
             scores.append(score(photograph, picture, truth, seen))
             if images is not None:
                 save_comparison(images / f"{name}.png", picture, truth)
@@ -99,8 +96,7 @@ def evaluate(
 
 def photographs_of(scene: Scene, split: str) -> tuple[Photograph, ...]:
     """The photographs of a split. UserError where it has none."""
-    photographs = scene.splits.get(split, ())
-    if not photographs:
+    if not (photographs := scene.splits.get(split, ())):
         raise UserError("no photographs in this split", where="--split", expected=", ".join(scene.splits), found=split)
     return photographs
 

@@ -99,8 +99,7 @@ def scenes_tables(document: Mapping[str, Any], heading: str) -> list[str]:
         "Rows in *italics* are the paper's own figures, of the same scenes. A mean is given where every scene has the figure."
     ]
     for table, key, title, digits, unit in COLUMNS:
-        made = document["tables"].get(f"{table} {key}")
-        if made is None:
+        if (made := document["tables"].get(f"{table} {key}")) is None:
             continue
         scenes, cells = made["scenes"], []
         for row in made["rows"]:

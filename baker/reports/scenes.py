@@ -47,8 +47,7 @@ def scenes_document(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         raise UserError("two reports are of one scene", where="snerg-report", expected="one of each scene", found=twice)
     tables: dict[str, Table] = {}
     for table, key, *_ in COLUMNS:
-        held = {r["about"]["name"]: r for r in reports if table in r["tables"]}
-        if held:
+        if held := {r["about"]["name"]: r for r in reports if table in r["tables"]}:
             tables[f"{table} {key}"] = {"rows": _rows(held, table, key), "scenes": list(held)}
     return {"about": {"scenes": [dict(report["about"]) for report in reports]}, "tables": tables}
 

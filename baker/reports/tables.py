@@ -178,8 +178,7 @@ def _baked_row(study: Study, row: str, label: str, baked: Baked) -> Row:
 
 def no_sparsity_row(study: Study) -> Row:
     """The paper's bake of the run without the sparsity loss."""
-    run = study.without_sparsity
-    if run is None:
+    if (run := study.without_sparsity) is None:
         return _beside(study, {"row": "no-sparsity", "label": SNERG["no-sparsity"], "command": against_command(study)})
     return _baked_row(study, "no-sparsity", SNERG["no-sparsity"], study.baked("paper", run))
 

@@ -82,8 +82,7 @@ class Field:
         for z, y, x in sorted(places):
             box = np.zeros((*(self.side + 1,) * 3, 4), np.float32)
             for step in steps:
-                cells = self.block((z + step[0], y + step[1], x + step[2]))
-                if cells is not None:
+                if (cells := self.block((z + step[0], y + step[1], x + step[2]))) is not None:
                     to = tuple(slice(self.side, None) if s else slice(0, self.side) for s in step)
                     box[to] = cells[tuple(slice(0, 1) if s else slice(None) for s in step)]
             yield (z, y, x), box
@@ -96,8 +95,7 @@ class Field:
     def blocks(self) -> Iterator[tuple[Place, np.ndarray]]:
         """Each macroblock of `occupied` with its cells; see block."""
         for place in self.occupied:
-            cells = self.block(place)
-            if cells is not None:
+            if (cells := self.block(place)) is not None:
                 yield place, cells
 
     def crossings(self, level: float) -> int:
