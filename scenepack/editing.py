@@ -105,9 +105,8 @@ class Voxels:
         pack, radius = self.pack, self.pack.contraction
         low, high = np.zeros(3), np.array(pack.grid_size, np.float64)
         if radius is not None:  # there is nothing beyond
-            low, high = (
-                np.clip((end - pack.min_xyz) / pack.voxel_size, low, high) for end in (-2 * radius, 2 * radius)
-            )
+            ends = ((end - pack.min_xyz) / pack.voxel_size for end in (-2 * radius, 2 * radius))
+            low, high = (np.clip(end, low, high) for end in ends)
         first = self.places[:, ::-1] * float(pack.block_size) + 0.5
         first, last = (np.clip(corner, low + 0.5, high - 0.5) for corner in (first, first + pack.block_size - 1))
         shares = 0.5 * np.array(list(product((0, 1, 2), repeat=3)))  # ends, and middles where space is bent
@@ -135,11 +134,10 @@ class Voxels:
 
     def mask(self, selection: Selection, number: int) -> np.ndarray:
         """Of a macroblock, which voxels are selected: bool [bs, bs, bs]."""
-        shape = (self.pack.block_size,) * 3
-        bits = selection.bits.get(number)
-        return (
-            np.zeros(shape, bool) if bits is None else np.unpackbits(bits, count=prod(shape)).reshape(shape).view(bool)
-        )
+        shape, bits = (self.pack.block_size,) * 3, selection.bits.get(number)
+        if bits is None:
+            return np.zeros(shape, bool)
+        return np.unpackbits(bits, count=prod(shape)).reshape(shape).view(bool)
 
     def everything(self) -> Selection:
         return self._chosen(self.content)
@@ -160,11 +158,8 @@ class Voxels:
 
     def in_sphere(self, centre: np.ndarray, radius: float) -> Selection:
         """Voxels whose centres lie in a ball of the grid frame. centre: float [3]."""
-
-        def test(positions: np.ndarray) -> np.ndarray:
-            return np.square(self.frame.points(positions) - centre).sum(axis=1) <= radius**2
-
-        return self.where(test, np.linalg.norm(np.clip(centre, *self.boxes) - centre, axis=1) <= radius)
+        points, near = self.frame.points, np.linalg.norm(np.clip(centre, *self.boxes) - centre, axis=1) <= radius
+        return self.where(lambda at: np.square(points(at) - centre).sum(axis=1) <= radius**2, near)
 
     def in_ball(self, centre: np.ndarray, radius: float) -> Selection:
         """Voxels whose centres lie within `radius` of a position, both in voxels: in bent space this is no sphere."""

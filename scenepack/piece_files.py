@@ -181,9 +181,8 @@ class PieceFiles:
         self.known = np.full(depth, self._layout == "grid")
         largest = max((int(np.prod(piece.shape)) * 4 for piece in self.pieces), default=0)
         require_memory(2 * largest, files.path)  # rgba and features of one piece, beside the atlas
-        always, every = (
-            [codec.names(i, piece.shape, features) for i, piece in enumerate(self.pieces)] for features in (False, True)
-        )
+        shapes = [piece.shape for piece in self.pieces]
+        always, every = ([codec.names(*each, features) for each in enumerate(shapes)] for features in (False, True))
         needed = [name for names in always for name in names]
         if missing := [name for name in needed if name not in files.sizes]:
             raise UserError("is missing", where=files.where(missing[0]), expected=f"{len(needed)} files of the atlas",

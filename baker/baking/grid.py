@@ -115,9 +115,8 @@ def assemble(parts: Iterable[Arrays], kept: np.ndarray, size: int) -> Arrays:
         some = content[:, 3] > 0
         number, flat = np.divmod(places[some], size**3)
         slots = indices[tuple(blocks[number].T)].astype(np.int64)  # x, y, z
-        z, y, x = (
-            at + 1 + slots[:, 2 - axis] * (size + 2) for axis, at in enumerate(np.unravel_index(flat, (size,) * 3))
-        )
+        within = np.stack(np.unravel_index(flat, (size,) * 3), -1)
+        z, y, x = (within + 1 + slots[:, ::-1] * (size + 2)).T
         rows[z, y, x, 0] = np.arange(count, count + len(flat), dtype=np.int32)
         count += len(flat)
         values.append(content[some])

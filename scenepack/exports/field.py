@@ -213,9 +213,8 @@ class ExportFrame:
 def ndc_camera(pack: Pack) -> tuple[float, float, float]:
     """Width, height and focal length, in pixels, of the photographs whose frustum the NDC cube is."""
     given = (pack.input_width, pack.input_height, pack.input_focal)
-    width, height, focal = (
-        old if value is None else float(value) for value, old in zip(given, PUBLISHED_NDC_CAMERA, strict=True)
-    )
+    both = zip(given, PUBLISHED_NDC_CAMERA, strict=True)
+    width, height, focal = (old if value is None else float(value) for value, old in both)
     return width, height, focal
 
 
