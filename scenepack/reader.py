@@ -165,24 +165,20 @@ class PackReader:
 
     def _note_claims(self, is_png: bool) -> None:
         """Notes what the JSON claims and the atlas refutes: how many blocks it has and, of PNG, images."""
-        raw, where = self.outline.params, self.files.where(PARAMS_NAME)
+        raw, where, note = self.outline.params, self.files.where(PARAMS_NAME), self._notes.append
         blocks, fits = [raw.get(f"atlas_blocks_{axis}", "missing") for axis in "xyz"], list(self.outline.atlas_blocks)
         if blocks != fits:
             problem = f"{where}: atlas_blocks_x/y/z are {_triple(blocks)}"
-            self._notes.append(f"{problem}, the atlas holds {_triple(fits)}; its size is trusted")
+            note(f"{problem}, the atlas holds {_triple(fits)}; its size is trusted")
         if not is_png:
             return
         claimed, needed = raw.get("num_slices"), self._groups
         stored = next(n for n in itertools.count() if f"rgba_{n:03d}.png" not in self.files.sizes)
         if stored > needed:
-            self._notes.append(
-                f"{self.files.path}: {stored} rgba images, atlas_depth needs {needed}; the rest is ignored"
-            )
+            note(f"{self.files.path}: {stored} rgba images, atlas_depth needs {needed}; the rest is ignored")
         if claimed != needed:
             found = "missing" if claimed is None else one_line(str(claimed), 40)
-            self._notes.append(
-                f"{where}: num_slices is {found}, atlas_depth needs {needed} images; atlas_depth is trusted"
-            )
+            note(f"{where}: num_slices is {found}, atlas_depth needs {needed} images; atlas_depth is trusted")
 
 
 def _triple(values: list[Any]) -> str:

@@ -119,9 +119,8 @@ def opaque_macroblocks(
     opaque = np.zeros((bz, by, bx), bool)
     density = np.zeros((bz * per_block, by * per_block, bx * per_block), np.float32)
     layers = [k for k in range(bz) if holds[k].any()]
-    pieces = [
-        (f"{grid.resolution}_opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid)) for k in layers
-    ]
+    name = f"{grid.resolution}_opacity"
+    pieces = [(f"{name}_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid)) for k in layers]
     for k, layer in zip(layers, in_order(work, pieces, tick), strict=True):
         opaque[k], density[k * per_block : (k + 1) * per_block] = layer["opaque"], layer["density"]
     return Opacity(opaque, density)

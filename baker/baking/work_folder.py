@@ -7,6 +7,7 @@ first, then whatever is still missing, so that none waits for another.
 """
 
 import io
+import itertools
 import json
 import os
 import time
@@ -42,10 +43,9 @@ class Share:
 
     def order(self, count: int) -> list[int]:
         """0 to count - 1 in the order in which to make pieces: its own share, then the others' from their ends."""
-        turns = [(self.process + turn) % self.processes for turn in range(self.processes)]
-        return [*range(self.process, count, self.processes)] + [
-            piece for turn in turns[1:] for piece in reversed(range(turn, count, self.processes))
-        ]
+        own, *others = ((self.process + turn) % self.processes for turn in range(self.processes))
+        theirs = (reversed(range(other, count, self.processes)) for other in others)
+        return [*range(own, count, self.processes), *itertools.chain(*theirs)]
 
 
 class BakeEnded(Exception):

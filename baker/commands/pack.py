@@ -64,9 +64,8 @@ def check(pack: Path, /, json: Path | None = None, strict: bool = False) -> None
     broken = [f for f in findings if f.severity == "error" or (strict and f.severity == "warning")]
     if broken:
         sys.stdout.flush()
-        raise UserError(
-            f"breaks {len(broken)} rules ({', '.join(f.rule for f in broken)})", where=pack, remedy="bake it again"
-        )
+        rules = ", ".join(finding.rule for finding in broken)
+        raise UserError(f"breaks {len(broken)} rules ({rules})", where=pack, remedy="bake it again")
 
 
 def convert(
@@ -212,9 +211,8 @@ def move(
         raise UserError("is not a direction", where="--up", found=up)
     point = None if origin is None else parse_point(origin, "--origin")
     if point is not None and max(map(abs, point)) > MOST_LENGTH:
-        raise UserError(
-            "is out of range", where="--origin", expected=f"at most {MOST_LENGTH:g} grid units away", found=origin
-        )
+        expected = f"at most {MOST_LENGTH:g} grid units away"
+        raise UserError("is out of range", where="--origin", expected=expected, found=origin)
     length = None if scale is None else _length(scale)
     if _is_same(out, pack):
         raise UserError("would replace the pack that is moved", where=out, remedy="choose another --out")
@@ -254,9 +252,8 @@ def _length(text: str) -> tuple[float, str]:
     except ValueError:
         number = 0.0
     if not SCALES[0] <= number <= SCALES[1]:
-        raise UserError(
-            "is not a length", where="--scale", expected="a number and m, cm, mm, in, ft or nothing: 0.35m", found=text
-        )
+        expected = "a number and m, cm, mm, in, ft or nothing: 0.35m"
+        raise UserError("is not a length", where="--scale", expected=expected, found=text)
     return number, unit
 
 

@@ -45,9 +45,8 @@ def row_of_run(config: TrainConfig) -> str:
 
 def _small(large: NerfConfig) -> NerfConfig:
     """JAXNeRF's size beside JAXNeRF+'s."""
-    return replace(
-        large, width=large.width // 2, coarse_samples=large.coarse_samples // 3, fine_samples=large.fine_samples // 3
-    )
+    coarse, fine = large.coarse_samples // 3, large.fine_samples // 3
+    return replace(large, width=large.width // 2, coarse_samples=coarse, fine_samples=fine)
 
 
 def label_of(config: TrainConfig, step: int) -> str:

@@ -85,13 +85,12 @@ def draw_panels(panels: Sequence[tuple[np.ndarray, str]], box: tuple[int, int, i
     left, top, side = box
     height, width = panels[0][0].shape[:2]
     small = PANEL, round(PANEL * height / width)
+    resampling = Image.Resampling.BOX if width > PANEL else Image.Resampling.NEAREST
     sheet = Image.new("RGB", (GAP + len(panels) * (PANEL + GAP), small[1] + PANEL + 3 * GAP + CAPTION), PAPER)
     pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(12)
     for i, (pixels, caption) in enumerate(panels):
         x, picture = GAP + i * (PANEL + GAP), Image.fromarray(np.ascontiguousarray(pixels))
-        sheet.paste(
-            picture.resize(small, Image.Resampling.BOX if width > PANEL else Image.Resampling.NEAREST), (x, GAP)
-        )
+        sheet.paste(picture.resize(small, resampling), (x, GAP))
         scale = PANEL / width
         frame = [x + left * scale, GAP + top * scale, x + (left + side) * scale, GAP + (top + side) * scale]
         pen.rectangle([round(edge) for edge in frame], outline=(207, 74, 34))

@@ -66,10 +66,9 @@ class ReportOptions:
         """UserError for what makes no sense, before anything is read."""
         _ = self.qualities, self.sides, self.pixels, self.overrides
         self.tables_of("synthetic")
-        if self.nominal_watts is not None and not self.nominal_watts > 0:
-            raise UserError(
-                "is no power", where="--nominal-watts", expected="watts, more than 0", found=self.nominal_watts
-            )
+        watts = self.nominal_watts
+        if watts is not None and not watts > 0:
+            raise UserError("is no power", where="--nominal-watts", expected="watts, more than 0", found=watts)
         if self.frames < 1 or self.views < 0 or (self.resolution is not None and self.resolution < 1):
             raise UserError("is too small", where="--resolution, --frames or --views")
         given_distance(self.distance)

@@ -107,9 +107,8 @@ def scenes_tables(document: Mapping[str, Any], heading: str) -> list[str]:
             cells.append([row["label"], *(_number(value, digits, unit) for value in values)])
             if any(value is not None for value in row["paper"].values()):
                 values = [row["paper_mean"], *(row["paper"][scene] for scene in scenes)]
-                cells.append(
-                    [f"*{row['label']}, the paper*", *(_italic(_number(value, digits, unit)) for value in values)]
-                )
+                numbers = (_italic(_number(value, digits, unit)) for value in values)
+                cells.append([f"*{row['label']}, the paper*", *numbers])
         lines += ["", f"{heading} {title}", "", *_markdown(["", "mean", *scenes], cells)]
     return lines
 

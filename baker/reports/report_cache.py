@@ -108,9 +108,8 @@ class Study:
         """The same of the paper's bake before it is quantised, and `bytes`, of its atlas."""
         config = self.config("paper")
         key = work_key(self.run, config) | {"floats": True}
-        return self._scored(
-            f"float-{config.resolution}", key, lambda: float_pictures(bake_floats(self.run, config), self.run)
-        )
+        name = f"float-{config.resolution}"
+        return self._scored(name, key, lambda: float_pictures(bake_floats(self.run, config), self.run))
 
     def _scored(
         self, name: str, key: Mapping[str, Any], make: Callable[[], Path | Run | Drawn], mask_of: Baked | None = None
