@@ -50,8 +50,7 @@ def shells(atlas_indices: np.ndarray, block_size: int, blocks: np.ndarray) -> It
 
 def restore_padding(atlas: np.ndarray, atlas_indices: np.ndarray, block_size: int) -> None:
     """Writes every padding voxel of `atlas` [D, H, W, …] anew: the neighbour's data voxel, or zero where the neighbour is
-    empty or outside of the grid.
-    """
+    empty or outside of the grid."""
     blocks = np.argwhere(atlas_indices[..., 0] != EMPTY_BLOCK)
     for start in range(0, len(blocks), COPIED_AT_ONCE):
         some = blocks[start : start + COPIED_AT_ONCE]

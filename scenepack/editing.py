@@ -298,8 +298,7 @@ Values = tuple[tuple[np.ndarray, ...], list[np.ndarray]]  # z, y and x, int [m] 
 @dataclass
 class EditPreview:
     """Shows edits in the atlas, macroblock by macroblock, and takes them back. Call follow() often; take() returns those
-    that must be uploaded again. What is removed becomes empty, what is selected MARKED with its opacity as it was.
-    """
+    that must be uploaded again. What is removed becomes empty, what is selected MARKED with its opacity as it was."""
 
     voxels: Voxels
     _goal: State = (NOTHING, NOTHING)

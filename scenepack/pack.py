@@ -106,8 +106,7 @@ class Pack:
     @property
     def contraction(self) -> float | None:
         """R, half the side of the inner cube of a contracted pack (scenepack.contraction), grid units; None for packs of straight
-        space: forward-facing ones, and those that do not say, or say nonsense.
-        """
+        space: forward-facing ones, and those that do not say, or say nonsense."""
         return None if self.ndc else number_in(self.metadata.get("contraction"), self.voxel_size, MOST_LENGTH)
 
     @property

@@ -104,8 +104,7 @@ Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 def assemble(parts: Iterable[Arrays], kept: np.ndarray, size: int) -> Arrays:
     """atlas_indices (as Pack has them), rows and values of parts: macroblocks [n, 3] (z, y, x), flat places int [N] among their
-    voxels, content float32 [N, 8]. kept: bool [blocks z, y, x], all macroblocks. size: data voxels a side.
-    """
+    voxels, content float32 [N, 8]. kept: bool [blocks z, y, x], all macroblocks. size: data voxels a side."""
     atlas_blocks = choose_atlas_blocks(int(kept.sum()), size)
     indices = atlas_layout(kept, atlas_blocks)
     rows = np.zeros((*atlas_shape(atlas_blocks, size), 1), np.int32)

@@ -150,8 +150,7 @@ class ExportFrame:
 
     def sizes(self, positions: np.ndarray) -> np.ndarray:
         """float64 [n, 3]: how long a voxel there is along x, y, z of the grid; in forward-facing packs before the warp, in
-        contracted ones in space.
-        """
+        contracted ones in space."""
         voxel = self.pack.voxel_size
         if not self.pack.ndc:
             sizes = np.full((len(positions), 3), voxel * self.stretch)

@@ -72,8 +72,7 @@ Camera = tuple[dict[str, Any], dict[str, Any]]  # its node and itself in the JSO
 
 def gltf_cameras(pack: Pack, export_frame: ExportFrame) -> list[Camera]:
     """The cameras of the photographs, but for fisheyes and panoramas. Distortion of their lenses is left out, and the principal
-    point is the middle of the picture.
-    """
+    point is the middle of the picture."""
     near = export_frame.stretch * (pack.near or pack.voxel_size)  # of the clipping plane
     cameras: list[Camera] = []
     for i, one in enumerate(camera for camera in photograph_cameras(pack) if camera.is_perspective):

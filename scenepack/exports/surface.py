@@ -95,13 +95,18 @@ def without_floaters(surface: Surface, keep: str | float) -> Surface:
     """keep: "all"; "largest", the component of most area; or the least share of the whole area that a component must have."""
     if keep == "all" or not len(surface.faces):
         return surface
-    first, second, third = surface.faces.T
-    rows, columns = np.concatenate([first, second]), np.concatenate([second, third])
-    links = coo_matrix((np.ones(len(rows), np.bool_), (rows, columns)), shape=(len(surface.vertices),) * 2)
-    labels = connected_components(links, directed=False)[1][first]  # of each face
+    labels = components(surface)
     area = np.bincount(labels, weights=face_areas(surface))
     kept = area == area.max() if keep == "largest" else area >= float(keep) * area.sum()
     return surface.only(kept[labels])
+
+
+def components(surface: Surface) -> np.ndarray:
+    """int32 [f]: the number of the connected component that a face belongs to."""
+    first, second, third = surface.faces.T
+    rows, columns = np.concatenate([first, second]), np.concatenate([second, third])
+    links = coo_matrix((np.ones(len(rows), np.bool_), (rows, columns)), shape=(len(surface.vertices),) * 2)
+    return connected_components(links, directed=False)[1][first]
 
 
 def face_normals(surface: Surface) -> np.ndarray:
