@@ -25,14 +25,13 @@ from console import UserError
 Weights = Mapping[str, Any]
 SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # of pictures in [-1, 1]
 VGG_LAYERS = (2, 2, 3, 3, 3)  # convolutions before each tap; the pooling comes between
+LAYOUT = ("NHWC", "HWIO", "NHWC")  # of pictures, kernels and results
 
 
 def lpips(a: np.ndarray, b: np.ndarray) -> float | None:
     """The perceptual distance of two pictures: 0 for equal ones. None where there are no weights."""
-    weights = load_weights()
-    return (
-        None if weights is None else float(distance(weights, jnp.asarray(a, jnp.float32), jnp.asarray(b, jnp.float32)))
-    )
+    weights, pair = load_weights(), [jnp.asarray(picture, jnp.float32) for picture in (a, b)]
+    return None if weights is None else float(distance(weights, *pair))
 
 
 @cache
@@ -69,27 +68,19 @@ def vgg16(weights: Weights, x: jax.Array) -> list[jax.Array]:
         if block:  # maxima of 2 x 2 pixels
             x = jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (1, 2, 2, 1), (1, 2, 2, 1), "VALID")
         for _ in range(convolutions):
-            x = convolve(layers[f"Conv_{index}"], x)
-            index += 1
+            layer, index = layers[f"Conv_{index}"], index + 1
+            x = jax.lax.conv_general_dilated(x, layer["kernel"], (1, 1), "SAME", dimension_numbers=LAYOUT)
+            x = jax.nn.relu(x + layer["bias"])
         taps.append(x)
     return taps
-
-
-def convolve(layer: Weights, x: jax.Array) -> jax.Array:
-    """Convolution of the same size, bias and ReLU: x [N, H, W, C], kernel [3, 3, C, D]."""
-    layout = ("NHWC", "HWIO", "NHWC")
-    out = jax.lax.conv_general_dilated(x, layer["kernel"], (1, 1), "SAME", dimension_numbers=layout)
-    return jax.nn.relu(out + layer["bias"])
 
 
 class _ArraysOnly(pickle.Unpickler):
     """Reads pickles of NumPy arrays; anything else that a pickle could call is refused."""
 
     def find_class(self, module: str, name: str) -> Any:
-        if (module, name) == ("numpy", "ndarray"):
-            return np.ndarray
-        if (module, name) == ("numpy", "dtype"):
-            return np.dtype
+        if module == "numpy" and name in ("ndarray", "dtype"):
+            return getattr(np, name)
         if module in ("numpy.core.multiarray", "numpy._core.multiarray") and name == "_reconstruct":
             return np._core.multiarray._reconstruct  # type: ignore[attr-defined]
         raise pickle.UnpicklingError(f"{module}.{name} has no place among weights")

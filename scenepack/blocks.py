@@ -1,18 +1,17 @@
 """Cutting a volume into padded macroblocks, and putting it back together (SNeRG paper, section 5.1).
 
-Notation: bs = block_size, data voxels per macroblock side; B = bs + 2, the side of its copy in the atlas.
-Volumes are [z, y, x, c]; sizes and block counts written as triples are (x, y, z), as in Pack.
-A macroblock's data voxel (i, j, k) lies in the atlas at B·slot + 1 + (i, j, k). The voxels around it copy
-what lies next to the macroblock in the grid: the neighbour's data voxels, or zeros where that neighbour is
-empty or outside of the grid. So a trilinear fetch anywhere within the macroblock never leaves its padded
-copy. Slots are handed out x fastest, then y, then z, both in the grid and in the atlas. A step is one of the 26 directions
-(z, y, x), each -1, 0 or 1, in which a neighbour lies; its shell is the part of the padded copy that lies in that neighbour.
+Notation: bs = block_size, data voxels per macroblock side; B = bs + 2, the side of its copy in the atlas. Volumes are [z, y, x,
+c]; sizes and block counts written as triples are (x, y, z), as in Pack. A macroblock's data voxel (i, j, k) lies in the atlas at
+B·slot + 1 + (i, j, k). The voxels around it copy the neighbours' data voxels in the grid, or are zeros where a neighbour is
+empty or outside of the grid, so that a trilinear fetch within the macroblock never leaves its padded copy. Slots are handed out
+x fastest, then y, then z, both in the grid and in the atlas. A step is one of the 26 directions (z, y, x), each -1, 0 or 1, in
+which a neighbour lies; its shell is the part of the padded copy that lies in that neighbour.
 """
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
-from math import ceil, prod, sqrt
+from math import ceil, sqrt
 
 import numpy as np
 
@@ -26,14 +25,12 @@ Voxels = tuple[np.ndarray, ...]  # index arrays (z, y, x) into an atlas, togethe
 
 @dataclass(frozen=True)
 class Shell:
-    """One direction's padding of n macroblocks. offsets: along z, y, x, its place in their padded copies. inside: bool [n],
-    whose neighbour there is occupied. originals: of these, the voxels that the padding copies.
-    """
+    """One direction's padding of n macroblocks."""
 
     step: tuple[int, ...]
-    offsets: list[np.ndarray]
-    inside: np.ndarray
-    originals: Voxels
+    offsets: list[np.ndarray]  # along z, y, x: its place in their padded copies
+    inside: np.ndarray  # bool [n]: whose neighbour there is occupied
+    originals: Voxels  # of these, the voxels that the padding copies
 
 
 def shells(atlas_indices: np.ndarray, block_size: int, blocks: np.ndarray) -> Iterator[Shell]:
@@ -53,8 +50,7 @@ def shells(atlas_indices: np.ndarray, block_size: int, blocks: np.ndarray) -> It
 
 def restore_padding(atlas: np.ndarray, atlas_indices: np.ndarray, block_size: int) -> None:
     """Writes every padding voxel of `atlas` [D, H, W, …] anew: the neighbour's data voxel, or zero where the neighbour is
-    empty or outside of the grid.
-    """
+    empty or outside of the grid."""
     blocks = np.argwhere(atlas_indices[..., 0] != EMPTY_BLOCK)
     for start in range(0, len(blocks), COPIED_AT_ONCE):
         some = blocks[start : start + COPIED_AT_ONCE]
@@ -81,7 +77,6 @@ def voxels_at(indices: np.ndarray, blocks: np.ndarray, offsets: list[np.ndarray]
 
 
 MAX_SLICE_SIDE = 2048  # voxels; every OpenGL 3.3 driver in use takes 3D textures of this side
-MAX_DENSE_BYTES = 4 << 30
 
 Triple = tuple[int, int, int]
 ReadBox = Callable[[Triple, Triple], np.ndarray]
@@ -96,13 +91,10 @@ def grid_block_counts(grid_size: Triple, block_size: int) -> Triple:
 def choose_atlas_blocks(count: int, block_size: int) -> Triple:
     """The atlas layout (x, y, z), in macroblocks, that holds `count` of them.
 
-    As few layers along z as slices of MAX_SLICE_SIDE² voxels allow, then the squarest slice; never more
-    than 255 along an axis, for a byte must hold the index and 255 means empty. ValueError where no layout is
-    large enough.
+    As few layers along z as slices of MAX_SLICE_SIDE² voxels allow, then the squarest slice; never more than 255 along an axis,
+    for a byte must hold the index and 255 means empty. ValueError where no layout is large enough.
     """
     side = min(MAX_SLICE_SIDE // (block_size + 2), MAX_BLOCK_INDEX + 1)
-    if side < 1:
-        raise ValueError(f"a macroblock of {block_size} voxels does not fit in a slice of {MAX_SLICE_SIDE}")
     count = max(count, 1)
     layers = ceil(count / side**2)
     if layers > MAX_BLOCK_INDEX + 1:
@@ -119,16 +111,10 @@ def atlas_shape(atlas_blocks: Triple, block_size: int) -> Triple:
 
 
 def atlas_layout(occupied: np.ndarray, atlas_blocks: Triple) -> np.ndarray:
-    """atlas_indices uint8 [blocks z, y, x, 3] that hand slots to the macroblocks of `occupied`, in the grid's order.
-
-    ValueError where the atlas is too small.
-    """
-    across, down, layers = atlas_blocks
-    count = int(occupied.sum())
-    if count > across * down * layers or max(atlas_blocks) > MAX_BLOCK_INDEX + 1:
-        raise ValueError(f"{count} macroblocks do not fit in an atlas of {atlas_blocks}")
+    """atlas_indices uint8 [blocks z, y, x, 3] that hand slots to the macroblocks of `occupied`, in the grid's order."""
+    across, down, _ = atlas_blocks
     indices = np.full((*occupied.shape, 3), EMPTY_BLOCK, np.uint8)
-    slots = np.arange(count)
+    slots = np.arange(np.count_nonzero(occupied))
     indices[occupied] = np.stack([slots % across, slots // across % down, slots // (across * down)], -1)
     return indices
 
@@ -167,8 +153,6 @@ def atlas_from_volume(
     asked for boxes within the grid, one per occupied macroblock, at most bs a side. grid_size: voxels (x, y, z). occupied: bool
     [blocks z, blocks y, blocks x].
     """
-    if occupied.shape != grid_block_counts(grid_size, block_size)[::-1]:
-        raise ValueError(f"occupied is {occupied.shape}, the grid {grid_size} needs another shape at {block_size}")
 
     def read(block: tuple[int, ...]) -> tuple[tuple[int, ...], np.ndarray]:
         z, y, x = (b * block_size for b in block)
@@ -199,16 +183,13 @@ def block_data(pack: Pack, atlas: np.ndarray, block_zyx: tuple[int, ...]) -> np.
 def dense_from_pack(pack: Pack, box: tuple[Triple, Triple] | None = None) -> tuple[np.ndarray, np.ndarray | None]:
     """The grid's voxels as full arrays: rgba uint8 [z, y, x, 4], premultiplied, and features or None.
 
-    box: ((x0, y0, z0), (x1, y1, z1)) in voxels, by default the whole grid; must lie within it. Empty
-    macroblocks are zeros. ValueError for a box outside of the grid, MemoryError past 4 GiB: ask for a part
-    instead.
+    box: ((x0, y0, z0), (x1, y1, z1)) in voxels, by default the whole grid; ValueError where it is not within it.
+    Empty macroblocks are zeros.
     """
     low, high = (np.array(corner)[::-1] for corner in box or ((0, 0, 0), pack.grid_size))  # z, y, x
     if not ((low >= 0) & (low <= high) & (high <= pack.grid_size[::-1])).all():
         raise ValueError(f"box {box} does not lie within the grid {pack.grid_size}")
     shape, size = (high - low).tolist(), pack.block_size
-    if prod(shape) * 8 > MAX_DENSE_BYTES:
-        raise MemoryError(f"{shape} voxels are too many to hold in full; ask for a part (box=...)")
     dense = [np.zeros((*shape, 4), np.uint8) for _ in pack.atlases]
     first = low // size
     for block in np.argwhere(pack.occupied[tuple(map(slice, first, -(-high // size)))]) + first:

@@ -17,8 +17,6 @@ LONGEST_NAME = 200  # characters
 
 @dataclass(frozen=True)
 class PhotographCamera:
-    """The camera of one photograph."""
-
     name: str
     split: str
     world_T_camera: np.ndarray  # float64 [4, 4], training frame; axes x right, y up, z back
@@ -42,8 +40,7 @@ def photograph_cameras(pack: Pack) -> list[PhotographCamera]:
     entries = pack.metadata.get("cameras")
     cameras: list[PhotographCamera] = []
     for entry in entries if isinstance(entries, list) else []:
-        camera = _camera(entry, len(cameras))
-        if camera is not None:
+        if (camera := _camera(entry, len(cameras))) is not None:
             cameras.append(camera)
     return cameras
 

@@ -71,8 +71,7 @@ def _check_indices(pack: Pack) -> Finding:
 
 
 def _check_shared(pack: Pack) -> Finding:
-    used = pack.atlas_indices[pack.occupied]
-    _, counts = np.unique(used, axis=0, return_counts=True)
+    _, counts = np.unique(pack.atlas_indices[pack.occupied], axis=0, return_counts=True)
     shared = int(np.sum(counts > 1))
     message = f"{shared} atlas blocks are used more than once" if shared else "no atlas block is used twice"
     return Finding("shared", "warning" if shared else "ok", message, {"shared": shared})
@@ -149,12 +148,10 @@ def _check_unused(pack: Pack) -> Finding:
     reached = np.zeros((z, y, x), bool)
     used = pack.atlas_indices[pack.occupied]
     reached[used[:, 2], used[:, 1], used[:, 0]] = True
-    lost = 0
+    alpha, lost = pack.atlas_rgba[..., 3:], 0
     for sz, sy, sx in np.argwhere(~reached) * side:
-        lost += bool(pack.atlas_rgba[sz : sz + side, sy : sy + side, sx : sx + side, 3].any())
-    hollow = sum(
-        int(np.sum(~copies.any(axis=(1, 2, 3, 4)))) for _, copies in block_chunks(pack, pack.atlas_rgba[..., 3:])
-    )
+        lost += bool(alpha[sz : sz + side, sy : sy + side, sx : sx + side].any())
+    hollow = sum(int(np.sum(~copies.any(axis=(1, 2, 3, 4)))) for _, copies in block_chunks(pack, alpha))
     figures = {"unreachable": int(np.sum(~reached)), "unreachable_with_content": lost, "without_alpha": hollow}
     message = f"{figures['unreachable']} atlas blocks are spare"
     if lost:

@@ -1,10 +1,9 @@
 """Something to see of a pack whose atlas is not whole yet: the same scene with coarser voxels.
 
-Notation: bs = block_size, B = bs + 2; f = how many voxels, along an axis, become one; a *layer* is the B planes of the
-atlas that one row of macroblocks along z takes. An atlas may be a single layer, so that no macroblock is whole before
-the last plane is there; but any plane tells a slice of every macroblock in its layer. The coarse macroblock takes every
-f-th data voxel and the outermost padding, and for a plane that is missing the nearest that is there. A ray takes 1/f as
-many samples, so that each must do the work of f: a becomes 1 - (1 - a)^f, and colour and features grow likewise.
+Notation: bs = block_size, B = bs + 2; f = how many voxels, along an axis, become one; a *layer* is the B planes of the atlas that
+one row of macroblocks along z takes. Any plane tells a slice of every macroblock in its layer. The coarse macroblock takes every
+f-th data voxel and the outermost padding, and for a plane that is missing the nearest that is there. A ray takes 1/f as many
+samples, so that each must do the work of f: a becomes 1 - (1 - a)^f, and colour and features grow likewise.
 """
 
 from dataclasses import replace
@@ -27,8 +26,7 @@ def order_of_groups(depth: int, padded_block_size: int) -> tuple[list[int], list
 
     First the middle of every layer, then its quarters, then the rest.
     """
-    order: list[int] = []
-    steps: list[int] = []
+    order, steps = list[int](), list[int]()
     layers = range(0, depth - padded_block_size + 1, padded_block_size)
     for quarters in ((2,), (1, 3)):
         planes = [start + padded_block_size * quarter // 4 for start in layers for quarter in quarters]
@@ -42,8 +40,7 @@ def coarse_pack(pack: Pack, known: np.ndarray) -> Pack | None:
 
     None where its block size allows none. The grid's far faces may lie up to f - 1 voxels farther out.
     """
-    f = factor_for(pack.block_size)
-    if f is None:
+    if (f := factor_for(pack.block_size)) is None:
         return None
     side = pack.padded_block_size
     kept = np.array([0, *range(1 + f // 2, side - 1, f), side - 1])
@@ -56,7 +53,9 @@ def coarse_pack(pack: Pack, known: np.ndarray) -> Pack | None:
     gains = np.concatenate([[f], (1.0 - (1.0 - alpha) ** f) / alpha]).astype(np.float32)  # by 8-bit opacity
     for i, plane in enumerate(planes.tolist()):  # one by one, so that what is between stays in a processor's caches
         if plane >= 0:
-            taken = [_picked(atlas[plane], rows, columns) for atlas in pack.atlases]
+            # four bytes at once
+            wholes = [np.ascontiguousarray(atlas[plane]).view(np.uint32) for atlas in pack.atlases]
+            taken = [whole[rows[:, None], columns].view(np.uint8) for whole in wholes]
             gain = gains[taken[0][..., 3:]]
             for part, values in zip(coarse, taken, strict=True):
                 part[i] = np.rint(np.minimum(values * gain, 255.0))
@@ -77,9 +76,3 @@ def _nearest(known: np.ndarray, start: int, side: int, kept: np.ndarray) -> np.n
     if not len(there):
         return np.full(len(kept), -1)
     return start + there[np.abs(there[None] - kept[:, None]).argmin(axis=1)]
-
-
-def _picked(plane: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Voxels of a plane of the atlas, uint8 [H, W, 4], in these rows and columns."""
-    whole = np.ascontiguousarray(plane).view(np.uint32)[..., 0]
-    return whole[rows[:, None], columns][..., None].view(np.uint8)

@@ -31,21 +31,16 @@ def uncontract(points: np.ndarray) -> np.ndarray:
 
 
 class Path(NamedTuple):
-    """N contracted rays in P pieces: at length s, from starts[n, p] on, a point is origins[n, p] + s directions[n, p].
+    """N contracted rays in P pieces: at length s, from starts[n, p] on, a point is origins[n, p] + s directions[n, p]."""
 
-    origins, directions (unit) [N, P, 3]. starts [N, P]: length at which a piece begins; infinite where there is none. ends [N]:
-    length of the whole path, to infinity. times [N, P]: t of the ray where a piece begins. widths, rates, speeds [N, P]: of a
-    piece, w at its beginning, dw/dt, and |du/dt| w².
-    """
-
-    origins: Any
-    directions: Any
-    starts: Any
-    ends: Any
-    times: Any
-    widths: Any
-    rates: Any
-    speeds: Any
+    origins: Any  # [N, P, 3]
+    directions: Any  # [N, P, 3], unit length
+    starts: Any  # [N, P]: length at which a piece begins; infinite where there is none
+    ends: Any  # [N]: length of the whole path, to infinity
+    times: Any  # [N, P]: t of the ray where a piece begins
+    widths: Any  # [N, P]: w at the beginning of a piece
+    rates: Any  # [N, P]: dw/dt
+    speeds: Any  # [N, P]: |du/dt| w²
 
 
 def path_of(origins: Any, directions: Any, begin: Any, xp: ModuleType = np) -> Path:

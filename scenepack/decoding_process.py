@@ -9,6 +9,7 @@ import os
 import queue
 import sys
 import threading
+from contextlib import suppress
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -42,33 +43,29 @@ def serve() -> None:
 def _answer(question: dict[str, Any], files: dict[str, bytes], target: BinaryIO) -> None:
     decode = CODECS[question["codec"]].decode if question["codec"] in CODECS else decode_picture
     _limit_memory(question["memory"])
+    answer, parts = dict[str, Any](), list[np.ndarray]()
     try:
-        parts = decode(files, tuple(question["names"]), tuple(question["shape"]), question["features"])
+        decoded = decode(files, tuple(question["names"]), tuple(question["shape"]), question["features"])
         whole = (*question["shape"], 4)
-        parts = [np.ascontiguousarray(part, np.uint8).reshape(whole) for part in parts if part is not None]
+        parts = [np.ascontiguousarray(part, np.uint8).reshape(whole) for part in decoded if part is not None]
     except CodecError as error:
         answer = {"error": str(error)[:1000], "file": error.file}
     except MemoryError:
         answer = {"error": "its decoder takes more memory than its size explains"}
-    else:
-        target.write(b"{}\n")
-        for part in parts:
-            target.write(part.reshape(-1).data)
-        return
     target.write(json.dumps(answer).encode() + b"\n")
+    for part in parts:
+        target.write(part.reshape(-1).data)
 
 
 def _limit_memory(more: int) -> None:
     """Lets this process allocate no more than so many bytes beside what it has; where the system can do that."""
-    try:
+    with suppress(ImportError, OSError, ValueError):
         import resource
 
         with open("/proc/self/statm") as file:
             taken = int(file.read().split()[0]) * resource.getpagesize()
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
         resource.setrlimit(resource.RLIMIT_AS, (taken + more, hard))
-    except (ImportError, OSError, ValueError):
-        return
 
 
 if __name__ == "__main__":

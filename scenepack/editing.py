@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from math import inf
+from math import inf, prod
 from pathlib import Path
 from typing import Any
 
@@ -105,9 +105,8 @@ class Voxels:
         pack, radius = self.pack, self.pack.contraction
         low, high = np.zeros(3), np.array(pack.grid_size, np.float64)
         if radius is not None:  # there is nothing beyond
-            low, high = (
-                np.clip((end - pack.min_xyz) / pack.voxel_size, low, high) for end in (-2 * radius, 2 * radius)
-            )
+            ends = ((end - pack.min_xyz) / pack.voxel_size for end in (-2 * radius, 2 * radius))
+            low, high = (np.clip(end, low, high) for end in ends)
         first = self.places[:, ::-1] * float(pack.block_size) + 0.5
         first, last = (np.clip(corner, low + 0.5, high - 0.5) for corner in (first, first + pack.block_size - 1))
         shares = 0.5 * np.array(list(product((0, 1, 2), repeat=3)))  # ends, and middles where space is bent
@@ -115,7 +114,7 @@ class Voxels:
         points = self.frame.points(positions.reshape(-1, 3)).reshape(len(first), -1, 3)
         return points.min(axis=1) - pack.voxel_size, points.max(axis=1) + pack.voxel_size  # which covers rounding
 
-    def where(self, test: Test, near: np.ndarray | None = None) -> Selection:
+    def where(self, test: Test, near: np.ndarray) -> Selection:
         """Voxels of which `test` is true. near: bool [n], the macroblocks that are looked at."""
 
         def mask_of(number: int) -> np.ndarray:
@@ -126,28 +125,26 @@ class Voxels:
             return mask
 
         with np.errstate(all="ignore"):  # what lies next to infinity
-            return self._chosen(mask_of, None if near is None else np.flatnonzero(near).tolist())
+            return self._chosen(mask_of, np.flatnonzero(near).tolist())
 
     def _chosen(self, mask_of: Callable[[int], np.ndarray], numbers: Iterable[int] | None = None) -> Selection:
         """The voxels in the masks of macroblocks, by default of all."""
-        masks = ((number, mask_of(number)) for number in (range(len(self.places)) if numbers is None else numbers))
+        masks = ((k, mask_of(k)) for k in (range(len(self.places)) if numbers is None else numbers))
         return Selection({number: np.packbits(mask) for number, mask in masks if mask.any()})
 
     def mask(self, selection: Selection, number: int) -> np.ndarray:
         """Of a macroblock, which voxels are selected: bool [bs, bs, bs]."""
-        size = self.pack.block_size
-        bits = selection.bits.get(number)
+        shape, bits = (self.pack.block_size,) * 3, selection.bits.get(number)
         if bits is None:
-            return np.zeros((size,) * 3, bool)
-        return np.unpackbits(bits, count=size**3).reshape((size,) * 3).view(bool)
+            return np.zeros(shape, bool)
+        return np.unpackbits(bits, count=prod(shape)).reshape(shape).view(bool)
 
     def everything(self) -> Selection:
         return self._chosen(self.content)
 
     def fainter_than(self, alpha: float) -> Selection:
         """Voxels whose opacity (0 ... 1) is below `alpha`."""
-        limit = 255.0 * alpha
-        return self._chosen(lambda number: self.content(number) & (self._alpha(number) < limit))
+        return self._chosen(lambda number: self.content(number) & (self._alpha(number) < 255.0 * alpha))
 
     def in_box(self, corners: Corners) -> Selection:
         """Voxels whose centres lie in a box of the grid frame, given by two corners."""
@@ -161,17 +158,13 @@ class Voxels:
 
     def in_sphere(self, centre: np.ndarray, radius: float) -> Selection:
         """Voxels whose centres lie in a ball of the grid frame. centre: float [3]."""
-
-        def test(positions: np.ndarray) -> np.ndarray:
-            return np.square(self.frame.points(positions) - centre).sum(axis=1) <= radius**2
-
-        away = np.linalg.norm(np.clip(centre, *self.boxes) - centre, axis=1)
-        return self.where(test, away <= radius)
+        points, near = self.frame.points, np.linalg.norm(np.clip(centre, *self.boxes) - centre, axis=1) <= radius
+        return self.where(lambda at: np.square(points(at) - centre).sum(axis=1) <= radius**2, near)
 
     def in_ball(self, centre: np.ndarray, radius: float) -> Selection:
         """Voxels whose centres lie within `radius` of a position, both in voxels: in bent space this is no sphere."""
-        first = self.places[:, ::-1] * self.pack.block_size
-        near = np.all((first <= centre + radius) & (first + self.pack.block_size >= centre - radius), axis=1)
+        first, size = self.places[:, ::-1] * self.pack.block_size, self.pack.block_size
+        near = np.all((first <= centre + radius) & (first + size >= centre - radius), axis=1)
         return self.where(lambda positions: np.square(positions - centre).sum(axis=1) <= radius**2, near)
 
     def grown(self, selection: Selection) -> Selection:
@@ -185,7 +178,10 @@ class Voxels:
             for step, other in zip(STEPS, self.neighbours[number].tolist(), strict=True):
                 if other in selection.bits:
                     around[_along(PADDING, step)] = self.mask(selection, other)[_along(COPIED, step)]
-            return _spread(around) & self.content(number)
+            for axis in range(3):
+                line = np.moveaxis(around, axis, 0)
+                around = np.moveaxis(line[:-2] | line[1:-1] | line[2:], 0, axis)
+            return around & self.content(number)
 
         return selection | self._chosen(mask_of, sorted(reached))
 
@@ -221,14 +217,6 @@ class Voxels:
             if len(some):
                 small[number] = some, size_of[of_label[row[some]]]
         return Parts(small, pack.block_size)
-
-
-def _spread(mask: np.ndarray) -> np.ndarray:
-    """Whether a voxel or one that it touches is in a mask bool [B, B, B]: bool [bs, bs, bs]."""
-    for axis in range(3):
-        mask = np.moveaxis(mask, axis, 0)
-        mask = np.moveaxis(mask[:-2] | mask[1:-1] | mask[2:], 0, axis)
-    return mask
 
 
 def _along(slices: Mapping[int, slice], step: Sequence[int]) -> tuple[slice, ...]:
@@ -310,8 +298,7 @@ Values = tuple[tuple[np.ndarray, ...], list[np.ndarray]]  # z, y and x, int [m] 
 @dataclass
 class EditPreview:
     """Shows edits in the atlas, macroblock by macroblock, and takes them back. Call follow() often; take() returns those
-    that must be uploaded again. What is removed becomes empty, what is selected MARKED with its opacity as it was.
-    """
+    that must be uploaded again. What is removed becomes empty, what is selected MARKED with its opacity as it was."""
 
     voxels: Voxels
     _goal: State = (NOTHING, NOTHING)
@@ -335,9 +322,8 @@ class EditPreview:
         if self.differs(removed, selected):
             self._goal = removed, selected
             wanted = {*self._shown, *removed.bits, *selected.bits}
-            self._todo = [
-                k for k in sorted(wanted) if any(a is not b for a, b in zip(self._bits(k), self._now(k), strict=True))
-            ]
+            now = {k: self._shown.get(k, (None, None)) for k in sorted(wanted)}
+            self._todo = [k for k in now if any(a is not b for a, b in zip(self._bits(k), now[k], strict=True))]
         while self._todo and time.perf_counter() < end:
             self._show(self._todo.pop())
 
@@ -349,9 +335,6 @@ class EditPreview:
 
     def _bits(self, number: int) -> tuple[np.ndarray | None, ...]:
         return tuple(selection.bits.get(number) for selection in self._goal)
-
-    def _now(self, number: int) -> tuple[np.ndarray | None, ...]:
-        return self._shown.get(number, (None, None))
 
     def _show(self, number: int) -> None:
         pack = self.voxels.pack

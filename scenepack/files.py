@@ -23,14 +23,11 @@ from console.memory import free_memory
 REMEDY = "snerg opens SNeRG packs; make one of the photographs: snerg-make PHOTOS --out DIR"
 HEADER_BYTES = 8192  # of a .ply, in which its properties are listed
 # What tells by a key of scene_params.json that it is no pack of ours; the first that is there counts.
-_KEYS = (
-    ("num_local_submodels", "a SMERF pack"),
-    ("sm_to_params", "a SMERF pack"),
-    ("submodel_idx", "a SMERF pack"),
-    ("triplane_resolution", "a MERF pack"),
-    ("triplane_voxel_size", "a MERF pack"),
-    ("sparse_grid_resolution", "a binary opacity grid"),
-)
+_KEYS = {
+    **dict.fromkeys(("num_local_submodels", "sm_to_params", "submodel_idx"), "a SMERF pack"),
+    **dict.fromkeys(("triplane_resolution", "triplane_voxel_size"), "a MERF pack"),
+    "sparse_grid_resolution": "a binary opacity grid",
+}
 _GAUSSIANS = "a file of 3D Gaussians"
 _SUFFIXES = {
     **dict.fromkeys((".splat", ".ksplat", ".spz", ".sog"), _GAUSSIANS),
@@ -42,7 +39,7 @@ _SUFFIXES = {
 
 def refuse_other_params(raw: Mapping[str, Any], where: str) -> None:
     """UserError where a scene_params.json is another program's."""
-    for key, name in _KEYS:
+    for key, name in _KEYS.items():
         if key in raw:
             raise UserError(f"this is {name}", where=where, found=key, remedy=REMEDY)
 
@@ -94,16 +91,13 @@ class PackFiles:
 
     def read(self, name: str, most: int) -> bytes:
         """A whole file; UserError where it is missing or holds more than `most` bytes."""
-        data = self._bytes(name, most + 1, to_end=True)
+        data = self.head(name, most + 1, to_end=True)
         if len(data) > most:
             raise UserError("is too large", where=self.where(name), expected=f"at most {most} bytes")
         return data
 
-    def head(self, name: str, count: int) -> bytes:
-        """The first `count` bytes of a file, or fewer where it ends."""
-        return self._bytes(name, count, to_end=False)
-
-    def _bytes(self, name: str, count: int, *, to_end: bool) -> bytes:
+    def head(self, name: str, count: int, *, to_end: bool = False) -> bytes:
+        """The first `count` bytes of a file, or fewer where it ends. to_end: no more are expected."""
         if name not in self.sizes:
             raise UserError("is missing", where=self.where(name))
         try:
@@ -164,11 +158,8 @@ def _in_zip(path: Path) -> PackFiles:
     except ZIP_ERRORS as error:
         found, remedy = str(error) or type(error).__name__, "the file may be damaged or incomplete; copy it again"
         raise UserError("cannot be opened as a .zip", where=path, found=found, remedy=remedy) from error
-    every = {
-        info.filename.replace("\\", "/").removeprefix("./"): info
-        for info in archive.infolist()
-        if info.filename and not info.is_dir() and "__MACOSX" not in info.filename
-    }
+    infos = [i for i in archive.infolist() if i.filename and not i.is_dir() and "__MACOSX" not in i.filename]
+    every = {info.filename.replace("\\", "/").removeprefix("./"): info for info in infos}
     at_top = re.compile(rf"([^/]*/)?{re.escape(PARAMS_NAME)}")
     tops = sorted(name.removesuffix(PARAMS_NAME) for name in every if at_top.fullmatch(name))
     top = tops[0] if tops else ""  # the root, which is "", where a pack lies there
@@ -216,8 +207,6 @@ def require_distinct(used: np.ndarray, where: str) -> None:
 
     used: uint8 [n, 3], the atlas block of each macroblock.
     """
-    if len(used) <= SHARED_FREELY:
-        return
     distinct = len(np.unique(used.astype(np.uint32) @ np.array([1, 256, 65536], np.uint32)))
     if len(used) > SHARED_FREELY + SHARED_AT_MOST * distinct:
         expected = f"about one each, and at most {SHARED_AT_MOST} to a block"

@@ -6,7 +6,6 @@ included.
 
 from __future__ import annotations
 
-import warnings
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -46,40 +45,25 @@ class ViewMlp:
     weights: tuple[np.ndarray, np.ndarray, np.ndarray]
     biases: tuple[np.ndarray, np.ndarray, np.ndarray]
 
-    @property
-    def is_zero(self) -> bool:
-        """True where every weight and bias is zero: such packs are meant as diffuse."""
-        return not any(np.any(array) for array in (*self.weights, *self.biases))
-
 
 @dataclass(frozen=True)
 class Pack:
-    """One baked scene. Arrays are treated as read-only.
+    """One baked scene. Arrays are treated as read-only."""
 
-    grid_size: voxels (width, height, depth) = (x, y, z). min_xyz: world position of the grid's corner, in the
-    OpenGL grid frame (y up). voxel_size: world units. block_size: data voxels per macroblock side (B - 2).
-    atlas_indices: uint8 [blocks z, blocks y, blocks x, 3], the atlas block (x, y, z) of a macroblock; 255 =
-    empty.
-    atlas_rgba: uint8 [D, H, W, 4], rgb premultiplied by alpha. atlas_features: uint8 [D, H, W, 4] or None.
-    view_mlp: None for a diffuse pack. worldspace_T_opengl: float64 [4, 4], grid frame to training frame.
-    ndc: forward-facing pack; then input_width, input_height (pixels) and input_focal (pixels) are set.
-    params: scene_params.json as it was read, unknown keys included; the writer starts from it.
-    """
-
-    voxel_size: float
-    min_xyz: np.ndarray
-    grid_size: tuple[int, int, int]
-    block_size: int
-    atlas_indices: np.ndarray
-    atlas_rgba: np.ndarray
-    atlas_features: np.ndarray | None
-    view_mlp: ViewMlp | None
-    worldspace_T_opengl: np.ndarray
-    ndc: bool = False
+    voxel_size: float  # world units
+    min_xyz: np.ndarray  # world position of the grid's corner, in the OpenGL grid frame (y up)
+    grid_size: tuple[int, int, int]  # voxels (width, height, depth) = (x, y, z)
+    block_size: int  # data voxels per macroblock side (B - 2)
+    atlas_indices: np.ndarray  # uint8 [blocks z, y, x, 3], a macroblock's atlas block (x, y, z); 255 = empty
+    atlas_rgba: np.ndarray  # uint8 [D, H, W, 4], rgb premultiplied by alpha
+    atlas_features: np.ndarray | None  # uint8 [D, H, W, 4]
+    view_mlp: ViewMlp | None  # None for a diffuse pack
+    worldspace_T_opengl: np.ndarray  # float64 [4, 4], grid frame to training frame
+    ndc: bool = False  # forward-facing pack; then the next three, in pixels, are set
     input_width: float | None = None
     input_height: float | None = None
     input_focal: float | None = None
-    params: Mapping[str, Any] = field(default_factory=dict)
+    params: Mapping[str, Any] = field(default_factory=dict)  # scene_params.json as read, from which the writer starts
 
     @property
     def atlases(self) -> list[np.ndarray]:
@@ -122,8 +106,7 @@ class Pack:
     @property
     def contraction(self) -> float | None:
         """R, half the side of the inner cube of a contracted pack (scenepack.contraction), grid units; None for packs of straight
-        space: forward-facing ones, and those that do not say, or say nonsense.
-        """
+        space: forward-facing ones, and those that do not say, or say nonsense."""
         return None if self.ndc else number_in(self.metadata.get("contraction"), self.voxel_size, MOST_LENGTH)
 
     @property
@@ -136,7 +119,7 @@ class Pack:
         return replace(self, params={**self.params, "snerg": {**self.metadata, **entries}})
 
 
-# --- Pack cache: weak per-pack memoisation. The thread that reads a pack computes first, so that no windo ---
+# --- Pack cache: weak per-pack memoisation. The thread that reads a pack computes first, so that no window waits ---
 
 T = TypeVar("T")
 
@@ -161,8 +144,3 @@ def cached_per_pack(compute: Callable[[Pack], T]) -> Callable[[Pack], T]:
 
 class PackWarning(Notice):
     """An untidy pack was opened all the same; the message says what was repaired or left out."""
-
-
-def warn(message: str) -> None:
-    """One PackWarning line. Commands print it plainly (console.plain_notices)."""
-    warnings.warn(PackWarning(message), stacklevel=3)

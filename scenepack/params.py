@@ -30,9 +30,7 @@ def parse_params(data: bytes, where: str, note: Callable[[str], None]) -> tuple[
     """The pack that the JSON text `data` describes, and the codec of its atlas.
 
     The atlas has its true shape, holds zeros, takes no memory and cannot be written; there are no atlas_indices yet. A view MLP
-    that is all zero is left out.
-
-    note(line) is called for whatever was repaired. UserError naming `where` and the key for whatever cannot be used.
+    that is all zero is left out. note(line) is called for whatever was repaired. UserError, by key, for what cannot be used.
     """
     try:
         raw = parse_json(data)
@@ -59,12 +57,10 @@ class _Checker:
         return self.raw[key]
 
     def number(self, key: str) -> float:
-        value = self.get(key)
-        number = _as_number(value)
-        if number is None:
-            raise self.wrong(key, "is not a number", "a number", value)
+        if (number := _as_number(self.get(key))) is None:
+            raise self.wrong(key, "is not a number", "a number", self.raw[key])
         if not math.isfinite(number):
-            raise self.wrong(key, "is not finite", "a finite number", value)
+            raise self.wrong(key, "is not finite", "a finite number", self.raw[key])
         return number
 
     def whole(self, key: str, most: int) -> int:
@@ -80,8 +76,7 @@ class _Checker:
             found = _short(value) if array is None else _sides(array.shape)
             expected = f"{_sides(shape)} numbers"
             raise UserError(f"{key} has the wrong shape", where=self.where, expected=expected, found=found)
-        if not np.all(np.isfinite(array)):
-            bad = int(np.sum(~np.isfinite(array)))
+        if bad := int(np.sum(~np.isfinite(array))):
             raise UserError(f"{key} holds {bad} values that are NaN or infinite", where=self.where)
         return array
 
@@ -96,7 +91,9 @@ class _Checker:
         if width * height * depth * 4 > MAX_ATLAS_BYTES:
             what = f"an atlas of {width} × {height} × {depth} voxels is too large"
             raise UserError(what, where=self.where, expected=f"at most {MAX_ATLAS_BYTES >> 30} GiB")
-        ndc = self.ndc()
+        if self.get("ndc") not in (0, 1):
+            raise self.wrong("ndc", "is neither true nor false", "true or false", self.raw["ndc"])
+        ndc = bool(self.raw["ndc"])
         input_width, input_height, input_focal = self.input_camera(ndc)
         nothing = np.broadcast_to(np.uint8(0), (depth, height, width, 4))
         pack = Pack(
@@ -112,12 +109,6 @@ class _Checker:
         if abs(number) > FARTHEST * voxel_size:
             raise self.wrong(key, "is too far from the origin", f"at most {FARTHEST:g} voxels", number)
         return number
-
-    def ndc(self) -> bool:
-        value = self.get("ndc")
-        if not isinstance(value, bool) and value not in (0, 1):
-            raise self.wrong("ndc", "is neither true nor false", "true or false", value)
-        return bool(value)
 
     def frame(self) -> np.ndarray:
         matrix = self.array("worldspace_T_opengl", (4, 4), np.float64)
@@ -166,11 +157,10 @@ class _Checker:
         shapes = [(VIEW_MLP_WIDTHS[layer], VIEW_MLP_WIDTHS[layer + 1]) for layer in LAYERS]
         w0, w1, w2 = (self.array(f"{layer}_weights", shapes[layer], np.float32) for layer in LAYERS)
         b0, b1, b2 = (self.array(f"{layer}_bias", shapes[layer][1:], np.float32) for layer in LAYERS)
-        mlp = ViewMlp((w0, w1, w2), (b0, b1, b2))
-        if mlp.is_zero:
+        if not any(map(np.any, (w0, w1, w2, b0, b1, b2))):  # which is meant as diffuse
             self.note(f"{self.where}: the view MLP is all zero; the pack is shown as diffuse")
             return None
-        return mlp
+        return ViewMlp((w0, w1, w2), (b0, b1, b2))
 
 
 def _as_number(value: Any, *, text: bool = False) -> float | None:

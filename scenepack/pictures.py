@@ -1,13 +1,13 @@
 """Small copies of the photographs that a pack was made from, inside its own metadata.
 
 An entry of "cameras" may have a "picture": a data URI (RFC 2397) of an AVIF, WebP, JPEG or PNG file, the photograph over its
-scene's background, in the shape of the camera's width and height but as small as its maker likes. It travels with the
-pack wherever that goes, as a folder, in a .zip, or into another codec; who does not know it reads past it.
+scene's background, in the shape of the camera's width and height but as small as its maker likes.
 """
 
 import base64
 import io
 from collections.abc import Mapping
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -52,11 +52,8 @@ def picture_of(camera: Mapping[str, Any]) -> np.ndarray | None:
             width, height = opened.size  # from the header
         if max(width, height) > LARGEST_SIDE:
             return None
-        decoders = Decoders()
-        try:
+        with closing(Decoders()) as decoders:
             rgba, _ = decoders.decode(PICTURE, {PICTURE: content}, (PICTURE,), (1, height, width), False)
-        finally:
-            decoders.stop()
         return rgba[0, ..., :3]
     except MemoryError:
         raise

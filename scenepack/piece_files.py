@@ -2,21 +2,18 @@
 
 Notation: bs data voxels a side of a macroblock, B = bs + 2; a piece is uint8 [D, H, W, 4]. Two layouts:
 - "atlas": some consecutive planes of the atlas, as they are.
-- "grid": the data voxels of some consecutive layers of macroblocks where they lie in the grid, cropped to the
-  macroblocks in use. Content continues from macroblock to macroblock, which predicts far better than the
-  atlas's patchwork; the padding, 18 % of the voxels at bs = 30, is left out and copied again by
-  scenepack.blocks; what is empty costs next to nothing.
-A pack keeps the layout and the planes of a piece; all else follows from its indirection grid, in any reader.
-PNG, the published format, has four planes of the atlas to a piece.
-
-Under "snerg" such a pack keeps "codec_settings": layout ("atlas" or "grid") and planes of a piece, and the steps that values are
-counted in where they are coarse, without which it cannot be read, and the quality it was encoded with.
+- "grid": the data voxels of some consecutive layers of macroblocks where they lie in the grid, cropped to the macroblocks in use.
+  Content continues from macroblock to macroblock, which predicts far better than the atlas's patchwork; the padding, 18 % of the
+  voxels at bs = 30, is left out and copied again by scenepack.blocks; what is empty costs next to nothing.
+PNG, the published format, has four planes of the atlas to a piece. Other packs keep "codec_settings" under "snerg": layout and
+planes of a piece, the steps that values are counted in where they are coarse, and the quality. All else follows from the
+indirection grid.
 """
 
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.pool import ThreadPool
@@ -59,14 +56,13 @@ class AtlasPiece:
 
 @dataclass(frozen=True)
 class GridPiece:
-    """Layers of the grid. corner: where it begins in the grid (z, y, x), in blocks. where: int [n, 3], the macroblocks' places
-    (z, y, x) in the piece, in blocks; slots: int [n, 3], theirs (x, y, z) in the atlas."""
+    """Layers of the grid."""
 
     shape: Shape
     block_size: int
-    corner: Shape
-    where: np.ndarray
-    slots: np.ndarray
+    corner: Shape  # where it begins in the grid (z, y, x), in blocks
+    where: np.ndarray  # int [n, 3]: the macroblocks' places (z, y, x) in the piece, in blocks
+    slots: np.ndarray  # int [n, 3]: theirs (x, y, z) in the atlas
 
     def gather(self, atlas: np.ndarray) -> np.ndarray:
         values = np.zeros((*self.shape, atlas.shape[3]), np.uint8)
@@ -152,15 +148,6 @@ def encoding_jobs(pack: Pack, codec: Codec, settings: Mapping[str, Any]) -> list
     return [partial(encode, *each) for each in enumerate(cut(pack, settings["layout"], settings["planes"]))]
 
 
-def all_there(files: PackFiles, features: Sequence[str], outline: Pack, note: Callable[[str], None]) -> bool:
-    """Whether the files of the features are there. note(line) is called where not, but for a diffuse pack, which has no use for
-    them and may leave all out."""
-    missing = [name for name in features if name not in files.sizes]
-    if missing and (outline.view_mlp is not None or len(missing) < len(features)):
-        note(f"{files.where(missing[0])} is missing ({len(missing)} in all); the pack is shown as diffuse")
-    return not missing
-
-
 def png_channels(files: PackFiles, name: str, width: int, height: int, entries: str, unit: str) -> str:
     """The channels of a PNG. UserError where it is none of the size that `entries` of the JSON ask for."""
     try:
@@ -194,18 +181,19 @@ class PieceFiles:
         self.known = np.full(depth, self._layout == "grid")
         largest = max((int(np.prod(piece.shape)) * 4 for piece in self.pieces), default=0)
         require_memory(2 * largest, files.path)  # rgba and features of one piece, beside the atlas
-        always, every = (
-            [codec.names(i, piece.shape, features) for i, piece in enumerate(self.pieces)] for features in (False, True)
-        )
+        shapes = [piece.shape for piece in self.pieces]
+        always, every = ([codec.names(*each, features) for each in enumerate(shapes)] for features in (False, True))
         needed = [name for names in always for name in names]
-        missing = [name for name in needed if name not in files.sizes]
-        if missing:
-            found = len(needed) - len(missing)
+        if missing := [name for name in needed if name not in files.sizes]:
             raise UserError("is missing", where=files.where(missing[0]), expected=f"{len(needed)} files of the atlas",
-                            found=found, remedy=COPY_OR_BAKE)  # fmt: skip
+                            found=len(needed) - len(missing), remedy=COPY_OR_BAKE)  # fmt: skip
         features = [name for names in every for name in names if name not in set(needed)]
+        missing = [name for name in features if name not in files.sizes]
+        # A diffuse pack has no use for features, and may leave all out.
+        if missing and (outline.view_mlp is not None or len(missing) < len(features)):
+            note(f"{files.where(missing[0])} is missing ({len(missing)} in all); the pack is shown as diffuse")
         # A pack without any macroblock may have no files to tell by.
-        self.has_features = all_there(files, features, outline, note) if features else outline.view_mlp is not None
+        self.has_features = not missing if features else outline.view_mlp is not None
         self.names = every if self.has_features else always
         self._check(note)
 
@@ -222,7 +210,8 @@ class PieceFiles:
                     self.codec.check(name, self.files.head(name, self.codec.header_bytes), piece.shape)
                 except CodecError as error:
                     raise self.files.undecodable(name, error) from error
-        for name, channels in list(other.items())[:1]:
+        if other:
+            name, channels = next(iter(other.items()))
             note(f"{self.files.where(name)} is {channels}, not RGBA ({len(other)} in all); read as the PNG standard has it, "
                  "with alpha 255 where there is none")  # fmt: skip
 
@@ -250,10 +239,8 @@ class PieceFiles:
             if isinstance(piece, AtlasPiece):
                 self.known[piece.planes] = True
 
-        try:
+        with closing(decoders):
             yield from in_threads(decode, self.total)
-        finally:
-            decoders.stop()
         # Left out of the grid's planes; lossy codecs make a copy differ from its original, which shows as a seam.
         if self._layout == "grid" or self.codec.default_quality is not None:
             for atlas in atlases:

@@ -48,8 +48,7 @@ class Placement:
 
     def with_angles(self, turn: float, tilt: float, roll: float) -> Placement:
         """The same origin, and the rotation that has these angles, degrees."""
-        rotation = Rotation.from_euler("YXZ", [turn, tilt, roll], degrees=True).as_matrix()
-        return Placement(_rows(rotation), self.origin)
+        return Placement(_rows(Rotation.from_euler("YXZ", [turn, tilt, roll], degrees=True).as_matrix()), self.origin)
 
     def levelled(self, up: np.ndarray, through: np.ndarray | None = None) -> Placement:
         """Turned as little as possible, so that `up` (float [3], grid frame, any length) is up.

@@ -8,6 +8,7 @@ Untidy packs (docs/format.md) are repaired with one PackWarning each; the rest i
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +34,7 @@ from scenepack.files import (
     require_filled,
     require_memory,
 )
-from scenepack.pack import Pack, warn
+from scenepack.pack import Pack, PackWarning
 from scenepack.params import parse_params
 from scenepack.piece_files import PieceFiles, png_channels
 
@@ -86,10 +87,6 @@ class PackReader:
     memory and cannot be written. total: pieces to decode.
     """
 
-    outline: Pack
-    total: int
-    pieces: PieceFiles
-
     def __init__(self, files: PackFiles) -> None:
         self.files = files
         self._notes: list[str] = []  # given only once it is clear that the pack opens
@@ -100,9 +97,7 @@ class PackReader:
             self.outline = replace(self.outline, atlas_indices=self._indices())
             used = np.count_nonzero(self.outline.occupied) * self.outline.padded_block_size**3
             require_filled(self.outline.atlas_rgba.shape[:3], int(used), where)
-            self._note_blocks()
-            if isinstance(codec, PngCodec):
-                self._note_counts()
+            self._note_claims(isinstance(codec, PngCodec))
             self.pieces = PieceFiles(files, codec, self.outline, self._notes.append)
             if not self.pieces.has_features:
                 self.outline = replace(self.outline, atlas_features=None, view_mlp=None)
@@ -111,7 +106,7 @@ class PackReader:
             raise
         self.total = self.pieces.total
         for note in self._notes:
-            warn(note)
+            warnings.warn(PackWarning(note), stacklevel=2)
 
     def __enter__(self) -> PackReader:
         return self
@@ -168,27 +163,22 @@ class PackReader:
         require_distinct(indices[occupied], where)
         return indices
 
-    def _note_counts(self) -> None:
-        raw, where = self.outline.params, self.files.where(PARAMS_NAME)
+    def _note_claims(self, is_png: bool) -> None:
+        """Notes what the JSON claims and the atlas refutes: how many blocks it has and, of PNG, images."""
+        raw, where, note = self.outline.params, self.files.where(PARAMS_NAME), self._notes.append
+        blocks, fits = [raw.get(f"atlas_blocks_{axis}", "missing") for axis in "xyz"], list(self.outline.atlas_blocks)
+        if blocks != fits:
+            problem = f"{where}: atlas_blocks_x/y/z are {_triple(blocks)}"
+            note(f"{problem}, the atlas holds {_triple(fits)}; its size is trusted")
+        if not is_png:
+            return
         claimed, needed = raw.get("num_slices"), self._groups
         stored = next(n for n in itertools.count() if f"rgba_{n:03d}.png" not in self.files.sizes)
         if stored > needed:
-            self._notes.append(
-                f"{self.files.path}: {stored} rgba images, atlas_depth needs {needed}; the rest is ignored"
-            )
+            note(f"{self.files.path}: {stored} rgba images, atlas_depth needs {needed}; the rest is ignored")
         if claimed != needed:
             found = "missing" if claimed is None else one_line(str(claimed), 40)
-            self._notes.append(
-                f"{where}: num_slices is {found}, atlas_depth needs {needed} images; atlas_depth is trusted"
-            )
-
-    def _note_blocks(self) -> None:
-        raw, where = self.outline.params, self.files.where(PARAMS_NAME)
-        fits = list(self.outline.atlas_blocks)
-        blocks = [raw.get(f"atlas_blocks_{axis}", "missing") for axis in "xyz"]
-        if blocks != fits:
-            problem = f"{where}: atlas_blocks_x/y/z are {_triple(blocks)}"
-            self._notes.append(f"{problem}, the atlas holds {_triple(fits)}; its size is trusted")
+            note(f"{where}: num_slices is {found}, atlas_depth needs {needed} images; atlas_depth is trusted")
 
 
 def _triple(values: list[Any]) -> str:

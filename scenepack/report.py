@@ -6,6 +6,7 @@ value" lines.
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -29,9 +30,8 @@ MARKS = {"ok": ("✓", "green"), "note": ("·", "cyan"), "warning": ("!", "yello
 def pack_facts(files: PackFiles, pack: Pack) -> dict[str, Any]:
     """Figures about a pack, ready for JSON: sizes in voxels and bytes, world units, pixels."""
     alpha = alpha_histogram(pack)
-    voxels = int(np.prod(pack.grid_size, dtype=np.int64))
-    channels = 4 if pack.atlas_features is None else 8
-    parts = bytes_by_part(files)
+    voxels = prod(pack.grid_size)
+    dense = 4 * len(pack.atlases) * voxels  # bytes, of a value each
     memory = pack.atlas_indices.nbytes + sum(atlas.nbytes for atlas in pack.atlases)
     occupied = int(pack.occupied.sum())
     disk = stored_bytes(files.path)
@@ -47,20 +47,15 @@ def pack_facts(files: PackFiles, pack: Pack) -> dict[str, Any]:
         "macroblocks": {
             "grid": int(pack.occupied.size),
             "occupied": occupied,
-            "atlas": int(np.prod(pack.atlas_blocks, dtype=np.int64)),
+            "atlas": prod(pack.atlas_blocks),
         },
         "voxels": {"grid": voxels, "stored": occupied * pack.block_size**3, "with_alpha": int(alpha[1:].sum())},
         "alpha_histogram": alpha[1:].tolist(),
         "bytes": {
-            "disk": disk,
-            **parts,
-            "memory": memory,
-            "dense_8bit": voxels * channels,
-            "dense_float32": voxels * channels * 4,
+            "disk": disk, **bytes_by_part(files), "memory": memory, "dense_8bit": dense, "dense_float32": 4 * dense,
         },
         "compression": {
-            "against_dense_8bit": voxels * channels / max(disk, 1),
-            "against_dense_float32": voxels * channels * 4 / max(disk, 1),
+            "against_dense_8bit": dense / max(disk, 1), "against_dense_float32": 4 * dense / max(disk, 1),
         },
         "features": pack.atlas_features is not None,
         "view_mlp": pack.view_mlp is not None,
@@ -69,7 +64,7 @@ def pack_facts(files: PackFiles, pack: Pack) -> dict[str, Any]:
         "input": {"width": pack.input_width, "height": pack.input_height, "focal": pack.input_focal},
         "worldspace_T_opengl": pack.worldspace_T_opengl.tolist(),
         "metadata": dict(pack.metadata),
-    }
+    }  # fmt: skip
 
 
 def alpha_histogram(pack: Pack) -> np.ndarray:
@@ -82,7 +77,6 @@ def alpha_histogram(pack: Pack) -> np.ndarray:
 
 
 def bytes_by_part(files: PackFiles) -> dict[str, int]:
-    """Bytes of each part's files: rgba, feature, indices, params, other."""
     parts: dict[str, int] = {"rgba": 0, "feature": 0, "indices": 0, "params": 0, "other": 0}
     for name, size in files.sizes.items():
         prefix = {PARAMS_NAME: "params", INDICES_NAME: "indices"}.get(name, name.partition("_")[0])
@@ -94,7 +88,15 @@ def bytes_by_part(files: PackFiles) -> dict[str, int]:
 def print_facts(facts: Mapping[str, Any], console: Console) -> None:
     """The page of `snerg-pack info`."""
     for title, rows in _sections(facts):
-        _print_section(title, rows, console)
+        table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+        table.add_column(style="cyan", min_width=18, no_wrap=True)
+        table.add_column()
+        plain, name = [], ""
+        for label, value in rows:
+            table.add_row(Text(label), Text(value))
+            name = label.strip() or name
+            plain.append(f"{title}: {name}: {value}")
+        _print(console, plain, Text(title.upper(), "bold"), table, "")
     _print_histogram(facts["alpha_histogram"], console)
 
 
@@ -110,10 +112,9 @@ def print_findings(findings: Sequence[Finding], console: Console) -> None:
 def _sections(facts: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
     blocks, voxels, sizes, ratio = (facts[key] for key in ("macroblocks", "voxels", "bytes", "compression"))
     low, high = facts["min_xyz"], facts["max_xyz"]
-    box = " × ".join(f"{a:.4g} … {b:.4g}" for a, b in zip(low, high, strict=True))
     grid = [
         ("grid", f"{_by(facts['grid'])} voxels of {facts['voxel_size']:.6g} world units"),
-        ("box (x × y × z)", box),
+        ("box (x × y × z)", " × ".join(f"{a:.4g} … {b:.4g}" for a, b in zip(low, high, strict=True))),
         ("block size", f"{facts['block_size']} voxels, {facts['block_size'] + 2} with padding"),
         ("macroblocks", _of(blocks["occupied"], blocks["grid"], "occupied")),
         ("atlas", f"{_by(facts['atlas'])} voxels, {_by(facts['atlas_blocks'])} blocks"),
@@ -170,18 +171,6 @@ def _shown(text: str) -> str:
     return text if len(text) <= LONGEST_TEXT else text[: LONGEST_TEXT - 1] + "…"
 
 
-def _print_section(title: str, rows: Sequence[tuple[str, str]], console: Console) -> None:
-    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column(style="cyan", min_width=18, no_wrap=True)
-    table.add_column()
-    plain, name = [], ""
-    for label, value in rows:
-        table.add_row(Text(label), Text(value))
-        name = label.strip() or name
-        plain.append(f"{title}: {name}: {value}")
-    _print(console, plain, Text(title.upper(), "bold"), table, "")
-
-
 def _print_histogram(counts: Sequence[int], console: Console) -> None:
     edges = np.linspace(0, 256, ALPHA_BINS + 1).astype(int)
     bins = {f"{max(a, 1):3d}-{b - 1:3d}": sum(counts[max(a - 1, 0) : b - 1]) for a, b in pairwise(edges)}
@@ -205,7 +194,7 @@ def _print(console: Console, plain: Sequence[str], *page: RenderableType) -> Non
 
 
 def _by(sides: Sequence[int]) -> str:
-    return " × ".join(str(side) for side in sides)
+    return " × ".join(map(str, sides))
 
 
 def _of(part: int, whole: int, what: str) -> str:

@@ -46,15 +46,12 @@ def save_pack(
 ) -> None:
     """Writes a pack to the folder `path`, or to one file where its name ends in .zip.
 
-    The old pack stays until the new one is complete and on the disk; a kill at any moment leaves one of the
-    two. The JSON is pack.params with whatever has changed since; "snerg" gets version and codec where the
-    pack is ours.
-    png_level: 0 (fast, large) to 9 (slow, small). codec: see scenepack.codecs; only PNG is the published layout.
-    quality: 1 (worst) to 100, of codecs that lose something; by default the codec's own. on_progress(done, total)
-    is called after each image or piece.
-    UserError where the disk is full or refuses, where `path` holds anything that is no pack, or where a library
-    that the codec needs is missing, or where a number would be refused when it is read. ValueError for arrays that do not fit
-    together, which is a bug of the caller.
+    A kill at any moment leaves the old pack or the new one. The JSON is pack.params with whatever has changed since; "snerg" gets
+    version and codec where the pack is ours.
+    png_level: 0 (fast, large) to 9 (slow, small). codec: see scenepack.codecs; only PNG is the published layout. quality: 1
+    (worst) to 100, of codecs that lose something; by default the codec's own. on_progress(done, total) follows each piece.
+    UserError where the disk is full or refuses, `path` holds anything that is no pack, a library that the codec needs is missing,
+    or a number would be refused when it is read. ValueError for arrays that do not fit together, a bug of the caller.
     """
     _require_consistent(pack)
     chosen = codec_named(codec, "codec")
@@ -63,8 +60,7 @@ def save_pack(
 
 def copy_pack(files: PackFiles, pack: Pack, path: Path) -> None:
     """Writes the files of a pack as they are, with the metadata of `pack`, which was read from them. Otherwise as save_pack."""
-    metadata = {"version": _version(), **pack.metadata}
-    text = json.dumps({**pack.params, "snerg": metadata}, default=_plain)
+    text = json.dumps({**pack.params, "snerg": {"version": _version(), **pack.metadata}}, default=_plain)
 
     def copied() -> Generator[tuple[str, bytes], None, None]:
         yield PARAMS_NAME, text.encode()

@@ -18,8 +18,7 @@ Whatever a user can correct raises `SnergError`. Importing snerg loads neither J
 from snerg._camera import Camera
 from snerg._errors import SnergError
 from snerg._making import Photographs, Progress, Run, Scores, ViewScores, bake, evaluate, read_photographs, train
-from snerg._scene import Geometry, Scene, demo, load
-from snerg._show import show
+from snerg._scene import Geometry, Scene, demo, load, show
 
 __all__ = [
     "Camera",

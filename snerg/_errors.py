@@ -51,8 +51,7 @@ def with_snerg_errors(function: Callable[P, R]) -> Callable[P, R]:
             if isinstance(error, UserError):
                 fields = {name: getattr(error, name) for name in ("where", "expected", "found", "remedy")}
                 raise SnergError(error.what, **fields) from error
-            line = refusal(error) or missing_extra(error)
-            if line is None:
+            if (line := refusal(error) or missing_extra(error)) is None:
                 raise
             raise SnergError(line) from error
 

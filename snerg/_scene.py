@@ -1,7 +1,9 @@
-"""Scene: a baked scene, its pictures and its surface."""
+"""Scene: a baked scene, its pictures and its surface; and showing it in a window or a notebook."""
 
 from __future__ import annotations
 
+import html
+import importlib
 import sys
 import threading
 from dataclasses import dataclass, field
@@ -49,8 +51,7 @@ def demo() -> Path:
     """
     from viewer.core.files import demo_pack
 
-    found = demo_pack()
-    if found is None:
+    if (found := demo_pack()) is None:
         raise SnergError("this installation has no demo pack", remedy="install snerg again")
     return found
 
@@ -300,3 +301,58 @@ class Geometry:
             raise SnergError("is not a supported file type", where=path, expected=" or ".join(suffixes))
         written = Written(self.vertices, self.normals, self.colours, self.faces, cameras=self._cameras)
         write_result(Path(path), written.file_parts(Path(path)))
+
+
+# --- A window of its own, or a cell of a notebook ---
+
+LARGEST_PAGE = 64 << 20  # bytes that a cell of a notebook may hold
+
+
+@with_snerg_errors
+def show(scene: Scene, *, size: tuple[int, int] = (960, 600)) -> None:
+    """Shows a scene to fly through.
+
+    In a notebook, below the cell: the web page of the scene in a frame of `size` pixels, or a picture where the pack is too large
+    for a page. Elsewhere the viewer's window, until it is closed.
+
+    Raises:
+        SnergError: Where there is no display, or the viewer fails.
+    """
+    if _in_notebook():
+        _display_in_cell(scene, size)
+        return
+    import subprocess
+
+    from console.child_process import module_command
+    from console.desktop import has_display
+
+    if not has_display():
+        raise SnergError("there is no display to show a window on", remedy="scene.render() gives pictures without one")
+
+    words = ["--size", f"{size[0]}x{size[1]}"]
+    done = subprocess.run(module_command("viewer.commands.view", str(scene.path.resolve()), *words), check=False)
+    if done.returncode:
+        raise SnergError("the viewer could not show it", where=scene.path, found=f"exit status {done.returncode}")
+
+
+def _in_notebook() -> bool:
+    """Whether this code runs in a cell of Jupyter."""
+    shell: Any = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return shell is not None and "IPKernelApp" in getattr(shell, "config", {})
+
+
+def _display_in_cell(scene: Scene, size: tuple[int, int]) -> None:
+    display = importlib.import_module("IPython.display")
+    try:
+        page = scene._page()
+    except SnergError:
+        page = b""
+    if not 0 < len(page) <= LARGEST_PAGE:
+        from PIL import Image
+
+        display.display(Image.fromarray(scene.render(size=size)))
+        return
+    frame = (
+        f'<iframe srcdoc="{html.escape(page.decode())}" width="{size[0]}" height="{size[1]}" style="border:0"></iframe>'
+    )
+    display.display(display.HTML(frame))

@@ -31,7 +31,6 @@ from console import Notice, Progress, UserError, progress
 from scenepack.blocks import fill_atlas
 from scenepack.pack import Pack
 from training.libraries import keep_freed_memory, release_freed_memory
-from training.method import ViewMlpParams
 from training.run import Run, require_bakeable
 from training.scenes.scene import Box, cameras_of
 from training.scenes.scene_options import AABB, box_text, with_box
@@ -43,16 +42,15 @@ FORMAT = 4  # of a work folder: raised whenever the same key would give other pi
 
 
 class Stages:
-    """Seconds spent in each stage of a bake, by name, in order."""
+    """Seconds spent in each stage of a bake, by name, in order. quiet: without a progress line."""
 
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
+    def __init__(self, *, quiet: bool = False) -> None:
+        self.seconds, self.quiet = dict[str, float](), quiet
 
     @contextmanager
     def __call__(self, name: str, total: float = 1.0) -> Iterator[Progress]:
-        """A stage of so much work."""
         started = time.monotonic()
-        with progress(name, total, stage=STAGE) as bar:
+        with progress(name, total, self.quiet, stage=STAGE) as bar:
             yield bar
             bar.update(total)
         self.seconds[name] = self.seconds.get(name, 0.0) + time.monotonic() - started
@@ -64,20 +62,16 @@ class Bake:
 
     run: Run
     config: BakeConfig
-    work: WorkFolder | None = None
-    """Finished parts, for resuming and for sharing a bake between processes. The caller removes it when the pack is saved."""
+    work: WorkFolder | None = None  # finished parts, which the caller removes when the pack is saved
     stages: Stages = field(default_factory=Stages)
-    """Progress and times."""
 
     @property
     def query(self) -> FieldQuery:
-        """The field; empty outside of the box that is baked, where one is asked for: grids are whole macroblocks and reach
-        further."""
+        """The field; empty outside of a box that was asked for: grids are whole macroblocks and reach further."""
         query, box = field_query(self.run), self.config.aabb
         return query if box is None else within(query, _box_to_bake(self.run, box))
 
     def sampler(self, grid: BakeGrid, culling: Culling) -> Sampler:
-        """What averages the field within voxels."""
         grain, as_paper = self.run.method.grain(self.run.state), self.config.preset == "paper"
         return Sampler(self.query, grid, culling, grain, self.config.seed, as_paper)
 
@@ -128,7 +122,7 @@ def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:
         indices, rows, values = assemble(parts, culling.kept, BLOCK_SIZE)
     support = np.zeros((*rows.shape, 4), np.uint8)
     support[..., 3] = (rows > 0) * np.uint8(255)
-    return FloatGrid(assembled(run, grid, (indices, support, None), None), rows, values)
+    return FloatGrid(assembled(run, grid, (indices, support, None)), rows, values)
 
 
 def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:
@@ -182,7 +176,7 @@ def culled_grid(job: Bake) -> tuple[BakeGrid, Culling]:
                 culling = seen_macroblocks(opacity, grid, run.dataset, bar.update, job.work)
         kept = int(culling.kept.sum())
         if not kept:
-            raise _nothing_there(run)
+            raise NothingThere(run)
         if kept <= config.block_limit or resolution == BLOCK_SIZE:
             return grid, culling
         coarser = max(int(COARSER * resolution * (config.block_limit / kept) ** 0.5), BLOCK_SIZE)
@@ -203,21 +197,19 @@ def _find_box(job: Bake) -> Arrays:
         whole = box_in_grid_frame(run.dataset.aabb, job.frame)
         found = content_box(job.query, *whole, config.resolution_of(run), job.frame)
     if found is None:
-        raise _nothing_there(run)
+        raise NothingThere(run)
     return {"low": found[0], "high": found[1]}
 
 
 def supersampled(job: Bake, grid: BakeGrid, culling: Culling) -> Pack:
     """The kept macroblocks, 8 bits a value; their borders are still empty."""
-    atlas = fill_atlas(_content(job, grid, culling), culling.kept, BLOCK_SIZE)
-    return assembled(job.run, grid, atlas, job.run.method.view_mlp(job.run.state))
+    return assembled(job.run, grid, fill_atlas(_content(job, grid, culling), culling.kept, BLOCK_SIZE))
 
 
-def assembled(
-    run: Run, grid: BakeGrid, atlas: tuple[np.ndarray, np.ndarray, np.ndarray | None], head: ViewMlpParams | None
-) -> Pack:
+def assembled(run: Run, grid: BakeGrid, atlas: tuple[np.ndarray, np.ndarray, np.ndarray | None]) -> Pack:
     """A pack of what fill_atlas gives of a run's grid, without metadata but for what rays must know."""
     camera = run.scene.splits["train"][0].camera
+    head = None if atlas[2] is None else run.method.view_mlp(run.state)
     pack = Pack(
         voxel_size=grid.voxel_size, min_xyz=grid.min_xyz, grid_size=grid.size, block_size=BLOCK_SIZE,
         atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2], view_mlp=head and from_params(head),
@@ -249,7 +241,6 @@ def _box_to_bake(run: Run, box: Box) -> np.ndarray:
 class NothingThere(UserError):
     """A bake that can come to no pack, however often it is begun."""
 
-
-def _nothing_there(run: Run) -> UserError:
-    return NothingThere("the trained field contains nothing that its cameras see", where=run.path,
-                        remedy="train for more steps, then bake again")  # fmt: skip
+    def __init__(self, run: Run) -> None:
+        super().__init__("the trained field contains nothing that its cameras see", where=run.path,
+                         remedy="train for more steps, then bake again")  # fmt: skip

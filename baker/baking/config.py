@@ -28,26 +28,18 @@ UNLIMITED = 2**31 - 1
 
 @dataclass(frozen=True)
 class BakeConfig:
-    """How to bake."""
-
-    resolution: int | None = None
-    """Voxels along the longest side of the content's box. None: by the run, see resolution_of."""
-    preset: BakePreset = "snerg"
-    """By whose method; see above."""
+    resolution: int | None = None  # voxels along the longest side of the content's box; None: see resolution_of
+    preset: BakePreset = "snerg"  # by whose method; see above
+    # draft: nothing is tuned; full: tuned, in 8 bits; compact: tuned in coarser steps, for a third fewer bytes
     quality: Quality = "full"
-    """draft: nothing is tuned. full: tuned, in 8 bits. compact: tuned in coarser steps, for a third fewer bytes."""
-    seed: int = 0
-    """Seed of the Gaussian samples within voxels and of tuning."""
+    seed: int = 0  # of the Gaussian samples within voxels and of tuning
+    # Where more would be kept, the grid is made coarser. None: MOST_MACROBLOCKS; in the preset paper, no limit.
     most_macroblocks: int | None = None
-    """Where more would be kept, the grid is made coarser. None: MOST_MACROBLOCKS; in the preset paper, no limit."""
-    keeps_hidden: bool = False
-    """Keep macroblocks that no training camera sees: panel (d) of the paper's figure 4."""
-    aabb: Box | None = None
-    """The box that is baked, training frame, in place of the one around the content; not for NDC scenes."""
+    keeps_hidden: bool = False  # macroblocks that no training camera sees: panel (d) of the paper's figure 4
+    aabb: Box | None = None  # box to bake, training frame, instead of that around the content; not for NDC scenes
 
     @property
     def block_limit(self) -> int:
-        """Macroblocks that may be kept."""
         if self.most_macroblocks is not None:
             return self.most_macroblocks
         return UNLIMITED if self.preset == "paper" else MOST_MACROBLOCKS

@@ -1,8 +1,7 @@
 """Which macroblocks are worth storing (SNeRG section 5.3): those with opacity, and seen by some training camera.
 
-Notation: TAU_ALPHA, TAU_VIS the thresholds; a cell is grid.cell³ voxels, the unit
-of the visibility test (2, as in the release, which tests on a grid of half the resolution; more in very fine grids). T is the
-transmittance of a ray so far; samples lie one cell apart, as those of a pack lie one voxel apart (docs/rendering.md).
+Notation: TAU_ALPHA, TAU_VIS the thresholds; a cell is grid.cell³ voxels, the unit of the visibility test (2, as in the release;
+more in very fine grids). T is the transmittance of a ray so far; samples lie one cell apart.
 """
 
 # pyright: reportCallIssue=false
@@ -21,7 +20,7 @@ from baker.baking.work_folder import Arrays, Tick, WorkFolder, in_order, once
 from baker.tuning.marcher import box_of, share_rays
 from training.dataset import RayDataset
 from training.marching.march import dilate
-from training.marching.rays import GridFrameRays, GridRays
+from training.marching.rays import GridFrameRays
 from training.multires.fused.compiled import Workers, kernel
 from training.multires.fused.march import piece_from
 
@@ -36,11 +35,10 @@ DILATION = 2  # cells: what lies this near to a visible cell counts as visible
 
 @dataclass(frozen=True)
 class Opacity:
-    """opaque bool [blocks z, y, x]: which macroblocks have some voxel of alpha TAU_ALPHA or more. density float32 [z, y, x]: the
-    cells' mean density, 0 where no voxel is FAINTEST."""
+    """What of a grid holds anything."""
 
-    opaque: np.ndarray
-    density: np.ndarray
+    opaque: np.ndarray  # bool [blocks z, y, x]: which macroblocks have some voxel of alpha TAU_ALPHA or more
+    density: np.ndarray  # float32 [z, y, x]: the cells' mean density, 0 where no voxel is FAINTEST
 
     def culling(self, grid: BakeGrid, kept: np.ndarray) -> Culling:
         """What is left where only the macroblocks `kept` are."""
@@ -52,15 +50,12 @@ class Opacity:
 
 @dataclass(frozen=True)
 class Culling:
-    """kept bool [blocks z, y, x]; cells bool [z, y, x]: cells of kept blocks that hold opacity or touch one that does.
+    """What of a grid is worth storing."""
 
-    opaque: number of macroblocks with opacity; hidden: how many of these no camera sees.
-    """
-
-    kept: np.ndarray
-    cells: np.ndarray
-    opaque: int
-    hidden: int
+    kept: np.ndarray  # bool [blocks z, y, x]
+    cells: np.ndarray  # bool [z, y, x]: cells of kept blocks that hold opacity or touch one that does
+    opaque: int  # number of macroblocks with opacity
+    hidden: int  # how many of these no camera sees
 
     def counts(self) -> dict[str, int]:
         """How many macroblocks the grid has, each threshold removed, and are left."""
@@ -124,9 +119,8 @@ def opaque_macroblocks(
     opaque = np.zeros((bz, by, bx), bool)
     density = np.zeros((bz * per_block, by * per_block, bx * per_block), np.float32)
     layers = [k for k in range(bz) if holds[k].any()]
-    pieces = [
-        (f"{grid.resolution}_opacity_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid)) for k in layers
-    ]
+    name = f"{grid.resolution}_opacity"
+    pieces = [(f"{name}_{k:03d}", partial(_opacity_of_layer, query, holds[k], k, grid)) for k in layers]
     for k, layer in zip(layers, in_order(work, pieces, tick), strict=True):
         opaque[k], density[k * per_block : (k + 1) * per_block] = layer["opaque"], layer["density"]
     return Opacity(opaque, density)
@@ -193,15 +187,13 @@ def best_transmittance(
     z, y, x = (n // size for n in filled.shape)
     blocks = filled.reshape(z, size, y, size, x, size).any((1, 3, 5))
     best = [np.zeros(density.shape, np.float32) for _ in range(workers.count)]
-    cell = grid.voxel_size * grid.cell
-    box = box_of(grid.min_xyz, cell, density.shape[::-1], grid.contraction)
+    box = box_of(grid.min_xyz, grid.voxel_size * grid.cell, density.shape[::-1], grid.contraction)
     source = GridFrameRays(dataset, jnp.asarray(np.linalg.inv(grid.worldspace_T_opengl), jnp.float32))
     ids = np.random.default_rng(0).permutation(dataset.count)[:RAYS].astype(np.int32)
-
-    def look(worker: int, rays: GridRays, first: int, low: int, high: int) -> None:
-        _raise_best(density, blocks, rays, low, high, best[worker])
-
-    share_rays(workers, box, source, ids, look, tick)
+    share_rays(
+        workers, box, source, ids,
+        lambda worker, rays, _, low, high: _raise_best(density, blocks, rays, low, high, best[worker]), tick,
+    )  # fmt: skip
     return np.maximum.reduce(best)
 
 

@@ -3,8 +3,8 @@
 Notation: the grid frame is the pack's (OpenGL, y up; docs/format.md); voxel (x, y, z) covers
 min_xyz + voxel_size [x, x+1) and so on. A block is a macroblock of block_size³ data voxels. Arrays are [z, y, x].
 
-FloatGrid is the paper's "SNeRG (Float)" (table 3), which is never written to disk. It has the macroblocks of a pack, in an atlas
-of the same layout. Only voxels with opacity are held, of 32 bytes each: `rows` says where which of them lies.
+FloatGrid is the paper's "SNeRG (Float)" (table 3), never written to disk: the macroblocks of a pack, in an atlas of the same
+layout, of which only voxels with opacity are held, of 32 bytes each.
 """
 
 from collections.abc import Iterable
@@ -21,19 +21,15 @@ MAX_CELLS = 512  # of culling, along an axis
 
 @dataclass(frozen=True)
 class BakeGrid:
-    """min_xyz float64 [3], voxel_size: grid frame. blocks (x, y, z). worldspace_T_opengl [4, 4]: grid to training frame.
+    """Where the voxels are, and in which macroblocks."""
 
-    resolution: voxels along the longest side of the box that the blocks cover. contraction: half the side of the inner cube,
-    where space is contracted (scenepack.contraction); None where it is not.
-    """
-
-    min_xyz: np.ndarray
+    min_xyz: np.ndarray  # float64 [3], grid frame
     voxel_size: float
-    blocks: tuple[int, int, int]
+    blocks: tuple[int, int, int]  # x, y, z
     block_size: int
-    worldspace_T_opengl: np.ndarray
-    resolution: int
-    contraction: float | None = None
+    worldspace_T_opengl: np.ndarray  # [4, 4]: grid to training frame
+    resolution: int  # voxels along the longest side of the box that the blocks cover
+    contraction: float | None = None  # half the side of the inner cube of contracted space (scenepack.contraction)
 
     @property
     def cell(self) -> int:
@@ -93,8 +89,6 @@ CHANNELS = 8
 
 @dataclass(frozen=True)
 class FloatGrid:
-    """The grid and its content."""
-
     pack: Pack  # of the same grid; its atlas has alpha 255 where there is any opacity, and nothing else
     rows: np.ndarray  # int32 [D, H, W]: of each place in the atlas, padding included, its row of values
     values: np.ndarray  # float32 [V + 1, 8]: premultiplied rgb, alpha, features, in 0 … 1; the first is empty
@@ -105,13 +99,12 @@ class FloatGrid:
         return self.rows.size * CHANNELS * 4
 
 
-Part = tuple[np.ndarray, np.ndarray, np.ndarray]
+Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def assemble(parts: Iterable[Part], kept: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def assemble(parts: Iterable[Arrays], kept: np.ndarray, size: int) -> Arrays:
     """atlas_indices (as Pack has them), rows and values of parts: macroblocks [n, 3] (z, y, x), flat places int [N] among their
-    voxels, content float32 [N, 8]. kept: bool [blocks z, y, x], all macroblocks. size: data voxels a side.
-    """
+    voxels, content float32 [N, 8]. kept: bool [blocks z, y, x], all macroblocks. size: data voxels a side."""
     atlas_blocks = choose_atlas_blocks(int(kept.sum()), size)
     indices = atlas_layout(kept, atlas_blocks)
     rows = np.zeros((*atlas_shape(atlas_blocks, size), 1), np.int32)
@@ -121,9 +114,8 @@ def assemble(parts: Iterable[Part], kept: np.ndarray, size: int) -> tuple[np.nda
         some = content[:, 3] > 0
         number, flat = np.divmod(places[some], size**3)
         slots = indices[tuple(blocks[number].T)].astype(np.int64)  # x, y, z
-        z, y, x = (
-            at + 1 + slots[:, 2 - axis] * (size + 2) for axis, at in enumerate(np.unravel_index(flat, (size,) * 3))
-        )
+        within = np.stack(np.unravel_index(flat, (size,) * 3), -1)
+        z, y, x = (within + 1 + slots[:, ::-1] * (size + 2)).T
         rows[z, y, x, 0] = np.arange(count, count + len(flat), dtype=np.int32)
         count += len(flat)
         values.append(content[some])

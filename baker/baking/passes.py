@@ -75,8 +75,7 @@ def _midway(world_T_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             pairs.add(tuple(sorted((view, int(apart.argmin())))))
     poses = np.empty((len(pairs), 3, 4))
     for pose, (view, other) in zip(poses, sorted(pairs), strict=True):
-        both = Rotation.from_matrix(turns[[view, other]])
-        pose[:, :3] = Slerp([0.0, 1.0], both)(0.5).as_matrix()
+        pose[:, :3] = Slerp([0.0, 1.0], Rotation.from_matrix(turns[[view, other]]))(0.5).as_matrix()
         pose[:, 3] = 0.5 * (places[view] + places[other])
     return np.array([view for view, _ in sorted(pairs)], np.int64), poses
 
@@ -92,14 +91,11 @@ class Voxels:
     """State of a bake between passes."""
 
     pack: Pack
-    photographs: RayDataset
-    """Training photographs with the exposure that the field has."""
+    photographs: RayDataset  # with the exposure that the field has
     config: BakeConfig
     pruned: Pruned | None = None
-    steps: Steps = EXACT
-    """Quantisation steps of what is stored."""
-    notes: Mapping[str, Any] = field(default_factory=dict)
-    """For the pack's provenance."""
+    steps: Steps = EXACT  # of what is stored
+    notes: Mapping[str, Any] = field(default_factory=dict)  # for the pack's provenance
 
     @property
     def by_opacity(self) -> bool:
@@ -112,13 +108,10 @@ class Voxels:
 
     def transmittance(self, bar: Progress) -> np.ndarray | None:
         """As arriving_transmittance, in the photographs and in views between them; half of the work of its pass."""
-        views = with_views_between(self.photographs)
-        return arriving_transmittance(
-            self.pack, views, self.config.seed, lambda share: bar.update(0.5 * share, "transmittance")
-        )
+        views, seed = with_views_between(self.photographs), self.config.seed
+        return arriving_transmittance(self.pack, views, seed, lambda share: bar.update(0.5 * share, "transmittance"))
 
     def noted(self, **notes: Any) -> Voxels:
-        """The same with more for the provenance."""
         return replace(self, notes={**self.notes, **notes})
 
 
@@ -127,25 +120,22 @@ Pass = Callable[[Voxels, Progress], Voxels]
 
 def passes_of(config: BakeConfig) -> list[tuple[str, Pass]]:
     """The passes of a bake by name, in order."""
-    passes: list[tuple[str, Pass]] = [("padding", padded)]
     if config.preset == "paper":
-        return passes if config.quality == "draft" else [*passes, ("view MLP", with_tuned_view_mlp)]
-    passes.append(("pruning", pruned))
-    if config.quality == "draft":
-        return passes
-    return [*passes, ("feature scale", with_scaled_features), ("tuning", tuned), ("hidden voxels", smoothed)]
+        first, tuning = [("padding", padded)], [("view MLP", with_tuned_view_mlp)]
+    else:
+        first = [("padding", padded), ("pruning", pruned)]
+        tuning = [("feature scale", with_scaled_features), ("tuning", tuned), ("hidden voxels", smoothed)]
+    return first if config.quality == "draft" else [*first, *tuning]
 
 
 def padded(voxels: Voxels, bar: Progress) -> Voxels:
-    """Fills the borders of macroblocks, in place."""
     restore_pack_padding(voxels.pack)
     return voxels
 
 
 def pruned(voxels: Voxels, bar: Progress) -> Voxels:
     """Empties faint voxels, as far as PSNR on the photographs allows it."""
-    arriving = voxels.transmittance(bar)
-    if arriving is None:
+    if (arriving := voxels.transmittance(bar)) is None:
         return voxels
     pack, done = prune(voxels.pack, arriving, voxels.score, MOST_LOST_PRUNED)
     counts = {"before": done.voxels_before, "after": done.voxels_after, "tau_weight": done.tau_weight}
@@ -177,7 +167,6 @@ def tuned(voxels: Voxels, bar: Progress) -> Voxels:
 
 
 def with_tuned_view_mlp(voxels: Voxels, bar: Progress) -> Voxels:
-    """Tunes the view MLP alone (section 5.5)."""
     pack, before, after = fine_tune(
         voxels.pack, voxels.photographs, seed=voxels.config.seed, by_opacity=voxels.by_opacity, on_share=bar.update
     )

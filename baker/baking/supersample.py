@@ -1,10 +1,9 @@
 """The content of kept macroblocks: samples within each voxel, averaged and quantised (SNeRG sections 5.3 and 5.4).
 
 The paper takes 16 Gaussian samples a voxel, since an MLP may change within a voxel by as much as it likes. The multi-resolution
-field does not: it is smooth within the cells of its finest level (its grain), and blurring it again loses sharpness. So it is
-sampled once for each of its cells within a voxel: where it is no finer than the grid, at the centre alone. Colours and features
-are weighted by opacity before they are averaged. With `as_paper`, all is what the paper writes, to the letter: 16 Gaussian
-samples always, and plain averages of colours, features and densities.
+field is smooth within the cells of its finest level (its grain), and blurring it again loses sharpness. So it is sampled once for
+each of its cells within a voxel. Colours and features are weighted by opacity before they are averaged. With `as_paper`, all is
+what the paper writes: 16 Gaussian samples always, and plain averages of colours, features and densities.
 
 Macroblocks are made some at a time, in z, y, x order, and kept on disk where a work folder is given; of each only the
 voxels that are not empty. The random numbers of a macroblock depend on the seed and its place alone.
@@ -29,7 +28,7 @@ SAMPLES = 16
 SIGMA = np.float32(1 / np.sqrt(12))  # of the Gaussian, in voxels: a voxel's own standard deviation
 MOST_ALONG = 3  # samples along an axis of a voxel, of a field with a grain
 # NumPy and compiled loops let go of Python's lock; each thread may hold a batch of a network's activations.
-MOST_THREADS = 4
+THREADS = min(os.cpu_count() or 1, 4)
 BLOCKS_AT_ONCE = 32  # macroblocks to a piece of work: about a second of it on two cores
 
 
@@ -49,7 +48,7 @@ def supersample(
         some = values.any(axis=1)
         return {"places": places[some], "values": values[some]}
 
-    with _threads() as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         pieces = [(f"voxels_{BLOCKS_AT_ONCE * i:06d}", partial(make, part)) for i, part in enumerate(parts)]
         for part, made in zip(parts, in_order(work, pieces, tick), strict=True):
             voxels = np.zeros((len(part), size, size, size, 8), np.uint8)
@@ -60,7 +59,7 @@ def supersample(
 def supersample_floats(sampler: Sampler, tick: Tick) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """The same content before it is quantised: macroblocks [n, 3] (z, y, x), places and content as Sampler.content gives them."""
     parts = _parts(sampler)
-    with _threads() as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         for i, part in enumerate(parts):
             yield part, *sampler.content(part, pool)
             tick((i + 1) / len(parts))
@@ -70,10 +69,6 @@ def _parts(sampler: Sampler) -> list[np.ndarray]:
     """The kept macroblocks int [n, 3] (z, y, x), BLOCKS_AT_ONCE or fewer in each part."""
     blocks = np.argwhere(sampler.culling.kept)
     return np.split(blocks, range(BLOCKS_AT_ONCE, len(blocks), BLOCKS_AT_ONCE))
-
-
-def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS))
 
 
 @dataclass(frozen=True)
@@ -97,27 +92,22 @@ class Sampler:
         axes = [(np.arange(n, dtype=np.float32) + 0.5) / n - 0.5 for n in counts]
         return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3).astype(np.float32)
 
-    @property
-    def samples(self) -> int:
-        """Samples a voxel."""
-        return SAMPLES if self.lattice is None else len(self.lattice)
-
     def content(self, blocks: np.ndarray, pool: Executor) -> tuple[np.ndarray, np.ndarray]:
         """Flat places int32 [N] among the voxels of `blocks` [n, 3], one after another, and their content float32 [N, 8]:
         premultiplied rgb, alpha and features, not quantised."""
 
-        at_once = max(BATCH // self.samples, 1)  # voxels of a thread
+        at_once = max(BATCH // (SAMPLES if self.lattice is None else len(self.lattice)), 1)  # voxels of a thread
 
         def fill(start: int) -> None:
             part = slice(start, start + at_once)
-            values[part] = self._average(centres[part, None] + (offsets[part] if self.lattice is None else offsets))
+            values[part] = self._average(centres[part, None] + offsets[part])
 
         places, voxels = zip(*pool.map(lambda i: self._wanted(i, blocks[i]), range(len(blocks))), strict=True)
         centres = np.concatenate(voxels) + np.float32(0.5)
         if self.lattice is None:
             offsets = np.concatenate(list(pool.map(self._noise, blocks, map(len, voxels))))
         else:
-            offsets = self.lattice[None]
+            offsets = np.broadcast_to(self.lattice, (len(centres), *self.lattice.shape))
         values = np.empty((len(centres), 8), np.float32)
         list(pool.map(fill, range(0, len(centres), at_once)))
         return np.concatenate(places), values
@@ -147,12 +137,9 @@ class Sampler:
         density = np.asarray(field.density, np.float32).reshape(count)
         diffuse, features = (np.asarray(a, np.float32).reshape(*count, -1) for a in (field.diffuse, field.features))
         if self.as_paper:
-            alpha = -np.expm1(-density.mean(1) * size)
-            return np.concatenate(
-                [diffuse.mean(1) * alpha[:, None], alpha[:, None], features.mean(1) * alpha[:, None]], axis=-1
-            )
+            density, diffuse, features = (values.mean(1, keepdims=True) for values in (density, diffuse, features))
         alpha = -np.expm1(-density * size)
-        values = np.empty((*count, 8), np.float32)
+        values = np.empty((*alpha.shape, 8), np.float32)
         np.multiply(diffuse, alpha[..., None], out=values[..., :3])
         values[..., 3] = alpha
         np.multiply(features, alpha[..., None], out=values[..., 4:])

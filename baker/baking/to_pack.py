@@ -103,14 +103,12 @@ def peak_memory() -> str:
 
 
 def describe_pack(pack: Pack, out: Path) -> str:
-    """One line about a pack just written."""
     x, y, z = pack.grid_size
-    made = pack.metadata["provenance"]
-    tuned = made.get("fine_tuning")
-    counts, voxels, gain, thinned = made["macroblocks"], made.get("voxels"), "", ""
-    if tuned:
+    made, gain, thinned = pack.metadata["provenance"], "", ""
+    counts = made["macroblocks"]
+    if tuned := made.get("fine_tuning"):
         gain = f"; tuning {tuned['train_psnr_before']} -> {tuned['train_psnr_after']} dB on training pixels"
-    if voxels:
+    if voxels := made.get("voxels"):
         millions = f"{voxels['after'] / 1e6:.1f} of {voxels['before'] / 1e6:.1f} million"
         thinned = f", {millions} voxels shown with tau_weight or more"
     return (

@@ -1,19 +1,19 @@
 """What a bake has done so far, kept on disk: a bake that was killed goes on there, and ends with the same pack.
 
-A work folder holds `key.json`, which says of which bake it is, and one .npz for each piece of work done, written aside
-and renamed. A piece that cannot be read (a power cut) is made again. Every piece depends on the key alone, never on
-when it was made or by whom, so an unbroken bake, a resumed one, and one shared by many hosts give the same bytes.
-
-Hosts share a bake through its work folder and nothing else: each makes the pieces of its own share first, then whatever
-is still missing. So none waits for another, and one that dies costs the others time, not the bake.
+A work folder holds `key.json`, which says of which bake it is, and one .npz for each piece of work done. A piece that cannot be
+read (a power cut) is made again. Every piece depends on the key alone, so an unbroken bake, a resumed one, and one shared by many
+hosts give the same bytes. Hosts share a bake through its work folder and nothing else: each makes the pieces of its own share
+first, then whatever is still missing, so that none waits for another.
 """
 
 import io
+import itertools
 import json
 import os
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,10 +43,9 @@ class Share:
 
     def order(self, count: int) -> list[int]:
         """0 to count - 1 in the order in which to make pieces: its own share, then the others' from their ends."""
-        turns = [(self.process + turn) % self.processes for turn in range(self.processes)]
-        return [*range(self.process, count, self.processes)] + [
-            piece for turn in turns[1:] for piece in reversed(range(turn, count, self.processes))
-        ]
+        own, *others = ((self.process + turn) % self.processes for turn in range(self.processes))
+        theirs = (reversed(range(other, count, self.processes)) for other in others)
+        return [*range(own, count, self.processes), *itertools.chain(*theirs)]
 
 
 class BakeEnded(Exception):
@@ -77,7 +76,11 @@ class WorkFolder:
         try:
             path.mkdir(parents=True, exist_ok=True)
             remove_leftovers(path)
-            self._lock = self._hold()
+            self._lock = os.open(path / "lock", os.O_RDWR | os.O_CREAT, 0o644)
+            if try_lock(self._lock) is False:
+                os.close(self._lock)
+                raise UserError("another process is baking into this pack", where=path,
+                                remedy="wait for it, or choose another --out")  # fmt: skip
             if file.is_file() and file.read_text(encoding="utf-8") != text:
                 warnings.warn(Notice("the unfinished bake here was of another run or with other options: starting over"),
                               stacklevel=2)  # fmt: skip
@@ -89,9 +92,8 @@ class WorkFolder:
 
     def once(self, name: str, make: Callable[[], Arrays]) -> Arrays:
         """The arrays of piece `name`: read where they were made before, else made now and kept."""
-        kept = self.read(name)
-        if kept is not None:
-            return kept
+        with suppress(OSError, KeyError, *ZIP_ERRORS), np.load(self.file(name), allow_pickle=False) as stored:
+            return {key: stored[key] for key in stored.files}  # zip's checksums tell of damage
         arrays = make()
         self.made += 1
         buffer = io.BytesIO()
@@ -105,20 +107,11 @@ class WorkFolder:
                 raise BakeEnded from error
         return arrays
 
-    def read(self, name: str) -> Arrays | None:
-        """The arrays of a piece, None where it is not there or damaged. Zip's checksums tell."""
-        try:
-            with np.load(self.file(name), allow_pickle=False) as stored:
-                return {key: stored[key] for key in stored.files}
-        except (OSError, KeyError, *ZIP_ERRORS):
-            return None
-
     def has(self, name: str) -> bool:
         """Whether a piece was made before (it may yet turn out damaged)."""
         return self.file(name).is_file()
 
     def file(self, name: str) -> Path:
-        """Where a piece lies."""
         return self.path / f"{name}.npz"
 
     def close(self) -> None:
@@ -130,7 +123,6 @@ class WorkFolder:
             self._lock = None
 
     def remove(self) -> None:
-        """The bake is done: nothing of it stays."""
         self.close()
         discard(self.path)  # in one step: a helper may be writing a piece, and a folder that is not empty stays
 
@@ -144,14 +136,6 @@ class WorkFolder:
                     expected="the same command line in every process, with folders that all hosts share",
                 )  # fmt: skip
             time.sleep(0.2)
-
-    def _hold(self) -> int:
-        handle = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o644)
-        if try_lock(handle) is False:
-            os.close(handle)
-            raise UserError("another process is baking into this pack", where=self.path,
-                            remedy="wait for it, or choose another --out")  # fmt: skip
-        return handle
 
     def _refused(self, error: OSError) -> UserError:
         return UserError(f"its pieces cannot be written: {error.strerror or error}", where=self.path,

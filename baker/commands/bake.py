@@ -73,7 +73,6 @@ def snerg_bake(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
     return run_command(snerg_bake, prog="snerg-bake", description=DESCRIPTION, args=args)
 
 

@@ -65,11 +65,13 @@ def snerg_eval(
     if write_json(json, result):
         return
     lpips = "-" if result["lpips"] is None else f"{result['lpips']:.4f}"
+    grid = f"; {' x '.join(map(str, result['grid_size']))} voxels" if result["grid_size"] else ""
+    grid += ", fewer than the pack has" if result["halved"] else ""
     for view in result["views"]:
         print(one_line(f"{view['name']}: {_psnr(view)}, SSIM {view['ssim']:.4f}"))
     print(
         f"mean of {len(result['views'])} views at {result['width']} x {result['height']}: PSNR {_psnr(result)}, "
-        f"SSIM {result['ssim']:.4f}, LPIPS {lpips}" + (f"; {_grid(result)}" if result["grid_size"] else "")
+        f"SSIM {result['ssim']:.4f}, LPIPS {lpips}{grid}"
     )
 
 
@@ -77,14 +79,7 @@ def _psnr(scores: Mapping[str, Any]) -> str:
     return f"{scores['psnr']:.2f} dB ({scores['psnr_matched']:.2f} dB matched)"
 
 
-def _grid(result: Mapping[str, Any]) -> str:
-    """The resolution at which a pack was measured, in words."""
-    voxels = " x ".join(map(str, result["grid_size"])) + " voxels"
-    return f"{voxels}, fewer than the pack has" if result["halved"] else voxels
-
-
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
     return run_command(snerg_eval, prog="snerg-eval", description=DESCRIPTION, args=args)
 
 

@@ -87,9 +87,8 @@ def snerg_make(
         no_view: Do not open the viewer at the end.
     """
     if frames < FEWEST:
-        raise UserError(
-            "too few frames to find camera poses", where="--frames", expected=f"at least {FEWEST}", found=frames
-        )
+        expected = f"at least {FEWEST}"
+        raise UserError("too few frames to find camera poses", where="--frames", expected=expected, found=frames)
     if json is not None and not check:
         raise UserError("needs --check", where="--json")
     if check:
@@ -162,7 +161,6 @@ def _check(scene: Path, out: Path, frames: int, json: Path | None) -> None:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
     return run_command(snerg_make, prog="snerg-make", description=DESCRIPTION, args=args)
 
 

@@ -64,9 +64,8 @@ def check(pack: Path, /, json: Path | None = None, strict: bool = False) -> None
     broken = [f for f in findings if f.severity == "error" or (strict and f.severity == "warning")]
     if broken:
         sys.stdout.flush()
-        raise UserError(
-            f"breaks {len(broken)} rules ({', '.join(f.rule for f in broken)})", where=pack, remedy="bake it again"
-        )
+        rules = ", ".join(finding.rule for finding in broken)
+        raise UserError(f"breaks {len(broken)} rules ({rules})", where=pack, remedy="bake it again")
 
 
 def convert(
@@ -177,12 +176,10 @@ def _size(pack: Path, before: int) -> str:
 
 def _codec_of(pack: Pack, codec: str | None, quality: int | None) -> tuple[str, int | None]:
     """The codec and the quality to write an edited pack with: its own where nothing else is wanted."""
-    own = pack.params.get("format")
     settings = pack.metadata.get(SETTINGS)
-    if codec is None and quality is None and isinstance(settings, Mapping):
-        before = settings.get("quality")
-        quality = before if isinstance(before, int) and not isinstance(before, bool) else None
-    name = codec or (own if isinstance(own, str) and own else "png")
+    if codec is None and quality is None and isinstance(settings, Mapping) and type(settings.get("quality")) is int:
+        quality = settings["quality"]
+    name = codec or pack.params.get("format", "png")
     chosen_quality(codec_named(name, "--codec"), quality)  # now, not after the work is done
     return name, quality
 
@@ -214,9 +211,8 @@ def move(
         raise UserError("is not a direction", where="--up", found=up)
     point = None if origin is None else parse_point(origin, "--origin")
     if point is not None and max(map(abs, point)) > MOST_LENGTH:
-        raise UserError(
-            "is out of range", where="--origin", expected=f"at most {MOST_LENGTH:g} grid units away", found=origin
-        )
+        expected = f"at most {MOST_LENGTH:g} grid units away"
+        raise UserError("is out of range", where="--origin", expected=expected, found=origin)
     length = None if scale is None else _length(scale)
     if _is_same(out, pack):
         raise UserError("would replace the pack that is moved", where=out, remedy="choose another --out")
@@ -244,10 +240,8 @@ def move(
         moved = outline.with_metadata(**{MARKS: marks})
         copy_pack(reader.files, moved, out)
     where, upwards = (",".join(f"{value:.6g}" for value in vector) for vector in (placement.origin, placement.up))
-    unit = (
-        f"{np.cbrt(np.linalg.det(placed_T_grid(moved)[:3, :3])):.6g} {marks.get('scale', {}).get('unit', '')}".rstrip()
-    )
-    print(f"{out}: up is {upwards}, the origin is {where}, 1 grid unit is {unit}")
+    factor, unit = np.cbrt(np.linalg.det(placed_T_grid(moved)[:3, :3])), marks.get("scale", {}).get("unit", "")
+    print(f"{out}: up is {upwards}, the origin is {where}, 1 grid unit is {factor:.6g} {unit}".rstrip())
 
 
 def _length(text: str) -> tuple[float, str]:
@@ -258,9 +252,8 @@ def _length(text: str) -> tuple[float, str]:
     except ValueError:
         number = 0.0
     if not SCALES[0] <= number <= SCALES[1]:
-        raise UserError(
-            "is not a length", where="--scale", expected="a number and m, cm, mm, in, ft or nothing: 0.35m", found=text
-        )
+        expected = "a number and m, cm, mm, in, ft or nothing: 0.35m"
+        raise UserError("is not a length", where="--scale", expected=expected, found=text)
     return number, unit
 
 
@@ -310,9 +303,8 @@ def export(
     if to.suffix.lower() in PAGE_SUFFIXES or not to.suffix or to.is_dir():
         if kind is not None:
             raise UserError(f"cannot hold {kind}", where=to, expected="a web page", remedy="leave out --kind")
-        loaded = with_annotations(_read(pack), pack)
-        name = title or pack.resolve().stem
-        _export_page(loaded, to, PageContent(name, credits, path, box, pose, source=pack))
+        content = PageContent(title or pack.resolve().stem, credits, path, box, pose, source=pack)
+        _export_page(with_annotations(_read(pack), pack), to, content)
         return
     for option, value in (("--title", title), ("--credits", credits), ("--path", path), ("--pose", pose)):
         if value:
@@ -331,7 +323,7 @@ def export(
 def _export_page(pack: Pack, to: Path, content: PageContent) -> None:
     """As one file, or in a folder as several, index.html last: before, an older page stays whole."""
     one = to.suffix.lower() in PAGE_SUFFIXES and not to.is_dir()
-    check_results(*([to] if one else []), folder=None if one else to)
+    check_results(to if one else None, folder=None if one else to)
     with progress("exporting", 1) as bar:
         files = {to.name: scene_page(pack, content, bar.update)} if one else scene_files(pack, content, bar.update)
     for name, data in files.items():
@@ -385,13 +377,10 @@ def _read_all(reader: PackReader) -> Pack:
         return reader.read(lambda done, _total: bar.update(done))
 
 
-COMMANDS = {
-    "info": info, "check": check, "convert": convert, "edit": edit, "move": move, "export": export, "compare": compare,
-}  # fmt: skip
+COMMANDS = {each.__name__: each for each in (info, check, convert, edit, move, export, compare)}
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
     return run_command(COMMANDS, prog="snerg-pack", description=DESCRIPTION, args=args)
 
 

@@ -33,8 +33,7 @@ def snerg_report(
     if out.exists() and not out.is_dir():
         raise UserError("is a file", where=out, expected="a folder, or nothing yet")
     check_results(folder=out)
-    run = next(iter(subjects), None)
-    if run is None:
+    if (run := next(iter(subjects), None)) is None:
         raise UserError("needs a run, or the reports of several scenes", where="snerg-report")
     if len(subjects) > 1 or (run / "report.json").is_file():
         _side_by_side(subjects, out)
@@ -47,7 +46,6 @@ def snerg_report(
 
 
 def _side_by_side(folders: Sequence[Path], out: Path) -> None:
-    """The reports of several scenes as one."""
     from baker.reports.pages import scenes_text
     from baker.reports.scenes import read_report, scenes_document
 
@@ -60,7 +58,6 @@ def _side_by_side(folders: Sequence[Path], out: Path) -> None:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
     return run_command(snerg_report, prog="snerg-report", description=DESCRIPTION, args=args)
 
 

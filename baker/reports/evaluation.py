@@ -1,17 +1,16 @@
 """How well a run or a pack shows photographs: PSNR, SSIM, LPIPS per view (docs/commands.md, snerg-eval).
 
 Where a scene goes on beyond the box that was trained, the paper masks photographs and pictures by the opacity of its own
-pictures (appendix C.2), since otherwise what lies outside of the box would decide: `by_alpha`. Several
-methods are compared on the same pixels where all take the mask of one of them: `mask_of`.
+pictures (appendix C.2): `by_alpha`. Several methods are compared on the same pixels where all take the mask of one: `mask_of`.
 
-A photograph that is held out has an exposure of its own, which nothing that was trained can know. So there is a second figure,
-psnr_matched, of pictures whose colours were matched to the photograph first (baker.metrics.colours_matched). All others
-compare what is shown as it is.
+A photograph that is held out has an exposure of its own, which nothing that was trained can know. So psnr_matched is of pictures
+whose colours were matched to the photograph first (baker.metrics.colours_matched).
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,6 +19,7 @@ from PIL import Image
 
 from baker import metrics
 from baker.lpips import lpips
+from baker.reports.scenes import mean
 from console import UserError, progress
 from console.atomic import replacing
 from scenepack import load_pack
@@ -30,23 +30,19 @@ from training.scenes.pictures import over_background
 from training.scenes.scene import shown_pixels
 from training.scenes.scene_options import recorded_options
 
-# a camera's picture, float32 [H, W, 3], or ("alpha") its opacity, float32 [H, W]
-Shown = Callable[[Camera, Literal["normal", "alpha"]], np.ndarray]
-
-
+Mode = Literal["normal", "alpha"]
+Shown = Callable[[Camera, Mode], np.ndarray]  # a camera's picture, float32 [H, W, 3], or its opacity, float32 [H, W]
 SEEN = 0.5  # opacity: a pixel that shows more of the subject than of the background
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A subject that is drawn by `show`. Of a pack: grid_size, its voxels (x, y, z) as drawn; halved: fewer than it has.
-    bytes: of a grid that is drawn without a pack.
-    """
+    """A subject that is drawn by `show`."""
 
     show: Shown
-    grid_size: tuple[int, int, int] | None = None
-    halved: bool = False
-    bytes: int | None = None
+    grid_size: tuple[int, int, int] | None = None  # of a pack: its voxels (x, y, z) as drawn
+    halved: bool = False  # these are fewer than it has
+    bytes: int | None = None  # of a grid that is drawn without a pack
 
 
 def evaluate(
@@ -61,10 +57,9 @@ def evaluate(
 ) -> dict[str, Any]:
     """The JSON of snerg-eval for a run (its folder, or loaded), a pack, or what is drawn some other way.
 
-    images: folder for pictures beside their photographs.
-
-    by_alpha: both are shown over the background wherever the subject is transparent; mask_of: wherever this other run or
-    pack is. allow_half: a pack that does not fit on the graphics card is drawn at half its resolution.
+    images: folder for pictures beside their photographs. by_alpha: both are shown over the background wherever the subject is
+    transparent; mask_of: wherever this other run or pack is. allow_half: a pack that does not fit on the graphics card is drawn
+    at half its resolution.
 
     UserError where the subject is neither, it does not fit, or the split has no photographs.
     """
@@ -82,16 +77,14 @@ def evaluate(
             if by_alpha or mask_of is not None:
                 opacity = mask.show(photograph.camera, "alpha")[..., None]
                 seen &= opacity[..., 0] > SEEN
-                picture, truth = (
-                    over_background(np.concatenate([shown, opacity], -1), scene.background)
-                    for shown in (picture, truth)
-                )
+                both = (np.concatenate([shown, opacity], -1) for shown in (picture, truth))
+                picture, truth = (over_background(shown, scene.background) for shown in both)
             scores.append(score(photograph, picture, truth, seen))
             if images is not None:
                 save_comparison(images / f"{name}.png", picture, truth)
             bar.advance(metrics={"psnr": float(np.mean([each["psnr"] for each in scores]))})
     return {
-        **{key: _mean([each[key] for each in scores]) for key in ("psnr", "psnr_matched", "ssim", "lpips")},
+        **{key: mean([each[key] for each in scores]) for key in ("psnr", "psnr_matched", "ssim", "lpips")},
         "views": scores,
         "width": photographs[0].camera.width,
         "height": photographs[0].camera.height,
@@ -103,8 +96,7 @@ def evaluate(
 
 def photographs_of(scene: Scene, split: str) -> tuple[Photograph, ...]:
     """The photographs of a split. UserError where it has none."""
-    photographs = scene.splits.get(split, ())
-    if not photographs:
+    if not (photographs := scene.splits.get(split, ())):
         raise UserError("no photographs in this split", where="--split", expected=", ".join(scene.splits), found=split)
     return photographs
 
@@ -138,35 +130,29 @@ def shown_by(subject: Path | Run | Drawn, allow_half: bool = False, photographs:
         moved = not Path(read_description(subject).scene).exists()
         subject = load_run(subject, scene_path=photographs if moved else None)
     if not isinstance(subject, Path):
-        yield Drawn(_field_pictures(subject)) if isinstance(subject, Run) else subject
+        yield Drawn(partial(_field_picture, subject)) if isinstance(subject, Run) else subject
         return
     from viewer.rendering.offscreen import OffscreenRenderer
 
     pack = load_pack(subject)
     with OffscreenRenderer(pack, allow_half=allow_half) as renderer:
         drawn = renderer.pack.grid_size
-        yield Drawn(_pack_pictures(pack, renderer), drawn, drawn != pack.grid_size)
+        yield Drawn(partial(_pack_picture, pack, renderer), drawn, drawn != pack.grid_size)
 
 
-def _field_pictures(run: Run) -> Shown:
-    def show(camera: Camera, mode: Literal["normal", "alpha"]) -> np.ndarray:
-        output = run.method.render(run.state, run.dataset.view_rays(camera))
-        shown = np.asarray(output.rgb if mode == "normal" else output.alpha)
-        return np.clip(shown, 0, 1).reshape(camera.height, camera.width, *shown.shape[1:])
-
-    return show
+def _field_picture(run: Run, camera: Camera, mode: Mode) -> np.ndarray:
+    output = run.method.render(run.state, run.dataset.view_rays(camera))
+    shown = np.asarray(output.rgb if mode == "normal" else output.alpha)
+    return np.clip(shown, 0, 1).reshape(camera.height, camera.width, *shown.shape[1:])
 
 
-def _pack_pictures(pack: Pack, renderer: Any) -> Shown:
+def _pack_picture(pack: Pack, renderer: Any, camera: Camera, mode: Mode) -> np.ndarray:
     from viewer.rendering.camera import ViewCamera
     from viewer.rendering.settings import RenderSettings
 
-    def show(camera: Camera, mode: Literal["normal", "alpha"]) -> np.ndarray:
-        view = ViewCamera.from_scene_camera(pack, camera)
-        shown = renderer.render(view, RenderSettings(mode=mode)).astype(np.float32) / 255
-        return shown if mode == "normal" else shown[..., 0]
-
-    return show
+    view = ViewCamera.from_scene_camera(pack, camera)
+    shown = renderer.render(view, RenderSettings(mode=mode)).astype(np.float32) / 255
+    return shown if mode == "normal" else shown[..., 0]
 
 
 def save_comparison(path: Path, picture: np.ndarray, truth: np.ndarray) -> None:
@@ -175,8 +161,3 @@ def save_comparison(path: Path, picture: np.ndarray, truth: np.ndarray) -> None:
     row = np.concatenate([picture, truth, np.clip(5 * np.abs(picture - truth), 0, 1)], axis=1)
     with replacing(path) as new:
         Image.fromarray(np.round(255 * row).astype(np.uint8)).save(new, format="PNG")
-
-
-def _mean(values: list[float | None]) -> float | None:
-    known = [v for v in values if v is not None]
-    return float(np.mean(known)) if len(known) == len(values) else None

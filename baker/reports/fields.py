@@ -17,6 +17,7 @@ ROW_OF_VIEW = {"nerf": "jaxnerf-plus", "tiny": "tinyview", "deferred": "deferred
 SIZES = ("depth", "width", "coarse_samples", "fine_samples")
 PAPER_STEPS = PRESETS["paper"].steps
 OWN = "field"  # the row of a field that the paper has not
+OWN_NAMES = {"nerf": "NeRF", "tiny": "NeRF, tiny view MLP", "deferred": "deferred NeRF", "none": "diffuse NeRF"}
 
 
 def row_of(config: TrainConfig, large: NerfConfig = LARGE) -> str:
@@ -44,32 +45,22 @@ def row_of_run(config: TrainConfig) -> str:
 
 def _small(large: NerfConfig) -> NerfConfig:
     """JAXNeRF's size beside JAXNeRF+'s."""
-    return replace(
-        large, width=large.width // 2, coarse_samples=large.coarse_samples // 3, fine_samples=large.fine_samples // 3
-    )
+    coarse, fine = large.coarse_samples // 3, large.fine_samples // 3
+    return replace(large, width=large.width // 2, coarse_samples=coarse, fine_samples=fine)
 
 
 def label_of(config: TrainConfig, step: int) -> str:
     """The name of a field in a table, and how long it was trained."""
-    row = row_of(config)
+    row, nerf, short = row_of(config), config.nerf, f", {step:,} steps"
     if row != OWN:
         name = NAMES[row]
         short = f", {step:,} of the paper's {PAPER_STEPS:,} steps" if step < PAPER_STEPS else ""
+    elif config.method == "multires":
+        name = "multi-resolution field"
     else:
-        name = _own_name(config)
-        short = f", {step:,} steps"
+        name = f"{OWN_NAMES[nerf.view]} of width {nerf.width}, {nerf.coarse_samples} + {nerf.fine_samples} samples"
     loss = ", no sparsity loss" if config.sparsity_weight == 0 and row in (OWN, "deferred", "diffuse") else ""
     return f"{name}{short}{loss}"
-
-
-def _own_name(config: TrainConfig) -> str:
-    if config.method == "multires":
-        return "multi-resolution field"
-    nerf = config.nerf
-    kind = {"nerf": "NeRF", "tiny": "NeRF, tiny view MLP", "deferred": "deferred NeRF", "none": "diffuse NeRF"}[
-        nerf.view
-    ]
-    return f"{kind} of width {nerf.width}, {nerf.coarse_samples} + {nerf.fine_samples} samples"
 
 
 def _as_large_as(nerf: NerfConfig, other: NerfConfig) -> bool:
@@ -105,7 +96,6 @@ def _training(run: Run, preset: str) -> list[str]:
 
 
 def _reading(run: Run) -> list[str]:
-    """How the photographs are read, as options of snerg-train."""
     options, words = run.options, []
     if options.downscale != 1:
         words += ["--downscale", str(options.downscale)]

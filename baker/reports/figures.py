@@ -1,8 +1,7 @@
 """Pictures of a report: the paper's figures of quality, and plots of the tables.
 
-A figure is the same crop of several pictures and the photograph, side by side, PSNR below each. Of the view that differs most
-between the first and the last picture, it shows the square whose differences are largest: where there is something to see.
-Pictures are those that scoring left in the report's folder.
+A figure is the same crop of several pictures and the photograph, side by side, PSNR below each: of the view that differs most
+between the first and the last picture, the square whose differences are largest. Scoring left the pictures.
 
 A cross-section is a plane of voxels across one axis of the OpenGL grid frame (y up), as in the figure on the sparsity loss. Rows
 go from top to bottom, columns from left to right: across x (y up, z to the right), across y a plan (z down, x to the right),
@@ -37,9 +36,6 @@ SHORT = {
 }  # fmt: skip
 
 
-Panel = tuple[np.ndarray, str]  # a picture [H, W, 3], uint8, and what is said of it
-
-
 def draw_figure(
     study: Study, rows: Sequence[Mapping[str, Any]], names: Sequence[str], path: Path
 ) -> dict[str, Any] | None:
@@ -55,23 +51,21 @@ def draw_figure(
     view = max(range(len(views)), key=lambda i: abs(shown[0]["views"][views[i]] - shown[-1]["views"][views[i]]))
     pairs = [_pictures(study.out / row["pictures"] / f"{picture_stems(study.photographs)[view]}.png") for row in shown]
     box = _most_different(pairs[0][0], pairs[-1][0], pairs[0][1])
-    panels, labels = list[Panel](), []
-    for row, (picture, _) in zip(shown, pairs, strict=True):
-        psnr = row["views"][views[view]]
-        label = SHORT.get(row["row"]) or str(row["label"])
-        panels.append((picture, f"{label} ({psnr:.2f} dB)"))
-        labels.append({"row": row["row"], "label": label, "psnr": psnr})
-    panels.append((pairs[0][1], "photograph"))
-    draw_panels(panels, box, path)
+    labels = [
+        {"row": row["row"], "label": SHORT.get(row["row"]) or str(row["label"]), "psnr": row["views"][views[view]]}
+        for row in shown
+    ]
+    captions = [f"{each['label']} ({each['psnr']:.2f} dB)" for each in labels]
+    panels = [(picture, caption) for (picture, _), caption in zip(pairs, captions, strict=True)]
+    draw_panels([*panels, (pairs[0][1], "photograph")], box, path)
     return {"picture": path.name, "view": views[view], "box": list(box), "panels": labels}
 
 
 def _pictures(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """The picture and the photograph of a comparison that baker.reports.evaluation wrote; see save_comparison."""
     with Image.open(path, formats=["PNG"]) as opened:
-        whole = np.asarray(opened.convert("RGB"))
-    width = whole.shape[1] // 3
-    return whole[:, :width], whole[:, width : 2 * width]
+        picture, photograph, _ = np.split(np.asarray(opened.convert("RGB")), 3, axis=1)
+    return picture, photograph
 
 
 def _most_different(first: np.ndarray, last: np.ndarray, photograph: np.ndarray) -> tuple[int, int, int]:
@@ -86,18 +80,17 @@ def _most_different(first: np.ndarray, last: np.ndarray, photograph: np.ndarray)
     return int(left), int(top), side
 
 
-def draw_panels(panels: Sequence[Panel], box: tuple[int, int, int], path: Path) -> None:
-    """A row of panels: the crop, whole pixels enlarged; the whole picture above, with the crop's frame."""
+def draw_panels(panels: Sequence[tuple[np.ndarray, str]], box: tuple[int, int, int], path: Path) -> None:
+    """A row of pictures (uint8 [H, W, 3]) with captions: the crop, whole pixels enlarged; above, all with the crop's frame."""
     left, top, side = box
     height, width = panels[0][0].shape[:2]
     small = PANEL, round(PANEL * height / width)
+    resampling = Image.Resampling.BOX if width > PANEL else Image.Resampling.NEAREST
     sheet = Image.new("RGB", (GAP + len(panels) * (PANEL + GAP), small[1] + PANEL + 3 * GAP + CAPTION), PAPER)
     pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(12)
     for i, (pixels, caption) in enumerate(panels):
         x, picture = GAP + i * (PANEL + GAP), Image.fromarray(np.ascontiguousarray(pixels))
-        sheet.paste(
-            picture.resize(small, Image.Resampling.BOX if width > PANEL else Image.Resampling.NEAREST), (x, GAP)
-        )
+        sheet.paste(picture.resize(small, resampling), (x, GAP))
         scale = PANEL / width
         frame = [x + left * scale, GAP + top * scale, x + (left + side) * scale, GAP + (top + side) * scale]
         pen.rectangle([round(edge) for edge in frame], outline=(207, 74, 34))
@@ -120,7 +113,10 @@ def draw_report_plots(out: Path, tables: Mapping[str, Mapping[str, Any]]) -> Non
     if "resolution" in tables:
         _draw_resolution(out / "resolution.png", tables["resolution"]["rows"])
     if "storage" in tables:
-        _draw_storage(out / "storage.png", tables["storage"]["rows"])
+        measured = [{**row, "mb": row["bytes"] / 1e6} for row in tables["storage"]["rows"] if row.get("codec")]
+        names = dict.fromkeys(row["codec"] for row in measured)
+        lines = [_over([r for r in measured if r["codec"] == n], "mb", n, lambda r: r["psnr"]) for n in names]
+        draw_plots(out / "storage.png", [Plot(lines, "Quality and size, by codec", "MB on disk", "PSNR (dB)", "data")])
     if "sparsity" in tables:
         lines = []
         for row in tables["sparsity"]["rows"]:
@@ -152,13 +148,6 @@ def _draw_resolution(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     draw_plots(path, plots, (720, 270))
 
 
-def _draw_storage(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    measured = [{**row, "mb": row["bytes"] / 1e6} for row in rows if row.get("codec")]
-    names = dict.fromkeys(row["codec"] for row in measured)
-    lines = [_over([r for r in measured if r["codec"] == n], "mb", n, lambda r: r["psnr"]) for n in names]
-    draw_plots(path, [Plot(lines, "Quality and size, by codec", "MB on disk", "PSNR (dB)", "data")])
-
-
 def _over(rows: Iterable[Mapping[str, Any]], key: str, label: str, value: Callable[[Any], float]) -> Line:
     points = sorted((float(row[key]), float(value(row))) for row in rows)
     return Line(label, [x for x, _ in points], [y for _, y in points], marked=True)
@@ -175,16 +164,13 @@ LAYOUT = {0: (1, 2, True), 1: (2, 0, False), 2: (1, 0, True)}
 
 @dataclass(frozen=True)
 class Section:
-    """rgba: uint8 [rows, columns, 4], premultiplied. stored: bool [rows, columns], in an occupied macroblock.
+    """A plane of voxels."""
 
-    low, high: world coordinates of the plane's edges, (down-axis, across-axis). upward: rows run from high to low.
-    """
-
-    rgba: np.ndarray
-    stored: np.ndarray
-    low: np.ndarray
+    rgba: np.ndarray  # uint8 [rows, columns, 4], premultiplied
+    stored: np.ndarray  # bool [rows, columns]: in an occupied macroblock
+    low: np.ndarray  # world coordinates of the plane's edges, (down-axis, across-axis)
     high: np.ndarray
-    upward: bool
+    upward: bool  # rows run from high to low
 
 
 def section(pack: Pack, axis: int, at: float) -> Section:
@@ -208,12 +194,8 @@ def section(pack: Pack, axis: int, at: float) -> Section:
 
 def shares(cut: Section) -> dict[str, float]:
     """Of the plane's voxels: how many are opaque (alpha of 128 or more), have any alpha, lie in stored macroblocks."""
-    alpha = cut.rgba[..., 3]
-    return {
-        "opaque": float((alpha >= OPAQUE).mean()),
-        "with_alpha": float((alpha > 0).mean()),
-        "stored": float(cut.stored.mean()),
-    }
+    held = {"opaque": cut.rgba[..., 3] >= OPAQUE, "with_alpha": cut.rgba[..., 3] > 0, "stored": cut.stored}
+    return {name: float(where.mean()) for name, where in held.items()}
 
 
 def opacity_picture(rgba: np.ndarray, stored: np.ndarray) -> np.ndarray:

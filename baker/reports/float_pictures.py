@@ -3,7 +3,7 @@
 # pyright: reportCallIssue=false
 
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from baker.baking.grid import FloatGrid
-from baker.reports.evaluation import Drawn
+from baker.reports.evaluation import Drawn, Mode
 from baker.tuning.marcher import LISTED, MAX_ALPHA, PackMarcher, list_samples, pack_rays
 from baker.tuning.shading import Accumulated, over_background, shown
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
@@ -26,7 +26,7 @@ def float_pictures(floats: FloatGrid, run: Run) -> Drawn:
     head, dataset, marcher = run.method.view_mlp(run.state), run.dataset, PackMarcher(floats.pack, no_rays)
     march = partial(accumulate_floats, floats.rows.ravel(), floats.values)
 
-    def show(camera: Camera, mode: Literal["normal", "alpha"]) -> np.ndarray:
+    def show(camera: Camera, mode: Mode) -> np.ndarray:
         rays = dataset.view_rays(camera)
         view: Any = ViewRays(rays)
         marcher.rays = pack_rays(floats.pack, view)

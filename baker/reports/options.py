@@ -65,21 +65,18 @@ class ReportOptions:
     def check(self) -> None:
         """UserError for what makes no sense, before anything is read."""
         _ = self.qualities, self.sides, self.pixels, self.overrides
-        if self.tables is not None:
-            _chosen(self.tables, TABLES, "--tables")
-        if self.nominal_watts is not None and not self.nominal_watts > 0:
-            raise UserError(
-                "is no power", where="--nominal-watts", expected="watts, more than 0", found=self.nominal_watts
-            )
+        self.tables_of("synthetic")
+        watts = self.nominal_watts
+        if watts is not None and not watts > 0:
+            raise UserError("is no power", where="--nominal-watts", expected="watts, more than 0", found=watts)
         if self.frames < 1 or self.views < 0 or (self.resolution is not None and self.resolution < 1):
             raise UserError("is too small", where="--resolution, --frames or --views")
         given_distance(self.distance)
 
     def tables_of(self, kind: str) -> list[str]:
         """Which tables to make of a scene of this kind (baker.reports.paper_figures.Kind)."""
-        if self.tables is not None:
-            return _chosen(self.tables, TABLES, "--tables")
-        return [name for name in TABLES if name != "real" or kind != "synthetic"]
+        default = ",".join(name for name in TABLES if name != "real" or kind != "synthetic")
+        return _chosen(default if self.tables is None else self.tables, TABLES, "--tables")
 
     @property
     def qualities(self) -> list[Quality]:

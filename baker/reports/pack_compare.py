@@ -4,7 +4,6 @@ Needs neither JAX nor photographs. Cameras go once around the first pack's conte
 for forward-facing packs), in the OpenGL grid frame that both packs are taken to share.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,9 @@ import numpy as np
 
 from baker import metrics
 from console import UserError, progress
-from scenepack import Pack, load_pack
+from scenepack import load_pack
 from scenepack.files import stored_bytes
-from viewer.rendering.camera import ViewCamera, orbit_path
+from viewer.rendering.camera import orbit_path
 from viewer.rendering.offscreen import OffscreenRenderer
 
 
@@ -29,8 +28,13 @@ def compare_packs(first: Path, second: Path, views: int, size: tuple[int, int]) 
     if packs[0].ndc != packs[1].ndc:
         raise UserError("only one of the packs is forward-facing (NDC)", where=first if packs[0].ndc else second)
     cameras = orbit_path(packs[0], views, size=size)
+    pictures: list[list[np.ndarray]] = [[], []]
     with progress("comparing", 2 * views) as bar:
-        pictures = [_pictures(pack, cameras, bar.advance) for pack in packs]
+        for pack, drawn in zip(packs, pictures, strict=True):
+            with OffscreenRenderer(pack) as renderer:
+                for camera in cameras:
+                    drawn.append(renderer.render(camera))
+                    bar.advance()
     rows = [{"name": f"view {i}", **difference(a, b)} for i, (a, b) in enumerate(zip(*pictures, strict=True))]
     return {
         **{
@@ -51,12 +55,3 @@ def difference(a: np.ndarray, b: np.ndarray) -> dict[str, Any]:
     x, y = a.astype(np.float32) / 255, b.astype(np.float32) / 255
     ssim = metrics.ssim(x, y) if min(a.shape[:2]) >= metrics.WINDOW else None
     return {"psnr": metrics.psnr(x, y), "ssim": ssim, "worst": int(np.abs(a.astype(int) - b).max())}
-
-
-def _pictures(pack: Pack, cameras: Sequence[ViewCamera], advance: Any) -> list[np.ndarray]:
-    pictures = []
-    with OffscreenRenderer(pack) as renderer:
-        for camera in cameras:
-            pictures.append(renderer.render(camera))
-            advance()
-    return pictures

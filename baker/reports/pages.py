@@ -99,8 +99,7 @@ def scenes_tables(document: Mapping[str, Any], heading: str) -> list[str]:
         "Rows in *italics* are the paper's own figures, of the same scenes. A mean is given where every scene has the figure."
     ]
     for table, key, title, digits, unit in COLUMNS:
-        made = document["tables"].get(f"{table} {key}")
-        if made is None:
+        if (made := document["tables"].get(f"{table} {key}")) is None:
             continue
         scenes, cells = made["scenes"], []
         for row in made["rows"]:
@@ -108,9 +107,8 @@ def scenes_tables(document: Mapping[str, Any], heading: str) -> list[str]:
             cells.append([row["label"], *(_number(value, digits, unit) for value in values)])
             if any(value is not None for value in row["paper"].values()):
                 values = [row["paper_mean"], *(row["paper"][scene] for scene in scenes)]
-                cells.append(
-                    [f"*{row['label']}, the paper*", *(_italic(_number(value, digits, unit)) for value in values)]
-                )
+                numbers = (_italic(_number(value, digits, unit)) for value in values)
+                cells.append([f"*{row['label']}, the paper*", *numbers])
         lines += ["", f"{heading} {title}", "", *_markdown(["", "mean", *scenes], cells)]
     return lines
 
@@ -134,25 +132,20 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
 
     columns = [LABEL, *SCORES, ("against the field (dB)", gap), MB, ("time", _took), *PAPER, RELEASE]
     own = NO_SUCH_FIELD if table["field"].startswith(("multi-resolution field", "voxel field")) else ""
-    means = [
-        str(row["label"]).split(":")[0]
-        for row in rows
-        if row.get("paper") and row["row"] in paper_figures.QUALITY_MEANS
-    ]
+    printed = [row for row in rows if row.get("paper") and row["row"] in paper_figures.QUALITY_MEANS]
+    means = ", ".join(str(row["label"]).split(":")[0] for row in printed)
     lines = [
         f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. {own}".strip(), "",
         *_table(rows, *columns), "",
         "SNeRG rows are baked as the paper writes (`snerg-bake --preset paper`), ours by default settings. Time is of training "
         "for fields, of baking for packs."
-        + (f" The paper prints {', '.join(means)} as means over its synthetic scenes only." if means else ""),
+        + (f" The paper prints {means} as means over its synthetic scenes only." if means else ""),
         *_to_fill(rows),
     ]  # fmt: skip
     for name, figure in table.get(FIGURES_NAME, {}).items():
         lines += ["", f"![{name}: {figure['view']}]({figure['picture']})", ""]
-        lines.append(
-            f"View {figure['view']}, and a crop of it where the first and the last picture differ most. PSNR of the whole view "
-            "in brackets."
-        )
+        lines.append(f"View {figure['view']}, and a crop of it where the first and the last picture differ most. PSNR of the "
+                     "whole view in brackets.")  # fmt: skip
     return lines
 
 
@@ -241,11 +234,10 @@ def _real(table: Table, about: Mapping[str, Any]) -> list[str]:
 
     headings = ("masked: PSNR", "SSIM", "LPIPS")
     columns = [LABEL, *SCORES, *(masked(heading, cell) for heading, (_, cell) in zip(headings, SCORES, strict=True))]
-    figures = "masked" if table["paper_is_masked"] else "of whole pictures"
     return [
         f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. Masked: photographs and "
         "pictures of all rows are compared where the paper's bake is opaque, as the paper does for 360° scenes. Its own "
-        f"figures here are {figures}.",
+        f"figures here are {'masked' if table['paper_is_masked'] else 'of whole pictures'}.",
         "", *_table(table["rows"], *columns, *PAPER, RELEASE), *_to_fill(table["rows"]),
     ]  # fmt: skip
 

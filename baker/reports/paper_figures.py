@@ -43,7 +43,6 @@ NAMES: Mapping[str, str] = {
 
 
 def kind_of(scene: Scene) -> Kind:
-    """To which of the paper's kinds of scenes one belongs."""
     return "forward" if scene.ndc else "synthetic" if scene.kind == "blender" else "real360"
 
 

@@ -26,8 +26,7 @@ from baker.reports.options import ReportOptions
 from baker.reports.pages import FIGURES_NAME, report_text
 from baker.reports.paper_figures import NAMES, whose
 from baker.reports.report_cache import Study, read_note
-from console import UserError
-from console.atomic import write_file
+from console import UserError, write_json, write_result
 from training.run import Run, load_run, read_description
 
 
@@ -54,8 +53,8 @@ def write_tables(study: Study, chosen: Sequence[str]) -> None:
         document["tables"][name] = made
         study.out.mkdir(parents=True, exist_ok=True)  # now: what follows may take an hour
         draw_report_plots(study.out, document["tables"])
-        write_file(study.out / "report.json", json.dumps(document, indent=2) + "\n")
-        write_file(study.out / "report.md", report_text(document))
+        write_json(study.out / "report.json", document)
+        write_result(study.out / "report.md", report_text(document))
         print(f"{name}: in {study.out / 'report.md'}", flush=True)
 
 

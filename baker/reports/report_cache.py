@@ -18,7 +18,7 @@ from baker.reports.evaluation import Drawn, evaluate
 from baker.reports.float_pictures import float_pictures
 from baker.reports.options import ReportOptions
 from baker.reports.paper_figures import Kind, kind_of
-from console.atomic import write_file
+from console import write_json
 from training.run import Run, load_run
 from training.scenes import Photograph, Scene
 
@@ -40,13 +40,10 @@ class Study:
     """A run, what it is compared with, and what was made of it so far."""
 
     run: Run
-    scene: Scene
-    """With the photographs that count."""
+    scene: Scene  # with the photographs that count
     options: ReportOptions
-    resolution: int
-    """Of its packs where a table does not say otherwise."""
-    baselines: Mapping[str, Path] = field(default_factory=dict)
-    """Folders of further runs, by the row of the paper that they are."""
+    resolution: int  # of its packs where a table does not say otherwise
+    baselines: Mapping[str, Path] = field(default_factory=dict)  # folders of further runs, by the row of the paper
 
     @property
     def out(self) -> Path:
@@ -59,12 +56,10 @@ class Study:
 
     @property
     def kind(self) -> Kind:
-        """To which of the paper's kinds of scenes this one belongs."""
         return kind_of(self.scene)
 
     @property
     def name(self) -> str:
-        """The scene's, by its folder."""
         return self.scene.path.resolve().name
 
     @property
@@ -79,7 +74,6 @@ class Study:
         return None if against is None else load_run(against, scene_path=self.scene.path)
 
     def config(self, preset: BakePreset, **changes: Any) -> BakeConfig:
-        """How a pack of this report is baked."""
         return BakeConfig(**{"resolution": self.resolution, "preset": preset, **self.options.overrides, **changes})
 
     def baked(self, preset: BakePreset, run: Run | None = None, **changes: Any) -> Baked:
@@ -95,9 +89,8 @@ class Study:
         if kept.get("key") == json.loads(json.dumps(key)) and pack.is_dir() and isinstance(kept.get("seconds"), dict):
             return Baked(name, pack, key, kept["seconds"])
         note.unlink(missing_ok=True)  # first, so that no note ever tells of another pack
-        note.parent.mkdir(parents=True, exist_ok=True)
         seconds = bake_to(run, config, pack)
-        write_file(note, json.dumps({"key": key, "seconds": seconds}, indent=2) + "\n")
+        write_json(note, {"key": key, "seconds": seconds})
         return Baked(name, pack, key, seconds)
 
     def score(self, baked: Baked, mask_of: Baked | None = None) -> Score:
@@ -115,9 +108,8 @@ class Study:
         """The same of the paper's bake before it is quantised, and `bytes`, of its atlas."""
         config = self.config("paper")
         key = work_key(self.run, config) | {"floats": True}
-        return self._scored(
-            f"float-{config.resolution}", key, lambda: float_pictures(bake_floats(self.run, config), self.run)
-        )
+        name = f"float-{config.resolution}"
+        return self._scored(name, key, lambda: float_pictures(bake_floats(self.run, config), self.run))
 
     def _scored(
         self, name: str, key: Mapping[str, Any], make: Callable[[], Path | Run | Drawn], mask_of: Baked | None = None
@@ -130,17 +122,15 @@ class Study:
         kept = read_note(note)
         if kept.get("of") == json.loads(json.dumps(about)) and isinstance(kept.get("score"), dict):
             return kept["score"]
-        images = self.out / "pictures" / name
+        images, subject = f"pictures/{name}", make()
         mask = None if mask_of is None else mask_of.path
-        subject = make()
-        scores = evaluate(subject, self.scene, self.options.split, images, mask_of=mask)
+        scores = evaluate(subject, self.scene, self.options.split, self.out / images, mask_of=mask)
         psnr_of = {view["name"]: view["psnr"] for view in scores["views"]}
         score = {**{metric: scores[metric] for metric in ("psnr", "ssim", "lpips")}, "views": psnr_of}
         if isinstance(subject, Drawn):
             score["bytes"] = subject.bytes
-        score["pictures"] = f"pictures/{name}"
-        note.parent.mkdir(parents=True, exist_ok=True)
-        write_file(note, json.dumps({"of": about, "score": score}, indent=2) + "\n")
+        score["pictures"] = images
+        write_json(note, {"of": about, "score": score})
         return score
 
 

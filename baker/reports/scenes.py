@@ -47,11 +47,9 @@ def scenes_document(reports: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         raise UserError("two reports are of one scene", where="snerg-report", expected="one of each scene", found=twice)
     tables: dict[str, Table] = {}
     for table, key, *_ in COLUMNS:
-        held = {r["about"]["name"]: r for r in reports if table in r["tables"]}
-        if held:
+        if held := {r["about"]["name"]: r for r in reports if table in r["tables"]}:
             tables[f"{table} {key}"] = {"rows": _rows(held, table, key), "scenes": list(held)}
-    abouts = [dict(report["about"]) for report in reports]
-    return {"about": {"scenes": abouts}, "tables": tables}
+    return {"about": {"scenes": [dict(report["about"]) for report in reports]}, "tables": tables}
 
 
 def _rows(reports: Mapping[str, Mapping[str, Any]], table: str, key: str) -> list[dict[str, Any]]:
@@ -64,7 +62,8 @@ def _rows(reports: Mapping[str, Mapping[str, Any]], table: str, key: str) -> lis
             values[scene] = found.get(key)
             paper[scene] = _printed(report["about"]["kind"], scene, table, name, key)
         rows.append({
-            "row": name, "label": label, "values": values, "mean": _mean(values), "paper": paper, "paper_mean": _mean(paper),
+            "row": name, "label": label, "values": values, "mean": mean(list(values.values())), "paper": paper,
+            "paper_mean": mean(list(paper.values())),
         })  # fmt: skip
     return rows
 
@@ -96,6 +95,7 @@ def _printed(kind: paper_figures.Kind, scene: str, table: str, row: str, key: st
     return printed.get("ms") if key == "ms_mean" else None if gigabytes is None else 1e9 * gigabytes
 
 
-def _mean(values: Mapping[str, float | None]) -> float | None:
-    known = [value for value in values.values() if value is not None]
+def mean(values: Sequence[float | None]) -> float | None:
+    """None where one is not known."""
+    known = [value for value in values if value is not None]
     return float(np.mean(known)) if known and len(known) == len(values) else None

@@ -73,7 +73,6 @@ def measured(
 
 
 Row = dict[str, Any]
-AXES = "xyz"
 BEFORE = ("jaxnerf-plus", "jaxnerf", "tinyview", "deferred")  # rows above the baked ones, as in the paper
 SNERG = {
     "float": "SNeRG (float): baked, not yet quantised",
@@ -91,14 +90,15 @@ OURS: Mapping[Quality, str] = {
 
 def quality_table(study: Study) -> dict[str, Any]:
     """Table 2: from trained fields to what is shown."""
-    rows = [field_row(study, name) for name in (*BEFORE, *own_row(study))]
-    rows.append(_beside(study, {"row": "float", "label": SNERG["float"], **study.score_floats()}))
-    rows.append(_baked_row(study, "8-bit", SNERG["8-bit"], study.baked("paper", quality="draft")))
-    rows.append(_baked_row(study, "snerg", SNERG["snerg"], study.baked("paper")))
-    rows.append(no_sparsity_row(study))
-    for own in study.options.qualities:
-        rows.append(_baked_row(study, f"ours-{own}", OURS[own], study.baked("snerg", quality=own)))
-    rows.append(field_row(study, "diffuse"))
+    rows = [
+        *(field_row(study, name) for name in (*BEFORE, *own_row(study))),
+        _beside(study, {"row": "float", "label": SNERG["float"], **study.score_floats()}),
+        _baked_row(study, "8-bit", SNERG["8-bit"], study.baked("paper", quality="draft")),
+        _baked_row(study, "snerg", SNERG["snerg"], study.baked("paper")),
+        no_sparsity_row(study),
+        *(_baked_row(study, f"ours-{own}", OURS[own], study.baked("snerg", quality=own)) for own in study.options.qualities),
+        field_row(study, "diffuse"),
+    ]  # fmt: skip
     return {"resolution": study.resolution, "field": label_of(study.run.config, study.run.step), "rows": rows}
 
 
@@ -178,8 +178,7 @@ def _baked_row(study: Study, row: str, label: str, baked: Baked) -> Row:
 
 def no_sparsity_row(study: Study) -> Row:
     """The paper's bake of the run without the sparsity loss."""
-    run = study.without_sparsity
-    if run is None:
+    if (run := study.without_sparsity) is None:
         return _beside(study, {"row": "no-sparsity", "label": SNERG["no-sparsity"], "command": against_command(study)})
     return _baked_row(study, "no-sparsity", SNERG["no-sparsity"], study.baked("paper", run))
 
@@ -202,17 +201,12 @@ def _stored(study: Study, row: Row) -> Row:
 
 def _sections(out: Path, axis: int, packs: dict[str, Pack]) -> dict[str, Any]:
     """Draws the plane through the middle of the first pack, of every pack."""
-    first = next(iter(packs.values()))
+    first, letter = next(iter(packs.values())), "xyz"[axis]
     at = float(0.5 * (first.min_xyz[axis] + first.max_xyz[axis]))
     cuts = {label: section(pack, axis, at) for label, pack in packs.items()}
-    name = f"cross-section-{AXES[axis]}.png"
+    name = f"cross-section-{letter}.png"
     draw_sections(out / name, cuts)
-    return {
-        "axis": AXES[axis],
-        "at": at,
-        "picture": name,
-        "shares": {label: shares(cut) for label, cut in cuts.items()},
-    }
+    return {"axis": letter, "at": at, "picture": name, "shares": {label: shares(cut) for label, cut in cuts.items()}}
 
 
 # --- Real scenes: compared everywhere, and, as the paper does for 360° scenes, where the paper's bake is opaque ---

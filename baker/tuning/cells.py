@@ -30,21 +30,16 @@ HALF, ONE = np.float32(0.5), np.float32(1.0)
 
 
 class Cells(NamedTuple):
-    """side: voxels. dims int64 [3]: cells along x, y, z. numbers int32 [z y x]: of each, 0 where no voxel has alpha.
+    """The cells of a pack's voxels, and their places."""
 
-    first int64 [K + 2]: where the places of each cell begin; places int64: flat indices in the atlas, cell by cell. content
-    uint8 [places, 8]: rgb, alpha, features as they were, premultiplied. odd uint8 [places]: index into DITHER. corners int64
-    [slots, 3]: grid voxel (x, y, z) of the first voxel of each macroblock's copy.
-    """
-
-    side: int
-    dims: np.ndarray
-    numbers: np.ndarray
-    first: np.ndarray
-    places: np.ndarray
-    content: np.ndarray
-    odd: np.ndarray
-    corners: np.ndarray
+    side: int  # voxels
+    dims: np.ndarray  # int64 [3]: cells along x, y, z
+    numbers: np.ndarray  # int32 [z y x]: of each, 0 where no voxel has alpha
+    first: np.ndarray  # int64 [K + 2]: where the places of each cell begin
+    places: np.ndarray  # int64: flat indices in the atlas, cell by cell
+    content: np.ndarray  # uint8 [places, 8]: rgb, alpha, features as they were, premultiplied
+    odd: np.ndarray  # uint8 [places]: index into DITHER
+    corners: np.ndarray  # int64 [slots, 3]: grid voxel (x, y, z) of the first voxel of each macroblock's copy
 
     @property
     def count(self) -> int:
@@ -52,7 +47,6 @@ class Cells(NamedTuple):
 
 
 def cells_of(pack: Pack, tables: Tables, side: int) -> Cells:
-    """The cells of a pack's voxels."""
     corners = np.argwhere(pack.occupied)[:, ::-1].astype(np.int64) * pack.block_size - 1
     dims = -(-np.array(pack.grid_blocks, np.int64) * pack.block_size // side)
     numbers, nothing = np.zeros(int(dims.prod()), np.int32), np.zeros(0, np.int64)
@@ -117,25 +111,20 @@ LOG_DENSITY = (
 
 
 class Work(NamedTuple):
-    """What a step lists. Of samples: at int64 [chunks, C] the lowest corner in the atlas; slot int32, local int32 [., 3] its cell
-    in the copy; weights float32 [., 8] of the corners; before float32: T. first int32 [chunks, CHUNK + 1]: where a ray's begin.
+    """What a step lists of samples [chunks, C], of cells, and of rays."""
 
-    Of cells: cells int32 [chunks, 8 C], slopes float32 [., 8]; entries int64 [chunks]: how many. Of rays: sums float32 [R, 8],
-    colour, features, T behind; whole bool [R]: which fitted into the capacity; supported int64 [chunks]: samples.
-    """
-
-    at: np.ndarray
-    slot: np.ndarray
-    local: np.ndarray
-    weights: np.ndarray
-    before: np.ndarray
-    first: np.ndarray
-    cells: np.ndarray
-    slopes: np.ndarray
-    entries: np.ndarray
-    sums: np.ndarray
-    whole: np.ndarray
-    supported: np.ndarray
+    at: np.ndarray  # int64 [chunks, C]: a sample's lowest corner in the atlas
+    slot: np.ndarray  # int32 [chunks, C]
+    local: np.ndarray  # int32 [chunks, C, 3]: its cell in the copy
+    weights: np.ndarray  # float32 [chunks, C, 8], of the corners
+    before: np.ndarray  # float32 [chunks, C]: T
+    first: np.ndarray  # int32 [chunks, CHUNK + 1]: where a ray's samples begin
+    cells: np.ndarray  # int32 [chunks, 8 C]
+    slopes: np.ndarray  # float32 [chunks, 8 C, 8]
+    entries: np.ndarray  # int64 [chunks]: how many cells are listed
+    sums: np.ndarray  # float32 [R, 8]: colour, features, T behind
+    whole: np.ndarray  # bool [R]: which rays fitted into the capacity
+    supported: np.ndarray  # int64 [chunks]: samples with support
 
 
 def work_for(rays: int, capacity: int) -> Work:

@@ -1,8 +1,8 @@
 """Fine-tuning of the view MLP on what the baked grid really shows (SNeRG section 5.5).
 
-Baking to 8 bits shifts accumulated colours and features; the view MLP is trained on against the photographs, with the
-grid held fixed. So every training pixel is marched once, and an epoch is a pass over what was accumulated. The release takes a
-whole photograph a step. The paper does not say how many pixels: here as many as a photograph has, of all photographs.
+Baking to 8 bits shifts accumulated colours and features; the view MLP is trained on against the photographs, with the grid held
+fixed. So every training pixel is marched once, and an epoch is a pass over what was accumulated. The paper does not say how many
+pixels a step takes: here as many as a photograph has, of all photographs.
 """
 
 from collections.abc import Callable
@@ -29,14 +29,13 @@ MARCHED_AT_ONCE, SCORED_AT_ONCE = 1 << 22, 1 << 20
 
 
 class Pixels(NamedTuple):
-    """Shaded training pixels: diffuse [P, 3] with background, features [P, 4], viewdirs [P, 3], target [P, 3]; weight [P, 1]
-    of a pixel's error, before it is squared."""
+    """Shaded training pixels."""
 
-    diffuse: jax.Array
-    features: jax.Array
-    viewdirs: jax.Array
-    target: jax.Array
-    weight: jax.Array
+    diffuse: jax.Array  # [P, 3], with background
+    features: jax.Array  # [P, 4]
+    viewdirs: jax.Array  # [P, 3]
+    target: jax.Array  # [P, 3]
+    weight: jax.Array  # [P, 1], of a pixel's error before it is squared
 
 
 def fine_tune(

@@ -1,12 +1,12 @@
 """The loop around baker.tuning.tuner.Tuner: which rays, how many at once, for how long.
 
-All photographs are tuned on, to the end. Some held back would not tell whether tuning helps: the field knows them by heart, and
-tuning on the others makes the pack forget them, while it shows views that nobody trained on better.
+All photographs are tuned on. Some held back would not tell whether tuning helps: the field knows them by heart, and tuning on the
+others makes the pack forget them, while it shows views that nobody trained on better.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,30 +25,18 @@ RAYS_PER_CELL, NARROWEST, WIDEST = 6, 2, 4
 MOST_CELLS = 1 << 27  # of a grid, empty ones included: a table of all of them is kept
 LEAST_STEPS, FEWEST_SAMPLES = 200, 32_768
 CHOOSING = 0.05  # of the time: which tiles meet content
+FINAL_RATE = 0.05  # the rates fall log-linearly to this share
 
 
 @dataclass(frozen=True)
 class JointConfig:
-    """How to fine-tune voxels and view MLP together."""
-
-    passes: float = 1.3
-    """Passes over the training rays that meet content."""
-    most_steps: int = 1100
-    """Fewer passes where they would take more steps than this: every ray of an indoor scene meets content."""
-    samples: int = 393_216
-    """Samples marched a step; rays are as many as fill them."""
-    cell: int | None = None
-    """Voxels a side of the cells that move together. None: NARROWEST to WIDEST, such that RAYS_PER_CELL rays meet a cell."""
-    rate: float = 1.0
-    """Adam's learning rate of straight colours and features at the start, in units of 1/255."""
-    density_rate: float = 0.03
-    """Adam's learning rate of a cell's log density at the start."""
-    head_rate: float = 1e-3
-    """Adam's learning rate of the view MLP at the start."""
-    final_rate_factor: float = 0.05
-    """The rates fall log-linearly to this share."""
-    steps: Steps = EXACT
-    """What is stored in multiples of."""
+    passes: float = 1.3  # over the training rays that meet content
+    most_steps: int = 1100  # fewer passes where they would take more: every ray of an indoor scene meets content
+    samples: int = 393_216  # marched a step; rays are as many as fill them
+    rate: float = 1.0  # Adam's learning rate of straight colours and features at the start, in units of 1/255
+    density_rate: float = 0.03  # of a cell's log density
+    head_rate: float = 1e-3  # of the view MLP
+    steps: Steps = EXACT  # what is stored in multiples of
     seed: int = 0
 
 
@@ -60,14 +48,14 @@ def joint_tune(
 
     by_opacity: see baker.tuning.shading.ErrorTerms. If no training ray meets the pack, it is returned unchanged, without figures.
     """
-    marcher, tiles = PackMarcher(pack, dataset), tiles_of(dataset, np.random.default_rng(config.seed))
+    marcher, tiles = PackMarcher(pack, dataset), Tiles(dataset, np.random.default_rng(config.seed))
     probed = tiles.rays(0, PROBED)
     probed = probed[probed >= 0]
     probe = probed[marcher.meets(probed)]
     if not len(probe):
         return pack, {}
     meet = round(len(tiles.numbers) * TILE**2 * len(probe) / len(probed))  # about so many rays meet content
-    tuner = Tuner(pack, dataset, config.cell or cell_for(pack, meet), by_opacity=by_opacity)
+    tuner = Tuner(pack, dataset, cell_for(pack, meet), by_opacity=by_opacity)
     tuner.fill(probe, config.samples, config.seed)
     steps = config.passes * meet / tuner.rays
     if steps < LEAST_STEPS:  # of few rays there are more steps, each with fewer
@@ -82,7 +70,7 @@ def joint_tune(
     colour = config.rate / 255
     rates = np.array([*[colour] * 3, config.density_rate, *[colour] * 4, config.head_rate], np.float32)
     for step in range(steps):
-        decay = config.final_rate_factor ** (step / steps)
+        decay = FINAL_RATE ** (step / steps)
         ids = trained_on.take(np.arange(step * tuner.rays, (step + 1) * tuner.rays), mode="wrap")
         tuner.update(ids, rates * np.float32(decay), step)
         on_share(CHOOSING + (1 - CHOOSING) * (step + 1) / steps, f"step {step + 1} of {steps}")
@@ -114,19 +102,19 @@ def cell_for(pack: Pack, rays: int) -> int:
     return max(cell, NARROWEST, int(np.ceil((np.prod(pack.grid_size, dtype=float) / MOST_CELLS) ** (1 / 3))))
 
 
-class Tiles(NamedTuple):
-    """Tiles of TILE² pixels of V photographs. Rays of a tile meet the same voxels, which are read once then; what
-    is learned is as good as from single rays.
+class Tiles:
+    """Tiles of TILE² pixels of V photographs, in random order.
 
-    first, width, rows int64 [V]: ray of the photograph's first pixel, and its size. begins int64 [V]: its first tile's number.
-    numbers int64 [N]: tiles in the order in which they are taken.
+    Rays of a tile meet the same voxels, which are read once then; what is learned is as good as from single rays.
     """
 
-    first: np.ndarray
-    width: np.ndarray
-    rows: np.ndarray
-    begins: np.ndarray
-    numbers: np.ndarray
+    def __init__(self, dataset: RayDataset, rng: np.random.Generator) -> None:
+        # int64 [V]: ray of the photograph's first pixel, and its size
+        self.first, self.width = (np.asarray(array, np.int64) for array in (dataset.first, dataset.width))
+        self.rows = np.diff(self.first, append=dataset.count) // self.width
+        counts = -(-self.width // TILE) * -(-self.rows // TILE)
+        self.begins = np.cumsum(counts) - counts  # int64 [V]: number of the photograph's first tile
+        self.numbers = rng.permutation(counts.sum())  # int64 [N]: tiles in the order in which they are taken
 
     def rays(self, start: int, count: int, apart: int = 1) -> np.ndarray:
         """Ray ids int32 [count, N] of so many tiles from the start-th on, of pixels so far apart; -1 beyond the photograph."""
@@ -137,14 +125,6 @@ class Tiles(NamedTuple):
         y, x = (row * TILE)[:, None] + y, (column * TILE)[:, None] + x
         ids = self.first[view, None] + y * self.width[view, None] + x
         return np.where((y < self.rows[view, None]) & (x < self.width[view, None]), ids, -1).astype(np.int32)
-
-
-def tiles_of(dataset: RayDataset, rng: np.random.Generator) -> Tiles:
-    """All tiles of the photographs, in random order."""
-    first, width = (np.asarray(array, np.int64) for array in (dataset.first, dataset.width))
-    rows = np.diff(first, append=dataset.count) // width
-    counts = -(-width // TILE) * -(-rows // TILE)
-    return Tiles(first, width, rows, np.cumsum(counts) - counts, rng.permutation(counts.sum()))
 
 
 def meeting(marcher: PackMarcher, tiles: Tiles, most: int, on_share: OnShare = lambda share: None) -> np.ndarray:

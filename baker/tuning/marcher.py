@@ -53,39 +53,30 @@ def pack_rays(pack: Pack, dataset: RayDataset) -> GridFrameRays:
 
 
 class Tables(NamedTuple):
-    """Where a pack's voxels are.
+    """Where a pack's voxels are."""
 
-    slots int32 [bz by bx] of each macroblock, -1 empty; blocks int64 [3] = (bx, by, bz), size: block_size. first int64 [slots]:
-    flat index in the atlas of each copy's first voxel; row, layer: flat steps along y and z there. support uint8
-    [slots, B³]: whether a cell has alpha around it; near uint8 [slots, n³]: the same of 4³ cells. rgba, features uint8 [., 4]:
-    the atlas, flat; features are zeros where a pack has none.
-    """
-
-    slots: np.ndarray
-    blocks: np.ndarray
-    size: int
-    first: np.ndarray
-    row: int
-    layer: int
-    support: np.ndarray
-    near: np.ndarray
-    rgba: np.ndarray
-    features: np.ndarray
+    slots: np.ndarray  # int32 [bz by bx]: of each macroblock, -1 where it is empty
+    blocks: np.ndarray  # int64 [3] = (bx, by, bz)
+    size: int  # block_size
+    first: np.ndarray  # int64 [slots]: flat index in the atlas of each copy's first voxel
+    row: int  # flat step along y there
+    layer: int  # the same along z
+    support: np.ndarray  # uint8 [slots, B³]: whether a cell has alpha around it
+    near: np.ndarray  # uint8 [slots, n³]: the same of 4³ cells
+    rgba: np.ndarray  # uint8 [., 4]: the atlas, flat
+    features: np.ndarray  # the same; zeros where a pack has none
 
 
 class Found(NamedTuple):
-    """Up to LISTED samples of a ray: slot int32, cell int32 [., 3], fraction float32 [., 3] within it, t float32 in voxels.
+    """Up to LISTED samples of a ray; the last three are of those that contribute alone."""
 
-    Of those that contribute, also at int64: the lowest corner in the atlas; weights float32 [., 8] of the corners; alpha float32.
-    """
-
-    slot: np.ndarray
-    cell: np.ndarray
-    fraction: np.ndarray
-    t: np.ndarray
-    at: np.ndarray
-    weights: np.ndarray
-    alpha: np.ndarray
+    slot: np.ndarray  # int32
+    cell: np.ndarray  # int32 [., 3]
+    fraction: np.ndarray  # float32 [., 3], within the cell
+    t: np.ndarray  # float32, voxels
+    at: np.ndarray  # int64: the lowest corner in the atlas
+    weights: np.ndarray  # float32 [., 8], of the corners
+    alpha: np.ndarray  # float32
 
 
 def tables_of(pack: Pack, workers: Workers) -> Tables:
@@ -101,11 +92,8 @@ def tables_of(pack: Pack, workers: Workers) -> Tables:
     features = np.zeros(rgba.shape, np.uint8) if features is None else np.ascontiguousarray(features).reshape(-1, 4)
     support = np.zeros((len(first), side**3), np.uint8)
     near = np.zeros((len(first), (-(-side // 4)) ** 3), np.uint8)
-
-    def mark(_: int, low: int, high: int) -> None:
-        mark_support(rgba, first, width, width * height, side, support, near, low, high)
-
-    workers.share_range(len(first), MARKED, mark)
+    marked = rgba, first, width, width * height, side, support, near
+    workers.share_range(len(first), MARKED, lambda _, low, high: mark_support(*marked, low, high))
     blocks = np.array(occupied.shape[::-1], np.int64)
     return Tables(slots.ravel(), blocks, pack.block_size, first, width, width * height, support, near, rgba, features)
 
@@ -360,12 +348,8 @@ def share_rays(
         some = np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1)
         moved = None if pixel_offset is None else jnp.asarray(pixel_offset[some])
         rays = on_host(_in_grid(box, source, jnp.asarray(ids[some]), moved))
-
-        def work(worker: int, low: int, high: int, first: int = first, rays: GridRays = rays) -> None:
-            look(worker, rays, first, low, high)
-
         count = min(TOGETHER, len(ids) - first)
-        workers.share_range(count, PART, work)
+        workers.share_range(count, PART, lambda worker, *part: look(worker, rays, first, *part))  # noqa: B023  (called now)
         on_share((first + count) / len(ids))
 
 

@@ -1,23 +1,21 @@
 """Voxels that no training view sees enough of: emptied, closed behind surfaces, or like their neighbours (not in the paper).
 
-The paper culls whole macroblocks. What is left in them is in good part haze: voxels that never make up a hundredth of any
-pixel, yet each costs every ray that meets it a sample, and bytes. So rays are marched through the baked pack as the viewer
-marches it, and tell how much light arrives at each voxel at best. A voxel stays where this, times its own opacity, is
-tau_weight: so much a sample at its centre would make up of a pixel. (PlenOctrees, Yu et al. 2021, section 4.1, take the
-weights of the samples that happen to fall on a voxel; those of a voxel that no ray went through the middle of are too low.)
-Where little light arrives, nobody can tell how deep the scene goes on, so such voxels are made denser: rays end.
+The paper culls whole macroblocks. Much of what is left in them is haze: voxels that never make up a hundredth of any pixel, yet
+cost every ray that meets them a sample, and bytes. So rays are marched through the baked pack as the viewer marches it, and tell
+how much light arrives at each voxel at best. A voxel stays where this, times its own opacity, is tau_weight: so much a sample at
+its centre would make up of a pixel. (PlenOctrees, Yu et al. 2021, section 4.1, take the weights of the samples that fall on a
+voxel, which are too low where no ray went through its middle.) Where little light arrives, voxels are made denser: rays end.
 
-The rays are a lattice over each photograph, begun at a random place. Its step follows the grid, not the pixels: SPACING voxels
-where the photographs see surfaces. A surface that is seen at 45 degrees is met by some ray within about `spacing` voxels of any
-of its points, in the worst corner of the lattice, and a sample lights the voxels within one of it. Most are seen from straighter
-ahead, or by several photographs, so light is taken to reach spacing - 2 voxels further: `reach`, so that no voxel lies between
-the rays. The number of rays that meet content grows with the surface in view; beyond MOST_RAYS the step grows instead, which
-keeps more voxels, never fewer.
+The rays are a lattice over each photograph, begun at a random place. Its step follows the grid: SPACING voxels where the
+photographs see surfaces. A surface that is seen at 45 degrees is met by some ray within about `spacing` voxels of any of its
+points, and a sample lights the voxels within one of it. Most are seen from straighter ahead, or by several photographs, so light
+is taken to reach spacing - 2 voxels further (`reach`), so that no voxel lies between the rays. Beyond MOST_RAYS that meet content
+the step grows, which keeps more voxels, never fewer.
 
 Of the voxels that stay, hidden ones may copy their neighbours, so that they compress better: where little transmittance is left
 in every photograph and between them, a voxel takes the colour and features of the voxel before it, along x or else along y, as
-near as its own alpha allows. Alphas stay, so that no surface moves. Behind a surface this costs nothing; in mist half of a pixel
-lies where half of the transmittance is gone, so the photographs decide how much is hidden.
+near as its own alpha allows. Alphas stay, so that no surface moves. In mist half of a pixel lies where half of the transmittance
+is gone, so the photographs decide how much is hidden.
 
 Notation: bs = block_size, B = bs + 2; slots number the occupied macroblocks, in the grid's order; T the transmittance before a
 sample, a voxel's transmittance the largest T of the samples that it is part of, in units of 1/255 and rounded up; 0 where there
@@ -50,27 +48,20 @@ TOGETHER = 1_048_576  # rays that are made together, of whole photographs
 
 def _spacing(marcher: PackMarcher, dataset: RayDataset, rng: np.random.Generator) -> tuple[float, int] | None:
     """Pixels between the rays, and `reach`; None where no photograph sees anything."""
-    pilots = rng.integers(0, dataset.count, max(8 * PILOTS, 1), np.int32)
+    pilots = rng.integers(0, dataset.count, 8 * PILOTS, np.int32)
     meets = marcher.meets(pilots)
     if not meets.any():
         return None
-    width = _pixel_width(marcher, np.resize(pilots[meets], PILOTS))
-    if width is None:
+    # How many voxels apart the rays of neighbouring pixels are where they meet surfaces, for all but the widest pixels
+    ids = np.resize(pilots[meets], PILOTS)
+    depths = marcher.half_depths(ids)
+    if not depths.any():
         return None
+    widths = np.asarray(_widths(marcher.box, marcher.rays, jnp.asarray(ids), jnp.asarray(depths)))
+    width = float(np.quantile(widths[depths > 0], FEW_WIDER))
     expected = meets.mean() * dataset.count * (width / SPACING) ** 2
     wider = sqrt(max(expected / MOST_RAYS, 1.0))
     return SPACING / width * wider, ceil(SPACING * wider - 2)
-
-
-def _pixel_width(marcher: PackMarcher, ids: np.ndarray) -> float | None:
-    """How many voxels apart the rays of neighbouring pixels are where they meet surfaces, for all but the widest pixels: at
-    the last sample with half of the light or more."""
-    depths = marcher.half_depths(ids)
-    met = depths > 0
-    if not met.any():
-        return None
-    widths = np.asarray(_widths(marcher.box, marcher.rays, jnp.asarray(ids), jnp.asarray(depths)))[met]
-    return float(np.quantile(widths, FEW_WIDER))
 
 
 @jax.jit
@@ -182,17 +173,14 @@ def _alpha(pack: Pack, block: tuple[int, ...]) -> np.ndarray:
 
 
 def closing_gain(alpha: np.ndarray, transmittance: np.ndarray) -> np.ndarray:
-    """What premultiplied voxels of alpha and transmittance uint8 [...] are multiplied by, float32, so that little light
-    goes on.
-    """
+    """What premultiplied voxels of alpha and transmittance uint8 [...] are multiplied by, float32: little light goes on."""
     opacity, (shown, deep) = np.maximum(alpha, 1) / np.float32(255), CLOSED
     depth = np.clip((shown - transmittance / np.float32(255)) / (shown - deep), 0, 1)
     return (1 - (1 - opacity) ** (1 + (DENSER - 1) * depth)) / opacity
 
 
 def _most_of_neighbours(values: np.ndarray, count: int, axis: int) -> np.ndarray:
-    """The most of each `count` neighbours along an axis, which is count - 1 shorter then. By doubling: ten times as fast as
-    looking at each of them."""
+    """The most of each `count` neighbours along an axis, which is count - 1 shorter then. By doubling, which is fast."""
     values, width = np.moveaxis(values, axis, 0), 1
     while width < count:
         further = min(width, count - width)

@@ -14,23 +14,21 @@ from training.view_mlp import apply_view_mlp
 
 
 class Accumulated(NamedTuple):
-    """What the march leaves of N rays: colour [N, 3] and features [N, 4], premultiplied; T [N] behind the last sample.
-    Of NumPy or of JAX."""
+    """What the march leaves of N rays. Of NumPy or of JAX."""
 
-    colour: jax.Array
-    features: jax.Array
-    transmittance: jax.Array
+    colour: jax.Array  # [N, 3], premultiplied
+    features: jax.Array  # [N, 4], premultiplied
+    transmittance: jax.Array  # [N]: T behind the last sample
 
 
 class ShadingInputs(NamedTuple):
-    """R rays: what they accumulated, the view MLP, viewing directions and colours of photographs [R, 3], and which of them
-    count, bool [R]; the background."""
+    """R rays and the view MLP."""
 
     sums: Accumulated
     head: ViewMlpParams | None
-    viewdirs: jax.Array
-    target: jax.Array
-    whole: jax.Array
+    viewdirs: jax.Array  # [R, 3]
+    target: jax.Array  # [R, 3]: colours of photographs
+    whole: jax.Array  # bool [R]: which of them count
     background: tuple[float, ...]
 
 

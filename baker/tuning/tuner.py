@@ -1,18 +1,18 @@
 """Fine-tuning of the stored voxels and the view MLP together, on exactly what the viewer shows (beyond SNeRG section 5.5).
 
-The paper trains the view MLP on against the grid as quantising left it. Here the grid moves, too: every step takes the
-viewer's own samples of some training rays from the voxels *as rounded to 8 bits*, and its gradient moves what is behind them (a
-straight-through estimator). What is optimised is what is shown.
+The paper trains the view MLP on against the grid as quantising left it. Here the grid moves, too: every step takes the viewer's
+own samples of some training rays from the voxels *as rounded to 8 bits*, and its gradient moves what is behind them (a
+straight-through estimator).
 
-A voxel of a fine grid is met by a handful of rays, and learns their noise by heart. So the voxels of a cell of a few
-voxels a side move together: each cell adds to the straight colours and features of its voxels, and scales their density.
-For the same reason Adam's denominator has a floor, the mean over all cells: what has hardly any gradient hardly moves.
+A voxel of a fine grid is met by a handful of rays, and learns their noise by heart. So the voxels of a cell of a few voxels a
+side move together: each cell adds to the straight colours and features of its voxels, and scales their density. For the same
+reason Adam's denominator has a floor, the mean over all cells: what has hardly any gradient hardly moves.
 
     loss = mean over rays of |shown - photograph|²
 
-A step has four parts. Compiled loops march its rays through the stored atlas. JAX shades them and differentiates the loss.
-Compiled loops take the gradient back along the contributing samples to the cells. Cells that moved are rounded and stored.
-Results do not depend on the number of threads: sums are added in the order of the rays.
+In a step, compiled loops march its rays through the stored atlas, JAX shades them and differentiates the loss, compiled loops
+take the gradient back along the samples to the cells, and cells that moved are rounded and stored. Results do not depend on the
+number of threads: sums are added in the order of the rays.
 
 Notation: R rays of a step, in chunks of CHUNK; K cells, numbered from 1 in the grid's order (z slowest); row 0 of any table of
 cells stands for what is empty.
@@ -46,8 +46,7 @@ STORED = 512  # cells that a worker stores at once
 class Tuner:
     """It works on the pack's own arrays, which must be writable: a second copy of an atlas of 1000³ is a gigabyte.
 
-    cell: voxels a side of a cell. by_opacity: see ErrorTerms. rays: how many a step takes; known once
-    `fill` was called.
+    cell: voxels a side of a cell. by_opacity: see ErrorTerms. rays: how many a step takes; known once `fill` was called.
     """
 
     def __init__(self, pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False) -> None:
@@ -114,55 +113,42 @@ class Tuner:
     def _gather(self, ids: np.ndarray) -> ShadingInputs:
         """Fills the work's samples and sums of rays `ids` [rays]; what shading them asks for."""
         grid, viewdirs, target = _rays_and_colours(self.marcher.box, self.marcher.rays, self.dataset, jnp.asarray(ids))
-        rays = on_host(grid)
-
-        def gather(worker: int, low: int, high: int) -> None:
-            cells.gather_chunk(self.tables, rays, low // CHUNK, low, high, self.found[worker], self.work)
-
-        self.workers.share_range(self.rays, CHUNK, gather)
+        tables, rays, found, work = self.tables, on_host(grid), self.found, self.work
+        self.workers.share_range(
+            self.rays, CHUNK,
+            lambda worker, low, high: cells.gather_chunk(tables, rays, low // CHUNK, low, high, found[worker], work),
+        )  # fmt: skip
         sums, whole = jnp.asarray(self.work.sums), jnp.asarray(self.work.whole)
         sums = Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])
         return ShadingInputs(sums, self.head, viewdirs, target, whole, self.dataset.background)
 
     def _follow(self, slopes: np.ndarray) -> None:
         """From slopes of sums to slopes of cells."""
-
-        def list_slopes(_: int, low: int, high: int) -> None:
-            cells.slope_chunk(self.tables, self.cells, cells.LOG_DENSITY, slopes, low // CHUNK, low, high, self.work)
-
-        self.workers.share_range(self.rays, CHUNK, list_slopes)
+        parts = self.tables, self.cells, cells.LOG_DENSITY, slopes
+        self.workers.share_range(
+            self.rays, CHUNK, lambda _, low, high: cells.slope_chunk(*parts, low // CHUNK, low, high, self.work)
+        )
         ends = np.linspace(1, self.cells.count + 1, self.workers.count + 1).astype(np.int64)
-
-        def add(_: int, part: int) -> None:
-            cells.add_slopes(self.work, self.slopes, self.met, ends[part], ends[part + 1])
-
-        self.workers.share(self.workers.count, add)
+        sums = self.work, self.slopes, self.met
+        self.workers.share(self.workers.count, lambda _, part: cells.add_slopes(*sums, ends[part], ends[part + 1]))
 
     def _move(self, rates: np.ndarray) -> None:
         """A step of Adam on the cells that were met, stored."""
-
-        def moments(_: int, low: int, high: int) -> None:
-            cells.move_moments(self.slopes, self.met, self.first, self.second, self.sums, low // PART, low, high)
-
-        self.workers.share_range(self.cells.count + 1, PART, moments)
+        moments = self.slopes, self.met, self.first, self.second, self.sums
+        self.workers.share_range(
+            self.cells.count + 1, PART, lambda _, low, high: cells.move_moments(*moments, low // PART, low, high)
+        )
         total, ever = self.sums.sum(0)
         floor = np.sqrt(total / np.maximum(ever, 1)).astype(np.float32)
         some = np.flatnonzero(self.met).astype(np.int32)
         self.met[:] = 0
-
-        def move(_: int, low: int, high: int) -> None:
-            cells.move_cells(self.delta, self.slopes, self.first, self.second, floor, rates, some, low, high)
-
-        self.workers.share_range(len(some), PART, move)
+        moved = self.delta, self.slopes, self.first, self.second, floor, rates, some
+        self.workers.share_range(len(some), PART, lambda _, low, high: cells.move_cells(*moved, low, high))
         self._store(self.delta, some)
 
     def _store(self, delta: np.ndarray, some: np.ndarray) -> None:
-        def store(_: int, low: int, high: int) -> None:
-            cells.store_cells(
-                self.cells, cells.DEPTHS, delta, self.steps, some, self.tables.rgba, self.tables.features, low, high
-            )
-
-        self.workers.share_range(len(some), STORED, store)
+        stored = self.cells, cells.DEPTHS, delta, self.steps, some, self.tables.rgba, self.tables.features
+        self.workers.share_range(len(some), STORED, lambda _, low, high: cells.store_cells(*stored, low, high))
 
 
 @jax.jit

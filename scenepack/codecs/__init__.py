@@ -27,9 +27,8 @@ CODECS: dict[str, Codec] = {codec.name: codec for codec in _ALL}
 def codec_named(name: str, where: str) -> Codec:
     """The codec of that name. UserError, naming `where`, for one that is not known, or cannot be used here."""
     if name not in CODECS:
-        raise UserError(
-            "the image format is not known", where=where, expected=" or ".join(CODECS), found=repr(name)[:40]
-        )
+        expected = " or ".join(CODECS)
+        raise UserError("the image format is not known", where=where, expected=expected, found=repr(name)[:40])
     CODECS[name].require()
     return CODECS[name]
 

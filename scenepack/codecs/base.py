@@ -7,6 +7,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from scenepack.constants import PLANES_PER_IMAGE
+
 Layout = Literal["atlas", "grid"]
 Shape = tuple[int, int, int]  # planes, rows, columns
 Decoded = tuple[np.ndarray, np.ndarray | None]
@@ -49,9 +51,9 @@ class Codec(ABC):
         """UserError, with what to install, where a library that it needs is missing."""
         return
 
-    @abstractmethod
     def planes(self, layout: Layout, block_size: int) -> int:
         """How many planes it likes in a piece; in the "grid" layout a multiple of block_size."""
+        return block_size if layout == "grid" else PLANES_PER_IMAGE
 
     @abstractmethod
     def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:

@@ -1,8 +1,7 @@
 """Decoder sandbox: decodes pieces in subprocesses and kills those that need more time or memory than a piece explains.
 
-Films and pictures can make a decoder do far more work than their size suggests: hidden frames, samples that share bytes, repeated
-scans. No check before decoding finds all of that, and a thread cannot be stopped inside a library. A subprocess can: the caller
-gets an error and goes on. scenepack.decoding_process is the code of the subprocess.
+Files can make a decoder do far more work than their size suggests: hidden frames, samples that share bytes, repeated scans. No
+check finds all of that, and no thread can be stopped inside a library. scenepack.decoding_process is the code of the subprocess.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _lock = threading.Lock()
 
 
 class Decoders:
-    """Decodes pieces, from several threads at once, until stop(), which must be called."""
+    """Decodes pieces, from several threads at once, until close(), which must be called."""
 
     def __init__(self) -> None:
         self._busy: set[_Process] = set()
@@ -61,34 +60,29 @@ class Decoders:
             _idle.append(process)
         return answer
 
-    def stop(self) -> None:
-        """Kills running decoders; their callers get a CodecError."""
+    def close(self) -> None:
+        """Kills running decoders; their callers get a CodecError. Idle processes end later."""
+        global _ending
         with _lock:
             self._stopped = True
             busy = list(self._busy)
         for process in busy:
             process.close()
-        _end_idle_later()
+        with _lock:
+            if _ending is not None:
+                _ending.cancel()
+            _ending = threading.Timer(IDLE_S, _end_idle)
+            _ending.daemon = True
+            _ending.start()
 
 
 def _taken() -> _Process | None:
-    """An idle process, if there is one."""
     while True:
         with _lock:
             process = _idle.pop() if _idle else None
         if process is None or process.poll() is None:
             return process
         process.close()
-
-
-def _end_idle_later() -> None:
-    global _ending
-    with _lock:
-        if _ending is not None:
-            _ending.cancel()
-        _ending = threading.Timer(IDLE_S, _end_idle)
-        _ending.daemon = True
-        _ending.start()
 
 
 def _end_idle() -> None:

@@ -1,8 +1,7 @@
 """JPEG: images as in the published layout, in JPEG's terms.
 
-JPEG has no alpha, and alpha is what the renderer is most sensitive to, so alpha is a grey PNG of its own and stays
-exact. Colours are premultiplied as they are in the atlas, without subsampled chroma; features are their first three
-channels as if they were colours, and the fourth as a grey picture.
+JPEG has no alpha, to which the renderer is most sensitive, so alpha is a grey PNG of its own and stays exact. Colours stay
+premultiplied, without subsampled chroma; features are three channels as if they were colours, and the fourth as a grey picture.
 """
 
 import io
@@ -11,11 +10,11 @@ import imagecodecs
 import numpy as np
 from PIL import Image
 
-from scenepack.codecs.base import Codec, CodecError, Decoded, Layout, Shape, cut_off, decoding, in_few_levels
+from scenepack.codecs.base import Codec, CodecError, Decoded, Shape, cut_off, decoding, in_few_levels
 from scenepack.codecs.png import encode_png
-from scenepack.constants import PLANES_PER_IMAGE
 
 ALPHA_LEVEL = 6  # zlib's
+END_OF_IMAGE = b"\xff\xd9"
 
 
 class JpegCodec(Codec):
@@ -25,9 +24,6 @@ class JpegCodec(Codec):
     layout = "atlas"
     default_quality = 95
     header_bytes = 2048
-
-    def planes(self, layout: Layout, block_size: int) -> int:
-        return PLANES_PER_IMAGE
 
     def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
         names = (f"rgb_{number:03d}.jpg", f"alpha_{number:03d}.png")
@@ -41,14 +37,15 @@ class JpegCodec(Codec):
                 found, mode = image.size, image.mode  # from the header; no pixel is decoded
         except Exception as error:
             raise CodecError("its header is damaged") from error
-        expected = (shape[2], shape[0] * shape[1])
-        if found != expected or mode != ("RGB" if _is_colour(name) else "L"):
+        expected, is_colour = (shape[2], shape[0] * shape[1]), not name.startswith(("alpha_", "feature_w_"))
+        if found != expected or mode != ("RGB" if is_colour else "L"):
             raise CodecError(f"it is {found[0]}×{found[1]} pixels {mode}, expected {expected[0]}×{expected[1]}")
 
     def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
-        files = [_jpeg(_stacked(rgba)[..., :3], quality), encode_png(_stacked(rgba)[..., 3], ALPHA_LEVEL)]
+        stacked = rgba.reshape(-1, *rgba.shape[2:])
+        files = [_jpeg(stacked[..., :3], quality), encode_png(stacked[..., 3], ALPHA_LEVEL)]
         if features is not None:
-            stacked = _stacked(features)
+            stacked = features.reshape(stacked.shape)
             quality = 100 - (100 - quality) // 4 if in_few_levels(features) else quality
             files += [_jpeg(stacked[..., :3], quality), _jpeg(stacked[..., 3], quality)]
         return tuple(files)
@@ -67,17 +64,6 @@ class JpegCodec(Codec):
         if not features:
             return rgba, None
         return rgba, np.concatenate(images[2:], axis=-1) * (alpha > 0)
-
-
-END_OF_IMAGE = b"\xff\xd9"
-
-
-def _is_colour(name: str) -> bool:
-    return name.startswith("rgb_") or (name.startswith("feature_") and "_w_" not in name)
-
-
-def _stacked(planes: np.ndarray) -> np.ndarray:
-    return planes.reshape(-1, *planes.shape[2:])
 
 
 def _jpeg(pixels: np.ndarray, quality: int) -> bytes:

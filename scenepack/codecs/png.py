@@ -1,9 +1,7 @@
 """The published format: four atlas planes stacked in one PNG.
 
-Notation: group k of a part ("rgba" or "feature") is the atlas's four consecutive z-planes 4k … 4k + 3. In
-memory it is uint8 [4 · H, W, 4]: the planes stacked vertically, plane 4k on top, rows as they lie along y,
-columns along x (docs/format.md, "Atlas images"). So the atlas array [D, H, W, 4] is its groups one after another, and a
-group is a view of it.
+Notation: group k of a part ("rgba" or "feature") is the atlas's z-planes 4k … 4k + 3, uint8 [4 · H, W, 4]: stacked vertically,
+plane 4k on top, rows along y, columns along x (docs/format.md, "Atlas images"). So a group is a view of the atlas [D, H, W, 4].
 """
 
 import io
@@ -14,8 +12,7 @@ import numpy as np
 from PIL import Image
 
 from console.file_signature import sniff_type
-from scenepack.codecs.base import Codec, CodecError, Layout, Shape, cut_off
-from scenepack.constants import PLANES_PER_IMAGE
+from scenepack.codecs.base import Codec, CodecError, Shape, cut_off
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_BYTES = 33  # signature and the IHDR chunk
@@ -30,9 +27,6 @@ class PngCodec(Codec):
     name = "png"
     layout = "atlas"
     header_bytes = PNG_HEADER_BYTES
-
-    def planes(self, layout: Layout, block_size: int) -> int:
-        return PLANES_PER_IMAGE
 
     def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
         return tuple(f"{part}_{number:03d}.png" for part in (("rgba", "feature") if features else ("rgba",)))

@@ -1,17 +1,17 @@
 """Streams: cubes of voxels as pictures of a film or an image sequence, without premultiplication.
 
-Notation: c premultiplied colour or feature, a alpha, both 0 … 255; c̄ = c / a straight; ⟨·⟩ the mean over the 3³
-neighbours weighted 1 2 1 along each axis. What a renderer adds up is a·c̄, so an error in c̄ counts a / 255 times,
-and a codec, which cannot know that, spends most of its bits on the noise of nearly transparent voxels. Therefore
+Notation: c premultiplied colour or feature, a alpha, both 0 … 255; c̄ = c / a straight; ⟨·⟩ the mean over the 3³ neighbours
+weighted 1 2 1 along each axis. A renderer adds up a·c̄, so that an error in c̄ counts a / 255 times; a codec does not know that,
+and spends most of its bits on the noise of nearly transparent voxels. Therefore
 - each voxel's c̄ is drawn towards its surroundings, the more the fainter it is:
   c̄ = (c + k·⟨c⟩/⟨a⟩) / (a + k), with k = `smoothing` in units of alpha: two thirds fewer bits at equal quality;
-- empty voxels, whose colour is invisible, continue their neighbours by means over 2³, 4³, … voxels ("pull-push"), so
-  that no edge is coded at the surface; voxels far from all content are grey.
+- empty voxels, whose colour is invisible, continue their neighbours by means over 2³, 4³, … voxels ("pull-push"), so that no edge
+  is coded at the surface; voxels far from all content are grey.
 All is done within cells of 16³ voxels, the unit of most codecs' own macroblocks: cells without content cost nothing.
 
-Notation: a piece is [D, H, W]; its frames are its D planes, filled up to whole cells of 16 (the macroblocks of video
-codecs). Files of piece N: occupied_NNN.xz, which voxels have any alpha, exactly; alpha, grey; rgb; feature, the first
-three channels; feature_w, the fourth, grey. What was empty decodes to zero, what was not to an alpha of at least 1.
+A piece is [D, H, W]; its frames are its D planes, filled up to whole cells. Files of piece N: occupied_NNN.xz, which voxels have
+any alpha, exactly; alpha, grey; rgb; feature, the first three channels; feature_w, the fourth, grey. What was empty decodes to
+zero, what was not to an alpha of at least 1.
 """
 
 import lzma
@@ -27,20 +27,15 @@ GREY = 128
 CELLS_AT_ONCE = 128
 
 
-def padded(values: np.ndarray, fill: int) -> np.ndarray:
-    """[D, H, W, …] with rows and columns filled up to whole cells."""
-    _, height, width = values.shape[:3]
-    if height % CELL == 0 and width % CELL == 0:
-        return values
-    pad = [(0, 0), (0, -height % CELL), (0, -width % CELL)] + [(0, 0)] * (values.ndim - 3)
-    return np.pad(values, pad, constant_values=fill)
+def padded(values: np.ndarray) -> np.ndarray:
+    """[D, H, W, …] with rows and columns filled up to whole cells, by zeros."""
+    return np.pad(values, [(0, 0), *((0, -side % CELL) for side in values.shape[1:3]), *[(0, 0)] * (values.ndim - 3)])
 
 
 def premultiplied(values: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """Straight values times alpha, uint8 [D, H, W, C]; never brighter than alpha, zero where alpha is zero."""
     _, height, width = alpha.shape
-    product = values[:, :height, :width].astype(np.uint16) * alpha[..., None]
-    return ((product + 127) // 255).astype(np.uint8)
+    return ((values[:, :height, :width].astype(np.uint16) * alpha[..., None] + 127) // 255).astype(np.uint8)
 
 
 def filled(values: np.ndarray, alpha: np.ndarray, smoothing: float = 0.0, *, premultiplied: bool = False) -> np.ndarray:
@@ -65,9 +60,7 @@ def filled(values: np.ndarray, alpha: np.ndarray, smoothing: float = 0.0, *, pre
             surroundings = _blurred(colour) / np.maximum(_blurred(weight), 1e-6)
             inside = smoothing * (weight > 0)
             colour, weight = colour + inside * surroundings, weight + inside
-        mean = _pull_push(colour, weight)
-        if premultiplied:
-            mean *= 255
+        mean = _pull_push(colour, weight) * (255 if premultiplied else 1)
         cube = np.clip(np.rint(mean), 0, 255).astype(np.uint8)
         for i, cell in enumerate(some):
             d = result[cell].shape[0]
@@ -99,7 +92,7 @@ def _pull_push(total: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.where(weight > 0, mean, coarse)
 
 
-# --- Lossy codecs that show a piece's planes as the frames of short ---
+# --- Lossy codecs that show a piece's planes as the frames of short films ---
 
 CUBE = 2  # voxels a side that share a byte of the occupancy
 FIRST_SMOOTHING, SMOOTHED_FROM = 8.0, 75.0  # in units of alpha, at this quality and below; none at 100
@@ -130,9 +123,9 @@ class StreamCodec(Codec):
         k = FIRST_SMOOTHING * min(1.0, (100 - quality) / (100 - SMOOTHED_FROM))
 
         def colours(values: np.ndarray) -> np.ndarray:
-            return filled(values, alpha, k, premultiplied=True) if self.straight else padded(values, 0)
+            return filled(values, alpha, k, premultiplied=True) if self.straight else padded(values)
 
-        grey = filled(alpha[..., None], alpha)[..., 0] if self.straight else padded(alpha, 0)
+        grey = filled(alpha[..., None], alpha)[..., 0] if self.straight else padded(alpha)
         files = [pack_occupancy(alpha > 0), self.film(grey, "alpha", quality)]
         files.append(self.film(colours(rgba[..., :3]), "rgb", quality))
         if features is not None:

@@ -5,8 +5,7 @@ from functools import partial
 import imagecodecs
 import numpy as np
 
-from scenepack.codecs.base import Codec, CodecError, Decoded, Layout, Shape, cut_off, decoding
-from scenepack.constants import PLANES_PER_IMAGE
+from scenepack.codecs.base import Codec, CodecError, Decoded, Shape, cut_off, decoding
 
 MAX_SIDE = 16383  # pixels of a WebP
 METHOD = 4  # of 0 … 6; 6 takes four times as long for one per cent less
@@ -19,9 +18,6 @@ class WebpCodec(Codec):
     name = "webp"
     layout = "grid"
     header_bytes = 64
-
-    def planes(self, layout: Layout, block_size: int) -> int:
-        return block_size if layout == "grid" else PLANES_PER_IMAGE
 
     def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
         parts = ("rgba", "feature") if features else ("rgba",)

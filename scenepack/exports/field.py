@@ -74,27 +74,18 @@ class Field:
         self._coarse[place] = (mean * grown / np.maximum(alpha, 1e-9)).astype(np.float32)
         return self._coarse[place]
 
-    def with_next(self, place: Place) -> np.ndarray | None:
-        """The macroblock's cells and one more on its far sides, float32 [side + 1, ...]; None where all of them are empty."""
-        box: np.ndarray | None = None
-        for step in product((0, 1), repeat=3):
-            cells = self.block((place[0] + step[0], place[1] + step[1], place[2] + step[2]))
-            if cells is None:
-                continue
-            if box is None:
-                box = np.zeros((*(self.side + 1,) * 3, 4), np.float32)
-            to = tuple(slice(self.side, None) if s else slice(0, self.side) for s in step)
-            of = tuple(slice(0, 1) if s else slice(None) for s in step)
-            box[to] = cells[of]
-        return box
-
     def boxes(self) -> Iterator[tuple[Place, np.ndarray]]:
-        """Boxes whose cubes of neighbouring cells are all cubes that something lies in, each once: see with_next."""
-        places = {(z - dz, y - dy, x - dx) for z, y, x in self.occupied for dz, dy, dx in product((0, 1), repeat=3)}
-        for place in sorted(places):
-            box = self.with_next(place)
-            if box is not None:
-                yield place, box
+        """Boxes whose cubes of neighbouring cells are all cubes that something lies in, each once: a macroblock's cells and one
+        more on its far sides, float32 [side + 1, ...]."""
+        steps = list(product((0, 1), repeat=3))
+        places = {(z - dz, y - dy, x - dx) for z, y, x in self.occupied for dz, dy, dx in steps}
+        for z, y, x in sorted(places):
+            box = np.zeros((*(self.side + 1,) * 3, 4), np.float32)
+            for step in steps:
+                if (cells := self.block((z + step[0], y + step[1], x + step[2]))) is not None:
+                    to = tuple(slice(self.side, None) if s else slice(0, self.side) for s in step)
+                    box[to] = cells[tuple(slice(0, 1) if s else slice(None) for s in step)]
+            yield (z, y, x), box
 
     @property
     def count(self) -> int:
@@ -104,8 +95,7 @@ class Field:
     def blocks(self) -> Iterator[tuple[Place, np.ndarray]]:
         """Each macroblock of `occupied` with its cells; see block."""
         for place in self.occupied:
-            cells = self.block(place)
-            if cells is not None:
+            if (cells := self.block(place)) is not None:
                 yield place, cells
 
     def crossings(self, level: float) -> int:
@@ -160,8 +150,7 @@ class ExportFrame:
 
     def sizes(self, positions: np.ndarray) -> np.ndarray:
         """float64 [n, 3]: how long a voxel there is along x, y, z of the grid; in forward-facing packs before the warp, in
-        contracted ones in space.
-        """
+        contracted ones in space."""
         voxel = self.pack.voxel_size
         if not self.pack.ndc:
             sizes = np.full((len(positions), 3), voxel * self.stretch)
@@ -223,9 +212,8 @@ class ExportFrame:
 def ndc_camera(pack: Pack) -> tuple[float, float, float]:
     """Width, height and focal length, in pixels, of the photographs whose frustum the NDC cube is."""
     given = (pack.input_width, pack.input_height, pack.input_focal)
-    width, height, focal = (
-        old if value is None else float(value) for value, old in zip(given, PUBLISHED_NDC_CAMERA, strict=True)
-    )
+    both = zip(given, PUBLISHED_NDC_CAMERA, strict=True)
+    width, height, focal = (old if value is None else float(value) for value, old in both)
     return width, height, focal
 
 

@@ -3,10 +3,9 @@
 The colours are photographed light, so nothing may light them again. COLOR_0 is linear, so they are decoded from sRGB, into 16
 bits: 8 would show bands in the dark.
 
-One round Gaussian for each voxel, without any dependence on the viewing direction: f_dc only, which stands for the diffuse
-colour. Viewers splat a Gaussian as o g(d): its opacity o, and g(d) = exp(-d^2 / 2 s^2) at distance d of the ray. A plane of
-voxels of opacity a must let as much pass as the pack does, so that o is chosen such that 1 - a is the mean, over where the ray
-pierces the plane, of the product of 1 - o g over the plane's voxels.
+One round Gaussian for each voxel, in its diffuse colour (f_dc only). Viewers splat a Gaussian as o g(d): its opacity o, and
+g(d) = exp(-d^2 / 2 s^2) at distance d of the ray. So that a plane of voxels of opacity a lets as much pass as the pack does, o is
+such that 1 - a is the mean, over where the ray pierces the plane, of the product of 1 - o g over the plane's voxels.
 """
 
 import gzip
@@ -73,8 +72,7 @@ Camera = tuple[dict[str, Any], dict[str, Any]]  # its node and itself in the JSO
 
 def gltf_cameras(pack: Pack, export_frame: ExportFrame) -> list[Camera]:
     """The cameras of the photographs, but for fisheyes and panoramas. Distortion of their lenses is left out, and the principal
-    point is the middle of the picture.
-    """
+    point is the middle of the picture."""
     near = export_frame.stretch * (pack.near or pack.voxel_size)  # of the clipping plane
     cameras: list[Camera] = []
     for i, one in enumerate(camera for camera in photograph_cameras(pack) if camera.is_perspective):
@@ -96,7 +94,9 @@ def glb_parts(
 ) -> list[bytes]:
     """The file in parts. vertices, normals float32 [v, 3]; colours uint8 [v, 3], sRGB; faces int [f, 3]. said: asset.extras."""
     colour = np.full((len(colours), 4), 65535, "<u2")
-    colour[:, :3] = np.rint(65535 * _linear(colours))
+    levels = np.arange(256) / 255.0
+    linear = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
+    colour[:, :3] = np.rint(65535 * linear[colours])
     arrays = [
         (vertices.astype("<f4"), FLOAT, "VEC3", ARRAY),
         (normals.astype("<f4"), FLOAT, "VEC3", ARRAY),
@@ -135,12 +135,6 @@ def glb_parts(
     return [head, struct.pack("<II", len(text), JSON_CHUNK), text, binary, *(array.tobytes() for array, *_ in arrays)]
 
 
-def _linear(colours: np.ndarray) -> np.ndarray:
-    levels = np.arange(256) / 255.0
-    table = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
-    return table[colours]
-
-
 # --- Voxels as 3D Gaussians ---
 
 SIGMA = 0.5  # of a Gaussian, in voxels
@@ -171,14 +165,13 @@ def gaussian_values(
     count = len(positions)
     sizes = SIGMA * field.coarser * export_frame.sizes(positions)
     x, y, z, w = Rotation.from_matrix(export_frame.turned).as_quat(canonical=True)
-    quaternion = np.round([w, x, y, z], 12) + 0.0
     return [
         export_frame.points(positions),
         np.zeros((count, 3)),
         (straight - 0.5) / SH_0,
         np.log(opacity / (1.0 - opacity)),
         np.log(sizes),
-        np.broadcast_to(quaternion, (count, 4)),
+        np.broadcast_to(np.round([w, x, y, z], 12) + 0.0, (count, 4)),
     ]
 
 
@@ -186,8 +179,7 @@ def gaussian_values(
 def opacity_table() -> tuple[np.ndarray, np.ndarray]:
     """Opacities of a plane of voxels, rising, and the Gaussians' own that give them."""
     across = (np.arange(16) + 0.5) / 16 - 0.5
-    reach = np.arange(-3, 4)
-    distance = (across[:, None] - reach) ** 2  # [pierced at, voxel]
+    distance = (across[:, None] - np.arange(-3, 4)) ** 2  # [pierced at, voxel]
     passes = np.exp(-(distance[:, None, :, None] + distance[None, :, None, :]) / (2 * SIGMA**2))
     own = np.linspace(0.0, MOST_OPACITY, 100)
     return np.array([1.0 - np.prod(1.0 - o * passes, axis=(2, 3)).mean() for o in own]), own

@@ -26,8 +26,6 @@ from scenepack.pack import Pack
 Kind = Literal["points", "mesh", "gaussians"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 ONLY: dict[str, Kind] = {".glb": "mesh", ".spz": "gaussians"}  # what a suffix alone may hold
-LEVEL = 0.15  # opacity of the surface; packs hold thin mist that is opaque only together
-SMOOTHING = 5  # Taubin's steps
 LEAST_OPACITY = 0.02  # of a voxel that becomes a Gaussian
 MOST_FACES, MOST_GAUSSIANS = 16_000_000, 6_000_000  # made before anything is thinned: 3 GB and 2 GB at their peak
 MOST_POINTS = 50_000_000
@@ -37,28 +35,16 @@ OnProgress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class Export:
-    """What to write of a pack."""
-
     kind: Kind
-    """points, mesh or gaussians"""
-    level: float = LEVEL
-    """opacity, 0 ... 1, at which the surface of points and meshes lies"""
-    coarser: int | None = None
-    """voxels along each side that become one; None: as many as keep within MOST_FACES or MOST_GAUSSIANS"""
-    keep: str | float = 0.001
-    """components of the surface: all, largest, or those with at least this share of its area"""
-    smooth: int = SMOOTHING
-    """steps of smoothing"""
-    faces: int | None = 500_000
-    """about so many triangles at most; None: all"""
-    spacing: float = 1.0
-    """of points, in voxels"""
-    frame: Frame = "placed"
-    """placed (y up, as people have moved the scene, in their unit), grid (y up) or world (that of the photographs' poses)"""
-    scale: float = 1.0
-    """by what lengths are multiplied"""
-    crop: Corners | None = None
-    """corners (min, max) of a box in the grid frame; nothing outside of it is written"""
+    level: float = 0.15  # opacity, 0 ... 1, of the surface of points and meshes; thin mist is opaque only together
+    coarser: int | None = None  # voxels a side that become one; None: as many as MOST_FACES or MOST_GAUSSIANS allow
+    keep: str | float = 0.001  # components of the surface: all, largest, or those with at least this share of its area
+    smooth: int = 5  # steps of smoothing (Taubin)
+    faces: int | None = 500_000  # about so many triangles at most; None: all
+    spacing: float = 1.0  # of points, in voxels
+    frame: Frame = "placed"  # see scenepack.exports.field
+    scale: float = 1.0  # by what lengths are multiplied
+    crop: Corners | None = None  # corners (min, max) of a box in the grid frame; nothing outside of it is written
 
 
 @dataclass(frozen=True)
@@ -86,16 +72,11 @@ def kind_for(file: Path, kind: Kind | None) -> Kind:
     return kind or named[0]
 
 
-def require_surfaces() -> None:
-    """UserError, with the remedy, where scikit-image or fast-simplification is not installed."""
-    if any(importlib.util.find_spec(name) is None for name in ("skimage", "fast_simplification")):
-        raise UserError("a mesh or points need scikit-image", remedy="pip install 'snerg[export]'")
-
-
 def check_export(export: Export, pack: Pack | None = None) -> None:
-    """UserError where a number makes no sense, or does not suit the pack."""
-    if export.kind != "gaussians":
-        require_surfaces()
+    """UserError where a number makes no sense or does not suit the pack, or a library is not installed."""
+    libraries = ("skimage", "fast_simplification") if export.kind != "gaussians" else ()
+    if not all(map(importlib.util.find_spec, libraries)):
+        raise UserError("a mesh or points need scikit-image", remedy="pip install 'snerg[export]'")
     for name, value, low, high in (
         ("--level", export.level, 0.004, 0.99),
         ("--smooth", export.smooth, 0, 1000),
@@ -112,7 +93,6 @@ def check_export(export: Export, pack: Pack | None = None) -> None:
 
 
 def divisors(number: int) -> list[int]:
-    """1 ... number, those that divide it."""
     return [i for i in range(1, number + 1) if number % i == 0]
 
 
@@ -240,7 +220,6 @@ def scattered(surface: Surface, export: Export, export_frame: ExportFrame) -> tu
 
 
 def require_some(count: int, export: Export) -> None:
-    """UserError where there are none."""
     if not count:
         where = "--crop" if export.crop is not None else None
         raise UserError("there is nothing to export", where=where, remedy="choose a larger box or a lower --level")

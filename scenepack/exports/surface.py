@@ -3,10 +3,8 @@
 Each cube of neighbouring cells belongs to one box (scenepack.exports.field), so that no part of the surface is made twice and
 none is missing. Two boxes see the same values on the face that they share, so the surface runs on without a gap; its vertices
 there are joined by where they lie: on one edge between two cells (at most one vertex each), or within one cube. No opacity equals
-the level exactly. Memory: a box at a time; of the surface 12 bytes a triangle, and a vertex 12 for its position, 3 for its colour
-and 8 for its name until it is joined.
-
-Sums over faces are taken in parts, and neighbours are stored once, so that memory stays a small multiple of the mesh's.
+the level exactly. Sums over faces are taken in parts, and neighbours are stored once, so that memory stays a small multiple of
+the mesh's.
 """
 
 from __future__ import annotations
@@ -29,13 +27,11 @@ Shared = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Surface:
-    """vertices float32 [v, 3]: x, y, z in voxels of the pack's grid. faces int32 [f, 3], counter-clockwise from outside in the
-    grid's frame. colours uint8 [v, 3]: diffuse, sRGB.
-    """
+    """A mesh with vertex colours."""
 
-    vertices: np.ndarray
-    faces: np.ndarray
-    colours: np.ndarray
+    vertices: np.ndarray  # float32 [v, 3]: x, y, z in voxels of the pack's grid
+    faces: np.ndarray  # int32 [f, 3], counter-clockwise from outside in the grid's frame
+    colours: np.ndarray  # uint8 [v, 3]: diffuse, sRGB
 
     def only(self, faces: np.ndarray) -> Surface:
         """Some of the faces (bool [f]), and the vertices that they have."""
@@ -47,39 +43,31 @@ class Surface:
 
 def extract(field: Field, level: float, on_progress: Shared = lambda share: None) -> Surface:
     """The surface of `field` where opacity is `level`, 0 ... 1; nothing where there is none."""
+    from skimage.measure import marching_cubes
+
     level = (np.floor(255.0 * level) + 0.5) / 255.0  # all opacities are whole 255ths
     names, positions, colours, faces = [], [], [], []
     begun = 0
     for done, (place, box) in enumerate(field.boxes()):
         on_progress(min(done / field.count, 1.0))
-        part = _of_box(box, level)
-        if part is None:
+        opacity = box[..., 3]
+        if opacity.max() <= level or opacity.min() >= level:
             continue
-        cells, triangles = part
+        cells, triangles, _, _ = marching_cubes(opacity, level, allow_degenerate=True)
+        cells = cells.astype(np.float64)  # z, y, x in cells of the box
         corner = np.asarray(place) * field.side
         names.append(_names(cells, corner, field))
         rgba = np.stack([map_coordinates(box[..., c], cells.T, order=1, prefilter=False) for c in range(4)], axis=-1)
         straight = rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6)
         colours.append(np.rint(255.0 * np.clip(straight, 0.0, 1.0)).astype(np.uint8))
         positions.append((field.coarser * (cells + corner + 0.5)).astype(np.float32)[:, ::-1])
-        faces.append(triangles + begun)
+        faces.append(triangles.astype(np.int32) + begun)
         begun += len(cells)
     if not faces:
         return Surface(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 3), np.uint8))
     _, first, number = np.unique(np.concatenate(names), return_index=True, return_inverse=True)
     joined = number.astype(np.int32)[np.concatenate(faces)]
     return Surface(np.concatenate(positions)[first], joined, np.concatenate(colours)[first])
-
-
-def _of_box(box: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Vertices float64 [v, 3] (z, y, x in cells of the box) and faces int32 [f, 3]; None where it has no surface."""
-    from skimage.measure import marching_cubes
-
-    opacity = box[..., 3]
-    if opacity.max() <= level or opacity.min() >= level:
-        return None
-    vertices, faces, _, _ = marching_cubes(opacity, level, allow_degenerate=True)
-    return vertices.astype(np.float64), faces.astype(np.int32)
 
 
 def _names(cells: np.ndarray, corner: np.ndarray, field: Field) -> np.ndarray:
@@ -116,11 +104,9 @@ def without_floaters(surface: Surface, keep: str | float) -> Surface:
 def components(surface: Surface) -> np.ndarray:
     """int32 [f]: the number of the connected component that a face belongs to."""
     first, second, third = surface.faces.T
-    count = len(surface.vertices)
     rows, columns = np.concatenate([first, second]), np.concatenate([second, third])
-    links = coo_matrix((np.ones(len(rows), np.bool_), (rows, columns)), shape=(count, count))
-    _, of_vertex = connected_components(links, directed=False)
-    return of_vertex[first]
+    links = coo_matrix((np.ones(len(rows), np.bool_), (rows, columns)), shape=(len(surface.vertices),) * 2)
+    return connected_components(links, directed=False)[1][first]
 
 
 def face_normals(surface: Surface) -> np.ndarray:
