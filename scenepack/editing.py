@@ -114,8 +114,8 @@ class Voxels:
         points = self.frame.points(positions.reshape(-1, 3)).reshape(len(first), -1, 3)
         return points.min(axis=1) - pack.voxel_size, points.max(axis=1) + pack.voxel_size  # which covers rounding
 
-    def where(self, test: Test, near: np.ndarray) -> Selection:
-        """Voxels of which `test` is true. near: bool [n], the macroblocks that are looked at."""
+    def where(self, test: Test, near: np.ndarray | None) -> Selection:
+        """Voxels of which `test` is true. near: bool [n], the macroblocks that are looked at; None: all."""
 
         def mask_of(number: int) -> np.ndarray:
             mask = self.content(number)
@@ -125,7 +125,7 @@ class Voxels:
             return mask
 
         with np.errstate(all="ignore"):  # what lies next to infinity
-            return self._chosen(mask_of, np.flatnonzero(near).tolist())
+            return self._chosen(mask_of, None if near is None else np.flatnonzero(near).tolist())
 
     def _chosen(self, mask_of: Callable[[int], np.ndarray], numbers: Iterable[int] | None = None) -> Selection:
         """The voxels in the masks of macroblocks, by default of all."""
