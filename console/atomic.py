@@ -282,9 +282,8 @@ def _writer_of(path: Path) -> int:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[int]:
-    handle = os.open(
-        path, os.O_RDONLY if path.is_dir() else os.O_RDWR
-    )  # network file systems lock only what can be written
+    flags = os.O_RDONLY if path.is_dir() else os.O_RDWR  # network file systems lock only what is open for writing
+    handle = os.open(path, flags)
     try:
         yield handle
     finally:

@@ -31,6 +31,11 @@ def create_context() -> moderngl.Context:
     return ctx
 
 
+def lost(ctx: moderngl.Context) -> bool:
+    """Whether the driver took the context away (a reset, a sleep): it then reports an error without end."""
+    return all(ctx.error != "GL_NO_ERROR" for _ in range(17))
+
+
 class OffscreenRenderer:
     """Renders a pack into arrays. Use as a context manager, or call release().
 
@@ -94,9 +99,7 @@ class OffscreenRenderer:
         framebuffer = self.framebuffer(camera.width, camera.height, dtype)
         self.renderer.render(framebuffer, camera, settings)
         pixels = opengl.read_pixels(framebuffer, camera.width, camera.height, components, dtype)
-        if all(
-            self.ctx.error != "GL_NO_ERROR" for _ in range(17)
-        ):  # without end, once the driver took the context away
+        if lost(self.ctx):
             raise UserError("the OpenGL context was lost", remedy="the graphics driver restarted; run it again")
         return pixels
 
