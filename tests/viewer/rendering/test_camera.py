@@ -12,20 +12,12 @@ from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
 
-def pixels_of(camera: ViewCamera, points: np.ndarray) -> np.ndarray:
-    """Where points [n, 3] of the grid frame are in the picture, x right, y down."""
-    pixels, ahead = project(camera, points)
-    assert ahead.all(), "behind the camera"
-    return pixels
-
-
 def test_every_view_of_an_orbit_holds_all_of_the_content(shapes: Pack) -> None:
-    low, high = content_box(shapes)
-    corners = box_points(low, high)
+    corners = box_points(*content_box(shapes))
     for size in ((80, 60), (60, 80)):
         for camera in orbit_path(shapes, 7, 39, size):
-            pixels = pixels_of(camera, corners)
-            assert np.all(pixels >= 0) and np.all(pixels <= size)
+            pixels, ahead = project(camera, corners)
+            assert ahead.all() and np.all(pixels >= 0) and np.all(pixels <= size)
 
 
 def test_a_forward_facing_path_stays_in_one_plane_and_looks_ahead(ndc_shapes: Pack) -> None:

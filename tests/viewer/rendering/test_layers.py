@@ -1,7 +1,5 @@
 """Depth, normals and opacity as numbers, measured on scenes whose geometry is known by formula."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,6 @@ from viewer.rendering.layers import depth_along_axis, linear_rgb, straight_rgba,
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
-Make = Callable[[Pack], OffscreenRenderer]
 SIDE = 56
 RADIUS, GREY = 0.6, (127, 127, 127)
 
@@ -58,7 +55,7 @@ def test_depth_unprojects_onto_the_ball_that_was_drawn_and_normals_point_out_of_
     assert empty.any() and not depth[empty].any() and not normals[empty].any()
 
 
-def test_forward_facing_packs_have_the_depth_and_the_normals_of_the_world_that_was_warped(offscreen: Make) -> None:
+def test_forward_facing_packs_have_the_depth_and_the_normals_of_the_world_that_was_warped(offscreen) -> None:
     (n, d), pack = PLANE, plane_pack(SIDE, GREY)
     camera = orbit_path(pack, 1, 40, (60, 44))[0]
     depth, normals, alpha = seen(offscreen(pack), camera)
@@ -71,7 +68,7 @@ def test_forward_facing_packs_have_the_depth_and_the_normals_of_the_world_that_w
     assert np.median(facing) > 0.99
 
 
-def test_the_view_mlp_sees_the_background_that_is_left_out(offscreen: Make) -> None:
+def test_the_view_mlp_sees_the_background_that_is_left_out(offscreen) -> None:
     """What it adds was learnt over a background, so that over the same one nothing changes but what no opacity can hold."""
     renderer = offscreen(shapes_pack())
     camera = ViewCamera.orbit(renderer.pack, 30, size=(80, 60))

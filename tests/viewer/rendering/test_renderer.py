@@ -1,7 +1,6 @@
 """Drawing: independent of what others left in OpenGL, of the viewport's place, and of what was drawn before."""
 
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 
 import moderngl
@@ -10,15 +9,12 @@ import pytest
 
 from console import UserError
 from scenepack.pack import Pack
-from tests.viewer.rendering.pictures import assert_same_picture
 from tests.viewer.texture_limits import limit_textures
 from viewer.rendering import supersampling
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 from viewer.rendering.settings import MODES, RenderSettings
-
-Make = Callable[[Pack], OffscreenRenderer]
 
 
 @pytest.fixture
@@ -80,17 +76,6 @@ def test_a_program_has_its_own_context_back_when_a_renderer_is_released(shapes, 
                 assert np.array_equal(one.render(camera), other.render(camera))
         assert texture.read() == pixels and own.error == "GL_NO_ERROR"
         own.release()
-
-
-def test_a_framebuffer_without_depth_shows_the_same_picture(ctx, offscreen, shapes, camera):
-    renderer = offscreen(shapes)
-    expected = renderer.render(camera)
-    bare = ctx.framebuffer([ctx.texture((64, 48), 4)])
-    renderer.renderer.render(bare, camera)
-    pixels = np.frombuffer(bare.read(components=3, alignment=1), np.uint8).reshape(48, 64, 3)[::-1]
-    assert_same_picture(pixels / 255, expected / 255)
-    unbind_framebuffers(ctx)
-    free_framebuffer(bare)
 
 
 def test_a_pack_whose_features_need_an_atlas_of_their_own_looks_the_same(ctx, offscreen, shapes, camera, monkeypatch):
