@@ -100,20 +100,19 @@ def _review(app: App, scenes: Scenes) -> None:
     app.making.choose_kind(app, "room")
 
 
-def _plan(subject: str, **changes: object) -> Prepare:
+def _plan(subject: str, attempt: object = None) -> Prepare:
     def prepare(app: App, scenes: Scenes) -> None:
         if subject == "run":
             app.making.plan = Plan("run", scenes.path.parent / "run", scenes.path.parent / "baked")
         else:
             app.making.plan = scenes.plan
-        scenes.plan.attempt = changes.get("attempt")
+        scenes.plan.attempt = attempt
 
     return prepare
 
 
 def _checked(app: App, scenes: Scenes) -> None:
-    _plan("scene")(app, scenes)
-    app.making.check_photographs(app)
+    _checking(app, scenes)
     assert app.making.check is not None
     app.making.check.close()
     app.making.check.result = {
