@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from scenepack import Pack
 from tests.scenepack.volumes import PLANE, centres, plane_pack, solid_pack
 from tests.viewer.rendering.shapes import shapes_pack
 from viewer.rendering.camera import ViewCamera, orbit_path
@@ -13,11 +12,6 @@ from viewer.rendering.settings import RenderSettings
 
 SIDE = 56
 RADIUS, GREY = 0.6, (127, 127, 127)
-
-
-def ball() -> Pack:
-    x, y, z = centres(SIDE)
-    return solid_pack((RADIUS - np.sqrt(x**2 + y**2 + z**2)) * SIDE / 2, GREY)
 
 
 def seen(
@@ -38,7 +32,8 @@ def unprojected(depth: np.ndarray, camera: ViewCamera) -> np.ndarray:
 
 @pytest.mark.parametrize("samples", [1, 3])
 def test_depth_unprojects_onto_the_ball_that_was_drawn_and_normals_point_out_of_it(offscreen, samples):
-    renderer = offscreen(ball())
+    x, y, z = centres(SIDE)
+    renderer = offscreen(solid_pack((RADIUS - np.sqrt(x**2 + y**2 + z**2)) * SIDE / 2, GREY))
     camera = ViewCamera.look_at((0.9, 1.1, 1.6), (0.1, 0, 0), (0, 1, 0), 60, (64, 48))
     depth, normals, alpha = seen(renderer, camera, samples)
     points = unprojected(depth, camera)

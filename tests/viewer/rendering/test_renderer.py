@@ -9,6 +9,7 @@ import pytest
 
 from console import UserError
 from scenepack.pack import Pack
+from tests.viewer.rendering.golden_variants import camera_for
 from tests.viewer.texture_limits import limit_textures
 from viewer.rendering import supersampling
 from viewer.rendering.camera import ViewCamera
@@ -50,10 +51,7 @@ def test_state_that_imgui_leaves_behind_changes_nothing(ctx, offscreen, shapes, 
 def test_every_mode_of_every_kind_of_pack_draws_something_finite(request, offscreen, kind, shapes):
     diffuse = replace(shapes, atlas_features=None, view_mlp=None)
     pack = diffuse if kind == "diffuse" else request.getfixturevalue(kind)
-    camera = ViewCamera.orbit(pack, 35, size=(48, 36))
-    if pack.ndc:
-        camera = ViewCamera.look_at((0, 0, -0.2), (0, 0, 4), fov_degrees=50, size=(48, 36), mirrored=True)
-    renderer = offscreen(pack)
+    camera, renderer = camera_for(pack).resized(48, 36), offscreen(pack)
     for mode in MODES:
         picture = renderer.render_float(camera, RenderSettings(mode=mode))
         assert np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1, mode
@@ -93,10 +91,7 @@ WIDTH, HEIGHT = 50, 37
 
 
 def view(pack: Pack, scale: int = 1) -> ViewCamera:
-    size = (scale * WIDTH, scale * HEIGHT)
-    if pack.ndc:
-        return ViewCamera.look_at((0.3, 0.2, 0), (0, 0, 4), fov_degrees=50, size=size, mirrored=True)
-    return ViewCamera.orbit(pack, 35, 28, 2.9, fov_degrees=42, size=size)
+    return camera_for(pack).resized(scale * WIDTH, scale * HEIGHT)
 
 
 @pytest.mark.parametrize(("which", "mode"), [("shapes", "normal"), ("ndc_shapes", "alpha")])

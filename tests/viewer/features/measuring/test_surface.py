@@ -22,11 +22,11 @@ LOW, HIGH = np.array([11, 9, 17]), np.array([52, 31, 47])  # voxels of the block
 SIZE = (800, 600)
 
 
-def block_pack(opacity: int = 255, low: np.ndarray = LOW, high: np.ndarray = HIGH) -> Pack:
+def block_pack() -> Pack:
     """A solid block of known corners in the box of -1 … 1."""
     rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
-    (x0, y0, z0), (x1, y1, z1) = low, high
-    rgba[z0:z1, y0:y1, x0:x1] = (160, 90, 60, opacity)
+    (x0, y0, z0), (x1, y1, z1) = LOW, HIGH
+    rgba[z0:z1, y0:y1, x0:x1] = (160, 90, 60, 255)
     return cube_pack(rgba, BLOCK)
 
 
