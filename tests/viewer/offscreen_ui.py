@@ -1,13 +1,12 @@
 """The interface in a framebuffer, without a window: for pictures of it and for tests that press its buttons."""
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import moderngl
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from tests.viewer.unseen import draw_unseen
 from tests.viewer.window.widgets_seen import Seen, watch
 from viewer.app.application import App
 from viewer.app.frame import is_waiting, unfinished
@@ -18,11 +17,9 @@ from viewer.rendering.canvas import Canvas
 from viewer.rendering.opengl import free_framebuffer, read_pixels, unbind_framebuffers
 
 FRAME_S = 1.0 / 60.0
+NAMED = ("Escape", "Space", "Tab", "Home", "Delete", "Backspace", "Enter")
 PLACES = {
-    **{
-        getattr(imgui.Key, name.lower()): name
-        for name in ("Escape", "Space", "Tab", "Home", "Delete", "Backspace", "Enter")
-    },
+    **{getattr(imgui.Key, name.lower()): name for name in NAMED},
     imgui.Key.page_up: "PageUp",
     imgui.Key.page_down: "PageDown",
     **{getattr(imgui.Key, f"{name.lower()}_arrow"): name for name in ("Left", "Right", "Up", "Down")},
@@ -30,6 +27,17 @@ PLACES = {
     **{getattr(imgui.Key, letter): letter.upper() for letter in "abcdefghijklmnopqrstuvwxyz"},
     **{getattr(imgui.Key, f"_{i}"): str(i) for i in range(10)},
 }
+
+
+def draw_unseen(data: imgui.ImDrawData, draw: Callable = imgui.backends.opengl3_render_draw_data) -> None:
+    """Draws the panels' last frame into one pixel: in software, filling pixels is most of a frame. Textures of letters arrive
+    with it; the same data can be drawn whole after.
+    """
+    size = data.display_size
+    whole = ImVec2(size.x, size.y)
+    data.display_size = ImVec2(1.0, 1.0)
+    draw(data)
+    data.display_size = whole
 
 
 class OffscreenUi:
@@ -92,18 +100,20 @@ class OffscreenUi:
             self.app.resolution.frame_ended(frame_ms)
         self.app.drew()
 
+    def frames(self, count: int) -> None:
+        for _ in range(count):
+            self.frame()
+
     def settle(self, most: int = 400) -> None:
         """Frames until the picture is whole and nothing moves."""
-        for _ in range(3):
-            self.frame()
+        self.frames(3)
         for _ in range(most):
             self.frame()
             if not unfinished(self.app, self.canvas) and not self.app.frames_owed and not self.ui.hears:
                 if not is_waiting(self.app):
                     break
                 time.sleep(0.01)
-        for _ in range(2):  # figures that were measured at rest reach the screen with the frame after
-            self.frame()
+        self.frames(2)  # figures that were measured at rest reach the screen with the frame after
 
     def picture(self) -> np.ndarray:
         """What the window would show, uint8 [height, width, 3]: the last frame, whose panels are drawn now."""
@@ -164,8 +174,7 @@ class OffscreenUi:
     def pull(self, start: Sequence[float], end: Sequence[float], steps: int) -> None:
         """Drags slowly, as docking and gizmos want it: hovers for a moment first, and stays at the end before letting go."""
         self.io.add_mouse_pos_event(*start)
-        for _ in range(3):
-            self.frame()
+        self.frames(3)
         way = np.linspace(start, end, steps + 1).tolist()
         self.drag([*way, *[way[-1]] * 3])
         self.settle()
@@ -182,8 +191,7 @@ class OffscreenUi:
         self.hold(*keys)
         self.frame()
         self.let_go(*keys)
-        self.frame()
-        self.frame()
+        self.frames(2)
 
     def hold(self, *keys: imgui.Key) -> None:
         """Presses keys of a US keyboard, modifiers first, and draws nothing."""

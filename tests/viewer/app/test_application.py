@@ -91,10 +91,12 @@ def test_every_command_runs_with_and_without_a_scene(open_app):
         assert not app.messages.dialogs
 
 
-def test_a_command_that_fails_is_a_dialog(open_app, monkeypatch):
+def test_a_command_that_fails_is_a_dialog_with_its_traceback_in_the_log(open_app, monkeypatch):
     monkeypatch.setattr(open_app.scene.rig, "home", lambda: 1 / 0)
     assert open_app.run("home")
-    assert "first view" in open_app.messages.dialogs[0].title
+    (dialog,) = open_app.messages.dialogs
+    assert "first view" in dialog.title and dialog.text.startswith("This is a bug in snerg")
+    assert any("test_application.py" in line.text for line in open_app.messages.lines)  # the traceback
 
 
 def test_no_key_belongs_to_two_commands():
@@ -113,29 +115,7 @@ def test_modes_go_round_and_leave_out_what_the_pack_has_not(open_app):
     assert open_app.settings.mode == "normal" and "features" not in modes_for(open_app)
 
 
-def test_nothing_is_drawn_once_nothing_changes(open_app):
-    for _ in range(10):
-        open_app.tick(0.02)
-        open_app.drew()
-    assert not open_app.wants_frame
-    open_app.set(mode="depth")
-    assert open_app.wants_frame
-
-
 # Repairs of a pack made elsewhere are reported once, in the window
-
-
-@pytest.fixture
-def untidy(pack, tmp_path) -> Path:
-    """A pack made elsewhere: its features are missing, and a number is wrong."""
-    folder = tmp_path / "untidy"
-    save_pack(pack, folder)
-    for file in folder.glob("feature_*"):
-        file.unlink()
-    params = json.loads((folder / "scene_params.json").read_text())
-    params["atlas_blocks_x"] += 1
-    (folder / "scene_params.json").write_text(json.dumps(params))
-    return folder
 
 
 def opened(app: App, path: Path) -> str:
@@ -146,7 +126,14 @@ def opened(app: App, path: Path) -> str:
     return app.messages.toast
 
 
-def test_repairs_are_reported_once_and_stays_in_the_log(untidy, pack_folder):
+def test_repairs_are_reported_once_and_stay_in_the_log(pack, pack_folder, tmp_path):
+    untidy = tmp_path / "untidy"  # its features are missing, and a number is wrong
+    save_pack(pack, untidy)
+    for file in untidy.glob("feature_*"):
+        file.unlink()
+    params = json.loads((untidy / "scene_params.json").read_text())
+    params["atlas_blocks_x"] += 1
+    (untidy / "scene_params.json").write_text(json.dumps(params))
     app = App(canvas=FakeCanvas())
     assert opened(app, pack_folder) == ""  # a sound pack
     notice = opened(app, untidy)
@@ -154,7 +141,6 @@ def test_repairs_are_reported_once_and_stays_in_the_log(untidy, pack_folder):
     assert str(untidy) not in notice and app.messages.toast_left > 5
     assert opened(app, untidy) == ""
     assert sum("feature_000.png" in line.text for line in app.messages.lines) == 2
-    params = json.loads((untidy / "scene_params.json").read_text())
     (untidy / "scene_params.json").write_text(json.dumps({**params, "atlas_blocks_x": 99}))
     again = opened(app, untidy)
     assert "feature_000.png" not in again and again  # only what is new

@@ -13,7 +13,6 @@ from viewer.core.pose import DEPTH, History
 from viewer.features.placing import placing
 
 PACK = toy_pack()
-EYE_AND_TARGET = (0.0, 1.0, 4.0), (0.0, 0.0, 0.0)
 STEPS = st.lists(st.sampled_from(["orbit", "crop", "near", "home", "move", "mark", "nothing"]), min_size=1, max_size=12)
 
 
@@ -39,9 +38,8 @@ def test_moves_cuts_marks_and_the_near_plane_are_undone_in_turn(steps):
         elif step == "move":
             placing.change(app, app.annotations.current.placement.with_angles(20.0 + i, 10.0, 0.0))
         elif step == "mark":
-            app.annotations.change(
-                app, replace(app.annotations.current, bookmarks=(Bookmark(f"{i}", *EYE_AND_TARGET),))
-            )
+            mark = Bookmark(f"{i}", (0.0, 1.0, 4.0), (0.0, 0.0, 0.0))
+            app.annotations.change(app, replace(app.annotations.current, bookmarks=(mark,)))
         elif step == "home":
             app.run("home")
         else:

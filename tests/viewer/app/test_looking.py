@@ -83,9 +83,7 @@ def test_a_photograph_that_is_not_there_is_told_and_the_camera_stays(app, known_
     assert app.scene.rig.held is not None and app.comparison.against == ""
 
 
-def test_at_a_photographs_camera_rays_begin_where_they_did_in_training_and_flying_on_they_do_not(
-    app, pack, pack_folder
-):
+def test_only_at_a_photographs_camera_do_rays_begin_where_they_did_in_training(app, pack, pack_folder):
     app.canvas = FakeCanvas()
     app.show(with_cameras(pack, [ViewCamera.orbit(pack, 0)]).with_metadata(near=1.25), pack_folder)
     app.scene.rig.hold(shots_of(app.scene.pack)[0].view)

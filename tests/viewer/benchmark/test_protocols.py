@@ -59,9 +59,8 @@ def test_a_scene_that_was_spherified_is_flown_around_as_the_papers_real_ones(asi
     large = dataclasses.replace(aside, voxel_size=8 * aside.voxel_size)
     unbounded = large.with_metadata(contraction=float(2 * large.voxel_size))
     assert protocol_for(unbounded) == "real360"
-    assert (
-        flight(unbounded, "real360", 1).facts["distance"] == 1.0
-    )  # within the surroundings, where its photographs were taken
+    # within the surroundings, where its photographs were taken
+    assert flight(unbounded, "real360", 1).facts["distance"] == 1.0
     assert protocol_for(ndc_shapes) == "forward-facing"
     assert flight(ndc_shapes, "forward-facing", 2).facts["distance"] is None
 

@@ -131,6 +131,12 @@ def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(folder: str, tmp
         ("a.png --aperture 0.1 --lens-rays 2", "--lens-rays"),
         ("a.png --aperture 0.1 --ortho-height 2", "exclude each other"),
         ("a.png --aperture 0.1 --eye 0,0,3 --target 0,0,9", "--focus"),
+        ("a.png --mode rgb,depth", "several modes"),
+        ("a.mp4 --background transparent", "transparent"),
+        ("a.exr --orbit 2", "cannot hold 2 pictures"),
+        ("a.exr --mode rgb,rgb", "twice"),
+        ("a.exr --mode rgb,colour", "is no display mode"),
+        ("a.png --background clear", "--background"),
     ],
 )
 def test_bad_arguments_are_status_2_and_one_line(folder, tmp_path, monkeypatch, capsys, words, complaint):
@@ -139,6 +145,70 @@ def test_bad_arguments_are_status_2_and_one_line(folder, tmp_path, monkeypatch, 
     [line] = without_progress(capsys.readouterr().err)
     assert complaint in line
     assert not list(tmp_path.iterdir())
+
+
+# Transparent pictures, OpenEXR files and several modes at once, opened with other libraries than the writer's
+
+
+def exr(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
+    openexr = pytest.importorskip("OpenEXR", reason="OpenEXR is not installed: pip install 'snerg[dev]'")
+    file = openexr.File(str(path), separate_channels=True)
+    return file.header(), {name: channel.pixels for name, channel in file.channels().items()}
+
+
+def test_one_exr_holds_picture_depth_normals_and_opacity(folder: str, tmp_path: Path) -> None:
+    out = tmp_path / "F.exr"
+    assert render.main([folder, "--out", str(out), "--mode", "rgb,depth,normal,alpha", *SMALL]) == 0
+    header, channels = exr(out)
+    assert set(channels) == {"R", "G", "B", "A", "Z", "N.X", "N.Y", "N.Z"}
+    assert all(values.dtype == np.float32 and values.shape == (36, 48) for values in channels.values())
+    said = json.loads(header["snerg"])
+    assert "optical axis" in said["Z"] and "without background" in said["RGB"]
+    solid, empty = channels["A"] > 0.9, channels["A"] == 0
+    assert solid.any() and empty.any()
+    assert not any(values[empty].any() for values in channels.values())
+    length = np.sqrt(sum(channels[f"N.{axis}"] ** 2 for axis in "XYZ"))
+    assert np.allclose(length[solid], 1, atol=1e-4)
+    # Where these depths are, by the camera that the header has, lies within the box of -1 ... 1.
+    y, x = np.nonzero(solid)
+    z = channels["Z"][y, x]
+    across, up = (x + 0.5 - said["cx"]) / said["fx"] * z, -(y + 0.5 - said["cy"]) / said["fy"] * z
+    matrix = np.array(said["grid_T_camera"])
+    points = np.stack([across, up, -z], 1) @ matrix[:3, :3].T + matrix[:3, 3]
+    assert np.abs(points).max() < 1.02 and np.ptp(points, axis=0).min() > 0.4
+    assert np.allclose(header["worldToCamera"].T @ matrix, np.eye(4), atol=1e-5)
+
+
+def test_an_exr_without_opacity_has_the_picture_over_its_background(folder: str, tmp_path: Path) -> None:
+    words = [folder, "--out", str(tmp_path / "F.exr"), "--background", "0.5,0.5,0.5", "--mode", "rgb,samples", *SMALL]
+    assert render.main(words) == 0
+    _, channels = exr(tmp_path / "F.exr")
+    assert set(channels) == {"R", "G", "B", "samples"}
+    assert np.allclose(channels["R"][0, 0], 0.21404, atol=1e-4)
+    assert channels["samples"].max() > 2 and np.all(channels["samples"] == np.rint(channels["samples"]))
+
+
+def test_a_transparent_png_has_straight_alpha_and_laid_over_white_it_is_the_picture(folder, tmp_path):
+    clear, white = tmp_path / "clear.png", tmp_path / "white.png"
+    assert render.main([folder, "--out", str(clear), "--background", "transparent", "--mode", "diffuse", *SMALL]) == 0
+    assert render.main([folder, "--out", str(white), "--mode", "diffuse", *SMALL]) == 0
+    seen = Image.open(clear)
+    assert seen.mode == "RGBA" and seen.getpixel((0, 0)) == (0, 0, 0, 0)
+    over = Image.alpha_composite(Image.new("RGBA", seen.size, "white"), seen).convert("RGB")
+    assert np.abs(np.asarray(over, int) - picture(white).astype(int)).max() <= 2
+
+
+def test_a_folder_gets_a_file_for_each_mode_of_each_view_or_one_exr_for_each_view(folder: str, tmp_path: Path) -> None:
+    words = [folder, "--orbit", "2", "--mode", "rgb,alpha,normals", "--background", "transparent", *SMALL]
+    assert render.main([*words, "--out", str(tmp_path / "png")]) == 0
+    names = {f"{view}_{mode}.png" for view in ("0000", "0001") for mode in ("rgb", "alpha", "normals")}
+    assert {path.name for path in (tmp_path / "png").iterdir()} == names
+    assert Image.open(tmp_path / "png" / "0001_rgb.png").mode == "RGBA"
+    assert render.main([*words, "--out", str(tmp_path / "exr"), "--format", "exr"]) == 0
+    assert {path.name for path in (tmp_path / "exr").iterdir()} == {"0000.exr", "0001.exr"}
+
+
+# snerg-bench
 
 
 def test_the_benchmarks_json_is_what_scripts_expect(folder: str, tmp_path: Path) -> None:
@@ -181,9 +251,9 @@ def scene(tmp_path_factory: pytest.TempPathFactory, shapes: Pack) -> str:
 
 
 @pytest.mark.slow
-def test_two_systems_are_compared_each_pack_under_its_own_marcher_and_both_against_photographs(
-    folder: str, turned_folder: str, scene: str, tmp_path: Path
-) -> None:
+def test_two_systems_are_compared_under_their_own_marchers_and_against_photographs(
+    folder, turned_folder, scene, tmp_path
+):
     out, table = tmp_path / "bench.json", tmp_path / "bench.md"
     words = [folder, "--against", turned_folder, "--scene", scene, "--frames", "3", "--json", str(out), *SMALL]
     assert bench.main([*words, "--markdown", str(table)]) == 0
@@ -237,14 +307,8 @@ def test_the_benchmarks_table_is_written_as_markdown_and_its_times_as_a_plot(fol
     assert bench.main([folder, *words, "--markdown", str(out), "--plot", str(plot), "--json", str(figures)]) == 0
     table = [line for line in out.read_text().splitlines() if line.startswith("|")]
     assert "p99" in table[0] and len({line.count("|") for line in table}) == 1
-    assert [line.split("|")[1].strip() for line in table[2:]] == [
-        "exact",
-        "paper",
-        "exact, no view MLP",
-        "exact, view MLP at every sample",
-        "no skipping: every sample",
-        "exact, no sparsity loss",
-    ]
+    rows = "exact", "paper", "exact, no view MLP", "exact, view MLP at every sample", "no skipping: every sample"
+    assert [line.split("|")[1].strip() for line in table[2:]] == [*rows, "exact, no sparsity loss"]
     assert "exact, no sparsity loss" in json.loads(figures.read_text())["ablations"]
     assert picture(plot).shape[:2] == (540, 1080)
     assert sorted(path.name for path in out.parent.iterdir()) == ["bench.md", "bench.png"]
@@ -259,11 +323,10 @@ def test_the_scaling_script_plots_all_three(tmp_path: Path) -> None:
     result = json.loads((tmp_path / "scaling.json").read_text())
     assert [point["voxels"] for point in result["resolution"]] == [40, 64] and len(result["size"]) == 2
     assert all(point["exact"] > 0 and point["paper"] > 0 for points in result.values() for point in points)
-    assert {path.name for path in tmp_path.glob("*.png")} == {
-        f"scaling-{what}.png" for what in ("resolution", "size", "opacity")
-    }
+    plots = {tmp_path / f"scaling-{what}.png" for what in ("resolution", "size", "opacity")}
+    assert set(tmp_path.glob("*.png")) == plots
     assert run(str(tmp_path), "--resolutions", "5") == 2
-    for path in tmp_path.glob("*.png"):
+    for path in plots:
         path.unlink()
     assert run(str(tmp_path), "--redraw") == 0 and len(list(tmp_path.glob("*.png"))) == 3
     assert run(str(tmp_path / "none"), "--redraw") == 2

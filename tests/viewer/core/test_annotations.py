@@ -54,11 +54,6 @@ def test_the_table_has_a_row_for_each_point_and_the_text_a_line_for_each_measure
     assert len(as_text(pack, ANNOTATIONS).splitlines()) == 3
 
 
-def test_json_comes_back_as_it_was():
-    assert annotations_from_json(json.loads(json.dumps(annotations_to_json(ANNOTATIONS)))) == ANNOTATIONS
-    assert annotations_from_json({}) == Annotations()
-
-
 @pytest.mark.parametrize(
     ("part", "value", "words"),
     [("scale", {"factor": 0, "unit": "m"}, "scale"), ("scale", {"factor": 1, "unit": "mile"}, "unit"),

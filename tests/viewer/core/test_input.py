@@ -7,21 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from viewer.app.commands import COMMANDS
-from viewer.core.input import (
-    GAMEPAD_BUTTONS,
-    LEFT_X,
-    LEFT_Y,
-    MOUSE_BUTTONS,
-    PUSH_Y,
-    RIGHT_TRIGGER,
-    RIGHT_X,
-    TURN_Z,
-    A,
-    ControllerState,
-    Y,
-    shaped,
-)
+from viewer.core.input import LEFT_X, LEFT_Y, PUSH_Y, RIGHT_TRIGGER, RIGHT_X, TURN_Z, A, ControllerState, Y, shaped
 from viewer.window.window import controllers_now
 
 NEUTRAL = (0.0, 0.0, 0.0, 0.0, -1.0, -1.0)
@@ -118,10 +104,6 @@ def test_a_resting_stick_asks_for_no_frame(app, hear):
     app.frames_owed = 0
     hear(pad(rx=0.1), frames=30)
     assert app.frames_owed == 0 and app.controllers.present
-
-
-def test_all_buttons_have_commands():
-    assert {command for _, command in (*GAMEPAD_BUTTONS.values(), *MOUSE_BUTTONS.values())} <= set(COMMANDS)
 
 
 def test_glfw_s_answers_become_states():

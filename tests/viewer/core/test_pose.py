@@ -36,15 +36,11 @@ def test_the_shortest_turn_leads_there_and_is_no_longer_than_half_a_turn(start, 
     assert (start + turn - end + 180.0) % 360.0 == pytest.approx(180.0, abs=1e-6)
 
 
-def test_a_pose_survives_as_text():
-    table = Turntable()
-    matrix = Pose((0.1, 0.2, 0.3), 33.0, 12.0, 4.0).matrix(table)
+def test_a_pose_survives_as_text_and_six_numbers_are_eye_and_target():
+    matrix = Pose((0.1, 0.2, 0.3), 33.0, 12.0, 4.0).matrix(Turntable())
     again, fov, height = pose_from_text(pose_to_text(matrix, 41.5, 2.5))
     np.testing.assert_allclose(again, matrix, atol=1e-5)
     assert fov == pytest.approx(41.5) and height == 2.5
-
-
-def test_six_numbers_are_eye_and_target():
     matrix, fov, height = pose_from_text("0, 0, 4,  0 0 0")
     np.testing.assert_allclose(matrix, ViewCamera.look_at((0, 0, 4), (0, 0, 0)).grid_T_camera)
     assert fov is None and height is None

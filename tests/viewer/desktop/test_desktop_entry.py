@@ -83,12 +83,6 @@ def test_icon_and_types_are_xml_and_packs_are_told_by_their_first_bytes(data):
         assert (data / "mime" / "magic").read_bytes().count(b"application/x-snerg-pack") == 1
 
 
-def test_a_relative_data_folder_is_no_data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", "relative")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert desktop_entry.data_folder() == tmp_path / ".local" / "share"
-
-
 def test_a_folder_that_cannot_be_written_is_one_line_and_status_2(data, capsys):
     data.write_text("a file")
     assert main(["--register"]) == 2

@@ -28,8 +28,7 @@ def open_and_look(ui: OffscreenUi, path: Path, *, other: bool = False) -> None:
     """Opens a pack from disk as a user does, and draws it."""
     ui.app.open(path, other=other)
     until(lambda: ui.app.loading.finished)
-    for _ in range(4):
-        ui.frame()
+    ui.frames(4)
     assert ui.app.scene is not None and not ui.app.messages.dialogs
 
 
@@ -40,8 +39,7 @@ def open_and_close(ui: OffscreenUi, packs: list[Path], times: int) -> None:
         if i % 10 == 4:
             open_and_look(ui, packs[(i + 1) % len(packs)], other=True)
         ui.app.close()
-        ui.frame()
-        ui.frame()
+        ui.frames(2)
 
 
 def main(warm_up: str, times: str, rounds: str, tolerated: str, *packs: str) -> None:

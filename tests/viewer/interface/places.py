@@ -77,11 +77,6 @@ def _film(app: App, scenes: Scenes) -> None:
     app.filming.path.keyframes = [replace(key, seconds=10.0) for key in app.filming.path.keyframes]
 
 
-def _export(app: App, scenes: Scenes) -> None:
-    _film(app, scenes)
-    app.filming.film(app, scenes.path.parent / "film")
-
-
 def _job(app: App, scenes: Scenes) -> None:
     job = app.making.job = MakeJob(scenes.plan, child())  # type: ignore[arg-type]
     job.report, job.figures = job.child.report(), [20.0, 22.0, 23.0]
@@ -100,20 +95,19 @@ def _review(app: App, scenes: Scenes) -> None:
     app.making.choose_kind(app, "room")
 
 
-def _plan(subject: str, **changes: object) -> Prepare:
+def _plan(subject: str, attempt: object = None) -> Prepare:
     def prepare(app: App, scenes: Scenes) -> None:
         if subject == "run":
             app.making.plan = Plan("run", scenes.path.parent / "run", scenes.path.parent / "baked")
         else:
             app.making.plan = scenes.plan
-        scenes.plan.attempt = changes.get("attempt")
+        scenes.plan.attempt = attempt
 
     return prepare
 
 
 def _checked(app: App, scenes: Scenes) -> None:
-    _plan("scene")(app, scenes)
-    app.making.check_photographs(app)
+    _checking(app, scenes)
     assert app.making.check is not None
     app.making.check.close()
     app.making.check.result = {
@@ -157,10 +151,6 @@ def _scaling(app: App, scenes: Scenes) -> None:
     app.measure_tool.tool, app.measure_tool.draft = "scale", ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0))
 
 
-def _placed(app: App, scenes: Scenes) -> None:
-    placing.put(app, Placement(origin=(0.0, -0.5, 0.0)))
-
-
 def _bookmarked(app: App, scenes: Scenes) -> None:
     for name, command in (("A view with a name that is longer than the list is wide", "front"), ("Above", "top")):
         app.run(command)
@@ -193,12 +183,12 @@ PLACES: dict[str, Prepare] = {
     "bookmarks, two of them": _page("bookmarks", _bookmarked),
     "measure, three of them": _page("measure", _measured),
     "measure, a known length": _page("measure", _scaling),
-    "move, another origin": _page("move", _placed),
+    "move, another origin": _page("move", lambda app, _: placing.put(app, Placement(origin=(0.0, -0.5, 0.0)))),
     "photographs, frusta": _page("photographs", lambda app, _: setattr(app.comparison, "frusta", True)),
     "photographs, one of them": _page("photographs", _stand_in),
     "compare, two packs": _page("compare", _compare),
     "film, a path": _page("film", _film),
-    "film, an export": _page("film", _export),
+    "film, an export": _page("film", _film, lambda app, scenes: app.filming.film(app, scenes.path.parent / "film")),
     "a page that floats": lambda app, _: app.interface.moved.append("camera"),
     "opening": lambda app, scenes: app.open(scenes.path),
     "export the scene": _page("film", _near, _crop, lambda app, _: app.exporting.ask(app)),

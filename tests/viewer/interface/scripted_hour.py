@@ -48,7 +48,7 @@ ROUND = 250  # events from one measurement of memory to the next
 WARM_UP = 2  # rounds
 ESCAPES = 40  # that answer the dialogs of an event
 TOLERATED = (
-    0.06  # of growth: of some 125 MiB, fonts and pools move 5 from round to round; forgotten framebuffers were a third
+    0.06  # of growth: fonts and pools move 5 of some 125 MiB from round to round, forgotten framebuffers a third
 )
 
 
@@ -114,10 +114,8 @@ class Hour:
         self.app.open(self.random.choice(self.packs))
 
     def drop(self) -> None:
-        what = self.random.choice(
-            [*self.packs, *(self.folder / name for name in ("scene", "broken", "notes.txt", "gone"))]
-        )
-        self.app.drop([what])
+        others = [self.folder / name for name in ("scene", "broken", "notes.txt", "gone")]
+        self.app.drop([self.random.choice([*self.packs, *others])])
 
     def paste(self) -> None:
         self.app.clipboard.text = self.random.choice([str(self.random.choice(self.packs)), *TEXTS])
@@ -174,8 +172,7 @@ class Hour:
 
     def wait(self) -> None:
         end = time.monotonic() + 20
-        for _ in range(60):
-            self.ui.frame()
+        self.ui.frames(60)
         while (self.app.loading is not None or self.app.filming.export is not None) and time.monotonic() < end:
             self.ui.frame()
 
@@ -227,9 +224,8 @@ class Hour:
             if number % ROUND == 0:
                 self.close_all()
                 held.append(resident())
-                print(
-                    f"{number} events, {held[-1] / 2**20:.0f} MiB, {len(self.found)} found", file=sys.stderr, flush=True
-                )
+                said = f"{number} events, {held[-1] / 2**20:.0f} MiB, {len(self.found)} found"
+                print(said, file=sys.stderr, flush=True)
         grown = growth(held[WARM_UP:])
         if grown > TOLERATED:
             self.found.append(f"memory grew by {100 * grown:.1f} %: {[round(b / 2**20) for b in held]} MiB")

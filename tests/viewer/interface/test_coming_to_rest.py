@@ -21,18 +21,23 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     return clock
 
 
-@pytest.mark.parametrize("side", [4096, 250])
-def test_the_full_picture_fades_in_over_the_quick_one(offscreen, app, pack, pack_folder, clock, monkeypatch, side):
-    """side: of the tiles; one, as graphics cards have it, and several."""
+@pytest.fixture
+def ui(offscreen, app, pack, pack_folder, clock):
+    """The scene at rest, which from now on is drawn quickly where it moves."""
     ui = offscreen(app, size=(700, 500))
-    app.interface.page = ""
-    app.interface.axes_shown = False
+    app.interface.page, app.interface.axes_shown = "", False
     app.show(pack, pack_folder)
     until(lambda: ui.frame() or ui.canvas.layers)
     ui.settle()
-    monkeypatch.setattr(type(app.resolution), "tile_side", lambda _: side)
     ui.canvas.rest_s, ui.canvas.blend_s = REST_S, BLEND_S
     app.resolution.scale = 0.25
+    return ui
+
+
+@pytest.mark.parametrize("side", [4096, 250])
+def test_the_full_picture_fades_in_over_the_quick_one(ui, app, clock, monkeypatch, side):
+    """side: of the tiles; one, as graphics cards have it, and several."""
+    monkeypatch.setattr(type(app.resolution), "tile_side", lambda _: side)
     app.scene.rig.orbit(0.02, 0.0)
     app.scene.rig.shown = app.scene.rig.goal
     ui.frame()
@@ -57,13 +62,7 @@ def test_the_full_picture_fades_in_over_the_quick_one(offscreen, app, pack, pack
     assert len(shown) <= tiles + 0.1 / FRAME_S + 1  # at most 100 ms behind the last tile
 
 
-def test_a_movement_ends_the_fading_at_once(offscreen, app, pack, pack_folder, clock) -> None:
-    ui = offscreen(app, size=(700, 500))
-    app.interface.axes_shown = False
-    app.show(pack, pack_folder)
-    ui.settle()
-    ui.canvas.rest_s, ui.canvas.blend_s = REST_S, BLEND_S
-    app.resolution.scale = 0.25
+def test_a_movement_ends_the_fading_at_once(ui, app, clock) -> None:
     for turn in (0.02, -0.02):
         app.scene.rig.orbit(turn, 0.0)
         app.scene.rig.shown = app.scene.rig.goal

@@ -83,24 +83,20 @@ class Hand:
                 ui.canvas.show(self.scenes.pack)
             app.show(self.scenes.pack, self.scenes.path)  # without a canvas, for the card has it
         app.canvas = ui.canvas
-        self.frames(2)  # the usual layout is there before a page is moved out of it
+        self.ui.frames(2)  # the usual layout is there before a page is moved out of it
         PLACES[place](app, self.scenes)
         self.settle()
         self.asked = self.popup
 
-    def frames(self, count: int) -> None:
-        for _ in range(count):
-            self.ui.frame()
-
     def settle(self) -> None:
         """Frames until every widget stays where it is."""
-        self.frames(3)
+        self.ui.frames(3)
         places = None
         for _ in range(60):
             before, places = places, {name: each.rect for name, each in self.watch.seen.items()}
             if before == places:
                 return
-            self.frames(1)
+            self.ui.frames(1)
         pytest.fail("the widgets do not come to rest")
 
     def finds(self, size: tuple[int, int], name: Name) -> bool:

@@ -1,17 +1,18 @@
 """Every dialog can be opened, gone through and answered without a mouse."""
 
 import random
+import threading
 from pathlib import Path
 
 import pytest
 from imgui_bundle import imgui
 
+from tests.viewer.interface.places import PLACES, Scenes
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.waiting import until
 from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
 from viewer.core import widgets
-from viewer.core.files import FileRequest
 from viewer.core.widgets import in_front
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.survey import Survey
@@ -19,43 +20,29 @@ from viewer.features.making.survey import Survey
 WIDGETS = ("button", "invisible_button", "selectable", "checkbox", "slider_float", "slider_int", "input_text",
            "input_text_with_hint", "begin_combo")  # fmt: skip
 MOST_TABS = 40
-QUESTION = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
 DOWN, ENTER = imgui.Key.down_arrow, imgui.Key.enter
 CTRL_O = (imgui.Key.mod_ctrl, imgui.Key.o)
 
 
-def failure(app: App, scene: Path) -> None:
-    app.messages.fail("It cannot be opened", "the file is no pack")
-
-
-def question(app: App, scene: Path) -> None:
-    app.messages.fail("Still being made", "Quitting stops it.", buttons=QUESTION)
-
-
-def opening(app: App, scene: Path) -> None:
-    app.preferences.opened(scene)
+def opening(app: App, scenes: Scenes) -> None:
+    app.preferences.opened(scenes.photographs)
     app.run("open")
 
 
-def saving(app: App, scene: Path) -> None:
-    app.file_request = FileRequest("Save", "save", lambda path: None, (".png",), "a.png")
-
-
-def making(app: App, scene: Path) -> None:
-    app.making.plan = Plan("scene", scene, scene.parent / "out", survey=Survey(scene))
-    until(lambda: app.making.plan.survey.finished)
-
-
-def baking(app: App, scene: Path) -> None:
-    app.making.plan = Plan("run", scene.parent / "run", scene.parent / "baked")
-
-
-def exporting(app: App, scene: Path) -> None:
+def exporting(app: App, scenes: Scenes) -> None:
     app.exporting.ask(app)
     until(lambda: app.exporting.tick(app) or not app.exporting.preview.working)
 
 
-DIALOGS = (failure, question, opening, saving, making, baking, exporting)
+failure, question, saving = PLACES["failure"], PLACES["question"], PLACES["path to save"]
+making, baking = PLACES["make a scene"], PLACES["bake a run"]
+
+
+@pytest.fixture
+def scenes(pack, pack_folder, procedural_path) -> Scenes:
+    plan = Plan("scene", procedural_path, pack_folder.parent / "out", survey=Survey(procedural_path))
+    until(lambda: plan.survey.finished)
+    return Scenes(pack, pack, pack_folder, procedural_path, plan, threading.Event())
 
 
 @pytest.fixture
@@ -63,14 +50,13 @@ def ui(offscreen, app, pack, pack_folder) -> OffscreenUi:
     return offscreen(app, pack, pack_folder, size=(800, 600))
 
 
-@pytest.mark.parametrize("ask", DIALOGS)
-def test_tab_comes_to_every_widget_and_escape_declines(ui, app, procedural_path, ask):
+@pytest.mark.parametrize("ask", [failure, question, opening, saving, making, baking, exporting])
+def test_tab_comes_to_every_widget_and_escape_declines(ui, app, scenes, ask):
     there: set[str] = set()
     reached: set[str] = set()
     with watch() as seen:
-        ask(app, procedural_path)
-        for _ in range(3):
-            ui.frame()
+        ask(app, scenes)
+        ui.frames(3)
         for _ in range(MOST_TABS):
             ui.key(imgui.Key.tab)
             enabled = [each for each in seen.seen.values() if each.modal and not each.disabled and each.kind in WIDGETS]
@@ -87,18 +73,17 @@ def test_tab_comes_to_every_widget_and_escape_declines(ui, app, procedural_path,
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
-def test_dialogs_that_are_asked_for_at_once_come_one_after_the_other(ui, app, procedural_path, seed):
+def test_dialogs_that_are_asked_for_at_once_come_one_after_the_other(ui, app, scenes, seed):
     """Two modal windows pushed each other away in every frame: none was seen, and nothing reached either."""
     asks = [failure, opening, saving, making, exporting]
     if seed % 2:
         app.run("help")
     for ask in random.Random(seed).sample(asks, len(asks)):
-        ask(app, procedural_path)
+        ask(app, scenes)
         ui.frame()
     answered = []
     while in_front(app):
-        for _ in range(3):
-            ui.frame()
+        ui.frames(3)
         assert imgui.internal.get_top_most_popup_modal() is not None, "the dialog is there to be seen"
         answered.append(widgets.in_front(app))
         ui.key(imgui.Key.escape)
@@ -108,18 +93,16 @@ def test_dialogs_that_are_asked_for_at_once_come_one_after_the_other(ui, app, pr
     ]  # fmt: skip
 
 
-def test_enter_presses_what_tab_came_to_and_else_the_main_button(ui, app, pack_folder):
+def test_enter_presses_what_tab_came_to_and_else_the_main_button(ui, app, scenes):
     stopped = []
     app.making.stop_and_quit = lambda host: stopped.append(True)
-    question(app, pack_folder)
-    for _ in range(3):
-        ui.frame()
+    question(app, scenes)
+    ui.frames(3)
     ui.key(imgui.Key.enter)
     assert not app.messages.dialogs and not stopped  # Keep going
     for presses in range(1, 4):
-        question(app, pack_folder)
-        for _ in range(3):
-            ui.frame()
+        question(app, scenes)
+        ui.frames(3)
         for _ in range(presses):
             ui.key(imgui.Key.tab)
         ui.key(imgui.Key.enter)
@@ -152,8 +135,7 @@ def test_down_and_enter_within_one_slow_frame_open_the_picked_line(offscreen, ap
     ui: OffscreenUi = offscreen(app, size=(800, 600))
     ui.frame()
     stroke(ui, *CTRL_O)
-    for _ in range(frames):
-        ui.frame()
+    ui.frames(frames)
     for key in (DOWN, DOWN, ENTER):
         stroke(ui, key)
     ui.frame()

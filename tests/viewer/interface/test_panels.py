@@ -8,9 +8,12 @@ from imgui_bundle import imgui
 
 from tests.viewer.rendering.shapes import surroundings_pack
 from viewer.app.application import App
+from viewer.app.commands import COMMANDS
 from viewer.core import widgets
 from viewer.features.camera import panel as camera_panel
+from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import apply_preferences, current_preferences
+from viewer.interface import keys
 from viewer.interface.layout import PAGES
 
 MIDDLE = (400.0, 400.0)
@@ -158,3 +161,97 @@ def test_a_pack_a_photograph_and_a_message_may_have_any_name(offscreen, app, pac
         ui.frame()
     app.messages.fail(NAME, f"{NAME} was not written")
     ui.settle()
+
+
+# Pages are dragged out of their place, docked elsewhere, remembered, and brought back
+
+
+def pull_out(ui, to: tuple[float, float] = (300.0, 200.0)) -> None:
+    """Drags the tab of the page at the usual place into the picture."""
+    ui.pull((ui.app.viewport.width + 60, 62.0), to, 12)
+
+
+def test_a_page_is_pulled_out_another_takes_its_place_and_the_rail_opens_it_again(ui, app):
+    usual = app.viewport.width
+    pull_out(ui)
+    assert app.interface.moved == ["view"] and app.interface.page == ""
+    assert app.viewport.width > usual + 250  # the picture has the place
+    app.interface.opens("camera")
+    ui.settle()
+    assert app.interface.page == "camera" and app.viewport.width == usual
+    app.interface.opens("film")
+    ui.settle()
+    assert app.interface.moved == ["view"] and app.interface.page == "film" and ui.ctx.error == "GL_NO_ERROR"
+    app.interface.closes("view")
+    ui.settle()
+    assert not app.interface.shows("view")
+    app.interface.opens("view")
+    ui.settle()
+    assert app.interface.moved == ["view"]  # where it was left
+
+
+def test_a_layout_is_remembered_comes_back_and_is_reset(ui, app, offscreen, tmp_path, pack, pack_folder):
+    usual = app.viewport
+    pull_out(ui)
+    ui.pull((300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2), 12)
+    app.interface.opens("film")
+    ui.settle()
+    app.interface.layout = ui.ui.layout
+    file = tmp_path / "viewer.json"
+    assert preferences.save(current_preferences(app), file) is None
+    again = App()
+    apply_preferences(again, preferences.load(file))
+    offscreen(again, pack, pack_folder)
+    assert again.interface.moved == ["view"] and again.interface.page == "film"
+    assert again.viewport.x == app.viewport.x > 200 and again.viewport.width == app.viewport.width
+    assert app.run("layout")
+    ui.settle()
+    assert app.interface.moved == [] and app.interface.page == "film" and app.viewport == usual
+
+
+# Overlays in windows of every size: nothing is out of reach
+
+
+@pytest.mark.parametrize(
+    ("size", "scale"), [((1280, 800), 2.0), ((960, 720), 1.5), ((480, 360), 1.0), ((800, 600), 1.0)]
+)
+def test_the_last_row_of_the_keys_can_be_reached(offscreen, app, pack, pack_folder, size, scale):
+    ui = offscreen(app, pack, pack_folder, size=size, scale=scale)
+    app.interface.help_shown = True
+    ui.settle()
+    shown = imgui.internal.find_window_by_name(keys.NAME)
+    assert shown.pos.x >= 0 and shown.pos.y >= 0
+    assert shown.pos.x + shown.size.x <= size[0] and shown.pos.y + shown.size.y <= size[1]
+    hidden = shown.content_size.y - (shown.inner_clip_rect.max.y - shown.inner_clip_rect.min.y)
+    for _ in range(40):
+        ui.wheel(-3.0, size[0] / 2, size[1] / 2)
+    ui.settle()
+    assert shown.scroll.y == shown.scroll_max.y >= hidden
+
+
+def test_the_overlay_names_every_command_and_the_keys_of_flying(offscreen, app, pack, pack_folder):
+    offscreen(app, pack, pack_folder)
+    app.keyboard.local_name = lambda place: {"W": "Z", "A": "Q", "Q": "A"}.get(place, place)
+    rows = [row for _, group in keys._groups(app) for row in group]
+    assert {title for _, title in rows} >= {command.title for command in COMMANDS.values() if command.keys}
+    listed = " ".join(keys for keys, _ in rows)
+    assert all(word in listed for word in ("Z  S", "Q  D", "E  A", "Left drag", "Wheel", "Double click", "arrows"))
+
+
+def test_a_dense_small_window_has_a_menu_for_its_buttons_and_pages(offscreen, app, pack, pack_folder):
+    """As 320 × 240 units at 100 %: four icons of eight, and some buttons."""
+    ui = offscreen(app, size=(640, 480), scale=2.0)
+    app.show(pack, pack_folder, "a scene with a name that is far too long for this window")
+    ui.settle()
+    ui.click(640 - 2 * (8 + 17), 2 * 24)  # the menu's button
+    assert len(imgui.get_current_context().open_popup_stack) == 1
+    ui.key(imgui.Key.escape)
+    ui.click(20, 400)
+    shown = int((480 - 96 - 40 + 16) / 80) - 1
+    ui.click(640 - 50, 2 * (48 + 10 + 16 + 40 * shown))
+    menu = imgui.get_current_context().open_popup_stack[0].window
+    for _ in range(10):  # it is higher than the window
+        ui.wheel(-3.0, menu.pos.x + 60, menu.pos.y + 100)
+    ui.settle()
+    ui.click(menu.pos.x + 60, menu.pos.y + menu.size.y - menu.window_padding.y - 15)  # its last line
+    assert app.interface.over == PAGES[-1].id

@@ -36,19 +36,13 @@ WARM_UP, PACKS, ROUNDS = 15, 30, 3
 def test_thirty_packs_opened_from_disk_and_closed_leave_memory_where_it_was(tmp_path: Path) -> None:
     if not Path("/proc/self/statm").exists():
         pytest.skip("this system does not tell what a process holds as Linux does")
-    smallest = shapes_pack(70, diffuse=True)
     save_pack(shapes_pack(84), tmp_path / "a")
     save_pack(shapes_pack(70), tmp_path / "b")
-    save_pack(smallest, tmp_path / "c")
+    save_pack(shapes_pack(70, diffuse=True), tmp_path / "c")
     shutil.make_archive(str(tmp_path / "b"), "zip", tmp_path / "b")
     packs = [str(tmp_path / name) for name in ("a", "b.zip", "c")]
-    line = [
-        sys.executable,
-        "-m",
-        "tests.viewer.interface.many_packs",
-        *map(str, (WARM_UP, PACKS, ROUNDS, TOLERATED)),
-        *packs,
-    ]
+    numbers = map(str, (WARM_UP, PACKS, ROUNDS, TOLERATED))
+    line = [sys.executable, "-m", "tests.viewer.interface.many_packs", *numbers, *packs]
     run = subprocess.run(line, cwd=REPOSITORY, env=os.environ, capture_output=True, text=True, timeout=600)
     assert run.returncode == 0, run.stderr
     held = json.loads(run.stdout.splitlines()[-1])
@@ -57,6 +51,6 @@ def test_thirty_packs_opened_from_disk_and_closed_leave_memory_where_it_was(tmp_
     grown = [after / before - 1 for before, after in pairwise(host)]
     assert min(grown) < TOLERATED, [f"{bytes_held / 2**20:.1f} MiB" for bytes_held in host]
     forgotten = PACKS * load_pack(tmp_path / "c").atlas_rgba.nbytes
-    assert forgotten > 4 * TOLERATED * max(host), (
-        "the smallest pack, forgotten every time, would be far beyond the bound"
-    )
+    assert forgotten > 4 * TOLERATED * max(
+        host
+    )  # the smallest pack, forgotten every time, would be far beyond the bound

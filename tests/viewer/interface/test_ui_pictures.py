@@ -62,11 +62,9 @@ def compare(request) -> Picture:
     def take(ui: OffscreenUi, name: str, columns: slice = slice(None)) -> None:
         renderer = ui.ctx.info["GL_RENDERER"]
         ui.settle()
-        for _ in range(FADING_FRAMES):
-            ui.frame()
+        ui.frames(FADING_FRAMES)
         _freeze(ui)
-        for _ in range(2):
-            ui.frame()
+        ui.frames(2)
         assert ui.ctx.error == "GL_NO_ERROR"
         compare_with_golden(request.config, renderer, f"ui/{name}", _in_units(ui)[:, columns], _differs)
 
@@ -123,9 +121,8 @@ def test_each_page_looks_as_before(ui, app, compare, page):
             app.run("bookmark")
     elif page == "measure":
         points = ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0), (0.0, -0.5, 0.3))
-        app.annotations.current = Annotations(
-            Scale(2.0, "m"), (Measurement("line", points), Measurement("point", points[:1]))
-        )
+        measurements = Measurement("line", points), Measurement("point", points[:1])
+        app.annotations.current = Annotations(Scale(2.0, "m"), measurements)
     elif page == "photographs":
         app.gallery.frusta = True
     elif page == "compare":

@@ -48,10 +48,8 @@ def shapes_pack(side: int = 70, block_size: int = 14, *, ndc: bool = False, diff
     alpha = opacity(x, y, z, voxel)
     checks = 0.3 + 0.5 * ((np.floor(x * 5) + np.floor(z * 5) + np.floor(y * 5)) % 2)
     colour = np.stack(np.broadcast_arrays(checks, 0.5 + 0.3 * np.sin(5 * y), 0.5 + 0.3 * np.cos(4 * z + x)), axis=-1)
-    features = np.stack(
-        np.broadcast_arrays(0.5 + 0.5 * np.sin(3 * x), 0.5 + 0.5 * np.cos(3 * y), 0.5 + 0.5 * np.sin(4 * z), 0.5),
-        axis=-1,
-    )
+    waves = 0.5 + 0.5 * np.sin(3 * x), 0.5 + 0.5 * np.cos(3 * y), 0.5 + 0.5 * np.sin(4 * z), 0.5
+    features = np.stack(np.broadcast_arrays(*waves), axis=-1)
     levels = np.rint(255 * alpha)[..., None]
     rgba = np.concatenate([np.rint(0.7 * colour * levels), levels], axis=-1).astype(np.uint8)
     camera = {"ndc": True, "input_width": 160.0, "input_height": 120.0, "input_focal": 140.0} if ndc else {}
@@ -83,9 +81,8 @@ def surroundings_pack(side: int = 128, block_size: int = 14, *, radius: float = 
         rgb = np.where((part >= alpha)[..., None], np.stack(np.broadcast_arrays(*colours[name], x)[:3], -1), rgb)
     levels = np.rint(255 * alpha)[..., None]
     rgba = np.concatenate([np.rint(0.6 * rgb * levels), levels], axis=-1).astype(np.uint8)
-    features = np.rint((0.5 + 0.5 * np.sin(3 * np.stack([x, y, z, x], -1) / (1 + away[..., None]))) * levels).astype(
-        np.uint8
-    )
+    waves = 0.5 + 0.5 * np.sin(3 * np.stack([x, y, z, x], -1) / (1 + away[..., None]))
+    features = np.rint(waves * levels).astype(np.uint8)
     pack = cube_pack(rgba, block_size, **({} if diffuse else {"features": features, "view_mlp": glossy_mlp()}))
     pack = replace(pack, voxel_size=radius * voxel, min_xyz=np.full(3, -2.0 * radius))
     return pack.with_metadata(contraction=radius)

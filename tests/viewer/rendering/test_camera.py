@@ -12,20 +12,12 @@ from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
 
-def pixels_of(camera: ViewCamera, points: np.ndarray) -> np.ndarray:
-    """Where points [n, 3] of the grid frame are in the picture, x right, y down."""
-    pixels, ahead = project(camera, points)
-    assert ahead.all(), "behind the camera"
-    return pixels
-
-
 def test_every_view_of_an_orbit_holds_all_of_the_content(shapes: Pack) -> None:
-    low, high = content_box(shapes)
-    corners = box_points(low, high)
+    corners = box_points(*content_box(shapes))
     for size in ((80, 60), (60, 80)):
         for camera in orbit_path(shapes, 7, 39, size):
-            pixels = pixels_of(camera, corners)
-            assert np.all(pixels >= 0) and np.all(pixels <= size)
+            pixels, ahead = project(camera, corners)
+            assert ahead.all() and np.all(pixels >= 0) and np.all(pixels <= size)
 
 
 def test_a_forward_facing_path_stays_in_one_plane_and_looks_ahead(ndc_shapes: Pack) -> None:
@@ -39,15 +31,6 @@ def test_a_forward_facing_path_stays_in_one_plane_and_looks_ahead(ndc_shapes: Pa
 
 # What a pack shows fills the picture, and nothing of it is cut off
 
-SIDE, BLOCK = 70, 7
-
-
-def rod() -> Pack:
-    """A thick rod in the middle of its grid."""
-    rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
-    rgba[20:45, 24:40, 10:66] = 200, 80, 40, 255
-    return cube_pack(rgba, BLOCK)
-
 
 def seen(renderer: OffscreenRenderer, camera: ViewCamera) -> np.ndarray:
     """Shares of the picture, (x0, y0, x1, y1), between which something is seen."""
@@ -58,7 +41,9 @@ def seen(renderer: OffscreenRenderer, camera: ViewCamera) -> np.ndarray:
 
 @pytest.mark.parametrize("size", [(160, 120), (90, 150)])
 def test_an_orbit_fills_its_pictures_and_cuts_nothing_off(offscreen, size) -> None:
-    renderer = offscreen(rod())
+    rgba = np.zeros((70, 70, 70, 4), np.uint8)
+    rgba[20:45, 24:40, 10:66] = 200, 80, 40, 255  # a thick rod in the middle
+    renderer = offscreen(cube_pack(rgba, 7))
     boxes = np.array([seen(renderer, camera) for camera in filling_orbit(renderer.pack, 8, 40.0, size)])
     assert boxes[:, :2].min() > 0 and boxes[:, 2:].max() < 1
     widest = max(np.ptp(boxes[:, 0::2], axis=1).max(), np.ptp(boxes[:, 1::2], axis=1).max())

@@ -1,6 +1,5 @@
 """Contracted packs (docs/rendering.md): every marcher against the reference, and depth, normals and framing of known things."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +15,8 @@ from viewer.features.camera.orbit_camera import view_from_within
 from viewer.features.measuring.surface import surface_at
 from viewer.rendering.camera import ViewCamera, ray_through
 from viewer.rendering.layers import depth_along_axis, unit_normals
-from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
-Make = Callable[[Pack], OffscreenRenderer]
 SIZE = (40, 30)
 VOXEL = 4.0 / 128  # of the fixture, in contracted space
 LENS = (0.09, -0.03, 0.004, -0.006)
@@ -40,14 +37,14 @@ CAMERAS = {
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-def test_exact_takes_every_sample(offscreen: Make, surroundings: Pack, name: str) -> None:
+def test_exact_takes_every_sample(offscreen, surroundings: Pack, name: str) -> None:
     renderer = offscreen(surroundings)
     assert_exact(renderer, CAMERAS[name], RenderSettings(), name)
     background = (0.2, 0.0, 0.7)
     assert_exact(renderer, CAMERAS[name], RenderSettings(surroundings=False, background=background), f"{name}, inner")
 
 
-def test_crop_box_and_near_plane_keep_it_exact(offscreen: Make, surroundings: Pack) -> None:
+def test_crop_box_and_near_plane_keep_it_exact(offscreen, surroundings: Pack) -> None:
     wanted = RenderSettings(crop=((-0.9, -0.8, -1.4), (1.7, 0.4, 0.9)), near=0.4, background=(0.2, 0.0, 0.7))
     for name in ("inside", "outside"):
         assert_exact(offscreen(surroundings), CAMERAS[name], wanted, name)
@@ -55,7 +52,7 @@ def test_crop_box_and_near_plane_keep_it_exact(offscreen: Make, surroundings: Pa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
-def test_exact_takes_every_sample_of_random_packs(offscreen: Make, seed: int) -> None:
+def test_exact_takes_every_sample_of_random_packs(offscreen, seed: int) -> None:
     """Cubes of any size, in the middle of the grid or not; part of the grid may lie beyond infinity."""
     rng = np.random.default_rng(seed)
     pack = random_pack(rng, grid_blocks=(3, 3, 2), style=str(rng.choice(["noise", "borders", "mixed", "blob"])))
@@ -67,7 +64,7 @@ def test_exact_takes_every_sample_of_random_packs(offscreen: Make, seed: int) ->
 
 
 @pytest.mark.parametrize("name", ["inside", "outside"])
-def test_the_paper_marcher_comes_close(offscreen: Make, surroundings: Pack, name: str) -> None:
+def test_the_paper_marcher_comes_close(offscreen, surroundings: Pack, name: str) -> None:
     camera = CAMERAS[name].resized(96, 72)
     paper = offscreen(surroundings).render_float(camera, RenderSettings(marcher="paper"))
     exact = offscreen(surroundings).render_float(camera)
@@ -92,7 +89,7 @@ def known_distance(point: np.ndarray, ray: np.ndarray) -> tuple[float, np.ndarra
 
 
 @pytest.mark.parametrize("name", ["inside", "outside", "orthographic", "lens", "photograph"])
-def test_depth_normals_and_picked_points_are_those_of_space(offscreen: Make, surroundings: Pack, name: str) -> None:
+def test_depth_normals_and_picked_points_are_those_of_space(offscreen, surroundings: Pack, name: str) -> None:
     camera = CAMERAS[name].resized(120, 90)
     renderer = offscreen(surroundings)
     depth = depth_along_axis(renderer.render_raw(camera, RenderSettings(mode="depth", raw=True)), camera, surroundings)

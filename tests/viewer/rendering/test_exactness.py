@@ -3,7 +3,6 @@
 The judge is tests.reference_marcher, which shares no code with the shaders.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,15 +17,17 @@ from tests.scenepack.random_packs import packs, random_pack
 from tests.viewer.rendering.pictures import assert_exact, assert_same_picture
 from training.scenes.lens import MODELS
 from viewer.rendering.camera import ViewCamera, is_mirrored
-from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
-Make = Callable[[Pack], OffscreenRenderer]
 SIZE = (40, 30)
-FISHEYE = MODELS["THIN_PRISM_FISHEYE"].lens({"k1": -0.03, "k3": 0.0005, "p1": 0.002, "s1": -0.001})
-PANORAMA = MODELS["EQUIRECTANGULAR"].lens({})
-RATIONAL = MODELS["FULL_OPENCV"].lens({"k1": 0.09, "k3": 0.01, "p2": -0.004, "q1": 0.03, "q2": -0.01, "q3": 0.002})
-OPENCV = (0.09, -0.03, 0.004, -0.006)
+LENSES = {
+    "fisheye": MODELS["THIN_PRISM_FISHEYE"].lens({"k1": -0.03, "k3": 0.0005, "p1": 0.002, "s1": -0.001}),
+    "panorama": MODELS["EQUIRECTANGULAR"].lens({}),
+    "rational": MODELS["FULL_OPENCV"].lens(
+        {"k1": 0.09, "k3": 0.01, "p2": -0.004, "q1": 0.03, "q2": -0.01, "q3": 0.002}
+    ),
+    "opencv": (0.09, -0.03, 0.004, -0.006),
+}
 FEW = settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck), print_blob=True)
 
 
@@ -45,9 +46,8 @@ def random_camera(rng: np.random.Generator, pack: Pack) -> ViewCamera:
         step[axis] = rng.choice([-3.0, 3.0])
         if kind == "grazing":  # along a face of the grid, a hundredth of a voxel inside of it
             side = (axis + 1) % 3
-            target[side] = pack.min_xyz[side] + rng.choice(
-                [0.01 * pack.voxel_size, high[side] - 0.01 * pack.voxel_size]
-            )
+            near = 0.01 * pack.voxel_size
+            target[side] = pack.min_xyz[side] + rng.choice([near, high[side] - near])
         eye = target + step
     # An odd number of pixels has its middle one look exactly along the axis.
     size = (SIZE[0] + 1, SIZE[1] + 1) if kind in ("axis", "grazing") else SIZE
@@ -70,7 +70,7 @@ def forward_facing_camera(rng: np.random.Generator) -> ViewCamera:
 
 @FEW
 @given(pack=packs(), seed=st.integers(0, 2**32 - 1))
-def test_exact_is_every_sample_on_random_packs_from_anywhere(offscreen: Make, pack: Pack, seed: int) -> None:
+def test_exact_is_every_sample_on_random_packs_from_anywhere(offscreen, pack: Pack, seed: int) -> None:
     rng = np.random.default_rng(seed)
     renderer = offscreen(pack)
     for look in (random_camera, random_camera, orthographic_camera):
@@ -79,7 +79,7 @@ def test_exact_is_every_sample_on_random_packs_from_anywhere(offscreen: Make, pa
 
 @FEW
 @given(pack=packs(ndc=True), seed=st.integers(0, 2**32 - 1))
-def test_exact_is_every_sample_on_forward_facing_packs(offscreen: Make, pack: Pack, seed: int) -> None:
+def test_exact_is_every_sample_on_forward_facing_packs(offscreen, pack: Pack, seed: int) -> None:
     rng = np.random.default_rng(seed)
     renderer = offscreen(pack)
     for _ in range(2):
@@ -88,7 +88,7 @@ def test_exact_is_every_sample_on_forward_facing_packs(offscreen: Make, pack: Pa
 
 @FEW
 @given(pack=packs(ndc=None), seed=st.integers(0, 2**32 - 1))
-def test_crop_box_near_plane_and_background_keep_it_exact(offscreen: Make, pack: Pack, seed: int) -> None:
+def test_crop_box_near_plane_and_background_keep_it_exact(offscreen, pack: Pack, seed: int) -> None:
     rng = np.random.default_rng(seed)
     high = np.asarray(pack.grid_size) * pack.voxel_size
     corners = pack.min_xyz + high * np.sort(rng.uniform(0, 1, (2, 3)), axis=0)
@@ -101,7 +101,7 @@ def test_crop_box_near_plane_and_background_keep_it_exact(offscreen: Make, pack:
 
 
 @pytest.mark.parametrize("block_size", [5, 15])
-def test_block_sizes_that_cells_do_not_divide_lose_nothing(offscreen: Make, block_size: int) -> None:
+def test_block_sizes_that_cells_do_not_divide_lose_nothing(offscreen, block_size: int) -> None:
     rng = np.random.default_rng(block_size)
     pack = random_pack(rng, block_size=block_size, grid_blocks=(3, 2, 3), style="borders", occupancy=0.05)
     renderer = offscreen(pack)
@@ -126,28 +126,26 @@ def test_diffuse_features_and_alpha_modes_show_what_the_reference_accumulates(re
             assert_same_picture(shown, picture, f"{mode} by {marcher}")
 
 
-@pytest.mark.parametrize(
-    "lens", [FISHEYE, PANORAMA, RATIONAL, OPENCV], ids=["fisheye", "panorama", "rational", "opencv"]
-)
-def test_every_lens_sees_the_same_rays(shapes: Pack, offscreen: Make, lens: tuple[float, ...]) -> None:
+@pytest.mark.parametrize("name", LENSES)
+def test_every_lens_sees_the_same_rays(shapes: Pack, offscreen, name: str) -> None:
     camera = ViewCamera.orbit(shapes, 40, 20, 1.0, 60, SIZE)
-    focal = SIZE[0] / (2 * np.pi if lens is PANORAMA else 3.4)  # a fisheye that sees more than a half space
-    focal = camera.fx if lens is OPENCV else focal  # which is not defined that far from the axis
-    assert_exact(offscreen(shapes), replace(camera, fx=focal, fy=focal, distortion=lens))
+    focal = SIZE[0] / (2 * np.pi if name == "panorama" else 3.4)  # a fisheye that sees more than a half space
+    focal = camera.fx if name == "opencv" else focal  # which is not defined that far from the axis
+    assert_exact(offscreen(shapes), replace(camera, fx=focal, fy=focal, distortion=LENSES[name]))
 
 
-def test_a_lens_bends_the_same_rays_of_a_forward_facing_pack(ndc_shapes: Pack, offscreen: Make) -> None:
+def test_a_lens_bends_the_same_rays_of_a_forward_facing_pack(ndc_shapes: Pack, offscreen) -> None:
     camera = forward_facing_camera(np.random.default_rng(3))
-    assert_exact(offscreen(ndc_shapes), replace(camera, distortion=OPENCV))
+    assert_exact(offscreen(ndc_shapes), replace(camera, distortion=LENSES["opencv"]))
 
 
-def test_a_forward_facing_pack_has_no_orthographic_view(offscreen: Make, ndc_shapes: Pack) -> None:
+def test_a_forward_facing_pack_has_no_orthographic_view(offscreen, ndc_shapes: Pack) -> None:
     camera = forward_facing_camera(np.random.default_rng(3)).as_orthographic(2.0)
     with pytest.raises(ValueError, match="no orthographic view"):
         offscreen(ndc_shapes).render(camera)
 
 
-def test_a_pack_made_elsewhere_matches_the_reference(offscreen: Make) -> None:
+def test_a_pack_made_elsewhere_matches_the_reference(offscreen) -> None:
     pack = load_pack(real_pack())
     renderer = offscreen(pack)
     for azimuth, elevation, distance in ((200, 60, 0.9), (95, 2, 0.35)):

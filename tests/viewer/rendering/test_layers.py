@@ -1,11 +1,8 @@
 """Depth, normals and opacity as numbers, measured on scenes whose geometry is known by formula."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from scenepack import Pack
 from tests.scenepack.volumes import PLANE, centres, plane_pack, solid_pack
 from tests.viewer.rendering.shapes import shapes_pack
 from viewer.rendering.camera import ViewCamera, orbit_path
@@ -13,14 +10,8 @@ from viewer.rendering.layers import depth_along_axis, linear_rgb, straight_rgba,
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
-Make = Callable[[Pack], OffscreenRenderer]
 SIDE = 56
 RADIUS, GREY = 0.6, (127, 127, 127)
-
-
-def ball() -> Pack:
-    x, y, z = centres(SIDE)
-    return solid_pack((RADIUS - np.sqrt(x**2 + y**2 + z**2)) * SIDE / 2, GREY)
 
 
 def seen(
@@ -41,7 +32,8 @@ def unprojected(depth: np.ndarray, camera: ViewCamera) -> np.ndarray:
 
 @pytest.mark.parametrize("samples", [1, 3])
 def test_depth_unprojects_onto_the_ball_that_was_drawn_and_normals_point_out_of_it(offscreen, samples):
-    renderer = offscreen(ball())
+    x, y, z = centres(SIDE)
+    renderer = offscreen(solid_pack((RADIUS - np.sqrt(x**2 + y**2 + z**2)) * SIDE / 2, GREY))
     camera = ViewCamera.look_at((0.9, 1.1, 1.6), (0.1, 0, 0), (0, 1, 0), 60, (64, 48))
     depth, normals, alpha = seen(renderer, camera, samples)
     points = unprojected(depth, camera)
@@ -58,7 +50,7 @@ def test_depth_unprojects_onto_the_ball_that_was_drawn_and_normals_point_out_of_
     assert empty.any() and not depth[empty].any() and not normals[empty].any()
 
 
-def test_forward_facing_packs_have_the_depth_and_the_normals_of_the_world_that_was_warped(offscreen: Make) -> None:
+def test_forward_facing_packs_have_the_depth_and_the_normals_of_the_world_that_was_warped(offscreen) -> None:
     (n, d), pack = PLANE, plane_pack(SIDE, GREY)
     camera = orbit_path(pack, 1, 40, (60, 44))[0]
     depth, normals, alpha = seen(offscreen(pack), camera)
@@ -71,7 +63,7 @@ def test_forward_facing_packs_have_the_depth_and_the_normals_of_the_world_that_w
     assert np.median(facing) > 0.99
 
 
-def test_the_view_mlp_sees_the_background_that_is_left_out(offscreen: Make) -> None:
+def test_the_view_mlp_sees_the_background_that_is_left_out(offscreen) -> None:
     """What it adds was learnt over a background, so that over the same one nothing changes but what no opacity can hold."""
     renderer = offscreen(shapes_pack())
     camera = ViewCamera.orbit(renderer.pack, 30, size=(80, 60))

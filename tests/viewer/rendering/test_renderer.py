@@ -1,7 +1,6 @@
 """Drawing: independent of what others left in OpenGL, of the viewport's place, and of what was drawn before."""
 
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 
 import moderngl
@@ -10,15 +9,13 @@ import pytest
 
 from console import UserError
 from scenepack.pack import Pack
-from tests.viewer.rendering.pictures import assert_same_picture
+from tests.viewer.rendering.golden_variants import camera_for
 from tests.viewer.texture_limits import limit_textures
 from viewer.rendering import supersampling
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 from viewer.rendering.settings import MODES, RenderSettings
-
-Make = Callable[[Pack], OffscreenRenderer]
 
 
 @pytest.fixture
@@ -54,10 +51,7 @@ def test_state_that_imgui_leaves_behind_changes_nothing(ctx, offscreen, shapes, 
 def test_every_mode_of_every_kind_of_pack_draws_something_finite(request, offscreen, kind, shapes):
     diffuse = replace(shapes, atlas_features=None, view_mlp=None)
     pack = diffuse if kind == "diffuse" else request.getfixturevalue(kind)
-    camera = ViewCamera.orbit(pack, 35, size=(48, 36))
-    if pack.ndc:
-        camera = ViewCamera.look_at((0, 0, -0.2), (0, 0, 4), fov_degrees=50, size=(48, 36), mirrored=True)
-    renderer = offscreen(pack)
+    camera, renderer = camera_for(pack).resized(48, 36), offscreen(pack)
     for mode in MODES:
         picture = renderer.render_float(camera, RenderSettings(mode=mode))
         assert np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1, mode
@@ -82,17 +76,6 @@ def test_a_program_has_its_own_context_back_when_a_renderer_is_released(shapes, 
         own.release()
 
 
-def test_a_framebuffer_without_depth_shows_the_same_picture(ctx, offscreen, shapes, camera):
-    renderer = offscreen(shapes)
-    expected = renderer.render(camera)
-    bare = ctx.framebuffer([ctx.texture((64, 48), 4)])
-    renderer.renderer.render(bare, camera)
-    pixels = np.frombuffer(bare.read(components=3, alignment=1), np.uint8).reshape(48, 64, 3)[::-1]
-    assert_same_picture(pixels / 255, expected / 255)
-    unbind_framebuffers(ctx)
-    free_framebuffer(bare)
-
-
 def test_a_pack_whose_features_need_an_atlas_of_their_own_looks_the_same(ctx, offscreen, shapes, camera, monkeypatch):
     expected = offscreen(shapes).render(camera)
     bytes_of_one = int(shapes.occupied.sum()) * shapes.padded_block_size**3 * 4
@@ -108,10 +91,7 @@ WIDTH, HEIGHT = 50, 37
 
 
 def view(pack: Pack, scale: int = 1) -> ViewCamera:
-    size = (scale * WIDTH, scale * HEIGHT)
-    if pack.ndc:
-        return ViewCamera.look_at((0.3, 0.2, 0), (0, 0, 4), fov_degrees=50, size=size, mirrored=True)
-    return ViewCamera.orbit(pack, 35, 28, 2.9, fov_degrees=42, size=size)
+    return camera_for(pack).resized(scale * WIDTH, scale * HEIGHT)
 
 
 @pytest.mark.parametrize(("which", "mode"), [("shapes", "normal"), ("ndc_shapes", "alpha")])

@@ -47,16 +47,9 @@ class Browser:
             os.dup2(first, 3)
             os.dup2(second, 4)
 
-        words = [
-            path,
-            *FLAGS,
-            *flags,
-            f"--user-data-dir={profile}",
-            f"--window-size={size[0]},{size[1]}",
-            "about:blank",
-        ]
+        words = [*FLAGS, *flags, f"--user-data-dir={profile}", f"--window-size={size[0]},{size[1]}", "about:blank"]
         self._process = subprocess.Popen(
-            words, preexec_fn=connect, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            [path, *words], preexec_fn=connect, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             start_new_session=True,
         )  # fmt: skip
         os.close(read_commands)
@@ -160,7 +153,7 @@ class Browser:
             self.problems.append(details.get("exception", {}).get("description") or details["text"])
         elif kind == "Log.entryAdded" and fields["entry"]["level"] == "error":
             self.problems.append(fields["entry"]["text"])
-        elif kind == "Network.requestWillBeSent" and not fields["request"]["url"].startswith(
-            ("file:", "data:", "blob:")
-        ):
-            self.problems.append(f"asked for {fields['request']['url']}")
+        elif kind == "Network.requestWillBeSent":
+            address = fields["request"]["url"]
+            if not address.startswith(("file:", "data:", "blob:")):
+                self.problems.append(f"asked for {address}")

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,24 +10,17 @@ import pytest
 from PIL import Image
 
 from scenepack.pack import Pack
+from tests.viewer.conftest import installed
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.web.browser import Browser, executable
 from viewer.rendering.camera import ViewCamera
 from viewer.web.description import PageContent
 from viewer.web.page import scene_page
 
-NO_BROWSER = "Chromium is not installed: apt-get install chromium"
-
-
-def require_browser() -> None:
-    """Skips where there is no Chromium; fails in CI, which installs it."""
-    if executable() is None:
-        pytest.fail(f"{NO_BROWSER}; CI may not skip") if os.environ.get("CI") else pytest.skip(NO_BROWSER)
-
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    require_browser()
+    executable() or installed("chromium")
     with Browser(tmp_path_factory.mktemp("chromium")) as one:
         yield one
 

@@ -1,7 +1,6 @@
 """Real mouse, touch and key events move the page's camera as the desktop's moves; nothing is drawn while nothing moves."""
 
 import io
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,6 @@ from viewer.rendering.camera import ViewCamera
 from viewer.web.description import PageContent
 
 SIZE = (400, 300)
-Show = Callable[..., Browser]
 
 
 def annotated(pack: Pack, annotations: Annotations) -> Pack:
@@ -53,7 +51,7 @@ def assert_as_desktop(browser: Browser, rig: Any) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ndc", [False, True])
-def test_the_mouse_moves_the_camera_as_the_desktops_does(ndc: bool, show: Show) -> None:
+def test_the_mouse_moves_the_camera_as_the_desktops_does(ndc: bool, show) -> None:
     pack = shapes_pack(42, ndc=ndc)
     browser, rig = show(pack, size=SIZE), orbit_camera_for(pack)
     rig.go(replace(rig.home_pose, distance=goal(browser)["distance"]))
@@ -73,7 +71,7 @@ def test_the_mouse_moves_the_camera_as_the_desktops_does(ndc: bool, show: Show) 
 
 
 @pytest.mark.slow
-def test_one_finger_turns_two_fingers_move_and_zoom(show: Show, shapes: Pack) -> None:
+def test_one_finger_turns_two_fingers_move_and_zoom(show, shapes: Pack) -> None:
     browser = show(shapes, size=SIZE)
     browser.resize(*SIZE, touch=True)
     try:
@@ -102,7 +100,7 @@ def test_one_finger_turns_two_fingers_move_and_zoom(show: Show, shapes: Pack) ->
 
 
 @pytest.mark.slow
-def test_keys_fly_turn_choose_and_reset(show: Show, shapes: Pack) -> None:
+def test_keys_fly_turn_choose_and_reset(show, shapes: Pack) -> None:
     browser = show(shapes, size=SIZE)
     start = goal(browser)
     browser.key("keyDown", "w")
@@ -123,7 +121,7 @@ def test_keys_fly_turn_choose_and_reset(show: Show, shapes: Pack) -> None:
 
 
 @pytest.mark.slow
-def test_nothing_is_drawn_while_nothing_moves_and_the_picture_at_rest_is_sharp(show: Show, shapes: Pack) -> None:
+def test_nothing_is_drawn_while_nothing_moves_and_the_picture_at_rest_is_sharp(show, shapes: Pack) -> None:
     browser = show(shapes, size=SIZE)
     browser.key("keyDown", "h")  # hides the buttons
     drag(browser, (200, 150), (210, 155))
@@ -141,7 +139,7 @@ def test_nothing_is_drawn_while_nothing_moves_and_the_picture_at_rest_is_sharp(s
 
 
 @pytest.mark.slow
-def test_bookmarks_are_buttons_and_a_camera_path_is_played(show: Show, shapes: Pack, tmp_path: Path) -> None:
+def test_bookmarks_are_buttons_and_a_camera_path_is_played(show, shapes: Pack, tmp_path: Path) -> None:
     file = tmp_path / "path.json"
     views = (
         Bookmark("From above", (0.0, 3.0, 0.1), (0.0, 0.0, 0.0)),
@@ -172,7 +170,7 @@ def test_bookmarks_are_buttons_and_a_camera_path_is_played(show: Show, shapes: P
 
 
 @pytest.mark.slow
-def test_annotated_places_are_numbers_that_hide_when_covered_and_say_their_text_when_clicked(show: Show) -> None:
+def test_annotated_places_are_numbers_that_hide_when_covered_and_say_their_text_when_clicked(show) -> None:
     pack = toy_pack()
     ball, post = (0.0, -0.25, 0.4), (0.5, 0.39, 0.0)
     words = "Second line <b>\nafter the first"
@@ -204,7 +202,7 @@ def test_annotated_places_are_numbers_that_hide_when_covered_and_say_their_text_
     assert not browser.problems
 
 
-def test_the_first_view_the_credits_and_measurements_come_along(show: Show, shapes: Pack) -> None:
+def test_the_first_view_the_credits_and_measurements_come_along(show, shapes: Pack) -> None:
     line = Measurement("line", ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
     behind = Measurement("point", ((0.0, 0.0, 9.0),))
     notes = Annotations(Scale(0.5, "m"), (line, behind))
@@ -215,9 +213,8 @@ def test_the_first_view_the_credits_and_measurements_come_along(show: Show, shap
     np.testing.assert_allclose(start["eye"], (0, 1, 4), atol=1e-6)
     assert start["fov"] == 40
     assert browser.evaluate("document.getElementById('credits').textContent") == "Photographs: <b>A. B.</b>"
-    texts = browser.evaluate(
-        "[...document.querySelectorAll('#overlay text')].map((each) => [each.textContent, each.style.display])"
-    )
+    labels = "[...document.querySelectorAll('#overlay text')]"
+    texts = browser.evaluate(f"{labels}.map((each) => [each.textContent, each.style.display])")
     assert texts == [["1.00 m", ""], [texts[1][0], "none"]]
     camera = ViewCamera.look_at(np.array([0, 1, 4.0]), np.zeros(3), np.array([0, 1.0, 0]), 40.0, SIZE)
 
@@ -225,10 +222,7 @@ def test_the_first_view_the_credits_and_measurements_come_along(show: Show, shap
         dots = "[...document.querySelectorAll('#overlay circle')].slice(0, 2)"
         return browser.evaluate(f"{dots}.map((dot) => [dot.getAttribute('cx'), dot.getAttribute('cy')].map(Number))")
 
-    expected = []
-    for point in line.points:
-        x, y, z = camera.grid_T_camera[:3, :3].T @ (np.array(point) - camera.position)
-        expected.append([camera.cx - camera.fx * x / z, camera.cy + camera.fy * y / z])
+    expected = project(camera, np.array(line.points))[0]
     np.testing.assert_allclose(drawn(), expected, atol=0.01)
     drag(browser, (200, 150), (280, 180))
     settle(browser)

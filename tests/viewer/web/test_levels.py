@@ -26,11 +26,13 @@ LEVEL = "Math.max(...snerg.level.uniforms.grid_size)"
 FACTS = "document.getElementById('facts').textContent"
 
 
-@pytest.fixture(autouse=True)
-def levels(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="module", autouse=True)
+def levels() -> Iterator[None]:
     """Even small packs have a coarse level."""
-    monkeypatch.setattr(description, "COARSE", 20_000)
-    monkeypatch.setattr(description.renderer, "LEAST_HALVED", 42)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(description, "COARSE", 20_000)
+        patch.setattr(description.renderer, "LEAST_HALVED", 42)
+        yield
 
 
 class Host(ThreadingHTTPServer):
@@ -62,10 +64,7 @@ class Files(SimpleHTTPRequestHandler):
 def folder(shapes: Pack, tmp_path_factory: pytest.TempPathFactory) -> Path:
     parent = tmp_path_factory.mktemp("folder")
     save_pack(shapes, parent / "shapes")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(description, "COARSE", 20_000)
-        patch.setattr(description.renderer, "LEAST_HALVED", 42)
-        assert command.main(["export", str(parent / "shapes"), "--to", f"{parent / 'site'}/"]) == 0
+    assert command.main(["export", str(parent / "shapes"), "--to", f"{parent / 'site'}/"]) == 0
     assert sorted(path.name for path in (parent / "site").iterdir()) == ["index.html", "scene-21.bin", "scene-42.bin"]
     return parent / "site"
 

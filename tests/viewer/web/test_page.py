@@ -68,9 +68,7 @@ def test_the_page_without_its_pack_is_small() -> None:
 
 @pytest.mark.slow
 def test_the_demos_page_is_small() -> None:
-    path = demo_pack()
-    assert path is not None
-    assert len(scene_page(load_pack(path), PageContent("demo"))) < MOST_OF_DEMO
+    assert len(scene_page(load_pack(demo_pack()), PageContent("demo"))) < MOST_OF_DEMO
 
 
 def test_the_policy_allows_the_pages_own_script_and_nothing_from_elsewhere(shapes: Pack) -> None:
@@ -130,10 +128,8 @@ def test_what_a_browser_lacks_is_told_in_words(browser: Browser, shapes: Pack, t
 def test_the_command_writes_a_page_and_names_what_it_cannot(tmp_path: Path, capsys, shapes: Pack) -> None:
     folder, to = tmp_path / "shapes", tmp_path / "scene.html"
     save_pack(shapes, folder)
-    assert (
-        command.main(["export", str(folder), "--to", str(to), "--title", "A <b>title</b>", "--crop=-1,-1,-1,0,1,1"])
-        == 0
-    )
+    words = ["--to", str(to), "--title", "A <b>title</b>", "--crop=-1,-1,-1,0,1,1"]
+    assert command.main(["export", str(folder), *words]) == 0
     assert "a web page" in capsys.readouterr().out
     scene = described(to.read_bytes())
     assert scene["title"] == "A <b>title</b>" and b"<b>" not in to.read_bytes()
@@ -153,12 +149,8 @@ def test_bookmarks_of_a_zipped_pack_come_along(tmp_path: Path, monkeypatch: pyte
     pack, kept = load_pack(tmp_path / "shapes.zip"), Annotations(bookmarks=(Bookmark("Kept", (0, 2, 2), (0, 0, 0)),))
     monkeypatch.setattr(notes, "default_folder", lambda: tmp_path)
     notes.file_for(pack, tmp_path).write_text(json.dumps(annotations_to_json(kept)))
-    assert (
-        command.main(["export", str(tmp_path / "shapes.zip"), "--to", str(tmp_path / "a.html"), "--credits", "by me"])
-        == 0
-    )
+    words = ["export", str(tmp_path / "shapes.zip"), "--to", str(tmp_path / "a.html")]
+    assert command.main([*words, "--credits", "by me"]) == 0
     scene = described((tmp_path / "a.html").read_bytes())
     assert [view["name"] for view in scene["camera"]["bookmarks"]] == ["Kept"] and scene["credits"] == "by me"
-    assert (
-        command.main(["export", str(tmp_path / "shapes.zip"), "--to", str(tmp_path / "b.html"), "--pose", "1,2"]) == 2
-    )
+    assert command.main([*words, "--pose", "1,2"]) == 2

@@ -18,7 +18,6 @@ from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.waiting import until
 from tests.viewer.web.browser import Browser
 from viewer.commands import view
-from viewer.commands.view import SERVED_ON, _with_port
 from viewer.features.making.make_plan import PREVIEW_FILE
 from viewer.web.description import PageContent
 from viewer.web.page import INDEX
@@ -86,25 +85,18 @@ def test_a_port_that_is_taken_or_none_is_told(server: PageServer) -> None:
         PageServer(FILES, "127.0.0.1", 70000)
 
 
-def test_the_port_may_be_left_out() -> None:
-    assert _with_port(["--serve", "a.zip"]) == [f"--serve={SERVED_ON}", "a.zip"]
-    assert _with_port(["a.zip", "--serve"]) == ["a.zip", f"--serve={SERVED_ON}"]
-    assert _with_port([]) == [] and _with_port(["a.zip"]) == ["a.zip"]
-    assert _with_port(["--serve", "80", "a.zip"]) == ["--serve", "80", "a.zip"]
-
-
-def test_what_is_no_pack_is_not_served(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert view.main([str(tmp_path / "gone"), "--serve"]) == 2
-    assert "gone" in capsys.readouterr().err
+def test_what_is_no_pack_is_not_served_and_the_port_may_be_left_out(refused, tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    said = {refused(view.main, *words) for words in ((gone, "--serve"), ("--serve", gone), ("--serve", 80, gone))}
+    assert len(said) == 1 and str(gone) in said.pop()
 
 
 @pytest.mark.slow
 def test_the_command_serves_a_pack_until_it_is_interrupted(browser: Browser, tmp_path: Path) -> None:
     save_pack(shapes_pack(42), tmp_path / "shapes")
     words = [sys.executable, "-m", "viewer.commands.view", str(tmp_path / "shapes"), "--serve", "0"]
-    with subprocess.Popen(
-        words, cwd=ROOT, stdout=subprocess.PIPE, text=True, env={**os.environ, "DISPLAY": ""}
-    ) as process:
+    environment = {**os.environ, "DISPLAY": ""}
+    with subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True, env=environment) as process:
         assert process.stdout is not None
         address = process.stdout.readline().strip()
         browser.open(address)
@@ -115,8 +107,8 @@ def test_the_command_serves_a_pack_until_it_is_interrupted(browser: Browser, tmp
 
 @pytest.mark.slow
 def test_a_page_of_a_run_shows_its_newest_preview_keeps_the_camera_and_ends_with_the_pack(
-    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    browser, tmp_path, monkeypatch
+):
     monkeypatch.setattr("viewer.web.server.LOOK_EVERY_S", 0.1)
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "config.json").write_text("{}")
@@ -138,14 +130,11 @@ def test_a_page_of_a_run_shows_its_newest_preview_keeps_the_camera_and_ends_with
         preview(100, 28)
         browser.until("globalThis.snerg?.level")
         assert browser.evaluate("document.title").endswith("preview after 100 steps")
-        browser.evaluate(
-            "snerg.ready.then(() => { snerg.camera.orbit(0.3, 0.1); snerg.camera.shown = snerg.camera.goal; })"
-        )
+        browser.evaluate("snerg.ready.then(() => snerg.camera.orbit(0.3, 0.1))")
+        browser.evaluate("snerg.camera.shown = snerg.camera.goal; 0")
         before = browser.evaluate("snerg.camera.view(0)")
         preview(200, 42)
-        browser.until(
-            "snerg.scene.title.endsWith('preview after 200 steps') && snerg.level.uniforms.grid_size[0] === 42"
-        )
+        browser.until("snerg.scene.title.endsWith('after 200 steps') && snerg.level.uniforms.grid_size[0] === 42")
         assert browser.evaluate("snerg.camera.view(0)") == before
         save_pack(shapes_pack(42), tmp_path / "pack")
         browser.until("document.title === 'run' && !snerg.scene.live && snerg.resting")

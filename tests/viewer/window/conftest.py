@@ -2,18 +2,23 @@
 
 import os
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import glfw
+import numpy as np
 import pytest
 from imgui_bundle import imgui
 
 from scenepack import Pack
 from tests.viewer.conftest import installed
-from tests.viewer.window.living import SIZE, draw_only_what_is_looked_at, other_program, pump
+from tests.viewer.offscreen_ui import draw_unseen
+from tests.viewer.window.living import SIZE, pump
 from viewer.app.application import App
 from viewer.window.window import Window
+
+CLIENT = Path(__file__).with_name("x11_client.py")
 
 
 @pytest.fixture
@@ -42,7 +47,15 @@ def opened(display: str) -> Iterator[Window]:
 @pytest.fixture
 def start_page(opened: Window, monkeypatch: pytest.MonkeyPatch) -> Iterator[Window]:
     """The window with a new app, at its start page; what is being made ends with it."""
-    draw_only_what_is_looked_at(monkeypatch)
+    whole, screenshot = imgui.backends.opengl3_render_draw_data, Window.screenshot
+
+    def looked_at(window: Window) -> np.ndarray:
+        with pytest.MonkeyPatch.context() as meanwhile:
+            meanwhile.setattr(imgui.backends, "opengl3_render_draw_data", whole)
+            return screenshot(window)
+
+    monkeypatch.setattr(imgui.backends, "opengl3_render_draw_data", draw_unseen)  # but where a screenshot is taken
+    monkeypatch.setattr(Window, "screenshot", looked_at)
     imgui.set_current_context(opened.ui.context)
     opened.canvas.show(None)
     app = App(canvas=opened.canvas)
@@ -69,5 +82,15 @@ def window(start_page: Window, pack: Pack, pack_folder: Path) -> Window:
 
 @pytest.fixture
 def other_client(display: str, start_page: Window) -> Callable[..., None]:
-    """Another program on our display: other_client("drop", path) and other_client("close"), while the window lives on."""
-    return lambda what, *words: other_program(display, start_page, what, *words)
+    """Another program on our display (x11_client.py): other_client("drop", path), while the window lives on."""
+
+    def call(what: str, *words: object) -> None:
+        window = str(glfw.get_x11_window(start_page.handle))
+        command = [sys.executable, str(CLIENT), what, window, *(str(word) for word in words)]
+        client = subprocess.Popen(command, env={**os.environ, "DISPLAY": display}, stderr=subprocess.PIPE, text=True)
+        while client.poll() is None:
+            pump(start_page, 0.05)
+        assert client.returncode == 0, client.stderr and client.stderr.read()
+        pump(start_page, 0.1)
+
+    return call

@@ -111,12 +111,6 @@ def test_commands_go_by_names_and_characters_on_a_french_keyboard(window, xdotoo
     assert window.app.interface.help_shown
 
 
-def looks_from(rig, azimuth: float, elevation: float) -> bool:
-    """Whether the camera has come to rest on that side."""
-    there = abs(shortest_turn(rig.shown.azimuth, azimuth)) < 0.1 and abs(rig.shown.elevation - elevation) < 0.1
-    return there and rig.shown == rig.goal
-
-
 @pytest.mark.parametrize(
     ("keys", "azimuth", "elevation"),
     [(["3"], 90, 0), (["ctrl", "7"], 0, -90), (["1", "9"], 180, 0), (["1", "6", "8", "8"], 15, 30)],
@@ -131,7 +125,10 @@ def test_the_number_block_shows_the_views_that_blender_shows(window, xdotool, ke
             xdotool("key", NUMBER_BLOCK[key])
             wait(window, lambda before=before: rig.goal != before)
     xdotool("keyup", "ctrl")
-    wait(window, lambda: looks_from(rig, azimuth, elevation))
+    wait(window, lambda: rig.shown == rig.goal)
+    assert abs(shortest_turn(rig.goal.azimuth, azimuth)) < 0.1 and rig.goal.elevation == pytest.approx(
+        elevation, abs=0.1
+    )
     assert not rig.flying and not window.app.messages.dialogs
 
 

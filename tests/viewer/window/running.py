@@ -79,11 +79,6 @@ class RunningViewer:
 
         return until(found).split()[0]
 
-    @property
-    def name(self) -> str:
-        """The window's title."""
-        return self.xdotool("getwindowname", self.window).strip()
-
     def click(self, x: float, y: float, button: int = 1) -> None:
         """Clicks into the window; negative numbers count from the right and from below."""
         shape = dict(line.split("=") for line in self.xdotool("getwindowgeometry", "--shell", self.window).split())

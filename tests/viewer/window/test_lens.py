@@ -33,14 +33,6 @@ def ui(offscreen, app, distorted, pack_folder):
     return offscreen(app, distorted, pack_folder, size=(900, 700))
 
 
-def part_with_the_photograph(app: App) -> tuple[slice, slice]:
-    """Rows and columns of the viewport's pixels on which a photograph of 64 × 64 lies: a square as high or wide as it."""
-    width, height = app.viewport.pixels
-    side = min(width, height)
-    x, y = (width - side) // 2, (height - side) // 2
-    return slice(y, y + side), slice(x, x + side)
-
-
 def expected(app: App, ctx, pack, index: int, side: int) -> np.ndarray:
     """What snerg-eval draws of a photograph, at another size."""
     camera = ViewCamera.from_scene_camera(pack, app.gallery.photographs.shots[index].camera)
@@ -56,8 +48,10 @@ def test_the_window_shows_a_photograph_through_its_lens_as_snerg_eval_does(ui, a
     app.resolution.pixels_per_ms = 10.0  # so that it is drawn in tiles
     app.settings = replace(app.settings, background=(1.0, 1.0, 0.999))
     ui.settle()
-    box, rows_columns = app.viewport, part_with_the_photograph(app)
-    side = rows_columns[0].stop - rows_columns[0].start
+    box = app.viewport
+    side = min(box.pixels)
+    x, y = ((pixels - side) // 2 for pixels in box.pixels)
+    rows_columns = slice(y, y + side), slice(x, x + side)  # those on which the square photograph lies
     shown = ui.picture()[round(box.y) : round(box.y + box.height), : round(box.width)][rows_columns].astype(int)
     wanted = expected(app, ctx, distorted, 4, side)
     straight = replace(app.scene.rig.held, distortion=(0.0,) * 4)

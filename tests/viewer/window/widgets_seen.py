@@ -88,9 +88,8 @@ class Watch:
     def note(self, kind: str, label: str, rect: Rect, pressed: bool) -> None:
         window = imgui.internal.get_current_window_read()
         name = _plain(window.name), label
-        disabled = bool(
-            imgui.get_current_context().current_item_flags & imgui.ItemFlags_.disabled
-        )  # not the last item's: it may be another
+        flags = imgui.get_current_context().current_item_flags  # not the last item's: it may be another
+        disabled = bool(flags & imgui.ItemFlags_.disabled)
         clip, scrolling = _rect(window.clip_rect), []
         around: Any = window
         while around is not None and not around.name.startswith(HOST):
@@ -141,8 +140,8 @@ def watch() -> Iterator[Watch]:
     def combo(name: str, original: Callable, label: str, *words: Any, **named: Any) -> bool:
         corner, width, height = imgui.get_cursor_screen_pos(), imgui.calc_item_width(), imgui.get_frame_height()
         rect = corner.x, corner.y, corner.x + width, corner.y + height
-        draw, window = original, imgui.internal.get_current_window_read()
-        opened = draw(label, *words, **named)
+        window = imgui.internal.get_current_window_read()
+        opened = original(label, *words, **named)
         if opened:  # the list is the window that is drawn now
             at = _plain(window.name), label
             seen._drawing[at] = Seen(*at, name, rect, _rect(window.clip_rect), (), False, True)
@@ -151,9 +150,7 @@ def watch() -> Iterator[Watch]:
             seen.note(name, label, rect, False)
         return opened
 
-    def begin(
-        name: str, original: Callable, window: str, is_open: bool | None = None, *words: Any, **named: Any
-    ) -> Any:
+    def begin(_: str, original: Callable, window: str, is_open: bool | None = None, *words: Any, **named: Any) -> Any:
         result = original(window, is_open, *words, **named)
         if is_open is not None:  # a title bar or a tab with a cross at its right end
             x0, y0, x1, y1 = _last_item()

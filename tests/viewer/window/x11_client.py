@@ -27,10 +27,8 @@ class ClientMessage(Structure):
 
 
 class SelectionRequest(Structure):
-    _fields_ = (
-        *Header,
-        *((name, c_ulong) for name in ["owner", "requestor", "selection", "target", "property", "time"]),
-    )
+    names = "owner", "requestor", "selection", "target", "property", "time"
+    _fields_ = (*Header, *((name, c_ulong) for name in names))
 
 
 class SelectionNotify(Structure):
@@ -113,9 +111,8 @@ class Client:
         self.send("XdndDrop", self.window, 0, ANY_TIME)
         request = self.wait_for(SELECTION_REQUEST).request
         uris = "".join(f"{path.resolve().as_uri()}\r\n" for path in paths).encode()
-        self.x11.XChangeProperty(
-            self.display, request.requestor, request.property, request.target, 8, PROP_MODE_REPLACE, uris, len(uris)
-        )
+        place = request.requestor, request.property, request.target
+        self.x11.XChangeProperty(self.display, *place, 8, PROP_MODE_REPLACE, uris, len(uris))
         answer = Event()
         answer.notify.type, answer.notify.requestor = SELECTION_NOTIFY, request.requestor
         answer.notify.selection, answer.notify.target = request.selection, request.target

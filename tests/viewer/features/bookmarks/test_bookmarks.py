@@ -104,11 +104,8 @@ def test_views_are_named_moved_changed_and_removed_and_all_of_it_is_undone(app):
     annotations, bookmarks = app.annotations, app.bookmarks
     bookmarks.edit(app, 0, name="The door")
     bookmarks.move(app, 0, 1)
-    assert [view.name for view in annotations.current.bookmarks] == [
-        "View 2",
-        "The door",
-        "View 3",
-    ] and bookmarks.selected == 1
+    assert [view.name for view in annotations.current.bookmarks] == ["View 2", "The door", "View 3"]
+    assert bookmarks.selected == 1
     bookmarks.remove(app, 1)
     assert [view.name for view in annotations.current.bookmarks] == ["View 2", "View 3"] and bookmarks.selected == 1
     moved = place(app, -5.0)
@@ -149,14 +146,10 @@ def ui(offscreen, pack, pack_folder):
     return ui
 
 
-def thumbnail(ui, rect: tuple[float, float, float, float]) -> np.ndarray:
-    x0, y0, _, y1 = rect
-    return ui.picture()[round(y0) + 6 : round(y1) - 6, round(x0) + 10 : round(x0) + 64].astype(float)
-
-
 def test_each_view_has_its_own_picture_and_a_click_on_it_goes_there(ui):
     app, rows = ui.app, [row for row in ui.widgets("##bookmark") if row.label.startswith("##")]
-    pictures = [thumbnail(ui, row.rect) for row in rows]
+    corners, window = [np.rint(row.rect).astype(int) for row in rows], ui.picture().astype(float)
+    pictures = [window[y0 + 6 : y1 - 6, x0 + 10 : x0 + 64] for x0, y0, _, y1 in corners]
     assert len(pictures) == 4
     for picture in pictures:
         assert picture.std(axis=(0, 1)).max() > 20  # something of the toy

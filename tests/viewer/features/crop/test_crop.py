@@ -1,18 +1,9 @@
 """Moving and scaling the crop box with ImGuizmo, and taking that back in turn with the camera's moves."""
 
 import numpy as np
-import pytest
 
 from viewer.core.pose import project
 from viewer.features.crop import crop
-
-
-@pytest.fixture
-def ui(offscreen, app, pack, pack_folder):
-    app.interface.page = "crop"
-    ui = offscreen(app, pack, pack_folder)
-    app.set(crop=crop.placed(pack, np.zeros(3), np.full(3, 0.8)))
-    return ui
 
 
 def centre(app) -> np.ndarray:
@@ -34,8 +25,12 @@ def arrow(app, axis: int, share: float = 0.75) -> np.ndarray:
     return pixels[0] + (0, app.viewport.y) + 60 * share * direction
 
 
-def test_the_gizmo_moves_the_box_along_the_axis_that_is_dragged_and_beside_it_the_mouse_is_the_cameras(ui, app):
-    app.crop_tool = "move"
+def test_the_gizmo_moves_the_box_along_one_axis_and_beside_it_the_mouse_is_the_cameras(
+    offscreen, app, pack, pack_folder
+):
+    app.interface.page, app.crop_tool = "crop", "move"
+    ui = offscreen(app, pack, pack_folder)
+    app.set(crop=crop.placed(pack, np.zeros(3), np.full(3, 0.8)))
     ui.settle()
     before, rig = centre(app), app.scene.rig.goal
     at = arrow(app, 1)

@@ -3,7 +3,10 @@
 import threading
 from dataclasses import replace
 from pathlib import Path
+from urllib.error import URLError
+from urllib.request import urlopen
 
+import numpy as np
 import pytest
 
 from baker.commands import pack as command
@@ -12,8 +15,12 @@ from scenepack import Pack
 from scenepack.exports import scene
 from scenepack.exports.scene import Export
 from tests.viewer.waiting import until
+from tests.viewer.web.test_page import described
 from viewer.app.application import App
 from viewer.features.export.exporting import KINDS, ExportPlan, ExportPreview
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.canvas import Canvas
+from viewer.rendering.settings import RenderSettings
 
 BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
 
@@ -121,3 +128,73 @@ def test_what_cannot_be_previewed_says_why(pack: Pack, monkeypatch, error: Excep
     preview = ExportPreview()
     finish(preview, pack, Export("mesh"))
     assert ("scikit-image" in preview.error) if isinstance(error, UserError) else ("memory" in preview.error)
+
+
+# The picture of an export before it is written: where the pack is, in its colours, seen by the same camera
+
+
+@pytest.mark.parametrize("kind", scene.KINDS)
+@pytest.mark.parametrize("parallel", [False, True])
+def test_a_preview_is_seen_where_the_pack_is_in_its_colours(ctx, pack, kind, parallel) -> None:
+    camera = ViewCamera.orbit(pack, 205.0, size=(160, 120))
+    camera = camera.as_orthographic(2.6) if parallel else camera
+    canvas = Canvas(ctx)
+    try:
+        canvas.show(pack)
+        alpha = canvas.raw(camera, RenderSettings(mode="alpha", raw=True))[..., 0] > 0.5
+        diffuse = canvas.snapshot(camera, RenderSettings(mode="diffuse"))
+        drawn = canvas.draw_export_preview(scene.preview_geometry(pack, Export(kind)), camera, (0.0, 0.0, 0.0))
+        seen = drawn.any(axis=2)
+        assert (seen & alpha).sum() / (seen | alpha).sum() > 0.9  # points are squares that stick out
+        assert (drawn.argmax(axis=2) == diffuse.argmax(axis=2))[seen & alpha].mean() > 0.95
+        assert np.array_equal(canvas.snapshot(camera, RenderSettings(mode="diffuse")), diffuse), "nothing is left set"
+        canvas.drop_export_preview()
+        assert ctx.error == "GL_NO_ERROR"
+    finally:
+        canvas.close()
+
+
+# Sharing serves the open pack as a page, with the view, the crop and the camera path of the moment, until it is stopped
+
+
+@pytest.mark.slow
+def test_the_scene_is_shared_as_it_is_seen_until_that_is_stopped(app: App, pack: Pack, pack_folder: Path) -> None:
+    app.show(pack, pack_folder)
+    assert app.scene is not None
+    app.scene.rig.turn(30, 10)
+    app.scene.rig.shown = app.scene.rig.goal
+    app.filming.turntable(app)
+    app.set(crop=((-1.0, -1.0, -1.0), (0.0, 1.0, 1.0)))
+    app.sharing.start(app)
+    server = app.sharing.server
+    assert server is not None and server.folder.is_dir()
+    try:
+        until(lambda: app.sharing.tick(app) or server.address != "")
+        with urlopen(server.address, timeout=20) as answer:
+            page = described(answer.read())
+        assert page["title"] == app.scene.name and page["path"]["frames"]
+        assert page["levels"][-1]["box"][1][0] == pytest.approx(0.5 * pack.grid_size[0], abs=1)
+        home, goal = page["camera"]["home"], app.scene.rig.goal
+        assert np.isclose(home["azimuth"] % 360, goal.azimuth % 360) and np.isclose(home["elevation"], goal.elevation)
+        app.sharing.copy(app)
+        assert app.clipboard.text == server.address
+    finally:
+        app.sharing.end()
+    assert app.sharing.server is None and not server.folder.exists()
+    with pytest.raises(URLError):
+        urlopen(server.address, timeout=20)
+
+
+def test_what_cannot_be_shared_is_told(app: App, pack: Pack, pack_folder: Path, tmp_path: Path) -> None:
+    assert not app.run("share")  # nothing is open
+    assert app.sharing.server is None
+    app.show(pack, tmp_path / "gone")
+    with pytest.raises(UserError, match="not a pack on disk"):
+        app.sharing.start(app)
+    app.show(pack, pack_folder)
+    app.sharing.start(app)
+    server = app.sharing.server
+    assert server is not None
+    server.child.kill()
+    until(lambda: app.sharing.tick(app) or app.sharing.server is None)
+    assert "is not shared" in app.messages.dialogs[0].title and not server.folder.exists()

@@ -26,7 +26,6 @@ from training.scenes.presets import BakeablePreset
 from viewer.app.application import App
 from viewer.core.files import POSED, REPORT
 from viewer.features.making import survey
-from viewer.features.making import survey as survey_module
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.panel import what_it_needs
 from viewer.features.making.survey import Survey
@@ -135,16 +134,11 @@ def test_a_film_is_asked_about_and_too_few_photographs_are_refused(tmp_path):
     assert "at least 8, found 2" in dropped(photographs(tmp_path / "shed", 2)).making.plan.problem()
 
 
-def unfinished(folder: Path, scene: Path) -> Path:
-    """What snerg-make leaves when it is stopped."""
+def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
+    folder = tmp_path / "lego-snerg"  # as snerg-make leaves it when it is stopped
     (folder / "run" / "checkpoints").mkdir(parents=True)
     (folder / "run" / "config.json").write_text(json.dumps({"scene": str(scene), "config": {"steps": 6000}}))
     (folder / "run" / "checkpoints" / "step_00001000.safetensors").touch()
-    return folder
-
-
-def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
-    folder = unfinished(tmp_path / "lego-snerg", scene)
     app = App(canvas=FakeCanvas())
     app.drop([folder])
     plan = app.making.plan
@@ -207,20 +201,20 @@ def test_cut_out_is_on_where_there_is_a_mask_for_each_photograph(tmp_path):
 
 @pytest.mark.slow
 def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_path, monkeypatch):
-    monkeypatch.setattr(survey_module, "MEASURES", True)
-    survey = Survey(write_procedural_scene(tmp_path / "scene", size=32, views=4, subpixels=1))
-    until(lambda: survey.finished)
-    needed = survey.time
+    monkeypatch.setattr(survey, "MEASURES", True)
+    found = Survey(write_procedural_scene(tmp_path / "scene", size=32, views=4, subpixels=1))
+    until(lambda: found.finished)
+    needed = found.time
     assert needed is not None
     needed.result()  # a busy machine takes longer than other tests wait
-    assert survey.busy and survey.news() and not survey.news() and not survey.busy
+    assert found.busy and found.news() and not found.news() and not found.busy
     seconds = needed.seconds("quick", 32)
     assert seconds is not None and 1.0 < seconds < 1e6
     assert needed.seconds("full", 32) == pytest.approx(PRESETS["full"].steps / PRESETS["quick"].steps * seconds)
     assert needed.seconds("paper", 32) is None and needed.disk("paper", 32) is None
     disk = needed.disk("quick", 32)
     assert disk is not None and 1e8 < disk < 1e9
-    survey.close()
+    found.close()
 
 
 @pytest.mark.parametrize(

@@ -1,18 +1,26 @@
 """Making a scene from the window: what the child process does, what is shown of it, and that it never outlives us."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from console import child_process
+from scenepack import save_pack
+from tests.training.posing.rooms import cameras, photograph
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.features.making.conftest import FAKE, ROOT
 from tests.viewer.waiting import live, until
 from viewer.app.application import App
+from viewer.features.making import survey
+from viewer.features.making.make_job import preview_title
+from viewer.features.making.survey import result_lines
 
 
 def gone(pid: int) -> bool:
@@ -125,3 +133,125 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
     finally:
         app.making.end()
     assert not app.messages.dialogs and app.scene.path == tmp_path / "made" / "pack"
+
+
+# What is trained so far is shown as it comes, with the camera where the hands put it, and never in place of something else
+
+
+@pytest.fixture
+def write(tmp_path, pack):
+    """Writes what is trained after so many steps, as the child does."""
+
+    def call(steps: int) -> None:
+        made = {"steps": steps, "of_steps": 6000, "preview": True}
+        save_pack(pack.with_metadata(provenance=made), tmp_path / "preview.zip")
+
+    return call
+
+
+def came(app: App, steps: int) -> bool:
+    return app.making.job.preview is not None and f" {steps:,} " in preview_title(app.making.job.preview)
+
+
+def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_camera_stays(making, write, tmp_path):
+    app = making("until-told")
+    live(app, lambda: app.making.job.report is not None)
+    assert app.scene is None
+    write(1200)
+    live(app, lambda: came(app, 1200))
+    assert app.scene.name == "photographs: preview after 1,200 steps" and app.making.training_preview_shown(app)
+    assert app.canvas.shown == [app.making.job.preview] and app.preferences.recent == []
+    untouched = app.scene.rig.goal
+    app.scene.rig.orbit(80.0, 15.0)
+    chosen, fov = app.scene.rig.goal, app.fov
+    assert chosen != untouched
+    live(app, lambda: app.scene.rig.shown == app.scene.rig.goal)
+    write(2400)
+    live(app, lambda: came(app, 2400))
+    assert app.scene.name.endswith("2,400 steps") and app.scene.pack is app.making.job.preview
+    assert app.scene.rig.goal == app.scene.rig.shown == chosen
+    assert app.canvas.shown == [app.making.job.preview], "refined in place: nothing is blank in between"
+    (tmp_path / "go").touch()
+    live(app, lambda: app.making.job is None and app.loading is None)
+    assert app.scene.path == tmp_path / "pack" and not app.messages.dialogs
+    assert app.scene.rig.goal == chosen and app.fov == fov
+
+
+def test_a_scene_that_is_open_is_not_taken_away(making, write, pack, pack_folder):
+    app = making("until-told")
+    app.show(pack, pack_folder)
+    write(1200)
+    live(app, lambda: came(app, 1200))
+    assert app.scene.path == pack_folder and not app.making.training_preview_shown(app)
+    app.making.show_training_preview(app)
+    assert app.making.training_preview_shown(app)
+    app.show(pack, pack_folder)
+    write(2400)
+    live(app, lambda: came(app, 2400))
+    assert app.scene.path == pack_folder, "whoever has gone elsewhere stays there"
+
+
+# The check of photographs in the make dialog: the real command as a child process, and what is shown of it
+
+
+COUNT, DARK = 8, 4
+
+
+@pytest.fixture
+def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """An app whose dialog asks about photographs, one of them darker than the others."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    (tmp_path / "shed").mkdir()
+    for i, camera in enumerate(cameras(COUNT)):
+        picture = Image.fromarray(photograph(camera)).point(lambda v, light=0.6 if i == DARK else 1.0: int(v * light))
+        picture.save(tmp_path / "shed" / f"p{i}.png")
+    app = App(canvas=FakeCanvas())
+    app.drop([tmp_path / "shed"])
+    live(app, lambda: app.making.plan.survey.finished)
+    yield app
+    app.making.end()
+
+
+def test_a_check_shows_its_progress_and_then_what_it_found(asked: App, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    making, opened = asked.making, []
+    making.check_photographs(asked)
+    check = making.check
+    assert check is not None and check.running and making.busy
+    live(asked, lambda: check.report is not None)
+    assert check.report.stage == "check"
+    live(asked, lambda: not check.running)
+    assert not check.error and check.result is not None
+    assert list(check.result["differently_exposed"]) == [f"p{DARK}.png"] and not check.result["set_aside"]
+    assert check.page == tmp_path / "shed-snerg" / "check.html" and check.page.is_file()
+    lines = [text for text, _ in result_lines(check.result)]
+    assert lines[0].startswith(f"{COUNT} photographs, ")
+    assert lines[-1].startswith(f"1 differently exposed: p{DARK}.png (")
+    monkeypatch.setattr(survey.webbrowser, "open", lambda address: opened.append(address))  # and finds none
+    check.open_page()
+    live(asked, lambda: "No browser was found" in asked.messages.toast)
+    assert opened == [check.page.as_uri()]
+    making.dismiss()
+    assert making.check is None
+
+
+def test_a_check_whose_dialog_is_closed_is_stopped_and_leaves_nothing(asked: App, tmp_path: Path):
+    asked.making.check_photographs(asked)
+    pid = asked.making.check.child._child.pid
+    live(asked, lambda: asked.making.check.report is not None)
+    asked.making.dismiss()  # which stops it first
+    assert asked.making.check is None
+    live(asked, lambda: gone(pid) and not list((tmp_path / "temporary").glob("snerg-ch*")))
+    assert not (tmp_path / "shed-snerg").exists() and not asked.messages.dialogs
+
+
+def test_a_check_that_fails_says_why_in_one_line(asked: App, tmp_path: Path):
+    shutil.rmtree(tmp_path / "shed")
+    asked.making.check_photographs(asked)
+    live(asked, lambda: not asked.making.check.running)
+    assert asked.making.check.result is None
+    assert asked.making.check.error.startswith(f"{tmp_path / 'shed'}: no such file or folder")
+
+
+def test_names_beyond_the_first_few_are_counted():
+    assert survey.few_with_reasons({f"{i}.jpg": "blurred" for i in range(5)}).endswith("and 2 more")

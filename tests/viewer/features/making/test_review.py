@@ -194,20 +194,16 @@ def test_a_click_on_the_ground_makes_it_level(offscreen, tmp_path):
     assert leaning() > 15 and "--up" not in app.making.review.decided(None).command()
 
 
-def leave_out(folder: Path, out: Path, file: Path) -> None:
-    """Writes down, as training.posing does, that a portrait and a landscape photograph, and one that is gone, are left out."""
+def test_photographs_without_a_pose_are_shown_before_training(bare, tmp_path, offscreen):
+    """As training.posing writes it down, a portrait and a landscape photograph, and one that is gone, are left out."""
+    folder, out = tmp_path / "shed", tmp_path / "out"
     sideways = Image.Exif()
     sideways[0x0112] = 6  # orientation: the camera was turned to the right
     Image.new("RGB", (400, 200), (200, 30, 30)).save(folder / "a.jpg", exif=sideways)
     Image.new("RGB", (400, 200), (30, 30, 200)).save(out / "kept.png")
     why = {"a.jpg": "matches no other", "walk.mp4 at 1.00 s": "blurred", "gone.jpg": "blurred"}
     said = {"photographs": str(folder), "left_out": why, "files": {"walk.mp4 at 1.00 s": str(out / "kept.png")}}
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(said))
-
-
-def test_photographs_without_a_pose_are_shown_before_training(bare, tmp_path, offscreen):
-    leave_out(tmp_path / "shed", tmp_path / "out", tmp_path / "out" / "scene" / "poses.json")
+    (out / "scene" / "poses.json").write_text(json.dumps(said))
     live(bare, lambda: bare.making.review is not None)
     review = bare.making.review
     found = review.rejected

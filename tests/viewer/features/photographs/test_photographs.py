@@ -110,12 +110,6 @@ def carrying(known_pack):
     return with_pictures(known_pack, scene, 48).with_metadata(provenance=ELSEWHERE)
 
 
-@pytest.fixture
-def bare(known_pack):
-    """The same pack on another computer, without."""
-    return known_pack.with_metadata(provenance=ELSEWHERE)
-
-
 def test_copies_are_the_photographs_shrunk_and_survive_every_way_a_pack_goes(known_pack, carrying, tmp_path):
     save_pack(carrying, tmp_path / "a.zip")
     save_pack(load_pack(tmp_path / "a.zip"), tmp_path / "b", codec="webp")
@@ -136,9 +130,9 @@ def test_standing_in_a_copy_compares_with_it_and_says_so(offscreen, app, carryin
     assert app.comparison.psnr_db > 25 and not app.messages.dialogs and ui.ctx.error == "GL_NO_ERROR"
 
 
-def test_a_pack_without_its_photographs_shows_their_places_and_no_error(offscreen, app, bare, pack_folder):
+def test_a_pack_without_its_photographs_shows_their_places_and_no_error(offscreen, app, known_pack, pack_folder):
     app.interface.page, app.gallery.frusta = "photographs", True
-    ui = offscreen(app, bare, pack_folder)
+    ui = offscreen(app, known_pack.with_metadata(provenance=ELSEWHERE), pack_folder)
     assert app.gallery.thumbnails is None and not app.gallery.photographs.any_pictures
     before = app.scene.rig.held
     assert app.run("next-photo")

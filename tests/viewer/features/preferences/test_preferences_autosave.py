@@ -10,13 +10,7 @@ import pytest
 from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.features.preferences import preferences
-from viewer.features.preferences.preferences import (
-    PreferencesAutosave,
-    apply_preferences,
-    current_preferences,
-    load,
-    save,
-)
+from viewer.features.preferences.preferences import PreferencesAutosave, current_preferences, load, save
 
 
 @pytest.fixture
@@ -72,13 +66,3 @@ def test_only_what_was_changed_here_is_written_and_unknown_keys_stay(file):
     found = load(file)
     assert (found["page"], found["target_fps"], found["recent"]) == ("film", 60.0, ["/d", "/c", "/b"])
     assert found["from a newer version"] == 3
-
-
-@pytest.mark.parametrize("text", ["", "[]", '{"window": "big", "target_fps": "fast", "recent": 3}'])
-def test_broken_preferences_are_defaults(file, text):
-    file.parent.mkdir()
-    file.write_text(text)
-    app, usual = App(), App()
-    apply_preferences(app, load(file))
-    apply_preferences(usual, {})
-    assert current_preferences(app) == current_preferences(usual)
