@@ -10,17 +10,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from baker.reports.evaluation import reading_of
 from console import UserError
 from tests.training.reconstructions import ball, write_colmap
-from tests.training.scenes.test_pictures_formats import read_picture
 from tests.training.scenes.test_transforms import edit
 from tests.training.test_captures import circle, complaint, everyone, forward, write_llff, write_transforms
 from tests.training.test_training import MINUTE
 from training.commands.train import main
 from training.config import PRESETS
 from training.loop import train
-from training.run import load_run, read_description
+from training.run import load_run
 from training.scenes import Scene, SceneOptions, load_pixels, load_scene
 from training.scenes.colmap import sparse_points
 from training.scenes.pictures import over_background, shrink
@@ -72,7 +70,7 @@ def test_shrinking_keeps_the_mean_of_premultiplied_colour_and_alpha():
         np.testing.assert_allclose(white, over_background(picture, (1, 1, 1)).mean((0, 1)), atol=1e-5)
 
 
-def test_any_range_of_the_pixels_of_many_pictures_can_be_loaded(procedural_scene: Scene, tmp_path):
+def test_any_range_of_the_pixels_of_many_pictures_can_be_loaded(procedural_scene: Scene):
     train = procedural_scene.splits["train"]
     pixels = load_pixels(train)
     assert pixels.shape == (12 * 48 * 48, 4) and pixels.dtype == np.uint8
@@ -80,12 +78,6 @@ def test_any_range_of_the_pixels_of_many_pictures_can_be_loaded(procedural_scene
     np.testing.assert_array_equal(pixels[2 * 48 * 48 : 3 * 48 * 48], third)
     np.testing.assert_array_equal(load_pixels(train, 2 * 48 * 48 - 5, 3 * 48 * 48 - 7)[5:], third[:-7])
     assert not load_pixels(train, len(pixels) - 1, len(pixels) + 3)[1:].any(), "padding is 0"
-    for kind, grey in (("L", 128), ("RGB", 128), ("P", 5)):
-        Image.new(kind, (3, 2), grey if kind != "RGB" else (128,) * 3).save(tmp_path / f"{kind}.png")
-        assert read_picture(tmp_path / f"{kind}.png").shape == (2, 3, 4)
-    deep = np.full((2, 3), 32896, np.uint16)
-    Image.fromarray(deep).save(tmp_path / "deep.png")
-    np.testing.assert_allclose(read_picture(tmp_path / "deep.png")[0, 0], [128.5 / 256] * 3 + [1], atol=1e-3)
 
 
 def test_a_folder_without_a_scene_says_what_was_looked_for(tmp_path: Path):
@@ -156,18 +148,6 @@ def test_what_is_up_becomes_z_and_all_else_turns_along(leaning: Path) -> None:
     assert inside.mean() > 0.95, "the box is that of the points as they lie now"
     assert (after.near, after.far) == pytest.approx((before.near, before.far))
     np.testing.assert_allclose(load_scene(leaning, up=(0.0, 0.0, 2.0)).aabb, before.aabb, atol=1e-9)
-
-
-def test_a_run_remembers_what_is_up(tmp_path: Path) -> None:
-    options = vars(SceneOptions(up=(0.0, -1.0, 0.5)))
-    document = {"format": 1, "scene": "s", "scene_options": options, "config": {}}
-    (tmp_path / "config.json").write_text(json.dumps(document))
-    assert read_description(tmp_path).options.up == (0.0, -1.0, 0.5)
-    assert reading_of(tmp_path)["up"] == (0.0, -1.0, 0.5)
-    document["scene_options"] = {**options, "up": [1, 2]}
-    (tmp_path / "config.json").write_text(json.dumps(document))
-    with pytest.raises(UserError):
-        read_description(tmp_path)
 
 
 # --aabb: the user's box in place of the reader's, stored with the run, refused where it means nothing
