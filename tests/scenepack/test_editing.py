@@ -26,9 +26,8 @@ def pack(request) -> Pack:
     whole = Voxels(made).everything()
     thinned = without(made, Selection({4: whole.bits[4]}), [])  # one macroblock between others is empty
     if request.param == "contracted":
-        return replace(thinned, min_xyz=-0.5 * made.voxel_size * np.array(made.grid_size)).with_metadata(
-            contraction=0.3 * made.voxel_size * min(made.grid_size)
-        )
+        half = 0.5 * made.voxel_size * np.array(made.grid_size)
+        return replace(thinned, min_xyz=-half).with_metadata(contraction=0.6 * half.min())
     if request.param == "forward-facing":
         camera = {"input_width": 100.0, "input_height": 80.0, "input_focal": 90.0}
         frame = np.diag([1.0, 1.0, -1.0, 1.0])
