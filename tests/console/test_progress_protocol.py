@@ -114,24 +114,18 @@ PACKAGES = ("console", "scenepack", "training", "baker", "viewer")
 SHADOWS = (*PACKAGES, "shaders", "random", "numpy", "json", "queue", "tempfile", "subprocess", "jax", "PIL")
 
 
-@pytest.fixture
-def shadowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The current folder, in which each module notes that it was imported, and fails."""
-    folder = tmp_path / "of the user"
-    for name in SHADOWS:
+def test_commands_that_are_started_do_not_run_modules_of_the_user(tmp_path, monkeypatch) -> None:
+    folder, imported = tmp_path / "of the user", tmp_path / "imported"
+    for name in SHADOWS:  # each notes that it was imported, and fails
         place = folder / name / "__init__.py" if name in PACKAGES else folder / f"{name}.py"
         place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_text(f"open({str(tmp_path / 'imported')!r}, 'a').write(__name__)\nraise ImportError(__name__)\n")
+        place.write_text(f"open({str(imported)!r}, 'a').write(__name__)\nraise ImportError(__name__)\n")
     monkeypatch.chdir(folder)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    return tmp_path / "imported"
-
-
-def test_commands_that_are_started_do_not_run_modules_of_the_user(shadowed: Path) -> None:
     command = module_command("baker.commands.make", "--help")
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0 and "--help" in done.stdout, done.stderr
-    assert not shadowed.exists()
+    assert not imported.exists()
 
 
 def test_every_start_of_python_leaves_out_the_current_folder() -> None:

@@ -26,10 +26,6 @@ NOTEBOOKS_PSNR = 20.0  # dB, at least, of 200 steps; a picture of the background
 ARTICLE = re.compile(r"```python\n(.*?)```", re.S)
 
 
-def public_members(kind: type) -> dict[str, object]:
-    return {name: value for name, value in vars(kind).items() if not name.startswith("_") or name == "__init__"}
-
-
 def test_every_public_name_is_documented() -> None:
     assert list(snerg.__all__) == sorted(snerg.__all__)
     source = {name: inspect.getsource(sys.modules[name]) for name in sys.modules if name.startswith("snerg._")}
@@ -38,8 +34,9 @@ def test_every_public_name_is_documented() -> None:
         assert (inspect.getdoc(thing) or "").strip(), name
         if not isinstance(thing, type):
             continue
-        for member, value in public_members(thing).items():
-            if inspect.isfunction(value) or isinstance(value, property | staticmethod):
+        for member, value in vars(thing).items():
+            public = not member.startswith("_") or member == "__init__"
+            if public and (inspect.isfunction(value) or isinstance(value, property | staticmethod)):
                 inner = value.__func__ if isinstance(value, staticmethod) else value
                 assert (dataclasses.is_dataclass(thing) and member == "__init__") or inner.__doc__, f"{name}.{member}"
         for field in dataclasses.fields(thing) if dataclasses.is_dataclass(thing) else ():

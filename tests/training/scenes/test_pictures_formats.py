@@ -297,23 +297,15 @@ showpage
 """
 
 
-@pytest.fixture
-def ghostscript_mark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The file that a stand-in for Ghostscript leaves behind when it is started."""
-    programs, mark = tmp_path / "programs", tmp_path / "started"
+@pytest.mark.skipif(os.name == "nt", reason="the stand-in for Ghostscript is a shell script")
+@pytest.mark.parametrize("name", ["r_4.png", "r_4.jpg"])
+def test_postscript_named_like_a_photograph_does_not_start_ghostscript(procedural_path, tmp_path, name, monkeypatch):
+    programs, started = tmp_path / "programs", tmp_path / "started"
     programs.mkdir()
-    (programs / "gs").write_text(f"#!/bin/sh\ntouch '{mark}'\n")
+    (programs / "gs").write_text(f"#!/bin/sh\ntouch '{started}'\n")
     (programs / "gs").chmod(0o755)
     monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setattr(EpsImagePlugin, "gs_binary", None)  # it remembers where it found one
-    return mark
-
-
-@pytest.mark.skipif(os.name == "nt", reason="the stand-in for Ghostscript is a shell script")
-@pytest.mark.parametrize("name", ["r_4.png", "r_4.jpg"])
-def test_postscript_named_like_a_photograph_does_not_start_ghostscript(
-    procedural_path: Path, tmp_path: Path, ghostscript_mark: Path, name: str
-) -> None:
     scene = Path(shutil.copytree(procedural_path, tmp_path / "scene"))
     picture = scene / "train" / "r_4.png"
     picture.write_bytes(EPS)
@@ -326,12 +318,12 @@ def test_postscript_named_like_a_photograph_does_not_start_ghostscript(
     for read in (read_picture, lambda path: PictureLoader(path, (48, 48), (48, 48)).thumbnail(16)):
         with pytest.raises(UserError, match="found PostScript"):
             read(picture)
-    assert not ghostscript_mark.exists()
+    assert not started.exists()
 
     # The trap works: whoever does not name the formats starts it.
     with pytest.raises(Exception), Image.open(picture) as opened:  # noqa: B017
         opened.load()
-    assert ghostscript_mark.exists()
+    assert started.exists()
 
 
 @pytest.mark.parametrize(
