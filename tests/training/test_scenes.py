@@ -126,22 +126,15 @@ def test_the_real_lego_scene_reads(real_data: Path):
 # What is up, where the user says it: poses, points and box turn together, and a run and its pack are compared so, too
 
 
-def eyes(scene) -> np.ndarray:
-    return np.stack([p.camera.world_T_camera[:3, 3] for p in everyone(scene)])
-
-
-@pytest.fixture(scope="module")
-def leaning(tmp_path_factory) -> Path:
-    """Cameras that all stand on one side and look down at a ball: their mean up leans back."""
-    return write_colmap(tmp_path_factory.mktemp("leaning") / "scene", circle(10), ball(300, 1.0))
-
-
-def test_what_is_up_becomes_z_and_all_else_turns_along(leaning: Path) -> None:
+def test_what_is_up_becomes_z_and_all_else_turns_along(tmp_path: Path) -> None:
+    # cameras that all stand on one side and look down at a ball: their mean up leans back
+    leaning = write_colmap(tmp_path, circle(10), ball(300, 1.0))
     up = (0.3, -0.2, 1.5)
     before, after = load_scene(leaning), load_scene(leaning, up=up)
     turn = axes_of(up)
     np.testing.assert_allclose(turn @ [0, 0, 1], np.array(up) / np.linalg.norm(up), atol=1e-12)
-    np.testing.assert_allclose(eyes(after), eyes(before) @ turn, atol=1e-9)
+    eyes = [[one.camera.world_T_camera[:3, 3] for one in everyone(scene)] for scene in (before, after)]
+    np.testing.assert_allclose(eyes[1], eyes[0] @ turn, atol=1e-9)
     points = sparse_points(before).places, sparse_points(after).places
     np.testing.assert_allclose(points[1], points[0] @ turn, atol=1e-9)
     inside = ((points[1] > after.aabb[0]) & (points[1] < after.aabb[1])).all(-1)
@@ -156,14 +149,6 @@ BOX = (-0.5, -0.75, -0.25, 1.0, 0.5, 0.75)
 WORDS = "-0.5,-0.75,-0.25,1,0.5,0.75"
 
 
-@pytest.fixture(scope="module")
-def boxed(procedural_path: Path, tmp_path_factory) -> Path:
-    """A finished run within BOX."""
-    out = tmp_path_factory.mktemp("runs") / "boxed"
-    train(procedural_path, out, MINUTE, SceneOptions(aabb=BOX))
-    return out
-
-
 def test_the_box_takes_the_place_of_the_readers_and_far_reaches_its_end(procedural_path: Path):
     plain, scene = load_scene(procedural_path), load_scene(procedural_path, aabb=BOX)
     np.testing.assert_array_equal(scene.aabb, np.reshape(BOX, (2, 3)))
@@ -173,12 +158,12 @@ def test_the_box_takes_the_place_of_the_readers_and_far_reaches_its_end(procedur
     assert wide.far == pytest.approx(corner)
 
 
-def test_a_run_keeps_its_box_through_resuming_and_loading(boxed: Path, procedural_path: Path, tmp_path: Path, capsys):
-    assert json.loads((boxed / "config.json").read_text())["scene_options"]["aabb"] == list(BOX)
-    longer = Path(shutil.copytree(boxed, tmp_path / "longer"))
-    assert main([str(procedural_path), "--out", str(longer), "--resume", "--steps", "13", "--aabb", WORDS]) == 0
+def test_a_run_keeps_its_box_through_resuming_and_loading(procedural_path: Path, tmp_path: Path, capsys):
+    train(procedural_path, tmp_path, MINUTE, SceneOptions(aabb=BOX))
+    assert json.loads((tmp_path / "config.json").read_text())["scene_options"]["aabb"] == list(BOX)
+    assert main([str(procedural_path), "--out", str(tmp_path), "--resume", "--steps", "13", "--aabb", WORDS]) == 0
     assert f"box of the content: {WORDS} where cameras stand 4" in capsys.readouterr().err
-    run = load_run(longer)
+    run = load_run(tmp_path)
     assert run.step == 13 and run.options.aabb == BOX
     np.testing.assert_allclose(run.dataset.aabb, np.reshape(BOX, (2, 3)))
 
