@@ -54,16 +54,28 @@ def atlas_from_dense(
     return indices, atlas_of(rgba), None if features is None else atlas_of(features)
 
 
+def pack_of_cube(
+    side: int,
+    block_size: int,
+    atlas: tuple[np.ndarray, np.ndarray, np.ndarray | None],
+    view_mlp: ViewMlp | None,
+    worldspace_T_opengl: np.ndarray,
+    **camera: Any,
+) -> Pack:
+    """A pack of side^3 voxels over [-1, 1]^3. atlas: indices, rgba, features. camera: what forward-facing packs have besides."""
+    return Pack(
+        voxel_size=2.0 / side, min_xyz=np.full(3, -1.0), grid_size=(side, side, side), block_size=block_size,
+        atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2], view_mlp=view_mlp,
+        worldspace_T_opengl=np.array(worldspace_T_opengl, float), **camera,
+    )  # fmt: skip
+
+
 def cube_pack(
     rgba: np.ndarray, block_size: int, frame: np.ndarray = BLENDER_FRAME, features: np.ndarray | None = None,
     view_mlp: ViewMlp | None = None, **camera: Any,
 ) -> Pack:  # fmt: skip
     """The pack of a cube of voxels over [-1, 1]^3: rgba [z, y, x, 4], premultiplied; features likewise."""
-    side, (indices, atlas_rgba, atlas_features) = len(rgba), atlas_from_dense(rgba, features, block_size)
-    low, frame = np.full(3, -1.0), np.array(frame, float)
-    return Pack(
-        2.0 / side, low, (side, side, side), block_size, indices, atlas_rgba, atlas_features, view_mlp, frame, **camera
-    )
+    return pack_of_cube(len(rgba), block_size, atlas_from_dense(rgba, features, block_size), view_mlp, frame, **camera)
 
 
 def centres(side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
