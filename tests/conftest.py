@@ -62,18 +62,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def _programs_are_let_go() -> Iterator[None]:
     """JAX keeps each program that it ever compiled: gigabytes by the end of all tests. What is needed again lies on the disk."""
     yield
-    if "jax" in sys.modules and _held() > HELD:
+    memory = Path("/proc/self/statm")  # which Linux alone has
+    held = int(memory.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if memory.exists() else 0
+    if "jax" in sys.modules and held > HELD:
         sys.modules["jax"].clear_caches()
         gc.collect()
         release_freed_memory()
-
-
-def _held() -> int:
-    """Bytes of memory that this process has; 0 where the system does not tell as Linux does."""
-    try:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except OSError:
-        return 0
 
 
 @pytest.fixture
@@ -104,6 +98,15 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
         return line
 
     return line_of
+
+
+@pytest.fixture
+def real_data() -> Path:
+    """The folder of real scenes that SNERG_DATA names."""
+    folder = os.environ.get("SNERG_DATA")
+    if not folder or not Path(folder).is_dir():
+        pytest.skip("SNERG_DATA names no folder of real scenes")
+    return Path(folder)
 
 
 @pytest.fixture(scope="session")

@@ -90,9 +90,8 @@ def pixel_directions(camera: ViewCamera) -> np.ndarray:
     if camera.orthographic:
         return np.tile([0.0, 0.0, -1.0], (camera.height * camera.width, 1))
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
-    directions = directions_at((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, camera.distortion).reshape(
-        -1, 3
-    )
+    u, v = (x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy
+    directions = directions_at(u, v, camera.distortion).reshape(-1, 3)
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 

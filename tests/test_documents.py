@@ -1,15 +1,14 @@
 """What the documents name is there: links, anchors, pictures, paths, modules, commands, options, values, the tree."""
 
-import importlib.util
 import json
 import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable, Iterator
+import zipfile
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from PIL import Image
@@ -32,14 +31,7 @@ PROGRAM = re.compile(r"python -m ([\w.]+)|(?<![\w-])(snerg-[a-z]+)")
 pytestmark = pytest.mark.documents
 
 
-def each_document(check: Callable[[Path], None]) -> Callable[[], None]:
-    """A test of all documents."""
-
-    def test() -> None:
-        for document in DOCUMENTS:
-            check(document)
-
-    return test
+each_document = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda document: document.name)
 
 
 @cache
@@ -79,19 +71,12 @@ def anchor_of(title: str) -> str:
 
 
 @cache
-def modules_run() -> dict[str, str]:
-    """Module of each program that can be started: {"snerg-bake": "baker.commands.bake", …}."""
-    named = {name for document in DOCUMENTS for name in re.findall(r"python -m ([\w.]+)", text_of(document))}
-    return MODULES | {f"python -m {name}": name for name in named if name.split(".")[0] in PACKAGES and name != "snerg"}
-
-
-@cache
 def options() -> dict[str, dict[str, dict]]:
     """The options of all programs, from their --help; see tests.list_options."""
-    names = sorted(set(modules_run().values()))
-    asked = subprocess.run(
-        [sys.executable, "-m", "tests.list_options", *names], cwd=ROOT, capture_output=True, text=True, timeout=300
-    )
+    named = {name for document in DOCUMENTS for name in re.findall(r"python -m ([\w.]+)", text_of(document))}
+    names = {*MODULES.values(), *(name for name in named if name.split(".")[0] in PACKAGES and name != "snerg")}
+    words = [sys.executable, "-m", "tests.list_options", *sorted(names)]
+    asked = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=300)
     assert asked.returncode == 0, asked.stderr
     return json.loads(asked.stdout)
 
@@ -180,9 +165,8 @@ def resolves(name: str) -> bool:
     place = place.with_suffix(".py") if place.with_suffix(".py").is_file() else place / "__init__.py"
     if not place.is_file():
         return False
-    return bool(
-        re.search(rf"^(?:(?:def|class) {last}\b|{last}\b.*=|.*import .*\b{last}\b|    {last},$)", text_of(place), re.M)
-    )
+    defined = rf"^(?:(?:def|class) {last}\b|{last}\b.*=|.*import .*\b{last}\b|    {last},$)"
+    return re.search(defined, text_of(place), re.M) is not None
 
 
 @each_document
@@ -234,20 +218,15 @@ def test_variables_of_the_environment_are_read_somewhere(document: Path) -> None
 
 def test_code_cites_documents_and_sections_that_exist() -> None:
     """As in `docs/format.md, "Untidy packs"`; and no other document than those of this repository."""
-    files = [
-        path for folder in (*PACKAGES, "tests", "shaders") for path in (ROOT / folder).rglob("*") if path.is_file()
-    ]
+    files = [path for folder in (*PACKAGES, "tests", "shaders") for path in (ROOT / folder).rglob("*.*")]
     cited = 0
     for path in files:
         if path.suffix not in (".py", ".glsl", ".vert", ".frag") or path == Path(__file__):
             continue
-        assert "CONTRACT section" not in text_of(path), path
         for name, title in re.findall(r'\b(docs/[\w-]+\.md)(?:,? \(?"([^"]+)")?', text_of(path)):
             cited += 1
             assert (ROOT / name).is_file(), f"{path.relative_to(ROOT)} cites {name}"
-            assert not title or anchor_of(title) in anchors_of(ROOT / name), (
-                f"{path.relative_to(ROOT)} cites {name}, {title!r}"
-            )
+            assert not title or anchor_of(title) in anchors_of(ROOT / name), f"{path} cites {name}, {title!r}"
     assert cited > 30
 
 
@@ -267,23 +246,19 @@ def names_in(cells: list[str]) -> set[str]:
 def test_tables_list_all_choices_and_true_defaults() -> None:
     commands, rendering, packs = (ROOT / f"docs/{name}.md" for name in ("commands", "rendering", "format"))
     known = options()
-    presets = names_in([row[0] for row in table_below(commands, "snerg-train")])
-    assert presets == set(known["snerg-train"]["--preset"]["choices"])
     for name, default, _ in table_below(commands, "snerg-bake"):
         option = known["snerg-bake"][name.strip("`")]
         assert option["default"] == ("None" if default == "automatic" else default), name
-    assert names_in([row[0] for row in table_below(rendering, "Display modes")]) == {PICTURE, *MODES}
-    assert names_in([row[0] for row in table_below(rendering, "Marchers")]) == set(
-        known["snerg-render"]["--marcher"]["choices"]
-    )
-    assert names_in([row[0] for row in table_below(packs, "Other codecs")]) == set(
-        known["snerg-bake"]["--codec"]["choices"]
-    )
+    for document, heading, choices in (
+        (commands, "snerg-train", known["snerg-train"]["--preset"]["choices"]),
+        (rendering, "Display modes", [PICTURE, *MODES]),
+        (rendering, "Marchers", known["snerg-render"]["--marcher"]["choices"]),
+        (packs, "Other codecs", known["snerg-bake"]["--codec"]["choices"]),
+    ):
+        assert names_in([row[0] for row in table_below(document, heading)]) == set(choices), heading
 
 
 def test_the_format_lists_the_keys_that_are_written() -> None:
-    import zipfile
-
     with zipfile.ZipFile(ROOT / "viewer/demo/demo.zip") as pack:
         written = set(json.loads(pack.read("scene_params.json")))
     listed = names_in([row[0] for row in table_below(ROOT / "docs/format.md", "scene_params.json")])
@@ -327,24 +302,11 @@ def folders_on_disk() -> set[str]:
 # docs/results.md is what docs/results gives: no figure of it is typed by hand
 
 
-@pytest.fixture(scope="module")
-def results() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("results", ROOT / "scripts/results.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def test_the_pages_are_what_their_figures_give() -> None:
+    assert subprocess.run([sys.executable, "scripts/results.py", "--check"], cwd=ROOT).returncode == 0, "make results"
 
 
-def test_the_pages_are_what_their_figures_give(results: ModuleType) -> None:
-    assert results.main(["--check"]) == 0, "make results"
-    for path, text in results.pages().items():
-        assert path.read_text(encoding="utf-8") == text
-    listed = {path.stem for path in results.pages()} - {"results"}
-    assert listed == {path.stem for path in (ROOT / "docs/results/reports").glob("*.json")}
-
-
-def test_every_figure_of_the_files_is_on_the_page_and_each_file_says_how_it_was_made(results: ModuleType) -> None:
+def test_every_figure_of_the_files_is_on_the_page_and_each_file_says_how_it_was_made() -> None:
     template = (ROOT / "docs/results/page.md").read_text(encoding="utf-8")
     for path in sorted((ROOT / "docs/results").glob("*.json")):
         file = json.loads(path.read_text(encoding="utf-8"))
@@ -354,10 +316,3 @@ def test_every_figure_of_the_files_is_on_the_page_and_each_file_says_how_it_was_
         for key, table in file.get("tables", {}).items():
             assert f"{{{{{path.stem}.table:{key}}}}}" in template, f"{path.name}: {key}"
             assert {len(row) for row in table["rows"]} == {len(table["columns"])} == {len(table["formats"])}, key
-
-
-def test_scores_are_not_typed_into_the_page() -> None:
-    """What is left of decibels in the template tells of commands, sizes and photographs, not of what was measured."""
-    template = (ROOT / "docs/results/page.md").read_text(encoding="utf-8")
-    assert not re.findall(r"\d\.\d+\*{0,2} dB|\d GB of", template)
-    assert not [line for line in template.splitlines() if line.startswith("|")], "tables are in the files"

@@ -15,6 +15,7 @@ import sysconfig
 import tomllib
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -86,9 +87,8 @@ def demo(installed: Path) -> Path:
 def call(installed: Path, name: str, *words: object, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     kept = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "DISPLAY", "WAYLAND_DISPLAY")}
     command = [str(installed / name), *(str(word) for word in words)]
-    return subprocess.run(
-        command, cwd=cwd, env=kept | environment, capture_output=True, text=True, timeout=300, stdin=subprocess.DEVNULL
-    )
+    how: dict[str, Any] = {"capture_output": True, "text": True, "timeout": 300, "stdin": subprocess.DEVNULL}
+    return subprocess.run(command, cwd=cwd, env=kept | environment, **how)
 
 
 def scripts(wheel: Path) -> list[str]:
@@ -160,9 +160,8 @@ def test_a_pack_is_told_drawn_and_measured(installed: Path, demo: Path, tmp_path
     done = call(installed, "snerg-bench", demo, "--frames", "2", "--size", "32x32", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     done = call(installed, "snerg-render", demo, "--out", "a.mp4", "--orbit", "2", cwd=tmp_path)
-    assert (
-        done.returncode == 2 and "pip install 'snerg[video]'" in done.stderr and len(without_progress(done.stderr)) == 1
-    )
+    (line,) = without_progress(done.stderr)
+    assert done.returncode == 2 and "pip install 'snerg[video]'" in line
 
 
 def test_the_window_opens_with_its_fonts(installed: Path, display: str, tmp_path: Path) -> None:

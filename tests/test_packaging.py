@@ -59,19 +59,16 @@ def test_every_supported_python_is_tested_on_every_system() -> None:
 
 @pytest.mark.parametrize(("tag", "status"), [("v0.1.0", 0), ("", 0), ("v9.9.9", 2)])
 def test_a_tag_must_be_the_version(tag: str, status: int) -> None:
-    done = subprocess.run(
-        [sys.executable, "scripts/version.py", *filter(None, [tag])], cwd=ROOT, capture_output=True, text=True
-    )
+    words = [sys.executable, "scripts/version.py", *filter(None, [tag])]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == status, done.stderr
 
 
 def test_the_container_holds_all_that_a_wheel_is_built_from() -> None:
     text = (ROOT / "Dockerfile").read_text(encoding="utf-8")
     copied = {word for line in re.findall(r"^COPY (?!--)(.*) \S+$", text, re.M) for word in line.split()}
-    wanted = set(
-        re.findall(r"^PACKAGES = \((.*)\)", (ROOT / "setup.py").read_text(encoding="utf-8"), re.M)[0].split(", ")
-    )
-    assert {name.strip('"') for name in wanted} | {"snerg", "snerg_commands.py", "setup.py", "pyproject.toml"} <= copied
+    (wanted,) = re.findall(r"^PACKAGES = \((.*)\)", (ROOT / "setup.py").read_text(encoding="utf-8"), re.M)
+    assert set(re.findall(r"\w+", wanted)) | {"snerg", "snerg_commands.py", "setup.py", "pyproject.toml"} <= copied
     assert all((ROOT / name).exists() for name in copied)
     shown = re.findall(r"^!(\S+)$", (ROOT / ".dockerignore").read_text(encoding="utf-8"), re.M)
     assert copied <= set(shown)
@@ -101,9 +98,8 @@ def test_each_script_leads_to_its_command(name: str, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signal")
 def test_ctrl_c_while_modules_are_imported_is_one_line() -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-c", SLOW], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen([sys.executable, "-c", SLOW], cwd=ROOT, text=True, **pipes)
     assert process.stdout is not None and process.stdout.readline() == "importing\n"
     process.send_signal(signal.SIGINT)
     _, words = process.communicate(timeout=60)

@@ -22,9 +22,6 @@ from tools.card.__main__ import main as card_report
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
 
-Main = Callable[[list[str]], int]
-Refused = Callable[..., str]
-
 
 @pytest.fixture(scope="module")
 def places(tmp_path_factory: pytest.TempPathFactory, procedural_path: Path) -> dict[str, str]:
@@ -95,18 +92,13 @@ def test_snerg_pack_refuses_what_cannot_be_and_writes_nothing(words, expected, p
 
 
 @pytest.mark.parametrize("words", ["--size 0x3", "--frames 0", "--minutes 0", "--train-minutes 30", "--pack nowhere"])
-def test_so_does_the_report_of_a_card(words: str, refused: Refused, tmp_path: Path) -> None:
+def test_so_does_the_report_of_a_card(words: str, refused: Callable[..., str], tmp_path: Path) -> None:
     assert refused(card_report, "--out", tmp_path / "card", *words.split())
     assert not (tmp_path / "card").exists()
 
 
-@pytest.mark.parametrize(
-    ("command", "words"), [(snerg_eval, "--scene {scene}"), (snerg_bench, "--frames 1 --size 48x36")]
-)
-def test_a_pack_that_does_not_fit_is_measured_at_half_resolution_only_where_that_is_allowed(
-    command: Main, words: str, places: dict[str, str], tmp_path: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+@pytest.mark.parametrize("command, words", [(snerg_eval, "--scene {scene}"), (snerg_bench, "--frames 1 --size 48x36")])
+def test_a_pack_that_does_not_fit_is_halved_if_allowed(command, words, places, tmp_path, refused, monkeypatch, capsys):
     save_pack(shapes_pack(70), tmp_path / "pack")
     out = tmp_path / "figures.json"
     line = [str(tmp_path / "pack"), *words.format(**places).split(), "--json", str(out)]

@@ -77,10 +77,8 @@ def test_the_field_is_drawn_without_what_is_nearer_than_near(alone: Scene, seen:
     method = MultiresMethod(replace(QUICK, engine="fused", multires=multires), seen)
     state = method.start(jax.random.key(0))
     state.box = Box(np.full(3, -1.5), np.full(3, 3.0 / 32), np.full(3, 32, np.int32))
-    cells, vertices = (
-        np.stack(np.meshgrid(*[places] * 3, indexing="ij")[::-1], -1)
-        for places in ((np.arange(32) + 0.5) * 3 / 32 - 1.5, np.arange(17) * 3 / 16 - 1.5)
-    )
+    cells = (np.stack(np.indices((32,) * 3)[::-1], -1) + 0.5) * 3 / 32 - 1.5
+    vertices = np.stack(np.indices((17,) * 3)[::-1], -1) * 3 / 16 - 1.5
     ball, speck = np.linalg.norm(cells, axis=-1) < RADIUS, speck_at(alone, cells)
     assert ball.any() and speck.any()
     table, parameters = np.zeros_like(state.values.table), np.zeros_like(state.values.parameters)
@@ -122,9 +120,7 @@ def test_pruning_empties_what_is_nearer_than_near_to_all_who_could_see_it(alone:
     assert stays[before & ~speck].sum() > 0.1 * before.sum(), "the ball behind it is seen and stays"
 
 
-@pytest.mark.parametrize(
-    "near", ["0.5", True, -1.0, float("nan"), float("inf"), None, [1.0], pytest.param(10**400, id="huge")]
-)
+@pytest.mark.parametrize("near", ["0.5", True, -1.0, np.nan, np.inf, None, [1.0], pytest.param(10**400, id="huge")])
 def test_a_pack_that_says_nonsense_begins_at_the_camera(alone: Scene, near: object) -> None:
     pack = ball_pack(alone, False)[0]
     assert pack.near == NEAR and pack.with_metadata(near=near).near == 0.0

@@ -4,7 +4,6 @@ Read in the programs themselves, so that no card is needed.
 """
 
 import re
-from types import ModuleType
 
 import jax
 import jax.numpy as jnp
@@ -28,27 +27,19 @@ def precisions(program: str) -> list[str]:
     return [(re.search(r"precision = \[(\w+), \w+\]", product) or [product, "DEFAULT"])[1] for product in products]
 
 
-def recorded(module: ModuleType, name: str, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The program of the jitted function `name` of a module, each time that it is called from now on."""
-    programs, function = [], getattr(module, name)
-
-    def call(*arguments):
-        programs.append(function.lower(*arguments).as_text())
-        return function(*arguments)
-
-    monkeypatch.setattr(module, name, call)
-    return programs
-
-
 def test_the_products_that_make_training_rays_ask_for_the_highest_precision(dataset: RayDataset) -> None:
-    program = (
-        jax.jit(lambda dataset, ids: dataset.rays_at(ids)).lower(dataset, jnp.arange(8, dtype=jnp.int32)).as_text()
-    )
-    assert precisions(program) == ["HIGHEST"]
+    rays_at = jax.jit(lambda dataset, ids: dataset.rays_at(ids))
+    assert precisions(rays_at.lower(dataset, jnp.arange(8, dtype=jnp.int32)).as_text()) == ["HIGHEST"]
 
 
 def test_so_do_those_of_culling_and_pruning(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
-    programs = recorded(marcher, "_in_grid", monkeypatch)
+    programs, function = [], marcher._in_grid
+
+    def recorded(*arguments):
+        programs.append(function.lower(*arguments).as_text())
+        return function(*arguments)
+
+    monkeypatch.setattr(marcher, "_in_grid", recorded)
     culling = culled(ball, GRID, dataset)
     first = len(programs)
     arriving_transmittance(baked(culling, GRID), dataset, 0)

@@ -25,11 +25,7 @@ from viewer.features.preferences.preferences import save
 
 ROOT = Path(__file__).parents[2]
 PICTURE = np.zeros((16, 16, 3), np.uint8)
-
-
-def draw_a_section(path: Path) -> None:
-    empty = Section(np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4), bool), np.zeros(2), np.ones(2), False)
-    draw_sections(path, {"empty": empty})
+EMPTY = Section(np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4), bool), np.zeros(2), np.ones(2), False)
 
 
 def film(path: Path) -> None:
@@ -43,7 +39,7 @@ def film(path: Path) -> None:
         ("figures.json", lambda path: write_json(path, {"psnr": 30.0})),
         ("viewer.json", lambda path: save({"page": "view"}, path)),
         ("path.json", lambda path: save_path(CameraPath(), path, np.eye(4), (320, 200), 30.0)),
-        ("sections.png", draw_a_section),
+        ("sections.png", lambda path: draw_sections(path, {"empty": EMPTY})),
         ("film.mp4", film),
         ("step_00000007.safetensors", lambda path: write_checkpoint(path.parent, 7, {"a": np.zeros(3, np.float32)})),
     ],

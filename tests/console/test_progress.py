@@ -41,11 +41,9 @@ def test_a_terminal_gets_a_bar(capsys: pytest.CaptureFixture[str], monkeypatch: 
     assert bar.done == 4 and "[b]baking" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("seconds", "text"), [(0.2, "0 s"), (59.4, "59 s"), (59.6, "1 min 00 s"), (200, "3 min 20 s"), (3900, "1 h 05 min")]
-)
-def test_durations_read_well(seconds: float, text: str) -> None:
-    assert duration(seconds) == text
+def test_durations_read_well() -> None:
+    durations = [duration(seconds) for seconds in (0.2, 59.4, 59.6, 200, 3900)]
+    assert durations == ["0 s", "59 s", "1 min 00 s", "3 min 20 s", "1 h 05 min"]
 
 
 def test_work_taken_up_again_counts_from_its_place_in_the_whole_and_its_time_from_now(clock, capsys):
@@ -111,9 +109,8 @@ def test_a_change_of_speed_is_followed_without_a_jump() -> None:
     for done in range(1, 301):
         now += 1.0 if done < 150 else 3.0
         estimate.update(now, done)
-        left = estimate.left(now)
-        estimates.append(left)
-    assert all(left is not None for left in estimates[10:-1])
+        estimates.append(estimate.left(now))
     known = [left for left in estimates[10:-1] if left is not None]
+    assert len(known) == 289
     assert max(after - before for before, after in pairwise(known)) < 25
     assert known[-50] == pytest.approx(150, rel=0.25)  # 50 units of 3 s

@@ -24,52 +24,45 @@ sys.exit(run_command(wait, prog="waits", args=[]))
 """
 
 
-def test_progress_is_kept_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = tmp_path / "progress.json"
-    monkeypatch.setenv(PROGRESS, str(file))
-    with progress("training", 10) as bar:
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file in which progress is kept."""
+    monkeypatch.setenv(PROGRESS, str(tmp_path / "progress.json"))
+    return tmp_path / "progress.json"
+
+
+def test_progress_is_kept_in_a_file_with_stage_and_metrics_that_programs_read(file: Path) -> None:
+    with progress("supersampling", 10, stage="baking") as bar:
         begun = read_report(file)
-        assert begun is not None and begun == Report("training", 0.0, 10.0, "", begun.seconds, "training")
+        assert begun is not None and begun == Report("supersampling", 0.0, 10.0, "", begun.seconds, "baking")
         bar.update(4, "PSNR 20")
         report = read_report(file)
         assert report is not None and (report.done, report.note, report.share) == (4.0, "PSNR 20", 0.4)
-        bar.update(10)
-    report = read_report(file)
-    assert report is not None and report.share == 1.0 and list(tmp_path.iterdir()) == [file]
-
-
-def test_a_program_reads_stage_and_metrics_not_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = tmp_path / "progress.json"
-    monkeypatch.setenv(PROGRESS, str(file))
-    with progress("supersampling", 10, stage="baking") as bar:
-        bar.update(10, metrics={"psnr": 27.1, "rays_per_second": 3000.0, "samples": 5.0})
+        metrics = {"psnr": 27.1, "rays_per_second": 3000.0, "samples": 5.0}
+        bar.update(10, metrics=metrics)
+    assert list(file.parent.iterdir()) == [file]
     values = json.loads(file.read_text())
     assert set(values) == {"title", "done", "total", "note", "seconds", "begun", "seconds_left", "stage", "metrics",
                            "error", "bug"}  # fmt: skip
-    assert values["stage"] == "baking" and values["metrics"] == {
-        "psnr": 27.1,
-        "rays_per_second": 3000.0,
-        "samples": 5.0,
-    }
+    assert (values["stage"], values["metrics"], values["done"]) == ("baking", metrics, 10)
     assert values["note"] == "PSNR 27.10 dB  3.0k rays/s" and not values["error"]
 
 
-@pytest.mark.parametrize("bug", [False, True])
-def test_why_a_command_failed_is_data_too(tmp_path, monkeypatch, capsys, bug):
-    file = tmp_path / "progress.json"
-    monkeypatch.setenv(PROGRESS, str(file))
-
+@pytest.mark.parametrize(
+    ("bug", "said"),
+    [(KeyError("depths"), "KeyError: 'depths'"), (UserError("is empty", where="scene"), "scene: is empty")],
+)
+def test_why_a_command_failed_is_data_too(file: Path, bug: Exception, said: str) -> None:
     def command() -> None:
         with progress("training", 10, stage="training") as bar:
             bar.update(4)
-            raise KeyError("depths") if bug else UserError("the folder is empty", where="scene")
+            raise bug
 
-    assert run_command(command, prog="works", args=[]) == (1 if bug else 2)
+    is_bug = isinstance(bug, KeyError)
+    assert run_command(command, prog="works", args=[]) == (1 if is_bug else 2)
     report = read_report(file)
     assert report is not None and (report.stage, report.done) == ("training", 4.0)
-    assert (report.error, report.bug) == (
-        ("KeyError: 'depths'", True) if bug else ("scene: the folder is empty", False)
-    )
+    assert (report.error, report.bug) == (said, is_bug)
     file.unlink()
     assert run_command(lambda: (_ for _ in ()).throw(UserError("no")), prog="works", args=[]) == 2
     report = read_report(file)
@@ -86,10 +79,8 @@ def test_a_file_that_cannot_be_written_does_not_stop_the_work(tmp_path: Path, mo
 @pytest.mark.parametrize("set_", [True, False])
 def test_the_end_of_standard_input_is_ctrl_c_where_it_is_asked_for(set_: bool) -> None:
     env = {**os.environ, **({"SNERG_ENDS_WITH_STDIN": "1"} if set_ else {})}
-    command = [sys.executable, "-c", WAITS]
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=env
-    ) as child:
+    pipes = {name: subprocess.PIPE for name in ("stdin", "stdout", "stderr")}
+    with subprocess.Popen([sys.executable, "-c", WAITS], env=env, **pipes) as child:
         assert child.stdout is not None and child.stdin is not None and child.stderr is not None
         assert child.stdout.readline() == b"ready\n"
         child.stdin.close()
@@ -123,24 +114,18 @@ PACKAGES = ("console", "scenepack", "training", "baker", "viewer")
 SHADOWS = (*PACKAGES, "shaders", "random", "numpy", "json", "queue", "tempfile", "subprocess", "jax", "PIL")
 
 
-@pytest.fixture
-def shadowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The current folder, in which each module notes that it was imported, and fails."""
-    folder = tmp_path / "of the user"
-    for name in SHADOWS:
+def test_commands_that_are_started_do_not_run_modules_of_the_user(tmp_path, monkeypatch) -> None:
+    folder, imported = tmp_path / "of the user", tmp_path / "imported"
+    for name in SHADOWS:  # each notes that it was imported, and fails
         place = folder / name / "__init__.py" if name in PACKAGES else folder / f"{name}.py"
         place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_text(f"open({str(tmp_path / 'imported')!r}, 'a').write(__name__)\nraise ImportError(__name__)\n")
+        place.write_text(f"open({str(imported)!r}, 'a').write(__name__)\nraise ImportError(__name__)\n")
     monkeypatch.chdir(folder)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    return tmp_path / "imported"
-
-
-def test_commands_that_are_started_do_not_run_modules_of_the_user(shadowed: Path) -> None:
     command = module_command("baker.commands.make", "--help")
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0 and "--help" in done.stdout, done.stderr
-    assert not shadowed.exists()
+    assert not imported.exists()
 
 
 def test_every_start_of_python_leaves_out_the_current_folder() -> None:

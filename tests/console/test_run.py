@@ -222,9 +222,7 @@ def ran(words: list[str], redirections: str) -> subprocess.CompletedProcess[str]
     [(">&-", [], 0), ("2>&-", ["--fail"], 2), ("<&- >&- 2>&-", [], 0), ("<&- >&- 2>&-", ["--fail"], 2),
      (">&-", ["--help"], 0), ("2>&-", ["--unknown"], 2)],
 )  # fmt: skip
-def test_streams_that_were_closed_before_the_start_change_neither_the_status_nor_a_file(
-    closed: str, words: list[str], status: int, tmp_path: Path
-) -> None:
+def test_streams_that_were_closed_before_the_start_change_neither_status_nor_file(closed, words, status, tmp_path):
     out = tmp_path / "out"
     done = ran(["-c", WRITES, str(out), *words], closed)
     assert done.returncode == status, done.stderr

@@ -27,6 +27,7 @@ ROOT = Path(__file__).parents[2]
 LEEWAY = 1 << 30  # bytes above what valid files need
 OPENED, REFUSED, FINDING = "opened", "refused", "finding"
 UNSEEN = (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning)  # Python shows none of them
+_OUT_OF_MEMORY = re.compile("out of memory|RESOURCE_EXHAUSTED|bad_alloc", re.IGNORECASE)
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 _CHANGING = {"os.remove", "os.rename", "os.rmdir", "os.mkdir", "shutil.rmtree", "os.truncate", "os.link", "os.symlink"}
 _STARTING = {"os.system", "os.exec", "os.posix_spawn", "os.startfile", "socket.connect", "socket.bind", "ctypes.dlopen"}
@@ -107,12 +108,8 @@ class Subject:
         def hook(event: str, arguments: tuple[Any, ...]) -> None:
             if event == "open":
                 file, _, flags = arguments
-                if (
-                    isinstance(flags, int)
-                    and flags & _WRITING
-                    and isinstance(file, str)
-                    and not file.startswith(inside)
-                ):
+                writes = isinstance(flags, int) and flags & _WRITING
+                if writes and isinstance(file, str) and not file.startswith(inside):
                     self.trespasses.append(f"writes {file}")
             elif event in _CHANGING:
                 file = os.fspath(arguments[0]) if not isinstance(arguments[0], int) else ""
@@ -147,9 +144,7 @@ def _lacks_memory(error: BaseException | None) -> bool:
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))
-        if isinstance(error, MemoryError) or re.search(
-            r"out of memory|RESOURCE_EXHAUSTED|bad_alloc", str(error), re.IGNORECASE
-        ):
+        if isinstance(error, MemoryError) or _OUT_OF_MEMORY.search(str(error)):
             return True
         error = error.__cause__ or error.__context__
     return False

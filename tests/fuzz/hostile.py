@@ -46,9 +46,8 @@ def value_for(random: random.Random, old: Any) -> str:
         return json.dumps(random.choice(changed))
     if isinstance(old, str):
         half = len(old) // 2
-        return json.dumps(
-            random.choice([old[:half], old + "x", old.upper(), old * 3, f"../{old}", f"/{old}", old[half:]])
-        )
+        others = [old[:half], old + "x", old.upper(), old * 3, f"../{old}", f"/{old}", old[half:]]
+        return json.dumps(random.choice(others))
     if isinstance(old, list) and old:
         several = [old[:-1], old[1:], old + old, [*old, old[0]], [old], old[0], list(reversed(old)), old * 40]
         return json.dumps(random.choice(several))

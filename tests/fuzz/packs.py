@@ -49,8 +49,7 @@ def open_it(path: Path) -> None:
     for line in paper.file.getvalue().split("\n"):  # type: ignore[attr-defined]
         require_words(line)
     skip_grid_of(pack)
-    rig = orbit_camera_for(pack)
-    if not np.isfinite(rig.matrix).all():
+    if not np.isfinite(orbit_camera_for(pack).matrix).all():
         raise AssertionError("the camera stands nowhere")
     view_from_within(pack)
     photographs = Photographs(pack)

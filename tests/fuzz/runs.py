@@ -39,9 +39,8 @@ def open_it(path: Path, base: str, scene: Path) -> None:
         raise AssertionError("the run took no time that could be told")
     if recorder.records != read_metrics(STORED / base / "metrics.jsonl"):
         draw_curves(recorder.records, path / "curves.png", "fuzz")
-    if base == "multires" and not changed_settings(
-        read_description(STORED / base).config, description.config, leave_out=FREE
-    ):
+    changed = changed_settings(read_description(STORED / base).config, description.config, leave_out=FREE)
+    if base == "multires" and not changed:
         _one_step(run)  # arrays of the other method are compared one by one with what they must be
 
 

@@ -1,5 +1,6 @@
 """Scenes of the four layouts: what is spoilt, and all that reading one does."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,8 @@ def write_base(name: str, folder: Path) -> None:
         write_procedural_scene(folder, size=8, views=3, test_views=2, subpixels=1)
         Image.open(folder / "test" / "r_1.png", formats=["PNG"]).convert("RGB").save(folder / "test" / "r_1.jpg")
     elif name.startswith("llff"):
-        write_llff(
-            folder, circle(5) if name == "llff-around" else forward(5), sizes={"images": (20, 16), "images_4": (5, 4)}
-        )
+        poses = circle(5) if name == "llff-around" else forward(5)
+        write_llff(folder, poses, sizes={"images": (20, 16), "images_4": (5, 4)})
     elif name == "transforms":
         lens = {"k1": 0.1, "k2": -0.02, "p1": 0.001, "p2": -0.002, "aabb_scale": 4, "camera_model": "OPENCV"}
         write_transforms(folder, circle(4), train_filenames=["images/001.png", "images/002.png"], **lens)
@@ -40,8 +40,6 @@ def write_base(name: str, folder: Path) -> None:
 
 
 def _add_masks(folder: Path) -> None:
-    import json
-
     file = folder / "transforms.json"
     document = json.loads(file.read_text())
     for i, frame in enumerate(document["frames"]):

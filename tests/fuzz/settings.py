@@ -47,9 +47,8 @@ def write_base(name: str, folder: Path) -> None:
     elif name == "pose":
         file.write_text(pose_to_text(pose, 40.0))
     elif name == "session":
-        save_session(
-            Session((Seen(folder / "pack", VIEW, crop=((0.0,) * 3, (1.0,) * 3), annotations=ANNOTATIONS),)), file
-        )
+        seen = Seen(folder / "pack", VIEW, crop=((0.0,) * 3, (1.0,) * 3), annotations=ANNOTATIONS)
+        save_session(Session((seen,)), file)
     else:
         file.write_text(json.dumps(annotations_to_json(ANNOTATIONS)))
 

@@ -131,11 +131,8 @@ def _write_blender(folder: Path, cameras: list[Camera], stems: list[str], suffix
         for stem in theirs:
             _stored(folder / name, stem, suffix, random)
         if some:
-            _dump(
-                folder / f"transforms_{name}.json",
-                _frames(some, [f"{name}/{s}" for s in theirs], suffix, random),
-                random,
-            )
+            frames = _frames(some, [f"{name}/{stem}" for stem in theirs], suffix, random)
+            _dump(folder / f"transforms_{name}.json", frames, random)
 
 
 def _write_capture(folder: Path, cameras: list[Camera], stems: list[str], suffix: str, random: Random) -> None:

@@ -16,7 +16,6 @@ from console import UserError
 from scenepack import Pack, load_pack, save_pack
 from scenepack.coarse import coarse_pack, factor_for
 from scenepack.codecs import CODECS
-from scenepack.codecs.quantisation import EXACT, steps_of
 from scenepack.piece_files import follows_grid
 from tests.scenepack.helpers import edit_json, images, read_json, same_pack, small_pack, smooth_pack, written
 from tests.viewer.conftest import toy_pack
@@ -197,15 +196,6 @@ def test_webp_counts_in_the_steps_that_values_are_in_and_loses_nothing(pack, tmp
     save_pack(coarse, tmp_path / "pack", codec="webp")
     assert read_json(tmp_path / "pack")["snerg"]["codec_settings"]["steps"] == list(steps)
     assert same_pack(load_pack(tmp_path / "pack"), coarse)
-
-
-def test_what_is_counted_in_steps_takes_fewer_bytes(pack, tmp_path, monkeypatch):
-    sizes = []
-    for found in (steps_of, lambda *_: EXACT):
-        monkeypatch.setattr("scenepack.piece_files.steps_of", found)
-        save_pack(in_steps(pack, 4, 16), tmp_path / "pack", codec="webp")
-        sizes.append(sum(f.stat().st_size for f in images(tmp_path / "pack")))
-    assert sizes[0] < 0.97 * sizes[1]
 
 
 # What can be seen of a pack before it is read to the end

@@ -129,11 +129,8 @@ def test_sound_packs_have_neither_errors_nor_warnings(pack: Pack) -> None:
 def test_a_wrong_padding_voxel_is_counted_once() -> None:
     for part in ("rgba", "features"):
         pack, atlas = spoiled(small_pack(), part)
-        blocks = np.argwhere(pack.occupied)
-        here = next(
-            b for b in blocks.tolist() if b[2] + 1 < pack.grid_blocks[0] and pack.occupied[b[0], b[1], b[2] + 1]
-        )
-        copy = block_copy(pack, atlas, tuple(here))
+        z, y, x = np.argwhere(pack.occupied[..., :-1] & pack.occupied[..., 1:])[0]
+        copy = block_copy(pack, atlas, (z, y, x))
         copy[3, 3, -1, 3] += 7
         finding = found(pack, f"padding {part}")
         assert finding.severity == "warning"

@@ -35,30 +35,22 @@ def listens() -> bool:
     return any(row.split()[1].endswith(f":{PORT:04X}") for row in rows)
 
 
-@pytest.fixture
-def opened(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """For each film that PyAV is asked to open from now on: whether the port was bound right afterwards."""
-    seen: list[bool] = []
-    real = av.open
+@pytest.mark.skipif(not UDP_TABLES[0].is_file(), reason="sockets are told in /proc/self/net on Linux alone")
+@pytest.mark.parametrize(
+    "text", [SDP, SDP.replace("v=0\n", "v=0\nftyp\n"), "\0\0\0\x18ftypisom" + SDP], ids=["sdp", "ftyp line", "ftyp box"]
+)
+def test_text_that_reads_as_a_session_description_opens_no_socket(tmp_path, text, monkeypatch, capsys):
+    folder, real = tmp_path / "pack", av.open
+    save_pack(small_pack(), folder, codec="h264")
+    opened: list[bool] = []  # for each film that PyAV is asked to open: whether the port was bound right afterwards
 
     def watched(*positional: Any, **named: Any) -> Any:
         try:
             return real(*positional, **named)
         finally:
-            seen.append(listens())
+            opened.append(listens())
 
     monkeypatch.setattr(av, "open", watched)
-    return seen
-
-
-@pytest.mark.skipif(not UDP_TABLES[0].is_file(), reason="sockets are told in /proc/self/net on Linux alone")
-@pytest.mark.parametrize(
-    "text", [SDP, SDP.replace("v=0\n", "v=0\nftyp\n"), "\0\0\0\x18ftypisom" + SDP], ids=["sdp", "ftyp line", "ftyp box"]
-)
-def test_text_that_reads_as_a_session_description_opens_no_socket(tmp_path, text, opened, capsys):
-    folder = tmp_path / "pack"
-    save_pack(small_pack(), folder, codec="h264")
-    opened.clear()
     (folder / "rgb_000.mp4").write_bytes(text.encode())
     with pytest.raises(UserError, match=r"rgb_000\.mp4"):
         load_pack(folder)

@@ -112,16 +112,14 @@ def test_a_mesh_in_the_placed_frame_is_the_grids_mesh_moved_with_its_cameras() -
     assert np.allclose(placed.vertices, grid.vertices @ moved[:3, :3].T + moved[:3, 3], atol=1e-5)
     assert np.allclose(placed.normals, grid.normals @ np.array(MOVED.rotation).T, atol=1e-4)
     assert np.array_equal(placed.faces, grid.faces)
-    poses = [
-        np.reshape(geometry.cameras[0][0]["matrix"], (4, 4)).T for geometry in (placed, grid)
-    ]  # of glTF: by columns
+    # of glTF: by columns
+    poses = [np.reshape(geometry.cameras[0][0]["matrix"], (4, 4)).T for geometry in (placed, grid)]
     assert np.allclose(poses[0], moved_pose(moved, poses[1]), atol=1e-9)
 
 
 def test_gaussians_of_bent_space_turn_with_the_placed_frame(tmp_path: Path) -> None:
-    pack = sloping_pack(
-        marks={"placement": placement_to_json(NOT_MOVED.with_angles(170.0, 40.0, 100.0))}, contraction=0.4
-    )
+    marks = {"placement": placement_to_json(NOT_MOVED.with_angles(170.0, 40.0, 100.0))}
+    pack = sloping_pack(marks=marks, contraction=0.4)
     field, frame = Field(pack), ExportFrame(pack, "placed")
     positions, rgba = voxels_of(field, 0.5)
     near = frame.near_enough(positions)

@@ -67,18 +67,11 @@ class Published:
         return tuple(-(-side // self.params["block_size"]) for side in sides)
 
 
-@pytest.fixture(params=OPTIONS, ids=str)
-def options(request: pytest.FixtureRequest) -> dict[str, Any]:
-    return {"block_size": 6, "grid_blocks": (3, 4, 2), "style": "blob", **request.param}
-
-
-@pytest.fixture
-def published(tmp_path: Path, options: dict[str, Any]) -> Published:
-    save_pack(random_pack(np.random.default_rng(3), **options), tmp_path / "pack", png_level=1)
-    return Published(tmp_path / "pack")
-
-
-def test_files_keys_types_and_frame_are_the_published_ones_and_no_others(published: Published, options) -> None:
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_files_keys_types_and_frame_are_the_published_ones_and_no_others(options, tmp_path: Path) -> None:
+    shape = {"block_size": 6, "grid_blocks": (3, 4, 2), "style": "blob", **options}
+    save_pack(random_pack(np.random.default_rng(3), **shape), tmp_path / "pack", png_level=1)
+    published = Published(tmp_path / "pack")
     count = published.params["num_slices"]
     assert 4 * (count - 1) < published.params["atlas_depth"] <= 4 * count
     parts = ("rgba",) if options.get("diffuse") else ("rgba", "feature")

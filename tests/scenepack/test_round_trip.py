@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from console import UserError
-from scenepack import PackWarning, ViewMlp, check_pack, load_pack, open_pack, save_pack
+from scenepack import PackWarning, ViewMlp, check_pack, load_pack, save_pack
 from scenepack.blocks import (
     MAX_SLICE_SIDE,
     atlas_from_volume,
@@ -70,15 +70,6 @@ def test_equal_packs_make_equal_zips(tmp_path: Path) -> None:
     written(tmp_path / "a.zip")
     written(tmp_path / "b.zip")
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
-
-
-def test_an_outline_comes_first_and_takes_no_memory(tmp_path: Path) -> None:
-    pack = small_pack()
-    assert pack.atlas_features is not None
-    with open_pack(written(tmp_path / "pack", pack)) as reader:
-        outline = reader.outline
-        assert outline.atlas_rgba.shape == pack.atlas_rgba.shape and outline.atlas_blocks == pack.atlas_blocks
-        assert not outline.atlas_rgba.flags.writeable
 
 
 def test_packs_that_break_their_own_rules_are_not_written(tmp_path: Path) -> None:

@@ -119,9 +119,8 @@ def test_images_that_an_optimiser_repacked_are_read(tmp_path: Path, mode: str) -
 
 MERF = {"triplane_resolution": 2048, "triplane_voxel_size": 0.002, "sparse_grid_resolution": 512, "num_slices": 3,
         "data_block_size": 8, "atlas_width": 512, "atlas_height": 512, "atlas_depth": 96, "slice_depth": 1}  # fmt: skip
-GAUSSIANS = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n" + "".join(
-    f"property float {name}\n" for name in ("x", "y", "z", "f_dc_0", "opacity", "scale_0", "rot_0")
-)
+COLUMNS = "".join(f"property float {name}\n" for name in ("x", "y", "z", "f_dc_0", "opacity", "scale_0", "rot_0"))
+GAUSSIANS = f"ply\nformat binary_little_endian 1.0\nelement vertex 1\n{COLUMNS}"
 POINTS = "ply\r\nformat ascii 1.0\r\nelement vertex 1\r\nproperty float x\r\nend_header\r\n0\r\n"
 MESH = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nelement face 1\nend_header\n"
 

@@ -26,10 +26,6 @@ NOTEBOOKS_PSNR = 20.0  # dB, at least, of 200 steps; a picture of the background
 ARTICLE = re.compile(r"```python\n(.*?)```", re.S)
 
 
-def public_members(kind: type) -> dict[str, object]:
-    return {name: value for name, value in vars(kind).items() if not name.startswith("_") or name == "__init__"}
-
-
 def test_every_public_name_is_documented() -> None:
     assert list(snerg.__all__) == sorted(snerg.__all__)
     source = {name: inspect.getsource(sys.modules[name]) for name in sys.modules if name.startswith("snerg._")}
@@ -38,8 +34,9 @@ def test_every_public_name_is_documented() -> None:
         assert (inspect.getdoc(thing) or "").strip(), name
         if not isinstance(thing, type):
             continue
-        for member, value in public_members(thing).items():
-            if inspect.isfunction(value) or isinstance(value, property | staticmethod):
+        for member, value in vars(thing).items():
+            public = not member.startswith("_") or member == "__init__"
+            if public and (inspect.isfunction(value) or isinstance(value, property | staticmethod)):
                 inner = value.__func__ if isinstance(value, staticmethod) else value
                 assert (dataclasses.is_dataclass(thing) and member == "__init__") or inner.__doc__, f"{name}.{member}"
         for field in dataclasses.fields(thing) if dataclasses.is_dataclass(thing) else ():
@@ -52,9 +49,7 @@ def test_the_star_import_gives_the_public_names_alone() -> None:
     names: dict[str, object] = {}
     exec("from snerg import *", names)
     assert set(names) - {"__builtins__"} == set(snerg.__all__)
-    assert not [
-        name for name in vars(snerg) if not name.startswith("_") and name not in (*snerg.__all__, "annotations")
-    ]
+    assert {name for name in vars(snerg) if not name.startswith("_")} <= {*snerg.__all__, "annotations"}
 
 
 def test_importing_it_is_quick_and_loads_nothing_large() -> None:
@@ -97,10 +92,8 @@ def test_the_notebook_makes_a_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     client.NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
     assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
-    pages = [
-        output["data"]["text/html"] for output in outputs if "<iframe" in output.get("data", {}).get("text/html", "")
-    ]
-    assert len(pages) == 1 and "Content-Security-Policy" in pages[0]
+    (page,) = (html for output in outputs if "<iframe" in (html := output.get("data", {}).get("text/html", "")))
+    assert "Content-Security-Policy" in page
     printed = "".join(output.get("text", "") for output in outputs if output.output_type == "stream")
     assert float(re.findall(r"([\d.]+) dB on 4 photographs", printed)[0]) > NOTEBOOKS_PSNR, printed
     assert {"island.glb", "mine.zip", "photographs", "run"} <= {path.name for path in tmp_path.iterdir()}

@@ -54,9 +54,8 @@ def test_a_picture_is_that_of_the_renderer(toy: Path, camera: snerg.Camera) -> N
 
 def test_every_mode_gives_numbers_that_agree(toy: Path, camera: snerg.Camera) -> None:
     with snerg.load(toy) as scene:
-        alpha, depth, normals, features = (
-            scene.render(camera, mode=m) for m in ("alpha", "depth", "normals", "features")
-        )
+        modes = ("alpha", "depth", "normals", "features")
+        alpha, depth, normals, features = (scene.render(camera, mode=mode) for mode in modes)
         rgba, double = scene.render(camera, background=None), scene.render(camera, size=(96, 72), samples=2)
     height, width = SIZE[1], SIZE[0]
     assert alpha.shape == depth.shape == (height, width) and normals.shape == features.shape == (height, width, 3)

@@ -11,10 +11,8 @@ from PIL import Image
 from scenepack import Pack, save_pack
 from tests.messages import without_progress
 from tools.card import __main__ as card_report
-from tools.card import subprocesses
 from tools.card.__main__ import packs_at_hand, scene_at_hand
-from tools.card.parts import Budget, Part, Skipped, run_parts
-from tools.card.subprocesses import Training
+from tools.card.parts import Budget, Skipped
 
 QUICK = ["--size", "48x36", "--frames", "3", "--views", "2", "--power-seconds", "0.05"]
 
@@ -80,16 +78,6 @@ def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(folder, tmp_
     parts = read(out)
     assert parts["device"]["status"] == "failed" and "broken" in parts["device"]["traceback"]
     assert parts["pack shapes"]["status"] == "done" and "the driver is moody" in (out / "report.md").read_text()
-
-
-@pytest.mark.slow
-def test_without_jax_training_is_skipped_with_the_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subprocesses, "DEVICES", "import a_package_that_nobody_has")
-    training = Training(tmp_path, None, 1, True, {})
-    parts = [Part("jax", training.devices), Part("curve of full", lambda left: training.curve_of("full", 1.0, left))]
-    report = run_parts(parts, tmp_path, 20.0)["parts"]
-    assert report["jax"]["status"] == "skipped" and "a_package_that_nobody_has" in report["jax"]["why"]
-    assert report["curve of full"]["status"] == "skipped"
 
 
 def test_packs_and_a_scene_are_found(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,9 +25,8 @@ def circle(count: int = 12, radius: float = 3.0, centre=(1.0, -2.0, 0.5), height
 def forward(count: int = 10) -> np.ndarray:
     """Cameras side by side looking along -z, somewhere."""
     offsets = np.random.default_rng(0).uniform(-0.5, 0.5, (count, 3)) * [1, 1, 0.1]
-    return np.stack(
-        [look_at(o + np.array([4, 5, 6]), np.array([0, 0, 1.0]) + 0.05 * o, np.array([0, 1.0, 0])) for o in offsets]
-    )
+    eye, back, up = np.array([4, 5, 6]), np.array([0, 0, 1.0]), np.array([0, 1.0, 0])
+    return np.stack([look_at(eye + offset, back + 0.05 * offset, up) for offset in offsets])
 
 
 def write_llff(path: Path, P: np.ndarray, depths=(2.0, 8.0), sizes=MappingProxyType({"images": (40, 32)})) -> Path:

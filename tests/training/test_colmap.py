@@ -58,9 +58,8 @@ def test_the_points_say_where_things_are_whatever_was_matched_wrongly(tmp_path):
     for picture in (path / "images").rglob("*.png"):
         save_picture(path / "masks" / picture.relative_to(path / "images"))
     scene = load_scene(path, masks=True)
-    met, _, _ = met_points(
-        load_scene(write_colmap(tmp_path / "clean", circle(10), ball())), tmp_path / "clean/sparse/0"
-    )
+    clean = write_colmap(tmp_path / "clean", circle(10), ball())
+    met, _, _ = met_points(load_scene(clean), clean / "sparse/0")
     inside = np.all((met > scene.aabb[0]) & (met < scene.aabb[1]), axis=1)
     assert inside.mean() > 0.95 and np.ptp(scene.aabb, axis=0).max() < 2 * np.ptp(met, axis=0).max()
     eyes = np.stack([p.camera.world_T_camera[:3, 3] for p in everyone(scene)])
@@ -149,9 +148,7 @@ def test_the_reconstruction_may_lie_in_sparse_itself_and_others_descriptions_win
 
 def test_unsupported_lenses_are_named(tmp_path):
     words = complaint(write_colmap(tmp_path, circle(3), ball(), ("PINHOLE", "FOV")))
-    assert (
-        "found: FOV" in words.replace("found FOV", "found: FOV") and "RADIAL" in words and "image_undistorter" in words
-    )
+    assert "found FOV" in words and "RADIAL" in words and "image_undistorter" in words
 
 
 def test_a_reconstruction_in_text_is_the_same(tmp_path):
@@ -166,9 +163,8 @@ def test_a_reconstruction_in_text_is_the_same(tmp_path):
     np.testing.assert_allclose(text.points, binary.points, atol=1e-9)
     np.testing.assert_array_equal(text.tracks, binary.tracks)
     assert all(np.array_equal(a, b) for a, b in zip(text.seen, binary.seen, strict=True))
-    assert [vars(c) | {"world_T_camera": 0} for c in text.cameras] == [
-        vars(c) | {"world_T_camera": 0} for c in binary.cameras
-    ]
+    lenses = [[vars(camera) | {"world_T_camera": 0} for camera in found.cameras] for found in (text, binary)]
+    assert lenses[0] == lenses[1]
     assert len(everyone(load_scene(path))) == 10
     for name in ("cameras.txt", "images.txt", "points3D.txt"):
         whole = (model / name).read_bytes()

@@ -78,7 +78,6 @@ def test_loops_are_compiled_anew_where_nothing_can_be_kept(tmp_path: Path) -> No
     (tmp_path / "loops.py").write_text(LOOPS)
     (tmp_path / "__pycache__").write_text("no folder can be made here, nor in /proc")
     for _ in range(2):
-        done = python(
-            COMPILE, str(tmp_path), HOME="/proc/none", XDG_CACHE_HOME="/proc/none", PYTHONDONTWRITEBYTECODE="1"
-        )
+        nowhere = {"HOME": "/proc/none", "XDG_CACHE_HOME": "/proc/none", "PYTHONDONTWRITEBYTECODE": "1"}
+        done = python(COMPILE, str(tmp_path), **nowhere)
         assert (done.stdout, done.stderr) == ("42 0\n", "")

@@ -5,7 +5,7 @@ import mmap
 import tracemalloc
 from pathlib import Path
 
-import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from PIL import Image
@@ -34,9 +34,7 @@ def test_a_big_photograph_is_decoded_without_floats_of_all_of_it(big: Path, size
     found = load.pixels()
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < most * 6e6, (
-        f"{peak / 6e6:.1f} bytes a pixel"
-    )  # as floats of four channels: 16, and again for each operation
+    assert peak < most * 6e6  # as floats of four channels: 16 bytes a pixel, and again for each operation
     expected = np.rint(shrink(as_floats(decoded(big)), *size) * 255)[..., :3]
     assert found.dtype == np.uint8 and found.shape == (*size[::-1], 3)
     apart = np.abs(found - expected)
@@ -105,9 +103,7 @@ def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_ha
 
     fused = pytest.importorskip("training.multires.fused.rays", reason="pip install 'snerg[train]'")
     low, high = procedural_scene.aabb
-    layout = GridBox(
-        jax.numpy.asarray(low, np.float32), jax.numpy.asarray((high - low) / 8, np.float32), jax.numpy.full(3, 8)
-    )
+    layout = GridBox(jnp.asarray(low, np.float32), jnp.asarray((high - low) / 8, np.float32), jnp.full(3, 8))
     batch = fused.empty_batch(len(ids), 0.0)
     batch.background[:] = thin.background
     fused.fill_batch(fused.photographs_of(thin), ids.astype(np.int64), np.float64(low), np.float64((high - low) / 8),

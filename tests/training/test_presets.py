@@ -12,7 +12,6 @@ from training.config import PRESETS as CONFIGS
 from training.config import TINY, from_json
 from training.scenes.presets import PRESETS, BakeablePreset, PresetName, voxels_for
 from training.speed import whole_runs
-from viewer.features.making import survey
 
 
 def test_every_name_has_settings_and_says_what_it_is_for() -> None:
@@ -34,11 +33,6 @@ def test_help_explains_every_preset(command, kind, capsys: pytest.CaptureFixture
     help_text = " ".join(capsys.readouterr().out.replace("│", " ").split())
     for name in get_args(kind):
         assert f"{name} ({PRESETS[name].about})" in help_text
-
-
-def test_the_viewer_offers_the_presets_that_have_a_title() -> None:
-    assert list(survey.OFFERED) == ["quick", "normal", "full", "paper"]
-    assert all(preset.advice for preset in survey.OFFERED.values())
 
 
 def test_packs_are_about_as_fine_as_photographs_and_twice_as_fine_where_half_a_side_is_the_surroundings() -> None:

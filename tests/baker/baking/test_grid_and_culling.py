@@ -1,6 +1,5 @@
 """Where voxels lie, and which macroblocks are dropped."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -44,9 +43,7 @@ def test_the_content_box_fits_the_ball_within_a_probe_cell() -> None:
 def test_culling_keeps_the_shell_of_an_opaque_ball_and_drops_air_and_the_hidden_middle(dataset) -> None:
     grid = make_grid(LOW * 0.7, HIGH * 0.7, 360, 30, BLENDER_FRAME)  # 12 blocks a side; the ball's radius is 4.6 blocks
     culling = culled(ball, grid, dataset)
-    centres = (
-        np.stack(np.meshgrid(*(np.arange(12),) * 3, indexing="ij"), -1) + 0.5
-    ) * 30 * grid.voxel_size + grid.min_xyz[0]
+    centres = (np.stack(np.indices((12, 12, 12)), -1) + 0.5) * 30 * grid.voxel_size + grid.min_xyz[0]
     distance, diagonal = np.linalg.norm(centres, axis=-1), 30 * grid.voxel_size * np.sqrt(3) / 2
     assert not culling.kept[distance > RADIUS + diagonal].any(), "air is dropped"
     middle = distance < RADIUS - 2.2 * diagonal
@@ -58,9 +55,7 @@ def test_culling_keeps_the_shell_of_an_opaque_ball_and_drops_air_and_the_hidden_
 
 
 @pytest.mark.slow
-def test_where_more_macroblocks_would_be_kept_than_cards_hold_the_grid_is_coarser_and_says_so(
-    scene, dataset, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_grid_of_more_macroblocks_than_cards_hold_is_made_coarser(scene, dataset, monkeypatch, tmp_path):
     monkeypatch.setattr(baking, "field_query", lambda run: ball)
     method = SimpleNamespace(may_hold=lambda state, low, high: None)
     run = SimpleNamespace(scene=scene, dataset=dataset, path=tmp_path, method=method, state=None)

@@ -66,9 +66,7 @@ def test_scaled_features_say_the_same_to_the_view_mlp(dataset: RayDataset) -> No
 def test_a_bake_says_how_it_was_made_and_of_the_papers_nothing_is_emptied(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(passes, "MOST_LOST_PRUNED", 3.0)  # so coarse a grid of mist would keep all
     loaded = load_run(STORED / "multires", scene_path=SCENE)
-    ours, papers = (
-        baking.bake(loaded, BakeConfig(resolution=31, preset=preset, quality="draft")) for preset in ("snerg", "paper")
-    )
+    ours, papers = (baking.bake(loaded, BakeConfig(31, preset, "draft")) for preset in ("snerg", "paper"))
     made, literal = ours.metadata["provenance"], papers.metadata["provenance"]
     assert (made["preset"], made["quality"], literal["preset"]) == ("snerg", "draft", "paper")
     left = np.count_nonzero(dense_from_pack(ours)[0][..., 3])

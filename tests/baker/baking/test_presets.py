@@ -2,7 +2,6 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,7 +18,6 @@ from baker.tuning import fine_tune as tuning
 from baker.tuning.fine_tune import shaded_pixels
 from tests.baker.analytic import ball, culled
 from tests.scenepack.random_packs import BLENDER_FRAME, random_pack
-from training.scenes import Scene
 
 
 def note_bakes(monkeypatch: pytest.MonkeyPatch, configs: list[BakeConfig]) -> None:
@@ -31,21 +29,17 @@ def note_bakes(monkeypatch: pytest.MonkeyPatch, configs: list[BakeConfig]) -> No
     monkeypatch.setattr("baker.baking.to_pack.bake_to", bake_to)
 
 
-def config_of(words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str = "blender") -> BakeConfig:
-    """What snerg-bake would bake with."""
-    configs: list[BakeConfig] = []
-    photograph = SimpleNamespace(camera=SimpleNamespace(width=400, height=300))
-    scene = SimpleNamespace(kind=kind, splits={"train": (photograph,)})
-    dataset = SimpleNamespace(facts=SimpleNamespace(contraction=None))
-    monkeypatch.setattr("training.run.load_run", lambda *_, **__: SimpleNamespace(scene=scene, dataset=dataset))
-    note_bakes(monkeypatch, configs)
-    assert snerg_bake(["run", "--out", str(tmp_path / "pack"), *words.split()]) == 0
-    return configs[0]
-
-
 def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_single_options_change_it(tmp_path, monkeypatch):
+    configs: list[BakeConfig] = []
+    note_bakes(monkeypatch, configs)
+    photograph = SimpleNamespace(camera=SimpleNamespace(width=400, height=300))
+    run = SimpleNamespace(scene=None, dataset=SimpleNamespace(facts=SimpleNamespace(contraction=None)))
+    monkeypatch.setattr("training.run.load_run", lambda *_, **__: run)
+
     def asked(words: str, kind: str = "blender") -> BakeConfig:
-        return config_of(words, tmp_path, monkeypatch, kind)
+        run.scene = SimpleNamespace(kind=kind, splits={"train": (photograph,)})
+        assert snerg_bake(["run", "--out", str(tmp_path / "pack"), *words.split()]) == 0
+        return configs[-1]
 
     paper = asked("--preset paper")
     assert (paper.preset, paper.resolution, paper.block_limit) == ("paper", 1000, UNLIMITED)
@@ -55,9 +49,7 @@ def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_single_op
     assert asked("") == BakeConfig(512) == asked("--preset snerg") and BakeConfig().block_limit == MOST_MACROBLOCKS
 
 
-def test_snerg_make_bakes_the_preset_paper_as_the_paper_does_and_others_our_way(
-    scene: Scene, procedural_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_snerg_make_bakes_presets_as_the_paper_or_our_way(scene, procedural_path, tmp_path, monkeypatch) -> None:
     configs: list[BakeConfig] = []
     trained = SimpleNamespace(scene=scene, dataset=SimpleNamespace(facts=SimpleNamespace(contraction=None)))
     monkeypatch.setattr("training.loop.train", lambda *_, **__: trained)

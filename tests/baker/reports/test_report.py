@@ -26,17 +26,16 @@ from baker.reports.fields import LARGE, OWN, row_of, size_of_rows
 from baker.reports.options import TABLES, ReportOptions
 from baker.reports.paper_figures import GPU_GB, MILLISECONDS, QUALITY, RELEASE, SCENES, SPEED, Kind
 from baker.reports.report import open_study, write_tables
-from baker.reports.report_cache import Study
 from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_loop import JointConfig
 from scenepack import load_pack, save_pack
 from scenepack.files import stored_bytes
 from tests.scenepack.random_packs import random_pack
+from tests.stored_runs import SCENE, STORED
 from training.config import PRESETS
 from training.run import Run
 
-DATA = Path(__file__).parents[2] / "data"
-SCENE, RECORD = DATA / "runs/scene", DATA / "report.json"
+RECORD = STORED.parent / "report.json"
 # Of tuning, so that the tests are quick, and their figures hardly depend on the processor. Tests of its own look at it.
 EPOCHS, STEPS = 2, 3
 
@@ -47,7 +46,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("runs")
     sparse, foggy = folder / "sparse", folder / "foggy"
     for path in (sparse, foggy):
-        shutil.copytree(DATA / "runs/multires", path)
+        shutil.copytree(STORED / "multires", path)
     description = json.loads((foggy / "config.json").read_text())
     description["config"]["sparsity_weight"] = 0.0
     (foggy / "config.json").write_text(json.dumps(description))
@@ -159,9 +158,7 @@ def test_scores_are_those_of_snerg_eval(out: Path, tables: dict[str, Any], tmp_p
 
 
 @pytest.mark.slow
-def test_a_report_of_a_box_bakes_it_alone_and_compares_only_where_the_papers_bake_of_it_is_opaque(
-    runs: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_report_of_a_box_compares_only_where_the_papers_bake_of_it_is_opaque(runs, tmp_path, monkeypatch) -> None:
     weighted: list[bool] = []
 
     def tuned(pack: Any, photographs: Any, **how: Any) -> Any:
@@ -176,9 +173,8 @@ def test_a_report_of_a_box_bakes_it_alone_and_compares_only_where_the_papers_bak
     paper = tmp_path / "out/packs/paper-40-full"
     pack = load_pack(paper)
     low, high = pack.min_xyz, pack.min_xyz + pack.voxel_size * np.array(pack.grid_size)
-    assert (np.abs([low[[0, 2]], high[[0, 2]]]) < 1.5).all() and weighted == [True], (
-        "x and, in the grid frame, z of the box"
-    )
+    assert (np.abs([low[[0, 2]], high[[0, 2]]]) < 1.5).all()  # x and, in the grid frame, z of the box
+    assert weighted == [True]
     document = json.loads((tmp_path / "out/report.json").read_text())
     assert document["about"]["aabb"] == [-0.5, -0.5, -1.5, 0.5, 0.5, 1.5]
     assert f"baked of the box {box}" in (tmp_path / "out/report.md").read_text()
@@ -266,26 +262,16 @@ def test_what_cannot_be_done_is_told_in_one_line_before_anything_is_baked(runs, 
 # The packs behind a report: none is baked twice, and none stands for another
 
 
-@pytest.fixture
-def bakes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """What was baked so far."""
-    made: list[str] = []
+def test_each_pack_is_baked_once_and_none_stands_for_one_of_other_options(tmp_path, monkeypatch) -> None:
+    bakes: list[str] = []
 
     def bake_to(run: Run, config: BakeConfig, out: Path) -> dict[str, float]:
-        made.append(f"{config.preset} {config.quality} {config.seed}")
+        bakes.append(f"{config.preset} {config.quality} {config.seed}")
         save_pack(random_pack(np.random.default_rng(0)), out)
-        return {"writing": float(len(made))}
+        return {"writing": float(len(bakes))}
 
     monkeypatch.setattr("baker.reports.report_cache.bake_to", bake_to)
-    return made
-
-
-@pytest.fixture
-def study(tmp_path: Path) -> Study:
-    return open_study(DATA / "runs/multires", ReportOptions(tmp_path / "out", SCENE, resolution=46))
-
-
-def test_each_pack_is_baked_once_and_none_stands_for_one_of_other_options(study: Study, bakes: list[str]) -> None:
+    study = open_study(STORED / "multires", ReportOptions(tmp_path / "out", SCENE, resolution=46))
     full = study.baked("snerg")
     compact = study.baked("snerg", quality="compact")
     assert study.baked("snerg", quality="full") == full and study.baked("snerg", quality="compact") == compact

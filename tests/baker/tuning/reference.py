@@ -1,6 +1,7 @@
-"""A pack's voxels and training rays in float64, without Numba and JAX: what the marcher and the tuner are held to."""
+"""Packs to tune, and their voxels and training rays in float64, without Numba: what the marcher and the tuner are held to."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +12,25 @@ from scenepack.blocks import block_copy, dense_from_pack
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP, UNPREMULTIPLY_GAIN
 from scenepack.pack import ViewMlp
 from tests.reference_marcher import fetch, march, view_residual
+from tests.scenepack.random_packs import random_pack, random_view_mlp
 from training.dataset import RayDataset
+
+
+def pack_of(seed: int = 7, **options: Any) -> Pack:
+    """A random pack where the photographs look. No voxel is quite opaque: that has no gradient of its density."""
+    pack = random_pack(np.random.default_rng(seed), block_size=14, grid_blocks=(2, 2, 2), style="blob", **options)
+    size = np.array(pack.grid_size) * 0.06
+    if not options.get("diffuse"):
+        pack = replace(pack, view_mlp=random_view_mlp(np.random.default_rng(8), 0.5))
+    features = None if pack.atlas_features is None else np.minimum(pack.atlas_features, 250)
+    rgba = np.minimum(pack.atlas_rgba, 250)
+    return replace(pack, voxel_size=0.06, min_xyz=-0.5 * size, atlas_rgba=rgba, atlas_features=features)
+
+
+def copied(pack: Pack) -> Pack:
+    """A pack that may be changed."""
+    features = None if pack.atlas_features is None else pack.atlas_features.copy()
+    return replace(pack, atlas_rgba=pack.atlas_rgba.copy(), atlas_features=features)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from baker.tuning.joint_loop import JointConfig, joint_tune
 from baker.tuning.marcher import PackMarcher
 from scenepack import check_pack
 from scenepack.codecs.quantisation import Steps
-from tests.baker.tuning.helpers import copied, pack_of
+from tests.baker.tuning.reference import copied, pack_of
 from training.dataset import RayDataset
 
 pytestmark = pytest.mark.usefixtures("hardly_optimised")

@@ -7,7 +7,7 @@ import pytest
 
 from baker.tuning.marcher import PackMarcher
 from scenepack import Pack
-from tests.baker.tuning.reference import VoxelRays, accumulated, sampled, voxel_rays
+from tests.baker.tuning.reference import accumulated, sampled, voxel_rays
 from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import random_pack
 from tests.viewer.rendering.shapes import surroundings_pack
@@ -46,16 +46,6 @@ def ids(dataset: RayDataset) -> np.ndarray:
     return np.random.default_rng(0).integers(0, dataset.count, COUNT, np.int32)
 
 
-@pytest.fixture(scope="module")
-def away() -> np.ndarray:
-    return np.random.default_rng(1).uniform(-0.5, 0.5, (COUNT, 2)).astype(np.float32)
-
-
-@pytest.fixture(scope="module")
-def rays(pack: Pack, dataset: RayDataset, ids: np.ndarray, away: np.ndarray) -> VoxelRays:
-    return voxel_rays(pack, dataset, ids, away)
-
-
 def test_no_ray_that_meets_content_is_said_to_miss_it(pack, marcher, dataset, ids):
     meets, found = marcher.meets(ids), (sampled(pack, voxel_rays(pack, dataset, ids))[1] > 0).any(1)
     assert np.mean(found & ~meets) < 1e-3, "but for rays that begin a step apart by rounding"
@@ -87,7 +77,9 @@ def test_a_photograph_is_seen_as_the_reference_draws_the_pack(scene: Scene, near
     assert np.abs(1 - np.asarray(sums.transmittance).reshape(shape) - truth.alpha)[close].max() < 6e-3
 
 
-def test_the_light_of_every_sample_arrives_at_the_voxels_around_it(pack, marcher, rays, ids, away):
+def test_the_light_of_every_sample_arrives_at_the_voxels_around_it(pack, marcher, dataset, ids):
+    away = np.random.default_rng(1).uniform(-0.5, 0.5, (COUNT, 2)).astype(np.float32)
+    rays = voxel_rays(pack, dataset, ids, away)
     t, alpha, before = sampled(pack, rays)
     ray, k = np.nonzero((alpha > 0) & (before > 0))
     at = rays.origins[ray] + t[ray, k, None] * rays.directions[ray]

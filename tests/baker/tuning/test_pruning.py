@@ -7,21 +7,14 @@ import pytest
 
 from baker.baking.grid import make_grid
 from baker.tuning import pruning
-from baker.tuning.pruning import (
-    HIDDEN,
-    Pruned,
-    arriving_transmittance,
-    follow_neighbours,
-    prune,
-    smooth_hidden,
-)
+from baker.tuning.pruning import HIDDEN, Pruned, arriving_transmittance, follow_neighbours, prune, smooth_hidden
 from scenepack import Pack, check_pack, save_pack
 from scenepack.blocks import dense_from_pack
 from scenepack.codecs.quantisation import EXACT, Steps, steps_of
 from scenepack.piece_files import follows_grid
 from tests.baker.analytic import RADIUS, ball, culled
 from tests.baker.baking.test_grid_and_culling import baked
-from tests.baker.tuning.helpers import pack_of
+from tests.baker.tuning.reference import pack_of
 from tests.scenepack.random_packs import BLENDER_FRAME
 from tests.scenepack.test_codecs import in_steps
 from tests.scenepack.volumes import atlas_from_dense
@@ -112,13 +105,10 @@ def shown(pack: Pack, places: np.ndarray, scene: Scene, slope: float = 0.7) -> n
     return (facing > slope).any(0)
 
 
-def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_much_finer_than_pixels_it_is(
-    dataset, scene, monkeypatch
-) -> None:
+def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_fine_it_is(dataset, scene, monkeypatch) -> None:
     pack, surface = fine_ball(140)
-    monkeypatch.setattr(
-        pruning, "MOST_RAYS", 4000
-    )  # fewer than a voxel of the surface has: as 1000³ of many photographs
+    # fewer than a voxel of the surface has: as 1000³ of many photographs
+    monkeypatch.setattr(pruning, "MOST_RAYS", 4000)
     seen = surface[shown(pack, surface, scene)]
     assert len(seen) > 4 * pruning.MOST_RAYS, "this many voxels cannot all have a ray of their own"
     before = np.count_nonzero(dense_from_pack(pack)[0][..., 3])
@@ -138,17 +128,12 @@ def pack() -> Pack:
     return in_steps(pack_of(), STEPS.colour, STEPS.feature, STEPS.alpha)
 
 
-def middle(pack: Pack) -> int:
-    """The first voxel of the far half along x."""
-    return pack.occupied.shape[2] * pack.block_size // 2
-
-
 def light(pack: Pack, *, hidden: bool) -> np.ndarray:
     """Little light on all of the pack, or full light on its far half along x and little on the rest."""
     size = pack.block_size
     dense = np.full([n * size for n in pack.occupied.shape], HIDDEN[0] - 1, np.uint8)
     if not hidden:
-        dense[:, :, middle(pack) :] = 255
+        dense[:, :, dense.shape[2] // 2 :] = 255
     return np.stack([dense[z : z + size, y : y + size, x : x + size] for z, y, x in np.argwhere(pack.occupied) * size])
 
 
@@ -156,7 +141,8 @@ def test_only_what_little_light_reaches_changes_and_no_alpha_does(pack: Pack) ->
     half = light(pack, hidden=False)
     before, of_features = (volume.copy() for volume in dense_from_pack(pack))
     after, features = dense_from_pack(follow_neighbours(pack, half, STEPS, HIDDEN[0]))
-    lit = np.broadcast_to(np.arange(before.shape[2]) >= middle(pack), before.shape[:3])
+    middle = pack.occupied.shape[2] * pack.block_size // 2
+    lit = np.broadcast_to(np.arange(before.shape[2]) >= middle, before.shape[:3])
     assert np.array_equal(after[lit], before[lit]) and np.array_equal(features[lit], of_features[lit])
     assert np.array_equal(after[..., 3], before[..., 3])
     shown = ~lit & (before[..., 3] > 0)

@@ -15,8 +15,7 @@ from baker.tuning.tuner import Tuner
 from scenepack import Pack, check_pack
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import ViewMlp
-from tests.baker.tuning.helpers import copied, pack_of
-from tests.baker.tuning.reference import accumulated, cells_of_atlas, moved, shown, voxel_rays
+from tests.baker.tuning.reference import accumulated, cells_of_atlas, copied, moved, pack_of, shown, voxel_rays
 from training.dataset import RayDataset
 
 SAMPLES = 32_768

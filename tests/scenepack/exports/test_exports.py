@@ -25,6 +25,7 @@ trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: the e
 SIDE, BLOCK, RADIUS, CENTRE = 42, 14, 0.55, np.array([0.1, -0.05, 0.2])
 VOXEL = 2 / SIDE
 COLOUR = (200, 120, 40)
+AT = {name: i for i, (name, _) in enumerate(COLUMNS)}
 
 
 def ball_inside() -> np.ndarray:
@@ -51,6 +52,12 @@ def run(folder: str, out: Path, *words: str) -> int:
     return main(["export", folder, "--to", str(out), *words])
 
 
+def gaussians_of(file: Path) -> np.ndarray:
+    """Their values [N, COLUMNS]."""
+    body = file.read_bytes().partition(b"end_header\n")[2]
+    return np.frombuffer(body, "<f4").reshape(-1, len(COLUMNS))
+
+
 def test_seams_between_macroblocks_are_closed_whatever_the_opacities(ball: Pack) -> None:
     """Noise meets every case of marching cubes on the seams, the ambiguous ones as well."""
     rng = np.random.default_rng(3)
@@ -75,10 +82,8 @@ def test_a_mesh_is_the_closed_ball_that_the_pack_holds_in_another_library(folder
     assert mesh.volume == pytest.approx(4 / 3 * np.pi * RADIUS**3, rel=0.03)  # positive: normals point out
     off = np.linalg.norm(mesh.vertices - CENTRE, axis=1) - RADIUS
     assert np.abs(off).max() < 0.6 * VOXEL
-    outwards = np.sum(mesh.vertex_normals * (mesh.vertices - CENTRE), axis=1) / np.linalg.norm(
-        mesh.vertices - CENTRE, axis=1
-    )
-    assert outwards.min() > 0.9
+    outwards = (mesh.vertices - CENTRE) / np.linalg.norm(mesh.vertices - CENTRE, axis=1, keepdims=True)
+    assert np.sum(mesh.vertex_normals * outwards, axis=1).min() > 0.9
 
 
 def parts_of_glb(file: Path) -> tuple[dict[str, Any], bytes]:
@@ -115,18 +120,18 @@ def test_fewer_triangles_stay_on_the_ball(ball: Pack) -> None:
     surface = extract(Field(ball), 0.5)
     few = decimated(surface, len(surface.faces) // 8)
     assert len(surface.faces) // 40 < len(few.faces) <= len(surface.faces) // 8
-    of_ball = few.vertices[few.faces[components(few) == np.bincount(components(few)).argmax()]].reshape(-1, 3)
-    off = np.linalg.norm(of_ball * VOXEL - 1 - CENTRE, axis=1) - RADIUS
-    assert np.abs(off).max() < VOXEL  # quadrics keep clusters of several voxels on the surface
+    of_ball = few.vertices[few.faces[components(few) == np.bincount(components(few)).argmax()]]
+    assert np.abs(radii(of_ball) - RADIUS).max() < VOXEL  # quadrics keep clusters of several voxels on the surface
+
+
+def radii(vertices: np.ndarray) -> np.ndarray:
+    """The distances from CENTRE of vertices in voxels."""
+    return np.linalg.norm(vertices * VOXEL - 1 - CENTRE, axis=-1)
 
 
 def test_smoothing_takes_steps_away_and_leaves_the_size() -> None:
     hard = np.where(ball_inside() > 0, 1.0, -1.0)
     surface = extract(Field(solid_pack(hard, COLOUR)), 0.5)
-
-    def radii(vertices: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(vertices * VOXEL - 1 - CENTRE, axis=1)
-
     before, after = radii(surface.vertices), radii(smoothed(surface, 10).vertices)
     assert after.std() < 0.7 * before.std() and abs(after.mean() - before.mean()) < 0.1 * VOXEL
 
@@ -149,14 +154,13 @@ def test_points_lie_on_the_surface_as_densely_as_asked_with_normals_and_colours(
 
 def test_gaussians_have_the_layout_of_splat_viewers_and_let_as_much_light_pass(folder, ball, tmp_path):
     assert run(folder, tmp_path / "gaussians.ply") == 0
-    header, _, body = (tmp_path / "gaussians.ply").read_bytes().partition(b"end_header\n")
+    header = (tmp_path / "gaussians.ply").read_bytes().partition(b"end_header\n")[0]
     assert header.decode().split("property float ")[1:] == [f"{name}\n" for name, _ in COLUMNS]
-    values = np.frombuffer(body, "<f4").reshape(-1, len(COLUMNS))
-    at = {name: i for i, (name, _) in enumerate(COLUMNS)}
+    values = gaussians_of(tmp_path / "gaussians.ply")
     assert len(values) == np.count_nonzero(ball_inside() > -0.48) + 7 + 12 or len(values) > 3000
-    assert np.allclose(values[:, at["rot_0"] :], [1, 0, 0, 0])
-    assert np.allclose(np.exp(values[:, at["scale_0"]]), 0.5 * VOXEL)
-    colour = 255 * (0.5 + 0.28209479 * values[:, at["f_dc_0"] : at["f_dc_0"] + 3])
+    assert np.allclose(values[:, AT["rot_0"] :], [1, 0, 0, 0])
+    assert np.allclose(np.exp(values[:, AT["scale_0"]]), 0.5 * VOXEL)
+    colour = 255 * (0.5 + 0.28209479 * values[:, AT["f_dc_0"] : AT["f_dc_0"] + 3])
     assert np.abs(np.median(colour, axis=0) - COLOUR).max() < 1.5
     passed, own = opacity_table()
     assert np.all(np.diff(passed) > 0) and passed[-1] > 0.9 and own[0] == passed[0] == 0
@@ -167,8 +171,7 @@ def test_an_spz_holds_the_gaussians_of_the_ply_as_exactly_as_the_format_allows(f
     gsply = pytest.importorskip("gsply", reason="gsply is not installed: the extra dev")
     for name in ("gaussians.ply", "a.spz"):
         assert run(folder, tmp_path / name, *words) == 0
-    body = (tmp_path / "gaussians.ply").read_bytes().partition(b"end_header\n")[2]
-    values = np.frombuffer(body, "<f4").reshape(-1, len(COLUMNS))
+    values = gaussians_of(tmp_path / "gaussians.ply")
     read = gsply.read_spz(tmp_path / "a.spz")
     assert (len(read.means) == len(values) and read.shN is None) or not np.size(read.shN)
     assert np.abs(read.means - values[:, :3]).max() < 1e-5 * np.abs(values[:, :3]).max()
@@ -269,11 +272,9 @@ def test_a_contracted_pack_is_written_as_it_is_in_space(tmp_path: Path) -> None:
     near = off < 1.3 * radius
     assert near.sum() > 300 and np.abs(cloud.vertices).max() > 0.5 * 2.0 * SKY
     assert np.median(np.abs(off[near & (off > 0.7 * radius)] - radius)) < 0.1 * radius
-    body = (tmp_path / "gaussians.ply").read_bytes().partition(b"end_header\n")[2]
-    values = np.frombuffer(body, "<f4").reshape(-1, len(COLUMNS))
-    at = {name: i for i, (name, _) in enumerate(COLUMNS)}
+    values = gaussians_of(tmp_path / "gaussians.ply")
     far = np.abs(values[:, :3]).max(axis=1) / 2.0
-    sizes = np.exp(values[:, at["scale_0"] : at["scale_0"] + 3])
+    sizes = np.exp(values[:, AT["scale_0"] : AT["scale_0"] + 3])
     inner = far < 0.99
     assert np.allclose(sizes[inner], sizes[inner][0]) and inner.sum() > 1000
     beyond = far > 1.01
@@ -297,9 +298,8 @@ def test_a_preview_of_the_same_voxels_is_what_is_written(alone: Pack, tmp_path: 
     opened = trimesh.load(file, process=False)
     assert np.allclose(opened.vertices, drawn.vertices, atol=1e-6)
     if kind != "gaussians":
-        assert np.array_equal(
-            np.asarray(opened.visual.vertex_colors if kind == "mesh" else opened.colors)[:, :3], drawn.colours
-        )
+        colours = opened.visual.vertex_colors if kind == "mesh" else opened.colors
+        assert np.array_equal(np.asarray(colours)[:, :3], drawn.colours)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -99,17 +99,6 @@ def test_rays_in_a_turned_grid_meet_what_they_met_and_begin_where_they_did() -> 
     assert np.array_equal(moved.viewdirs, rays.viewdirs), "the view MLP knows the training frame"
 
 
-def test_a_ray_begins_at_near_and_ends_with_the_box() -> None:
-    layout = cells_of_grid(np.ones((14, 14, 14), bool))
-    middle = jnp.asarray(ORIGIN + 0.7, jnp.float32)
-    along = jnp.asarray([[1.0, 0, 0]] * 3)
-    ones = jnp.ones(3)
-    rays = Rays(middle - 2 * along, along, along, jnp.asarray([0.0, 1.5, 3.0]), jnp.inf * ones)
-    found = to_grid(layout.box, rays)
-    np.testing.assert_allclose(found.start * VOXEL, [1.3, 1.5, 3.0], atol=1e-5)
-    np.testing.assert_allclose(found.end * VOXEL, 2.7 * ones, atol=1e-5)
-
-
 def test_a_contracted_ray_is_a_path_through_the_contracted_points_of_the_ray() -> None:
     inner, side = 1.1, 64
     box = GridBox(jnp.full(3, -2 * inner), jnp.float32(4 * inner / side), jnp.full(3, side), inner)

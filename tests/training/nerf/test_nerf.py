@@ -11,20 +11,13 @@ from training.checkpoints import named_leaves
 from training.config import PRESETS, TINY, NerfConfig
 from training.dataset import SceneFacts, make_dataset
 from training.method import Rays
+from training.nerf import model
 from training.nerf.method import NerfMethod
-from training.nerf.model import (
-    NerfParams,
-    coarse_samples,
-    draw_perturbation,
-    fine_samples,
-    init_nerf,
-    last_interval,
-    render_rays,
-)
+from training.nerf.model import draw_perturbation, init_nerf, render_rays
 from training.scenes import Scene
 
 
-def parameters(config: NerfConfig) -> NerfParams:
+def parameters(config: NerfConfig) -> model.NerfParams:
     """Shapes of both models' parameters."""
     return jax.eval_shape(lambda key: init_nerf(key, config), jax.random.key(0))
 
@@ -61,9 +54,8 @@ def test_presets_of_the_papers_tables_have_the_parameters_counted_by_hand(preset
 @pytest.mark.parametrize("view", ["deferred", "tiny", "nerf", "none"])
 def test_every_preset_learns_and_gradients_reach_every_parameter(procedural_scene: Scene, view):
     dataset = make_dataset(procedural_scene)
-    nerf = dataclasses.replace(
-        TINY.nerf, view=view, depth=3, skip_after=1, coarse_samples=8, fine_samples=8, warmup_steps=0, clip_norm=0
-    )
+    sizes = {"depth": 3, "skip_after": 1, "coarse_samples": 8, "fine_samples": 8}
+    nerf = dataclasses.replace(TINY.nerf, view=view, **sizes, warmup_steps=0, clip_norm=0)
     method = NerfMethod(dataclasses.replace(TINY, batch_size=128, steps=40, nerf=nerf), dataset)
     state = method.start(jax.random.key(0))
     rays, target = dataset.batch(jax.random.key(1), 128)
@@ -117,24 +109,19 @@ def test_the_sparsity_loss_sees_densities_without_the_noise(procedural_scene: Sc
 NEAR, FAR = jnp.full(5, 2.0), jnp.full(5, 6.0)
 
 
-@pytest.mark.parametrize(
-    ("ndc", "given", "expected"), [(True, None, [0.25, 0.0]), (False, None, 1e10), (True, 0.5, 0.5)]
-)
-def test_the_last_sample_stands_for_the_rest_up_to_the_far_plane_in_ndc_and_for_all_beyond_it_elsewhere(
-    ndc: bool, given: float | None, expected: float | list[float]
-):
-    facts = SceneFacts(
-        0.0, 1.0, ((-1.0,) * 3, (1.0,) * 3), (40, 32, 50.0) if ndc else None, False, (1.0, 1.0, 1.0), False, None
-    )
+@pytest.mark.parametrize("ndc, given, expected", [(True, None, [0.25, 0.0]), (False, None, 1e10), (True, 0.5, 0.5)])
+def test_the_last_sample_stands_for_the_rest_up_to_the_far_plane_in_ndc_and_for_all_elsewhere(ndc, given, expected):
+    camera = (40, 32, 50.0) if ndc else None
+    facts = SceneFacts(0.0, 1.0, ((-1.0,) * 3, (1.0,) * 3), camera, False, (1.0, 1.0, 1.0), False, None)
     rays = Rays(*(jnp.ones((2, 3)),) * 3, near=jnp.zeros(2), far=jnp.ones(2))
     t = jnp.asarray([[0.1, 0.75], [0.2, 1.0]])
-    last = last_interval(t, rays, NerfConfig(last_interval=given), facts)
+    last = model.last_interval(t, rays, NerfConfig(last_interval=given), facts)
     np.testing.assert_allclose(np.asarray(last).ravel(), np.ravel(expected), atol=1e-6)
 
 
 def test_fine_samples_crowd_where_the_coarse_weights_are():
-    t = coarse_samples(None, NEAR, FAR, 41)
+    t = model.coarse_samples(None, NEAR, FAR, 41)
     weights = jnp.exp(-0.5 * ((t - 4.5) / 0.05) ** 2)
-    fine = np.asarray(fine_samples(jax.random.uniform(jax.random.key(1), (5, 64)), t, weights, 64))
+    fine = np.asarray(model.fine_samples(jax.random.uniform(jax.random.key(1), (5, 64)), t, weights, 64))
     assert (np.diff(fine) >= 0).all()
     assert (np.abs(fine - 4.5) < 0.3).mean() > 0.95

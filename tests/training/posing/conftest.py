@@ -74,9 +74,8 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
     photographs = folder / "photographs"
     given = write_photographs(photographs)
     (photographs / "p0b.jpg").write_bytes((photographs / "p0.jpg").read_bytes())
-    Image.open(photographs / "p6.jpg", formats=["JPEG"]).filter(ImageFilter.GaussianBlur(4)).save(
-        photographs / "p6b.jpg"
-    )
+    sharp = Image.open(photographs / "p6.jpg", formats=["JPEG"])
+    sharp.filter(ImageFilter.GaussianBlur(4)).save(photographs / "p6b.jpg")
     Image.fromarray(texture(105)[:192, :256].astype(np.uint8)).save(photographs / STRANGER, quality=95)
     source = find_source(photographs)
     assert source is not None

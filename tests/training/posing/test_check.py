@@ -24,9 +24,7 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Verdic
     """Verdicts and pages of a capture and of spoilt versions of it."""
     good = [Image.fromarray(photograph(camera)) for camera in cameras(COUNT)]
     blurred = [picture.filter(ImageFilter.GaussianBlur(2)) for picture in good]
-    jumping = [
-        picture.point(lambda value, i=i: int(value * (0.45 if i % 2 else 1.0))) for i, picture in enumerate(good)
-    ]
+    jumping = [picture.point(lambda value: int(value * 0.45)) if i % 2 else picture for i, picture in enumerate(good)]
     odd = [picture.point(lambda value: int(value * 0.6)) if i == DARK else picture for i, picture in enumerate(good)]
     odd.append(Image.fromarray(photograph(cameras(3)[1], walls=7)))
     versions = {"good": good, "blurred": blurred, "third": good[::3], "jumping": jumping, "odd": odd}
@@ -49,9 +47,8 @@ def test_spoilt_versions_of_a_capture_come_out_worse(captures: dict[str, tuple[V
     good = found["good"]
     assert not captures["good"][0].retake and good["connected"] == 1 and good["score"] > 40
     assert all(found[name]["score"] < 0.8 * good["score"] for name in ("blurred", "third", "jumping"))
-    assert np.median(figures_of(captures, "blurred", "sharpness")) < 0.5 * np.median(
-        figures_of(captures, "good", "sharpness")
-    )
+    soft, sharp = (np.median(figures_of(captures, name, "sharpness")) for name in ("blurred", "good"))
+    assert soft < 0.5 * sharp
 
 
 def test_exposures_are_those_that_the_photographs_had(captures: dict[str, tuple[Verdict, str]]):
@@ -68,9 +65,8 @@ def test_what_to_take_again_is_named_with_its_reason_on_one_page(captures: dict[
     assert 'src="data:' in page and "http" not in page and "does not overlap" in page
     assert any(line.startswith("take again p12.png") for line in verdict.lines())
     found = json.loads(json.dumps(verdict.figures))
-    assert list(found["weakly_connected"]) == [f"p{STRANGER}.png"] and list(found["differently_exposed"]) == [
-        f"p{DARK:02d}.png"
-    ]
+    assert list(found["weakly_connected"]) == [f"p{STRANGER}.png"]
+    assert list(found["differently_exposed"]) == [f"p{DARK:02d}.png"]
     assert not found["set_aside"] and len(found["photographs"]) == COUNT + 1 and 0 < found["overlap"] <= 1
 
 
@@ -102,14 +98,12 @@ def test_copies_of_an_llff_scene_s_photographs_are_not_checked_beside_them(tmp_p
 
 def test_a_blurred_picture_is_told_from_plain_ones_and_from_pictures_of_other_things():
     walls = [texture(seed)[:200, :300].mean(axis=-1) / 255 for seed in range(12)]
-    walls[4] = (
-        np.asarray(Image.fromarray((walls[4] * 255).astype(np.uint8)).filter(ImageFilter.GaussianBlur(3))) / 255.0
-    )
+    sharp = Image.fromarray((walls[4] * 255).astype(np.uint8))
+    walls[4] = np.asarray(sharp.filter(ImageFilter.GaussianBlur(3))) / 255.0
     walls[7] = walls[7] * 0.2 + 0.5  # little contrast is no blur
     moved = np.cumsum(walls[9], axis=1)
-    walls[9] = np.pad(
-        (moved[:, 16:] - moved[:, :-16]) / 16, ((0, 0), (0, 16)), mode="edge"
-    )  # nor a sharp edge sharpness
+    # nor a sharp edge sharpness
+    walls[9] = np.pad((moved[:, 16:] - moved[:, :-16]) / 16, ((0, 0), (0, 16)), mode="edge")
     assert [i for i, bad in enumerate(blurred([sharpness(wall) for wall in walls])) if bad] == [4, 9]
     assert not any(blurred([1.0] * 6 + [0.05] * 6))  # half of them: these show something else
 

@@ -11,16 +11,8 @@ from tests.training.posing.test_films import taken
 
 av = pytest.importorskip("av", reason="films need PyAV (the extra video)")
 
-from training.posing.film import (  # noqa: E402
-    DIFFUSE_WHITE_HLG,
-    DIFFUSE_WHITE_PQ,
-    HLG,
-    PQ,
-    SRGB_T_BT2020,
-    SRGB_T_P3,
-    hlg_to_scene,
-    srgb_to_linear,
-)
+from training.posing import film as films  # noqa: E402
+from training.posing.film import HLG, PQ, SRGB_T_BT2020, SRGB_T_P3, srgb_to_linear  # noqa: E402
 
 BT709, BT2020 = 1, 9  # matrices, as ITU-T H.273 numbers them
 UNSPECIFIED, LIMITED = 2, 1
@@ -88,13 +80,11 @@ TEN_BITS: list[tuple[int, str, str, str, dict[str, Any]]] = [
 
 
 @pytest.mark.parametrize(("transfer", "name", "codec", "pix_fmt", "options"), TEN_BITS)
-def test_an_hdr_film_has_the_colours_of_the_picture_that_it_was_made_of(
-    transfer: int, name: str, codec: str, pix_fmt: str, options: dict[str, str], tmp_path: Path
-):
+def test_an_hdr_film_has_the_colours_of_its_picture(transfer, name, codec, pix_fmt, options, tmp_path):
     shown = picture()
     light = srgb_to_linear(shown / 255.0) @ np.linalg.inv(SRGB_T_BT2020).T
-    white = float(hlg_to_scene(np.array(DIFFUSE_WHITE_HLG)))
-    signal = hlg_oetf(light * white) if transfer == HLG else pq_inverse_eotf(light * DIFFUSE_WHITE_PQ)
+    white = float(films.hlg_to_scene(np.array(films.DIFFUSE_WHITE_HLG)))
+    signal = hlg_oetf(light * white) if transfer == HLG else pq_inverse_eotf(light * films.DIFFUSE_WHITE_PQ)
     film = write_film(tmp_path / name, signal, codec, pix_fmt, BT2020, tags(BT2020, LIMITED, transfer, BT2020), options)
     found = taken(film, 1)[0][1].astype(float)
     middle = (shown.max(axis=-1) < 255 * 0.9) & (shown.min(axis=-1) > 8)
@@ -111,10 +101,8 @@ def test_wide_gamuts_become_srgb(primaries: int, matrix: np.ndarray, tmp_path: P
     shown = picture()
     light = srgb_to_linear(shown / 255.0) @ np.linalg.inv(matrix).T
     signal = np.where(light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 0) ** (1 / 2.4) - 0.055)
-    film = write_film(
-        tmp_path / "film.mkv", signal, "ffv1", "yuv444p10le", BT709, tags(BT709, LIMITED, 1, primaries), {}
-    )
+    said = tags(BT709, LIMITED, 1, primaries)
+    film = write_film(tmp_path / "film.mkv", signal, "ffv1", "yuv444p10le", BT709, said, {})
     found = taken(film, 1)[0][1].astype(float)
-    assert np.abs(found - shown).mean() < 0.012 * 255 and saturation(found) == pytest.approx(
-        saturation(shown), rel=0.06
-    )
+    assert np.abs(found - shown).mean() < 0.012 * 255
+    assert saturation(found) == pytest.approx(saturation(shown), rel=0.06)

@@ -55,9 +55,8 @@ def test_pixels_that_are_not_square_are_found(tmp_path: Path):
     result = pose_error(scene, replace(scene, splits={"train": tuple(views)}))
     assert len(result.names) == 12
     assert result.positions.max() < 0.01 and result.degrees.max() < 0.5
-    assert [one.camera.fx / one.camera.fy for one in photographs_of(scene).values()] == pytest.approx(
-        [0.75] * 12, rel=0.01
-    )
+    aspects = [one.camera.fx / one.camera.fy for one in photographs_of(scene).values()]
+    assert aspects == pytest.approx([0.75] * 12, rel=0.01)
 
 
 def test_the_users_folder_is_left_as_it_was_and_the_scene_holds_no_copies_of_what_can_be_used(found: Found):
@@ -98,9 +97,7 @@ def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(found
     monkeypatch.setattr(find, "ask", interrupted)
     with pytest.raises(KeyboardInterrupt, match="the same command line continues"):
         find_poses(found.source, tmp_path / "out")
-    assert (
-        ends[0].poll() is not None and not (tmp_path / "out" / "scene").exists()
-    )  # the child is gone, and nothing half done
+    assert ends[0].poll() is not None and not (tmp_path / "out" / "scene").exists()  # nothing half done
 
     asked.clear()
     stage = "never"

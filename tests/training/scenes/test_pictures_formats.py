@@ -16,7 +16,6 @@ from PIL import EpsImagePlugin, Image, ImageOps, features
 from console import UserError
 from training.posing.photograph import link_or_convert, read_photograph
 from training.scenes import load_pixels, load_scene
-from training.scenes.files import PICTURE_SUFFIXES, UNREAD_FORMATS
 from training.scenes.picture_headers import SCAN, read_header
 from training.scenes.pictures import (
     PictureLoader,
@@ -106,9 +105,8 @@ def test_pictures_of_more_than_8_bits_keep_their_values_posed_and_bare(tmp_path:
     found = read_picture(path)
     np.testing.assert_allclose(straight(found), straight(COLOURS), atol=tolerance)
     loaded = PictureLoader(path, (30, 20), (30, 20)).pixels()
-    assert np.abs(loaded.astype(int) - RGBA8)[COLOURS[..., 3] > 0.05].max() <= (
-        1 if "half" in kind or "exr" in kind else 0
-    )
+    most = 1 if "half" in kind or "exr" in kind else 0
+    assert np.abs(loaded.astype(int) - RGBA8)[COLOURS[..., 3] > 0.05].max() <= most
     read = read_photograph(path)
     (tmp_path / "out").mkdir()
     bare = np.asarray(Image.open(tmp_path / "out" / link_or_convert(read, tmp_path / "out", "b")))
@@ -131,11 +129,10 @@ def test_of_an_openexr_the_main_layer_is_read_within_the_display_window(tmp_path
 
 
 def test_radiance_hdr_is_linear_light(tmp_path: Path) -> None:
-    light = premultiplied_light(np.float32)
-    picture = oiio.ImageBuf(np.stack([light[c] for c in "RGB"], axis=-1))
-    assert picture.write(str(tmp_path / "a.hdr"))
-    shown = np.stack([light[c] for c in "RGB"], axis=-1)
-    shown = np.where(shown <= 0.0031308, 12.92 * shown, 1.055 * shown ** (1 / 2.4) - 0.055)
+    channels = premultiplied_light(np.float32)
+    light = np.stack([channels[c] for c in "RGB"], axis=-1)
+    assert oiio.ImageBuf(light).write(str(tmp_path / "a.hdr"))
+    shown = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     np.testing.assert_allclose(read_picture(tmp_path / "a.hdr")[..., :3], shown, atol=0.05)  # 8 bits, of the brightest
 
 
@@ -165,10 +162,8 @@ def test_pictures_are_upright_as_exif_says_or_as_stored(tmp_path: Path, suffix: 
     assert picture_size(path) == upright.shape[1::-1] and read_header(path).stored == (80, 48)
     assert (read_header(path).orientation != 1) == (orientation != 1)
     stored = PictureLoader(path, (80, 48), (80, 48), as_stored=True)()
-    assert (
-        np.abs(stored[8::16, 8::16, :3] - RGBA8[:3, :5, :3] / 255).max()
-        < (0 if suffix in ("png", "tif") else 0.15) + 1e-6
-    )
+    most = 1e-6 if suffix in ("png", "tif") else 0.15
+    np.testing.assert_allclose(stored[8::16, 8::16, :3], RGBA8[:3, :5, :3] / 255, rtol=0, atol=most)
     for as_stored, whole in ((False, upright), (True, decoded(path, as_stored=True))):
         small = np.asarray(small_picture(path, 80, "RGB", as_stored=as_stored))
         assert small.shape == whole.shape and np.abs(small.astype(int) - whole).max() <= 2
@@ -184,13 +179,10 @@ def test_pictures_are_upright_as_exif_says_or_as_stored(tmp_path: Path, suffix: 
     ],
 )
 def test_formats_that_are_not_read_are_refused_by_name(tmp_path: Path, name: str, said: str) -> None:
-    write_tiff(
-        tmp_path / name, RGBA8[..., :3], t254=1
-    )  # what many of them are: a TIFF, whose first picture is a preview
+    # what many of them are: a TIFF, whose first picture is a preview
+    write_tiff(tmp_path / name, RGBA8[..., :3], t254=1)
     with pytest.raises(UserError, match=said):
         picture_size(tmp_path / name)
-    assert not UNREAD_FORMATS.keys() & set(PICTURE_SUFFIXES)
-    assert all(suffix == suffix.lower() and suffix.startswith(".") for suffix in (*UNREAD_FORMATS, *PICTURE_SUFFIXES))
 
 
 @pytest.mark.parametrize("kind", ["tif", "exr"])
@@ -262,10 +254,8 @@ MASKS: dict[str, Callable[[], Image.Image]] = {
 }  # fmt: skip
 
 
-def photograph(folder: Path, *, orientation: int = 1, size: tuple[int, int] = SIZE) -> Path:
-    exif = Image.Exif()
-    exif[0x0112] = orientation
-    Image.new("RGB", size, (200, 100, 50)).save(folder / "a.jpg", exif=exif)
+def photograph(folder: Path) -> Path:
+    Image.new("RGB", SIZE, (200, 100, 50)).save(folder / "a.jpg")
     return folder / "a.jpg"
 
 
@@ -279,12 +269,12 @@ def test_masks_of_any_kind_show_the_same_posed_and_bare(tmp_path: Path, kind: st
     np.testing.assert_array_equal(np.asarray(load.thumbnail(WIDTH))[..., 3], WHITE)
 
 
-@pytest.mark.parametrize("scale", [(0.5, 0.5), (2, 2), (0.25, 0.25)])
-def test_a_mask_of_another_size_and_the_same_shape_is_resampled(tmp_path: Path, scale: tuple[float, float]) -> None:
+@pytest.mark.parametrize("scale", [0.5, 2, 0.25])
+def test_a_mask_of_another_size_and_the_same_shape_is_resampled(tmp_path: Path, scale: float) -> None:
     path = photograph(tmp_path)
     for white in (255, 1):
         small = Image.fromarray(SHOWN.astype(np.uint8) * np.uint8(white))
-        small.resize((int(WIDTH * scale[0]), int(HEIGHT * scale[1])), Image.Resampling.NEAREST).save(tmp_path / "m.png")
+        small.resize((int(WIDTH * scale), int(HEIGHT * scale)), Image.Resampling.NEAREST).save(tmp_path / "m.png")
         np.testing.assert_array_equal(read_mask(tmp_path / "m.png", path), SHOWN)
 
 
@@ -307,47 +297,40 @@ showpage
 """
 
 
-@pytest.fixture
-def ghostscript_mark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The file that a stand-in for Ghostscript leaves behind when it is started."""
-    programs, mark = tmp_path / "programs", tmp_path / "started"
+@pytest.mark.skipif(os.name == "nt", reason="the stand-in for Ghostscript is a shell script")
+@pytest.mark.parametrize("name", ["r_4.png", "r_4.jpg"])
+def test_postscript_named_like_a_photograph_does_not_start_ghostscript(procedural_path, tmp_path, name, monkeypatch):
+    programs, started = tmp_path / "programs", tmp_path / "started"
     programs.mkdir()
-    (programs / "gs").write_text(f"#!/bin/sh\ntouch '{mark}'\n")
+    (programs / "gs").write_text(f"#!/bin/sh\ntouch '{started}'\n")
     (programs / "gs").chmod(0o755)
     monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setattr(EpsImagePlugin, "gs_binary", None)  # it remembers where it found one
-    return mark
-
-
-@pytest.mark.skipif(os.name == "nt", reason="the stand-in for Ghostscript is a shell script")
-@pytest.mark.parametrize("name", ["r_4.png", "r_4.jpg"])
-def test_postscript_named_like_a_photograph_does_not_start_ghostscript(
-    procedural_path: Path, tmp_path: Path, ghostscript_mark: Path, name: str
-) -> None:
     scene = Path(shutil.copytree(procedural_path, tmp_path / "scene"))
     picture = scene / "train" / "r_4.png"
     picture.write_bytes(EPS)
     if name != picture.name:
-        (scene / "transforms_train.json").write_text(
-            (scene / "transforms_train.json").read_text().replace('r_4"', f'{name}"')
-        )
+        description = scene / "transforms_train.json"
+        description.write_text(description.read_text().replace('r_4"', f'{name}"'))
         picture = picture.rename(picture.with_name(name))
     with pytest.raises(UserError, match=r"r_4.*found PostScript"):
         load_pixels(load_scene(scene).splits["train"])
     for read in (read_picture, lambda path: PictureLoader(path, (48, 48), (48, 48)).thumbnail(16)):
         with pytest.raises(UserError, match="found PostScript"):
             read(picture)
-    assert not ghostscript_mark.exists()
+    assert not started.exists()
 
     # The trap works: whoever does not name the formats starts it.
     with pytest.raises(Exception), Image.open(picture) as opened:  # noqa: B017
         opened.load()
-    assert ghostscript_mark.exists()
+    assert started.exists()
 
 
-@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WEBP", "TIFF", "BMP"])
-def test_a_picture_of_another_format_than_its_name_says_opens(tmp_path: Path, kind: str) -> None:
-    Image.new("RGB", (6, 4), (200, 100, 50)).save(tmp_path / "003.png", format=kind)
+@pytest.mark.parametrize(
+    ("kind", "mode"), [("PNG", "L"), ("PNG", "P"), *((k, "RGB") for k in ("JPEG", "WEBP", "TIFF", "BMP"))]
+)
+def test_a_picture_of_any_mode_or_another_format_than_its_name_says_opens(tmp_path: Path, kind: str, mode: str) -> None:
+    Image.new("RGB", (6, 4), (200, 100, 50)).convert(mode).save(tmp_path / "003.png", format=kind)
     assert read_picture(tmp_path / "003.png").shape == (4, 6, 4)
 
 
