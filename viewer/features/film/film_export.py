@@ -54,8 +54,8 @@ Add = Callable[[np.ndarray], None]  # takes a picture, uint8 [height, width, 3]
 def film_writer(path: Path, size: tuple[int, int], fps: int) -> Iterator[Add]:
     """A film as H.264, or an animation that repeats as WebP or GIF, by the file's suffix. size: width, height in pixels.
 
-    UserError where PyAV is not installed, or a side of H.264 is odd. The same pictures give a film that shows the same, to the
-    last bit; but of pictures of 48 x 32 pixels, the encoder of H.264 makes either of two films, given the very same frames.
+    UserError where PyAV is not installed, or a side of H.264 is odd. Given the very same frames, the encoder of H.264 makes
+    films that differ a little from one run to the next.
     """
     require_video()
     import av
