@@ -99,10 +99,10 @@ class FloatGrid:
         return self.rows.size * CHANNELS * 4
 
 
-Three = tuple[np.ndarray, np.ndarray, np.ndarray]
+Part = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def assemble(parts: Iterable[Three], kept: np.ndarray, size: int) -> Three:
+def assemble(parts: Iterable[Part], kept: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """atlas_indices (as Pack has them), rows and values of parts: macroblocks [n, 3] (z, y, x), flat places int [N] among their
     voxels, content float32 [N, 8]. kept: bool [blocks z, y, x], all macroblocks. size: data voxels a side."""
     atlas_blocks = choose_atlas_blocks(int(kept.sum()), size)

@@ -173,7 +173,8 @@ def _alpha(pack: Pack, block: tuple[int, ...]) -> np.ndarray:
 
 
 def closing_gain(alpha: np.ndarray, transmittance: np.ndarray) -> np.ndarray:
-    """What premultiplied voxels of alpha and transmittance uint8 [...] are multiplied by, float32: little light goes on."""
+    """Factors float32 for premultiplied voxels of alpha and transmittance uint8 [...]: the less light arrives, the denser they
+    become (CLOSED, DENSER)."""
     opacity, (shown, deep) = np.maximum(alpha, 1) / np.float32(255), CLOSED
     depth = np.clip((shown - transmittance / np.float32(255)) / (shown - deep), 0, 1)
     return (1 - (1 - opacity) ** (1 + (DENSER - 1) * depth)) / opacity

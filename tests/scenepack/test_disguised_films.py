@@ -35,7 +35,7 @@ def listens() -> bool:
     return any(row.split()[1].endswith(f":{PORT:04X}") for row in rows)
 
 
-@pytest.mark.skipif(not UDP_TABLES[0].is_file(), reason="sockets are told in /proc/self/net on Linux alone")
+@pytest.mark.skipif(not UDP_TABLES[0].is_file(), reason="only Linux lists its sockets in /proc/self/net")
 @pytest.mark.parametrize(
     "text", [SDP, SDP.replace("v=0\n", "v=0\nftyp\n"), "\0\0\0\x18ftypisom" + SDP], ids=["sdp", "ftyp line", "ftyp box"]
 )

@@ -18,7 +18,7 @@ from tests.training.test_training import MINUTE
 from training.commands.train import main
 from training.config import PRESETS
 from training.loop import train
-from training.run import load_run
+from training.run import load_run, read_description
 from training.scenes import Scene, SceneOptions, load_pixels, load_scene
 from training.scenes.colmap import sparse_points
 from training.scenes.pictures import over_background, shrink
@@ -141,6 +141,14 @@ def test_what_is_up_becomes_z_and_all_else_turns_along(tmp_path: Path) -> None:
     assert inside.mean() > 0.95, "the box is that of the points as they lie now"
     assert (after.near, after.far) == pytest.approx((before.near, before.far))
     np.testing.assert_allclose(load_scene(leaning, up=(0.0, 0.0, 2.0)).aabb, before.aabb, atol=1e-9)
+
+
+def test_a_run_whose_up_makes_no_sense_is_refused(tmp_path: Path) -> None:
+    options = {**vars(SceneOptions()), "up": [1, 2]}
+    document = {"format": 1, "scene": "s", "scene_options": options, "config": {}}
+    (tmp_path / "config.json").write_text(json.dumps(document))
+    with pytest.raises(UserError, match="up"):
+        read_description(tmp_path)
 
 
 # --aabb: the user's box in place of the reader's, stored with the run, refused where it means nothing

@@ -172,7 +172,7 @@ def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera
 
 # --- From the grid frame to the picture: points, frusta, boxes, and dragging along an axis ---
 
-# Of viewer.rendering.camera.box_points, and of frustum_points
+# Pairs of the corners that box_points (viewer.rendering.camera) and frustum_points return
 BOX_EDGES = tuple((a, b) for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1)
 FRUSTUM_EDGES = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1))
 

@@ -223,7 +223,7 @@ def test_tiles_of_any_size_make_the_same_pixels_also_where_the_lens_is_off_the_m
 
 @needs_video
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system does not let us choose its cores")
-def test_a_film_is_the_same_on_any_number_of_cores(tmp_path: Path) -> None:
+def test_a_film_shows_the_same_on_any_number_of_cores(tmp_path: Path) -> None:
     cores = os.sched_getaffinity(0)
     if len(cores) < 2:
         pytest.skip("there is one core only")
@@ -237,7 +237,8 @@ def test_a_film_is_the_same_on_any_number_of_cores(tmp_path: Path) -> None:
     finally:
         os.sched_setaffinity(0, cores)
     every, one = (np.array(pictures_in(tmp_path / name), float) for name in ("all.mp4", "one.mp4"))
-    assert np.abs(every - one).mean() < 2  # x264 itself varies a little from run to run
+    # Runs of x264 differ by up to 0.31 grey levels, one or two threads instead of its usual number by 0.8.
+    assert np.abs(every - one).mean() < 0.5
 
 
 # Pictures that cannot be put on the clipboard say why. (tests/viewer/window/live_features.py pastes one.)
