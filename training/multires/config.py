@@ -93,7 +93,7 @@ BY_KIND: Mapping[Kind, KindSettings] = {
     "surroundings": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
     "unbounded": KindSettings(128, occupancy_threshold=0.03, distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
     "forward": KindSettings(
-        256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=0.2, least_views=3, feature_decay=1.0,
+        256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=0.2, least_views=1, feature_decay=1.0,
         density_smoothness=0.01, colour_smoothness=0.1,
     ),
 }  # fmt: skip
