@@ -57,7 +57,8 @@ class MultiresConfig:
     sparsity_factor: float | None = None
     """Factor on the sparsity weight."""
     feature_decay: float | None = None
-    """Weight of the mean square of each level's features, summed over levels (Zip-NeRF, Barron et al. 2023); 0 for none."""
+    """Weight of the mean square of each level's features, summed over levels (Zip-NeRF, Barron et al. 2023); 0 for none. It falls
+    with the learning rates: at full weight, long runs learn less of what is fine."""
     density_smoothness: float | None = None
     """Weight of the squared difference of density between neighbouring points, as ln(1 + optical depth of a cell); 0 for none."""
     colour_smoothness: float | None = None

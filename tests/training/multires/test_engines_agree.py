@@ -150,7 +150,8 @@ def test_adam_moves_as_the_definition_does(trained: Trained) -> None:
     first, second, third = (Trainable(*(a.copy() for a in p)) for p in (state.values, state.first, state.second))
     before = first, second, third
     rates = np.array(trained.method.settings.rates_at(state.updates, 0.3), np.float32)
-    decay = decay_of_blocks(trained.engine._derived(state)[1], trained.method.settings.by_kind.feature_decay)
+    settings = trained.method.settings
+    decay = settings.fallen(0.3) * decay_of_blocks(trained.engine._derived(state)[1], settings.by_kind.feature_decay)
     expected = adam(before, gradient, jnp.asarray(decay), jnp.asarray(rates), constants)
     summed, marks = trained.engine._accumulators(state)
     rays = np.float32(metrics["rays"])
