@@ -49,7 +49,7 @@ class MultiresConfig:
     view_rate: float = 3e-3
     """Initial learning rate of the view MLP (Adam)."""
     final_rate_factor: float = 0.05
-    """All learning rates decay log-linearly to this fraction at the last step."""
+    """All learning rates, and feature_decay, fall log-linearly to this fraction at the last step."""
     warmup_steps: int = 20
     """Steps over which learning rates rise from zero."""
     distortion_weight: float | None = None
@@ -58,7 +58,7 @@ class MultiresConfig:
     """Factor on the sparsity weight."""
     feature_decay: float | None = None
     """Weight of the mean square of each level's features, summed over levels (Zip-NeRF, Barron et al. 2023); 0 for none. It falls
-    with the learning rates: at full weight, long runs learn less of what is fine."""
+    like the learning rates, so that it does not keep long runs from learning fine detail."""
     density_smoothness: float | None = None
     """Weight of the squared difference of density between neighbouring points, as ln(1 + optical depth of a cell); 0 for none."""
     colour_smoothness: float | None = None

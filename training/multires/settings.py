@@ -57,11 +57,11 @@ class Settings(NamedTuple):
         """Adam's rates of table, decoder and view MLP with warm-up, decay and bias correction, after so many updates."""
         (beta1, beta2), count, own = ADAM_BETAS, updates + 1, self.own
         warm = min(1.0, count / max(own.warmup_steps, 1))
-        scale = warm * self.fallen(progress) * np.sqrt(1 - beta2**count) / (1 - beta1**count)
+        scale = warm * self.annealing(progress) * np.sqrt(1 - beta2**count) / (1 - beta1**count)
         return float(own.table_rate * scale), float(own.decoder_rate * scale), float(own.view_rate * scale)
 
-    def fallen(self, progress: float) -> float:
-        """What is left of learning rates and of the decay of features, which would keep long runs from converging."""
+    def annealing(self, progress: float) -> float:
+        """Factor on learning rates and on feature_decay: log-linear from 1 to final_rate_factor."""
         return self.own.final_rate_factor**progress
 
     def step_cells(self, progress: float) -> float:

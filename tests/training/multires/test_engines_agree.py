@@ -151,7 +151,7 @@ def test_adam_moves_as_the_definition_does(trained: Trained) -> None:
     before = first, second, third
     rates = np.array(trained.method.settings.rates_at(state.updates, 0.3), np.float32)
     settings = trained.method.settings
-    decay = settings.fallen(0.3) * decay_of_blocks(trained.engine._derived(state)[1], settings.by_kind.feature_decay)
+    decay = settings.annealing(0.3) * decay_of_blocks(trained.engine._derived(state)[1], settings.by_kind.feature_decay)
     expected = adam(before, gradient, jnp.asarray(decay), jnp.asarray(rates), constants)
     summed, marks = trained.engine._accumulators(state)
     rays = np.float32(metrics["rays"])

@@ -258,7 +258,7 @@ class FusedEngine:
         table_rate, decoder_rate, view_rate = self.settings.rates_at(state.updates, progress)
         scale, share = np.float32(1.0 / rays), -(-len(marks) // (4 * self.workers.count))
         flat = [a.reshape(-1) for a in (state.values.table, state.first.table, state.second.table, gradient)]
-        decay = np.float32(self.settings.fallen(progress)) * self._derived(state)[-1]
+        decay = np.float32(self.settings.annealing(progress)) * self._derived(state)[-1]
 
         def move(_: int, low: int, high: int) -> None:
             move_marked(*flat, marks, decay, scale, np.float32(table_rate), low, high)
