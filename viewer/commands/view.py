@@ -37,8 +37,7 @@ from viewer.interface.layout import PAGES
 from viewer.rendering.settings import Marcher, Mode, RenderSettings
 from viewer.web.description import PageContent, with_annotations
 from viewer.web.server import serve
-from viewer.window.shutdown import SIGNALED, on_lost_display, signals_ask
-from viewer.window.window import NoDisplay, Window, require_display
+from viewer.window.window import SIGNALED, NoDisplay, Window, on_lost_display, require_display, signals_ask
 
 OUT = Path("out")
 SCRIPTED = ("--frames", "--screenshot")
