@@ -36,7 +36,7 @@ from viewer.features.preferences.preferences import PreferencesAutosave, apply_p
 from viewer.interface.layout import PAGES
 from viewer.rendering.settings import Marcher, Mode, RenderSettings
 from viewer.web.description import PageContent, with_annotations
-from viewer.web.server import serve
+from viewer.web.page import serve
 from viewer.window.window import SIGNALED, NoDisplay, Window, on_lost_display, require_display, signals_ask
 
 OUT = Path("out")

@@ -381,8 +381,10 @@ def _open(size: tuple[int, int]):
     return handle
 
 
-# --- Signals and lost displays: they end the program like Quit. Preferences are saved, and a running job is asked to save; no
-# question is shown, because nobody may be there to answer. ---
+# --- Signals and lost displays ---
+#
+# They end the program like Quit: preferences are saved, and a running job is asked to save. No question is shown, because nobody
+# may be there to answer.
 
 SIGNALED = 128  # exit status of a program that a signal ended: 128 + its number, as shells say it
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGINT", "SIGBREAK") if hasattr(signal, name)]
