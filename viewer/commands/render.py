@@ -21,7 +21,7 @@ from training.scenes import picture_stems
 from viewer.benchmark.frames import photographed_scene
 from viewer.core.annotations import Annotations
 from viewer.core.pose import FARTHEST
-from viewer.features.bookmarks.place_labels import with_places
+from viewer.features.bookmarks.bookmarks import with_places
 from viewer.features.film.film_export import FILMS, MOST_FPS, films_possible, require_video, write_film
 from viewer.features.film.pictures import EXR, PNG, Pass, parse_modes, passes_for, write_exr, write_pngs
 from viewer.features.measuring.surface import depth_in_middle

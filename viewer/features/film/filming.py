@@ -15,7 +15,7 @@ from console import UserError
 from viewer.core.annotations import Point
 from viewer.core.files import FileRequest
 from viewer.core.pose import fitted, triple, view_camera
-from viewer.features.bookmarks.place_labels import with_places
+from viewer.features.bookmarks.bookmarks import with_places
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
 from viewer.features.film.film_export import Export
 from viewer.features.film.pictures import EXR, passes_for
