@@ -31,8 +31,7 @@ from viewer.features.display.display import TRAINED, backdrop
 from viewer.features.editing.erasing import Erasing
 from viewer.features.export.exporting import Exporting, Sharing
 from viewer.features.film.camera_path import CameraPath
-from viewer.features.film.filming import Filming
-from viewer.features.film.kiosk import Kiosk
+from viewer.features.film.filming import Filming, Kiosk
 from viewer.features.making.making import Making
 from viewer.features.making.review import SparsePreview
 from viewer.features.measuring.measure_tool import MeasureTool
