@@ -22,8 +22,20 @@ from viewer.benchmark.frames import photographed_scene
 from viewer.core.annotations import Annotations
 from viewer.core.pose import FARTHEST
 from viewer.features.bookmarks.bookmarks import with_places
-from viewer.features.film.film_export import FILMS, MOST_FPS, films_possible, require_video, write_film
-from viewer.features.film.pictures import EXR, PNG, Pass, parse_modes, passes_for, write_exr, write_pngs
+from viewer.features.film.picture_export import (
+    EXR,
+    FILMS,
+    MOST_FPS,
+    PNG,
+    Pass,
+    films_possible,
+    parse_modes,
+    passes_for,
+    require_video,
+    write_exr,
+    write_film,
+    write_pngs,
+)
 from viewer.features.measuring.surface import depth_in_middle
 from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
 from viewer.rendering.framing import filling_orbit

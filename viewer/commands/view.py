@@ -28,7 +28,7 @@ from viewer.desktop import desktop_entry
 from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.comparison.comparison import How
 from viewer.features.film.filming import Kiosk
-from viewer.features.film.pictures import PNG
+from viewer.features.film.picture_export import PNG
 from viewer.features.making import survey
 from viewer.features.opening import session
 from viewer.features.preferences import preferences

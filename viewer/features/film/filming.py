@@ -18,8 +18,7 @@ from viewer.core.files import FileRequest
 from viewer.core.pose import fitted, triple, view_camera
 from viewer.features.bookmarks.bookmarks import with_places
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
-from viewer.features.film.film_export import Export
-from viewer.features.film.pictures import EXR, passes_for
+from viewer.features.film.picture_export import EXR, Export, passes_for
 from viewer.features.measuring.surface import depth_in_middle, depth_of
 from viewer.rendering.camera import ViewCamera, forward_facing_path
 from viewer.rendering.settings import Aperture, Mode
