@@ -36,8 +36,7 @@ from viewer.features.making.making import Making
 from viewer.features.making.review import SparsePreview
 from viewer.features.measuring.measure_tool import MeasureTool
 from viewer.features.measuring.surface import surface_under
-from viewer.features.opening.open_prompt import OpenPrompt, looks_like_path, path_in
-from viewer.features.opening.opening import Loading, Opening, OpenPacks
+from viewer.features.opening.opening import Loading, Opening, OpenPacks, OpenPrompt, looks_like_path, path_in
 from viewer.features.opening.session import Sessions
 from viewer.features.performance.frame_stats import CostMeter, FrameStats
 from viewer.features.photographs.photographs import Gallery

@@ -13,7 +13,7 @@ from viewer.features.display.display import next_mode
 from viewer.features.editing.erasing import CHANGES, RULES, TOOLS
 from viewer.features.editing.erasing import PAGE as ERASE_PAGE
 from viewer.features.film.filming import KIOSK_COMMANDS
-from viewer.features.opening.open_prompt import ask_to_open, browse
+from viewer.features.opening.opening import ask_to_open, browse
 from viewer.features.placing import placing
 
 if TYPE_CHECKING:
