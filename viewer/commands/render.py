@@ -37,8 +37,7 @@ from viewer.features.film.picture_export import (
     write_pngs,
 )
 from viewer.features.measuring.surface import depth_in_middle
-from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
-from viewer.rendering.framing import filling_orbit
+from viewer.rendering.camera import ViewCamera, content_box, filling_orbit, is_mirrored
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import LENS_RAYS, MOST_SAMPLES, Aperture, Marcher, RenderSettings
 from viewer.web.description import annotations_of, with_annotations

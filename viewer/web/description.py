@@ -28,7 +28,7 @@ from viewer.features.display.display import backdrop
 from viewer.features.film.camera_path import CameraPath, load_path
 from viewer.features.measuring.measure_tool import LengthFormat
 from viewer.rendering import renderer
-from viewer.rendering.framing import outline
+from viewer.rendering.camera import outline
 from viewer.rendering.gpu_scene import (
     NoRoomError,
     atlas_size,

@@ -22,7 +22,7 @@ from viewer.core.files import SESSION_SUFFIX, FileRequest, Kind, kind_of, pack_i
 from viewer.core.state import OpenScene, name_of
 from viewer.core.tasks import Cancelled, Task
 from viewer.features.camera.forward_facing import orbit_camera_for
-from viewer.rendering.framing import outline
+from viewer.rendering.camera import outline
 from viewer.rendering.skip_grid import skip_grid_of
 
 if TYPE_CHECKING:
