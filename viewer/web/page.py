@@ -49,7 +49,7 @@ INDEX = "index.html"
 def scene_page(pack: Pack, content: PageContent, on_progress: OnProgress = lambda share: None) -> bytes:
     """The page as one file, UTF-8. on_progress is called with the share that is done. UserError where the pack is too large."""
     description, data = describe(pack, content, on_progress)
-    return assemble_page(content.title, description, data.values())
+    return _assemble_page(content.title, description, data.values())
 
 
 def scene_files(pack: Pack, content: PageContent, on_progress: OnProgress = lambda share: None) -> dict[str, bytes]:
@@ -57,10 +57,10 @@ def scene_files(pack: Pack, content: PageContent, on_progress: OnProgress = lamb
     description, data = describe(pack, content, on_progress)
     for level in description["levels"]:  # browsers keep files by their address
         level["file"] += f"?{hashlib.sha256(data[level['file']]).hexdigest()[:12]}"
-    return {**data, INDEX: assemble_page(content.title, description)}
+    return {**data, INDEX: _assemble_page(content.title, description)}
 
 
-def assemble_page(title: str, description: Mapping[str, Any], data: Iterable[bytes] = ()) -> bytes:
+def _assemble_page(title: str, description: Mapping[str, Any], data: Iterable[bytes] = ()) -> bytes:
     """index.html, filled in. description: for viewer/web/static/scene.js. data: of its levels; none: in files."""
     # the modules as one script, in their order: their imports of one another fall away
     modules = (re.sub(r"^import [^;]*;\n|^export ", "", _text(name), flags=re.M) for name in MODULES)

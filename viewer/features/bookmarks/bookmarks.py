@@ -46,7 +46,7 @@ COVERED_S, PAUSE_S = 0.004, 0.05  # for finding out which places are covered, an
 TOLERANCE = 4.0, 0.02  # by which something lies before a place that it covers: voxels, and of the place's distance
 
 
-def is_covered(pack: Pack, camera: ViewCamera, settings: RenderSettings, point: Point) -> bool:
+def _is_covered(pack: Pack, camera: ViewCamera, settings: RenderSettings, point: Point) -> bool:
     """Whether something else hides a place in the picture of a camera."""
     x, y = project(camera, np.array([point]))[0][0]
     hit = surface_at(pack, camera, settings, x, y)
@@ -98,7 +98,7 @@ class Bookmarks:
         if now - max((found[0] for found in self._looked.values()), default=0.0) < PAUSE_S:
             stale = []
         for point in sorted(stale, key=lambda point: self._looked[point][0]):
-            self._looked[point] = time.monotonic(), view, is_covered(pack, camera, settings, point)
+            self._looked[point] = time.monotonic(), view, _is_covered(pack, camera, settings, point)
             if time.monotonic() > now + COVERED_S:
                 break
         return {point for point, (_, _, hidden) in self._looked.items() if hidden}
@@ -245,7 +245,7 @@ def with_places(
     image = Image.fromarray(picture)
     for (number, view), (x, y), before in zip(marked, pixels, ahead, strict=True):
         assert view.point is not None
-        if not before or not (0 <= x < width and 0 <= y < height) or is_covered(pack, camera, settings, view.point):
+        if not before or not (0 <= x < width and 0 <= y < height) or _is_covered(pack, camera, settings, view.point):
             continue
         label = _label(number, one_line(view.name, 60), size, round(WIDEST * width), left=bool(x > 0.6 * width))
         corner = round(x - label.width + 0.5 * size) if x > 0.6 * width else round(x - 0.5 * size)

@@ -108,7 +108,7 @@ def write_exr(
     channels = {
         name: values
         for each, pixels in zip(passes, pictures, strict=True)
-        for name, values in exr_channels(each, pixels, camera, pack).items()
+        for name, values in _exr_channels(each, pixels, camera, pack).items()
     }
     picture = np.stack(list(channels.values()), axis=-1, dtype=np.float32)
     header = oiio.ImageSpec(picture.shape[1], picture.shape[0], len(channels), oiio.FLOAT)
@@ -123,7 +123,7 @@ def write_exr(
             raise OSError(f"{new}: {output.geterror() if output else oiio.geterror()}")
 
 
-def exr_channels(each: Pass, pixels: np.ndarray, camera: ViewCamera, pack: Pack) -> Mapping[str, np.ndarray]:
+def _exr_channels(each: Pass, pixels: np.ndarray, camera: ViewCamera, pack: Pack) -> Mapping[str, np.ndarray]:
     """Channels [h, w] by name of one pass; pixels: float32 [h, w, 4]."""
     if each.name in COUNTED:
         return {each.name: pixels[..., COUNTED.index(each.name)]}
