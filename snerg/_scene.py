@@ -109,7 +109,7 @@ class Scene:
         Raises:
             SnergError: Where a number makes no sense.
         """
-        from viewer.rendering.framing import filling_orbit
+        from viewer.rendering.camera import filling_orbit
 
         if frames < 1 or not 0.1 <= fov < 179 or min(size) < 1:
             found = f"frames {frames}, fov {fov}, size {size}"

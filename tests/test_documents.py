@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from snerg_commands import MODULES
-from viewer.features.film.pictures import PICTURE
+from viewer.features.film.picture_export import PICTURE
 from viewer.rendering.settings import MODES
 
 ROOT = Path(__file__).parents[1]

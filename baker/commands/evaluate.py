@@ -46,7 +46,7 @@ def snerg_eval(
     begin_libraries()  # JAX starts here, not for --help
     from baker.reports.evaluation import evaluate, reading_of
     from training.scenes import load_scene
-    from viewer.rendering.gpu_memory import OR_HALF, NoRoomError
+    from viewer.rendering.gpu_scene import OR_HALF, NoRoomError
 
     for path in (subject, mask_of):
         if path is not None and not path.exists():

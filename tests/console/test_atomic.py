@@ -20,7 +20,7 @@ from tests.scenepack.helpers import small_pack
 from training.checkpoints import write_checkpoint
 from viewer.commands.render import main as snerg_render
 from viewer.features.film.camera_path import CameraPath, save_path
-from viewer.features.film.film_export import write_film
+from viewer.features.film.picture_export import write_film
 from viewer.features.preferences.preferences import save
 
 ROOT = Path(__file__).parents[2]

@@ -5,7 +5,7 @@ from math import inf
 import pytest
 
 from viewer.rendering import gpu_scene
-from viewer.rendering.gpu_memory import NoRoomError
+from viewer.rendering.gpu_scene import NoRoomError
 
 
 def limit_textures(patch: pytest.MonkeyPatch, largest_side: int = 2048, most_bytes: float = inf) -> None:

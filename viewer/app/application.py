@@ -31,14 +31,12 @@ from viewer.features.display.display import TRAINED, backdrop
 from viewer.features.editing.erasing import Erasing
 from viewer.features.export.exporting import Exporting, Sharing
 from viewer.features.film.camera_path import CameraPath
-from viewer.features.film.filming import Filming
-from viewer.features.film.kiosk import Kiosk
+from viewer.features.film.filming import Filming, Kiosk
 from viewer.features.making.making import Making
 from viewer.features.making.review import SparsePreview
 from viewer.features.measuring.measure_tool import MeasureTool
 from viewer.features.measuring.surface import surface_under
-from viewer.features.opening.open_prompt import OpenPrompt, looks_like_path, path_in
-from viewer.features.opening.opening import Loading, Opening, OpenPacks
+from viewer.features.opening.opening import Loading, Opening, OpenPacks, OpenPrompt, looks_like_path, path_in
 from viewer.features.opening.session import Sessions
 from viewer.features.performance.frame_stats import CostMeter, FrameStats
 from viewer.features.photographs.photographs import Gallery

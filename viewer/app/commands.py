@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from viewer.features.display.display import next_mode
 from viewer.features.editing.erasing import CHANGES, RULES, TOOLS
 from viewer.features.editing.erasing import PAGE as ERASE_PAGE
-from viewer.features.film import kiosk
-from viewer.features.opening.open_prompt import ask_to_open, browse
+from viewer.features.film.filming import KIOSK_COMMANDS
+from viewer.features.opening.opening import ask_to_open, browse
 from viewer.features.placing import placing
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class Command:
     needs_scene: bool = True
 
     def enabled(self, app: App) -> bool:
-        if app.kiosk is not None and self.id not in kiosk.COMMANDS:
+        if app.kiosk is not None and self.id not in KIOSK_COMMANDS:
             return False
         return app.scene is not None or not self.needs_scene
 

@@ -18,7 +18,7 @@ from scenepack import Pack, load_pack
 from training.scenes import Scene
 from viewer.benchmark.frames import Contender, Measurement, measure, photographed_scene
 from viewer.benchmark.protocols import flight, protocol_for
-from viewer.rendering.gpu_memory import OR_HALF, NoRoomError
+from viewer.rendering.gpu_scene import OR_HALF, NoRoomError
 from viewer.rendering.settings import MARCHERS, RenderSettings
 
 ORBITS = {"paper": "the paper's", "content": "around the content", "given": "as given"}

@@ -21,12 +21,23 @@ from training.scenes import picture_stems
 from viewer.benchmark.frames import photographed_scene
 from viewer.core.annotations import Annotations
 from viewer.core.pose import FARTHEST
-from viewer.features.bookmarks.place_labels import with_places
-from viewer.features.film.film_export import FILMS, MOST_FPS, films_possible, require_video, write_film
-from viewer.features.film.pictures import EXR, PNG, Pass, parse_modes, passes_for, write_exr, write_pngs
+from viewer.features.bookmarks.bookmarks import with_places
+from viewer.features.film.picture_export import (
+    EXR,
+    FILMS,
+    MOST_FPS,
+    PNG,
+    Pass,
+    films_possible,
+    parse_modes,
+    passes_for,
+    require_video,
+    write_exr,
+    write_film,
+    write_pngs,
+)
 from viewer.features.measuring.surface import depth_in_middle
-from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
-from viewer.rendering.framing import filling_orbit
+from viewer.rendering.camera import ViewCamera, content_box, filling_orbit, is_mirrored
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import LENS_RAYS, MOST_SAMPLES, Aperture, Marcher, RenderSettings
 from viewer.web.description import annotations_of, with_annotations

@@ -27,8 +27,8 @@ from viewer.core.state import name_of
 from viewer.desktop import desktop_entry
 from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.comparison.comparison import How
-from viewer.features.film.kiosk import Kiosk
-from viewer.features.film.pictures import PNG
+from viewer.features.film.filming import Kiosk
+from viewer.features.film.picture_export import PNG
 from viewer.features.making import survey
 from viewer.features.opening import session
 from viewer.features.preferences import preferences
@@ -36,9 +36,8 @@ from viewer.features.preferences.preferences import PreferencesAutosave, apply_p
 from viewer.interface.layout import PAGES
 from viewer.rendering.settings import Marcher, Mode, RenderSettings
 from viewer.web.description import PageContent, with_annotations
-from viewer.web.server import serve
-from viewer.window.shutdown import SIGNALED, on_lost_display, signals_ask
-from viewer.window.window import NoDisplay, Window, require_display
+from viewer.web.page import serve
+from viewer.window.window import SIGNALED, NoDisplay, Window, on_lost_display, require_display, signals_ask
 
 OUT = Path("out")
 SCRIPTED = ("--frames", "--screenshot")

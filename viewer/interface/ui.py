@@ -7,7 +7,8 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-from imgui_bundle import imgui, implot
+from imgui_bundle import ImVec2, imgui, implot
+from imgui_bundle import icons_fontawesome_6 as fa
 
 from console.streams import printable
 from viewer.app.application import App
@@ -15,13 +16,13 @@ from viewer.core import language, theme
 from viewer.core.input import Keyboard, KeyPress
 from viewer.core.state import Clipboard
 from viewer.core.tasks import Task
-from viewer.core.widgets import in_front
+from viewer.core.widgets import begin_modal, confirmed, heading, in_front, main_button, paragraph, pressed_here, px
 from viewer.features.crop.panel import CropGizmo
 from viewer.features.export import panel as export_panel
 from viewer.features.export.panel import PreviewPane
 from viewer.features.making import panel as making_panel
 from viewer.features.opening.panel import FileDialogs, OpenDialog
-from viewer.interface import dialogs, keys, layout, top_bar, viewport
+from viewer.interface import keys, layout, top_bar, viewport
 from viewer.rendering.canvas import Canvas
 
 GLSL_VERSION = "#version 330"
@@ -143,7 +144,7 @@ class Ui:
         self.file_dialogs.show(app)
         making_panel.show(app, canvas)
         export_panel.show(app, canvas, self._preview_pane)
-        dialogs.show(app, canvas)
+        _show_dialog(app, canvas)
         imgui.render()
         self.keyboard.seen()
 
@@ -195,6 +196,47 @@ class Ui:
         if self._window is not None:
             imgui.backends.glfw_shutdown()
         imgui.destroy_context(self.context)
+
+
+def _show_dialog(app: App, canvas: Canvas) -> None:
+    """Draws the oldest dialog that is not answered, in the middle; Enter and Escape answer it with its first button."""
+    if not app.messages.dialogs:
+        return
+    dialog = app.messages.dialogs[0]
+    if not begin_modal("##dialog", 480, 0.45, padding=(24, 22)):
+        return
+    icon = fa.ICON_FA_TRIANGLE_EXCLAMATION if dialog.failed else fa.ICON_FA_CIRCLE_INFO
+    heading(icon, dialog.title, theme.WARN if dialog.failed else theme.ACCENT, 18.0)
+    imgui.dummy(ImVec2(0, px(2)))
+    paragraph(dialog.text, theme.MUTED)
+    if dialog.rejected is not None:
+        imgui.dummy(ImVec2(0, px(2)))
+        making_panel.show_rejected(app, canvas, dialog.rejected)
+    imgui.dummy(ImVec2(0, px(6)))
+    answer = _dialog_buttons(dialog.buttons)
+    if answer is None and pressed_here(imgui.Key.escape):
+        answer = ""
+    elif answer is None and confirmed():
+        answer = dialog.buttons[0][1]
+    if answer is not None:
+        app.messages.dialogs.pop(0)
+        imgui.close_current_popup()
+        if answer:
+            app.run(answer)
+    imgui.end_popup()
+
+
+def _dialog_buttons(buttons: tuple[tuple[str, str], ...]) -> str | None:
+    """Draws them from the right; the command id of the one that was pressed, "" for none to run."""
+    width, answer = px(104), None
+    imgui.set_cursor_pos_x(imgui.get_window_width() - px(24) - len(buttons) * (width + px(8)) + px(8))
+    for i, (text, command) in enumerate(reversed(buttons)):
+        if i:
+            imgui.same_line()
+        last = i == len(buttons) - 1
+        if main_button(text, width) if last else imgui.button(text, ImVec2(width, px(34))):
+            answer = command
+    return answer
 
 
 # Functions that draw text or measure it. Not those of text fields, whose text is the user's.

@@ -15,8 +15,7 @@ from console import Notice
 from scenepack.contraction import contract
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_memory import NoRoomError, half_resolution
-from viewer.rendering.gpu_scene import GpuScene, features_stored, upload
+from viewer.rendering.gpu_scene import GpuScene, NoRoomError, features_stored, half_resolution, upload
 from viewer.rendering.opengl import Drawing
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import MARCHERS, MODES, Look, RenderSettings

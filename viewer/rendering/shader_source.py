@@ -112,8 +112,8 @@ def compile_program(ctx: moderngl.Context, vertex: str, fragment: str) -> modern
 
 
 def colour_stops() -> tuple[tuple[float, float, float], ...]:
-    """The colours (RGB, 0 … 1) that shaders/colour_map.glsl goes through from 0 to 1 in even steps, as it has them."""
-    text = (SHADER_FOLDER / "colour_map.glsl").read_text(encoding="utf-8")
+    """The colours (RGB, 0 … 1) that colour_map of shaders/display.glsl goes through from 0 to 1 in even steps."""
+    text = (SHADER_FOLDER / "display.glsl").read_text(encoding="utf-8")
     body = text[text.index("vec3 colour_map(") :].partition("\n}")[0]
     stops = []
     for found in re.findall(r"vec3\(([\d., ]+)\)", body):

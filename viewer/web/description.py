@@ -28,9 +28,15 @@ from viewer.features.display.display import backdrop
 from viewer.features.film.camera_path import CameraPath, load_path
 from viewer.features.measuring.measure_tool import LengthFormat
 from viewer.rendering import renderer
-from viewer.rendering.framing import outline
-from viewer.rendering.gpu_memory import NoRoomError, half_resolution
-from viewer.rendering.gpu_scene import atlas_size, features_stored, indirection_grid, tightest_atlas
+from viewer.rendering.camera import outline
+from viewer.rendering.gpu_scene import (
+    NoRoomError,
+    atlas_size,
+    features_stored,
+    half_resolution,
+    indirection_grid,
+    tightest_atlas,
+)
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import Look, RenderSettings
 from viewer.rendering.shader_source import assemble_es, define_lines, glsl_reciprocals

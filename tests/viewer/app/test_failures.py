@@ -16,7 +16,7 @@ from scenepack import save_pack
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.texture_limits import limit_textures
 from tests.viewer.waiting import until
-from viewer.features.film import film_export as export_module
+from viewer.features.film import picture_export as export_module
 from viewer.features.opening import opening as loading_module
 
 

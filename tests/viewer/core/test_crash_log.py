@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from console import UserError, refusal
-from viewer.core.command_process import CommandProcess
 from viewer.core.log import CrashLog, left_behind
+from viewer.core.tasks import CommandProcess
 
 
 def test_a_bug_leaves_versions_commands_and_its_traceback(tmp_path, app, pack, pack_folder):

@@ -18,7 +18,7 @@ from tests.viewer.scenes import photographed
 from tests.viewer.waiting import until
 from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
 from viewer.app.application import App
-from viewer.core import command_process
+from viewer.core import tasks
 from viewer.features.making import make_plan, making, survey
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.survey import Survey
@@ -44,7 +44,7 @@ def scenes(tmp_path_factory) -> Iterator[Scenes]:
     release, read = threading.Event(), opening.load_pack
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "CommandProcess", lambda *_: child())
-        patch.setattr(command_process, "CommandProcess", lambda *_: child())
+        patch.setattr(tasks, "CommandProcess", lambda *_: child())
         patch.setattr(survey.webbrowser, "open", lambda address: True)
         patch.setattr(make_plan, "trainer_missing", lambda: False)
         patch.setattr(opening, "load_pack", lambda path, **options: (release.wait(60), read(path, **options))[1])

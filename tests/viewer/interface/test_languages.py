@@ -14,7 +14,7 @@ from viewer.core.annotations import Annotations, Bookmark, Measurement, Scale
 from viewer.core.language import FIELD, LANGUAGES, catalogue, translated
 from viewer.core.log import Dialog
 from viewer.features.crop import crop
-from viewer.features.opening.open_prompt import ask_to_open
+from viewer.features.opening.opening import ask_to_open
 from viewer.features.preferences.preferences import apply_preferences, current_preferences
 from viewer.interface.layout import PAGES
 

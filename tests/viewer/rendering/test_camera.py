@@ -6,8 +6,7 @@ import pytest
 from scenepack.pack import Pack
 from tests.scenepack.volumes import cube_pack
 from viewer.core.pose import project
-from viewer.rendering.camera import ViewCamera, box_points, content_box, forward_facing_path, orbit_path
-from viewer.rendering.framing import filling_orbit
+from viewer.rendering.camera import ViewCamera, box_points, content_box, filling_orbit, forward_facing_path, orbit_path
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 

@@ -15,8 +15,7 @@ from viewer.rendering import canvas as canvas_module
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.dynamic_resolution import DynamicResolution
-from viewer.rendering.gpu_memory import half_resolution
-from viewer.rendering.gpu_scene import GpuScene, tightest_atlas
+from viewer.rendering.gpu_scene import GpuScene, half_resolution, tightest_atlas
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings

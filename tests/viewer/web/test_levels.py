@@ -16,7 +16,7 @@ from tests.viewer.web.browser import Browser
 from tests.viewer.web.conftest import page_picture
 from tests.viewer.web.test_pictures import SIZE, assert_same
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.gpu_memory import half_resolution
+from viewer.rendering.gpu_scene import half_resolution
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.web import description
 from viewer.web.description import PageContent, describe

@@ -20,8 +20,7 @@ from tests.viewer.web.browser import Browser
 from viewer.commands import view
 from viewer.features.making.make_plan import PREVIEW_FILE
 from viewer.web.description import PageContent
-from viewer.web.page import INDEX
-from viewer.web.server import PageServer, serve
+from viewer.web.page import INDEX, PageServer, serve
 
 ROOT = Path(__file__).parents[3]
 PAGE = b"<!doctype html><title>x</title>"
@@ -109,7 +108,7 @@ def test_the_command_serves_a_pack_until_it_is_interrupted(browser: Browser, tmp
 def test_a_page_of_a_run_shows_its_newest_preview_keeps_the_camera_and_ends_with_the_pack(
     browser, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("viewer.web.server.LOOK_EVERY_S", 0.1)
+    monkeypatch.setattr("viewer.web.page.LOOK_EVERY_S", 0.1)
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "config.json").write_text("{}")
     served: list[PageServer] = []

@@ -14,7 +14,7 @@ from tests.viewer.screen import SCREEN
 from tests.viewer.window.live_window import AXES, moved
 from tests.viewer.window.living import pump, wait
 from viewer.core.pose import shortest_turn
-from viewer.features.film import kiosk
+from viewer.features.film import filming
 
 SLOW_FRAME_S, QUICK = 0.2, 12
 KEYCODE = {"Q": 24, "W": 25, "E": 26, "A": 38, "S": 39, "D": 40, "M": 58, "Z": 52}  # evdev's, by place
@@ -148,8 +148,8 @@ def test_another_program_pastes_the_picture_that_was_copied(window, xdotool, oth
 
 def test_a_kiosk_plays_gives_way_to_the_mouse_and_begins_again(window, xdotool, act, monkeypatch):
     app = window.app
-    monkeypatch.setattr(kiosk, "IDLE_S", 1.5)
-    app.kiosk = kiosk.Kiosk()
+    monkeypatch.setattr(filming, "IDLE_S", 1.5)
+    app.kiosk = filming.Kiosk()
     app.interface.full_screen, app.interface.panels_shown = True, False
     wait(window, lambda: glfw.get_window_size(window.handle) == SCREEN and app.filming.time > 0.2)
     assert (app.viewport.width, app.viewport.height) == SCREEN

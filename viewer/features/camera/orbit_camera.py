@@ -17,8 +17,7 @@ from scenepack.pack import Pack
 from scenepack.placement import Rows, placement_of
 from viewer.core.pose import MAX_ELEVATION, STEEP, History, Pose, Turntable, fitted, shortest_turn, triple, view_camera
 from viewer.features.photographs.photographs import shots_of
-from viewer.rendering.camera import ViewCamera, content_box, is_mirrored
-from viewer.rendering.framing import filling_distance, middle_of, outline
+from viewer.rendering.camera import ViewCamera, content_box, filling_distance, is_mirrored, middle_of, outline
 
 DEFAULT_FOV = 35.0  # degrees, vertical; the published viewer's
 FOVS = (5.0, 150.0)  # the least and the most, degrees

@@ -10,7 +10,7 @@ from viewer.core import widgets as ui
 from viewer.core.screen import draw_layers
 from viewer.core.widgets import Box, px
 from viewer.features.comparison.comparison import How
-from viewer.features.opening.open_prompt import ask_to_open
+from viewer.features.opening.opening import ask_to_open
 from viewer.rendering.canvas import Canvas
 
 HOW: dict[How, str] = {"wipe": "Wipe", "flip": "Flip", "difference": "Difference"}

@@ -15,10 +15,9 @@ from console import UserError
 from console.progress_protocol import Report
 from scenepack.exports.field import Corners, Frame
 from scenepack.pack import Pack
-from viewer.core.command_process import FolderProcess
 from viewer.core.files import FileRequest, kind_of
 from viewer.core.state import OpenScene
-from viewer.core.tasks import Cancelled, Task
+from viewer.core.tasks import Cancelled, FolderProcess, Task
 from viewer.features.film.camera_path import save_path
 
 if TYPE_CHECKING:

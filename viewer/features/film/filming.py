@@ -1,8 +1,9 @@
-"""The app's camera path: editing it, playing it back, and exporting stills and films."""
+"""The app's camera path: editing it, playing it back, also by itself as a kiosk, and exporting stills and films."""
 
 from __future__ import annotations
 
 import io
+import time
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -15,12 +16,11 @@ from console import UserError
 from viewer.core.annotations import Point
 from viewer.core.files import FileRequest
 from viewer.core.pose import fitted, triple, view_camera
-from viewer.features.bookmarks.place_labels import with_places
+from viewer.features.bookmarks.bookmarks import with_places
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
-from viewer.features.film.film_export import Export
-from viewer.features.film.pictures import EXR, passes_for
+from viewer.features.film.picture_export import EXR, Export, passes_for
 from viewer.features.measuring.surface import depth_in_middle, depth_of
-from viewer.rendering.camera import ViewCamera
+from viewer.rendering.camera import ViewCamera, forward_facing_path
 from viewer.rendering.settings import Aperture, Mode
 
 if TYPE_CHECKING:
@@ -287,3 +287,56 @@ def copy_picture(picture: np.ndarray) -> None:
         copykitten.copy_image(Image.fromarray(picture).convert("RGBA").tobytes(), width, height)
     except copykitten.CopykittenError as error:
         raise UserError("the clipboard cannot be reached", found=str(error), remedy=REMEDY) from error
+
+
+# --- The kiosk ---
+
+IDLE_S = 60.0  # without a movement of the camera, before it begins again
+TURN_S = 40.0  # of a turntable
+LEG_S = 8.0  # from one bookmark to the next
+SWAY_KEYS = 8  # of a forward-facing scene
+KIOSK_COMMANDS = ("home", "frame", "escape", "full-screen", "quit")  # that keys still run
+
+
+@dataclass
+class Kiosk:
+    """A scene that shows itself, full screen and without panels, and waits while somebody moves the camera."""
+
+    began: bool = False  # the path of the scene is known
+    tour: bool = False  # it leads through the bookmarks
+    moved_at: float = 0.0  # when the camera moved last, seconds of the monotonic clock
+    _goal: object = None
+
+    def tick(self, app: App) -> None:
+        """Plays the path once the scene is there, and again IDLE_S after somebody moved the camera the last time."""
+        if app.scene is None or not app.scene.whole:
+            return
+        filming, now = app.filming, time.monotonic()
+        if not self.began:
+            self.began = True
+            filming.path, filming.time = self._path(app), 0.0
+            filming.play(app)
+        elif filming.playing or app.scene.rig.goal != self._goal:
+            self.moved_at, self._goal = now, app.scene.rig.goal
+            if filming.playing and self.tour:
+                app.bookmarks.selected = round(filming.time / LEG_S) % len(filming.path.keyframes)
+        elif now - self.moved_at > IDLE_S:
+            filming.time = 0.0
+            filming.play(app)
+
+    def _path(self, app: App) -> CameraPath:
+        """The camera path that was loaded, or one through the bookmarks, or a turn; without an end."""
+        filming, scene = app.filming, app.open_scene
+        if len(filming.path.keyframes) > 1:
+            keys = filming.path.keyframes
+        elif len(app.annotations.current.bookmarks) > 1:
+            self.tour = True
+            keys = [replace(key, seconds=LEG_S) for key in app.bookmarks.keyframes(app)]
+        elif scene.rig.bounded:
+            cameras = forward_facing_path(scene.pack, SWAY_KEYS)
+            keys = [Keyframe(camera.grid_T_camera, app.fov, TURN_S / SWAY_KEYS) for camera in cameras]
+        else:
+            filming.turntable(app)
+            turn = filming.path.keyframes
+            keys = [replace(key, seconds=TURN_S / len(turn)) for key in turn]
+        return CameraPath(keys, closed=True)

@@ -15,8 +15,8 @@ from viewer.core.pose import FRUSTUM_EDGES, frustum_points, view_camera
 from viewer.core.screen import Screen
 from viewer.core.widgets import Box, px
 from viewer.features.bookmarks.panel import changed_by_buttons, row
-from viewer.features.film.film_export import FILMS, films_possible
 from viewer.features.film.filming import LENS_QUALITY, PANORAMA_SIZES, SAMPLES, SIZES, STILL_MODES, Filming
+from viewer.features.film.picture_export import FILMS, films_possible
 from viewer.rendering.canvas import Canvas
 
 LIST_HEIGHT = 180.0

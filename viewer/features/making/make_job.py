@@ -16,9 +16,8 @@ from console.progress_protocol import Report
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
 from training.scenes.pictures import UNREADABLE, small_picture
-from viewer.core.command_process import CommandProcess
 from viewer.core.files import POSED, REPORT
-from viewer.core.tasks import Task
+from viewer.core.tasks import CommandProcess, Task
 from viewer.features.making.make_plan import Plan
 from viewer.features.opening.opening import work_out_ahead
 

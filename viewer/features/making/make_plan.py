@@ -1,6 +1,6 @@
 """Plan: how a scene is made of photographs or of a training run, and which command does it.
 
-The viewer knows neither trainer nor baker; it starts their commands (viewer.core.command_process). A folder that snerg-make has
+The viewer knows neither trainer nor baker; it starts their commands (viewer.core.tasks). A folder that snerg-make has
 written into, DIR with DIR/run, is gone on with where it was stopped.
 """
 

@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING
 
 from console import UserError
 from training.scenes.scene import Direction
-from viewer.core.command_process import CommandProcess
 from viewer.core.files import FileRequest, existing_folder
 from viewer.core.log import Dialog
-from viewer.core.tasks import Task
+from viewer.core.tasks import CommandProcess, Task
 from viewer.features.making.make_job import MakeJob, preview_title, rejected_photographs_of
 from viewer.features.making.make_plan import Plan, Subject
 from viewer.features.making.review import Kind, Review, SparsePreview, read_sparse_preview

@@ -27,8 +27,7 @@ from training.scenes.pictures import UNREADABLE, picture_size
 from training.scenes.presets import PRESETS, voxels_for
 from training.scenes.read import has_poses, suggested_downscale
 from training.scenes.sources import FEWEST, Source, find_source
-from viewer.core.command_process import FolderProcess, temporary_folder
-from viewer.core.tasks import JsonTask, Task
+from viewer.core.tasks import FolderProcess, JsonTask, Task, temporary_folder
 
 OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
 LONGEST_SIDES = {name: preset.longest_side for name, preset in OFFERED.items() if preset.longest_side is not None}

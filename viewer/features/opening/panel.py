@@ -16,7 +16,7 @@ from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.files import SESSION_SUFFIX, FileRequest
 from viewer.core.widgets import CARD_MARGIN, CARD_WIDTH, px
-from viewer.features.opening.open_prompt import OpenPrompt, browse, choose, expanded
+from viewer.features.opening.opening import OpenPrompt, browse, choose, expanded
 
 TITLE = "##path"
 HELPERS = ("zenity", "kdialog", "matedialog", "qarma")

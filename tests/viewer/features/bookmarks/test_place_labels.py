@@ -13,7 +13,7 @@ from viewer.app.application import App
 from viewer.commands import render
 from viewer.core.annotations import Annotations, Bookmark
 from viewer.core.pose import project
-from viewer.features.bookmarks.place_labels import RIM, with_places
+from viewer.features.bookmarks.bookmarks import RIM, with_places
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.settings import RenderSettings
 

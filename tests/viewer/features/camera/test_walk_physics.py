@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from viewer.features.camera.walk_physics import JUMP_SPEED, RADIUS, STEP, Body, Space, moved
+from viewer.features.camera.walking import JUMP_SPEED, RADIUS, STEP, Body, Space, moved
 
 GRAIN = 0.06
 FRAME_S = 1 / 30

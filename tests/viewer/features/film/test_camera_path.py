@@ -22,9 +22,8 @@ from viewer.core.files import demo_pack
 from viewer.core.pose import Pose, Turntable
 from viewer.features.film import filming as filming_module
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
-from viewer.features.film.film_export import Export, films_possible, write_film
-from viewer.features.film.filming import copy_picture
-from viewer.features.film.kiosk import Kiosk
+from viewer.features.film.filming import Kiosk, copy_picture
+from viewer.features.film.picture_export import Export, films_possible, write_film
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings

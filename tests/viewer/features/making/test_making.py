@@ -94,7 +94,7 @@ def test_quitting_asks_first_and_leaves_no_child(making, tmp_path):
 
 def test_a_viewer_that_is_killed_leaves_no_child(tmp_path):
     code = (
-        "import sys, time; from pathlib import Path; from viewer.core.command_process import CommandProcess\n"
+        "import sys, time; from pathlib import Path; from viewer.core.tasks import CommandProcess\n"
         f"CommandProcess([sys.executable, {str(FAKE)!r}, 'wait', {str(tmp_path)!r}], Path({str(tmp_path / 'log')!r}))\n"
         "time.sleep(60)"
     )

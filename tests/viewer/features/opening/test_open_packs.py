@@ -12,8 +12,7 @@ from tests.viewer.conftest import toy_pack
 from viewer.app.commands import COMMANDS
 from viewer.core.state import Edits
 from viewer.features.opening import opening as open_packs_module
-from viewer.features.opening.open_prompt import OpenPrompt, choose, path_in, suggestions
-from viewer.features.opening.opening import MOST_PACKS, OpenPacks, bytes_of
+from viewer.features.opening.opening import MOST_PACKS, OpenPacks, OpenPrompt, bytes_of, choose, path_in, suggestions
 
 
 @pytest.fixture

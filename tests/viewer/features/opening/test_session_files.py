@@ -17,7 +17,7 @@ from viewer.app.application import App
 from viewer.core.annotations import Annotations, Scale
 from viewer.features.crop import crop
 from viewer.features.opening import session
-from viewer.features.opening.open_prompt import choose
+from viewer.features.opening.opening import choose
 from viewer.features.opening.session import joined, load_session
 
 

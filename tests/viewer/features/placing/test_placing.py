@@ -20,7 +20,7 @@ from viewer.core.annotations import Scale
 from viewer.core.pose import Pose
 from viewer.features.bookmarks.bookmarks import bookmark_of
 from viewer.features.placing import placing
-from viewer.rendering.framing import filling_orbit
+from viewer.rendering.camera import filling_orbit
 from viewer.web.description import PageContent, describe
 
 
