@@ -126,7 +126,7 @@ function restorePadding(atlas, indirection, layout, [nx, ny], z) {
     }
 }
 
-// Films: what scenepack.codecs.streams does, plane by plane, straight into the atlas.
+// Films: what scenepack.codecs.films does, plane by plane, straight into the atlas.
 
 const FRAMES_AHEAD = 8; // that a decoder may have; browsers stop where too many are kept
 const DAMAGED = "the scene's data are damaged";
