@@ -13,8 +13,8 @@ from baker.baking.work_folder import AGAIN, Share, WorkFolder, work_beside
 from console import UserError
 from console.progress import duration
 from scenepack import Pack, save_pack
+from scenepack.cameras import PICTURE, picture_uri
 from scenepack.codecs import chosen_quality, codec_named
-from scenepack.pictures import PICTURE, picture_uri
 from training.devices import launched
 from training.run import Run
 from training.scenes.pictures import over_background
@@ -22,7 +22,7 @@ from training.scenes.scene import Scene
 
 
 def with_pictures(pack: Pack, scene: Scene, side: int) -> Pack:
-    """The pack with its photographs brought along, at most `side` pixels a side (scenepack.pictures); 0 for none."""
+    """The pack with its photographs brought along, at most `side` pixels a side (scenepack.cameras); 0 for none."""
     if side <= 0:
         return pack
     photographs = [photograph for of_split in scene.splits.values() for photograph in of_split]

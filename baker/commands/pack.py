@@ -17,10 +17,18 @@ from scenepack.editing import NOTHING, EditPreview, Selection, Voxels, without
 from scenepack.exports.field import Frame
 from scenepack.exports.scene import Export, Kind, check_export, export_scene, kind_for
 from scenepack.files import stored_bytes
-from scenepack.ground import ground_plane
 from scenepack.pack import MOST_LENGTH
 from scenepack.piece_files import SETTINGS
-from scenepack.placement import MARKS, SCALES, UNITS, Placement, placed_T_grid, placement_of, placement_to_json
+from scenepack.placement import (
+    MARKS,
+    SCALES,
+    UNITS,
+    Placement,
+    ground_plane,
+    placed_T_grid,
+    placement_of,
+    placement_to_json,
+)
 from scenepack.report import pack_facts, print_facts, print_findings
 from scenepack.writer import copy_pack
 from viewer.web.description import PageContent, with_annotations
