@@ -6,7 +6,7 @@ from pathlib import Path
 
 from baker.baking.config import BakeConfig, BakePreset, Quality
 from console import run_command
-from console.arguments import require_in_range
+from console.command_line import require_in_range
 from scenepack.constants import CodecName
 from training.libraries import begin_libraries
 

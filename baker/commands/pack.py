@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 
 from console import UserError, check_results, progress, run_command, write_json, write_result
-from console.arguments import parse_corners, parse_numbers, parse_point, parse_size, require_in_range
+from console.command_line import parse_corners, parse_numbers, parse_point, parse_size, require_in_range
 from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named

@@ -10,7 +10,7 @@ To add one, implement Codec and list it in CODECS; docs/results.md has the figur
 """
 
 from console import UserError
-from console.arguments import require_in_range
+from console.command_line import require_in_range
 from scenepack.codecs.base import Codec, CodecError
 from scenepack.codecs.films import AvifCodec, H264Codec
 from scenepack.codecs.images import JpegCodec, PngCodec, WebpCodec
