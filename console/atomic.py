@@ -8,6 +8,7 @@ Hidden names are .NAME.KIND-PID-TOKEN: "new" being written, "old" complete and s
 deleted. Those whose process has died are cleaned up by the next writer of the same target. A process shows
 that it is alive by its id and by a lock (flock) on what it writes, which counts across containers and hosts
 that share the folder; where the file system knows no locks, what is less than an hour old is left alone.
+Work of hours in one folder locks it (locked_folder).
 """
 
 import errno
