@@ -8,7 +8,7 @@ import pytest
 
 from baker.baking import to_pack
 from baker.baking.to_pack import FIRST_STEP, Previews, preview_pack
-from baker.tuning.joint_loop import shown_psnr
+from baker.tuning.joint_tuning import shown_psnr
 from console import UserError
 from scenepack import load_pack
 from training.config import QUICK
