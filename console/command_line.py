@@ -115,7 +115,7 @@ def _parse(
     except SystemExit as stop:  # --help, or arguments that do not fit
         if stop.code in (None, DONE):
             return DONE
-    line = f"{unboxed(box.getvalue())}; see {prog} --help"
+    line = f"{_unboxed(box.getvalue())}; see {prog} --help"
     Reporter().tell_failure(prog, line)
     _say(prog, line)
     return USER_CAN_MEND
@@ -155,7 +155,7 @@ def _unwrapped(docstring: str) -> str:
     return "\n".join(lines)
 
 
-def unboxed(text: str) -> str:
+def _unboxed(text: str) -> str:
     """tyro's complaint about arguments as one line, without its frame, help texts and pointers to --help."""
     sections: list[list[str]] = [[]]
     skipping = False

@@ -38,7 +38,7 @@ from baker.tuning.shading import Accumulated, ErrorTerms, ShadingInputs, from_pa
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
-from training.marching.rays import GridBox, GridFrameRays, GridRays, to_grid
+from training.marching import GridBox, GridFrameRays, GridRays, to_grid
 from training.method import ViewMlpParams
 from training.multires.fused.compiled import Workers
 
