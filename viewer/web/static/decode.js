@@ -97,7 +97,7 @@ function decodeChunk(bits, differences, first, layout, atlas) {
   return blocks;
 }
 
-// Copies the neighbours' voxels around the macroblocks of a layer z of the grid: what scenepack.padding does.
+// Copies the neighbours' voxels around the macroblocks of a layer z of the grid: what scenepack.blocks.restore_padding does.
 function restorePadding(atlas, indirection, layout, [nx, ny], z) {
   const { width, block } = layout;
   const entry = (x, y, z) => 4 * (x + nx * (y + ny * z));
