@@ -98,12 +98,12 @@ docs: $(VENV)/.docs gl
 	@echo "Built: out/docs/index.html; look at it with $(BIN)/python -m http.server --directory out/docs"
 
 wheel: $(VENV)/.made
-	$(PYTHON) scripts/version.py $(TAG)
+	$(PYTHON) scripts/release.py version $(TAG)
 	$(PIP) install --quiet build
 	$(BIN)/python -m build --outdir dist
 
 try-wheel:
-	$(PYTHON) scripts/try_wheel.py dist
+	$(PYTHON) scripts/release.py try-wheel dist
 
 lint-page: $(NPM)/.made
 	$(BIN)/node $(NPM)/node_modules/.bin/biome lint --error-on-warnings $(SCRIPTS)

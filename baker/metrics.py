@@ -1,8 +1,10 @@
-"""Picture quality: PSNR and SSIM; for LPIPS see baker.lpips.
+"""Picture quality: PSNR and SSIM, and means of scores; for LPIPS see baker.lpips.
 
 Notation: a, b [H, W, 3] pictures in [0, 1]. SSIM (Wang et al. 2004) as tf.image.ssim has it: an 11 x 11 Gaussian window of
 sigma 1.5, K1 = 0.01, K2 = 0.03, peak 1, only windows that lie wholly inside ("valid"), the mean over channels.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -49,3 +51,9 @@ def blur(picture: np.ndarray) -> np.ndarray:
     kernel /= kernel.sum()
     windows = np.lib.stride_tricks.sliding_window_view(picture, WINDOW, axis=0) @ kernel
     return np.lib.stride_tricks.sliding_window_view(windows, WINDOW, axis=1) @ kernel
+
+
+def mean(values: Sequence[float | None]) -> float | None:
+    """Of scores; None where one is not known."""
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known and len(known) == len(values) else None

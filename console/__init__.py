@@ -4,10 +4,9 @@ It imports no other package of ours, so that the pack, the trainer and the viewe
 one another, still fail and report in the same voice.
 """
 
+from console.command_line import check_results, run_command, write_json, write_result
 from console.errors import Notice, UserError, not_written, plain_notices, refusal
 from console.progress import Progress, progress
-from console.results import check_results, write_json, write_result
-from console.run import run_command
 
 __all__ = [
     "Notice",

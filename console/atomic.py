@@ -8,6 +8,7 @@ Hidden names are .NAME.KIND-PID-TOKEN: "new" being written, "old" complete and s
 deleted. Those whose process has died are cleaned up by the next writer of the same target. A process shows
 that it is alive by its id and by a lock (flock) on what it writes, which counts across containers and hosts
 that share the folder; where the file system knows no locks, what is less than an hour old is left alone.
+Work of hours in one folder locks it (locked_folder).
 """
 
 import errno
@@ -15,12 +16,14 @@ import os
 import re
 import secrets
 import shutil
+import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
+from console.errors import UserError
 from console.streams import printable
 
 try:
@@ -49,6 +52,13 @@ def write_file(path: Path, data: bytes | str | Iterable[Any]) -> None:
 def is_stream(path: Path) -> bool:
     """Whether a device, a pipe or a socket lies at `path`."""
     return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def try_folder(folder: Path) -> None:
+    """OSError where no file could be made in `folder`, which need not be there yet."""
+    above = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
+    with tempfile.TemporaryDirectory(prefix=".snerg-", dir=above):
+        pass
 
 
 @contextmanager
@@ -81,6 +91,30 @@ def writing_alone(target: Path) -> Iterator[None]:
                 if error.errno == errno.EBUSY:
                     raise
         yield
+
+
+@contextmanager
+def locked_folder(folder: Path, doing: str) -> Iterator[None]:
+    """Holds a lock on a folder, which is made where it is missing, and removed again where it is left empty.
+
+    The lock counts on all hosts that share the folder, and ends with its process. UserError where another process holds it;
+    doing: what that process does.
+    """
+    missing = [place for place in (folder, *folder.absolute().parents) if not place.exists()]
+    handle = -1
+    try:
+        with suppress(OSError):  # whoever writes there will say why nothing can be written
+            folder.mkdir(parents=True, exist_ok=True)
+            handle = os.open(folder, os.O_RDONLY)
+        if handle >= 0 and try_lock(handle) is False:
+            raise UserError(f"another process is {doing}", where=folder, remedy="wait for it, or choose another --out")
+        yield
+    finally:
+        if handle >= 0:
+            os.close(handle)
+        for place in missing:
+            with suppress(OSError):  # not empty: the work is in it
+                place.rmdir()
 
 
 @contextmanager

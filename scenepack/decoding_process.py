@@ -14,8 +14,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from scenepack.cameras import decode_picture
 from scenepack.codecs import CODECS, CodecError
-from scenepack.pictures import decode_picture
 
 
 def serve() -> None:

@@ -27,7 +27,7 @@ from scenepack.coarse import order_of_groups
 from scenepack.codecs import Codec, CodecError, PngCodec
 from scenepack.codecs.base import Layout, Shape, decoding
 from scenepack.codecs.decoder_sandbox import Decoders
-from scenepack.codecs.png import decode_png, probe_png
+from scenepack.codecs.images import decode_png, probe_png
 from scenepack.codecs.quantisation import EXACT, MOST_STEP, Steps, from_counts, steps_of, to_counts
 from scenepack.constants import PLANES_PER_IMAGE
 from scenepack.files import COPY_OR_BAKE, PARAMS_NAME, PackFiles, require_memory

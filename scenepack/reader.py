@@ -23,7 +23,7 @@ from console.streams import one_line
 from scenepack.blocks import grid_block_counts
 from scenepack.coarse import coarse_pack
 from scenepack.codecs import CodecError, PngCodec, codec_named
-from scenepack.codecs.png import decode_png
+from scenepack.codecs.images import decode_png
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE
 from scenepack.files import (
     INDICES_NAME,

@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from console import UserError
-from console.atomic import recover_interrupted_write, replacing, write_file
+from console.atomic import recover_interrupted_write, replacing, try_folder, write_file
 from console.json_text import read_json_file
-from console.results import try_folder
 from scenepack.blocks import grid_block_counts
 from scenepack.codecs import Codec, chosen_quality, codec_named
-from scenepack.codecs.png import encode_png
+from scenepack.codecs.images import encode_png
 from scenepack.files import INDICES_NAME, PARAMS_NAME, PackFiles, open_files
 from scenepack.pack import Pack
 from scenepack.params import params_json, parse_params

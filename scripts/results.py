@@ -23,8 +23,7 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from baker.reports.pages import SECTIONS, scenes_tables, sections  # noqa: E402
-from baker.reports.scenes import scenes_document  # noqa: E402
+from baker.reports.pages import SECTIONS, scenes_document, scenes_tables, sections  # noqa: E402
 
 DOCS = ROOT / "docs"
 MARK = re.compile(r"\{\{([\w-]+)(?:\.(\w+))?(?::([^}]+))?\}\}")

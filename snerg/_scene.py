@@ -230,7 +230,7 @@ class Scene:
         Raises:
             SnergError: Where something else lies there, or it cannot be written.
         """
-        from console.results import write_result
+        from console import write_result
         from scenepack.writer import save_pack
 
         if Path(path).suffix.lower() in (".html", ".htm"):
@@ -293,7 +293,7 @@ class Geometry:
         Raises:
             SnergError: Where the suffix is another, or it cannot be written.
         """
-        from console.results import write_result
+        from console import write_result
         from scenepack.exports.scene import Geometry as Written
 
         suffixes = (".ply", ".glb") if len(self.faces) else (".ply",)

@@ -59,7 +59,7 @@ def test_every_supported_python_is_tested_on_every_system() -> None:
 
 @pytest.mark.parametrize(("tag", "status"), [("v0.1.0", 0), ("", 0), ("v9.9.9", 2)])
 def test_a_tag_must_be_the_version(tag: str, status: int) -> None:
-    words = [sys.executable, "scripts/version.py", *filter(None, [tag])]
+    words = [sys.executable, "scripts/release.py", "version", *filter(None, [tag])]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == status, done.stderr
 

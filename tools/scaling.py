@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from console import UserError, check_results, run_command, write_json
-from console.arguments import parse_numbers
+from console.command_line import parse_numbers
 from console.plots import Line, Plot, draw_plots, require_plots
 from scenepack.blocks import atlas_from_volume, grid_block_counts
 from scenepack.pack import Pack

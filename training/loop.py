@@ -17,11 +17,11 @@ import jax
 import numpy as np
 
 from console import UserError, progress
+from console.atomic import locked_folder
 from training.checkpoints import list_checkpoints, write_checkpoint
 from training.config import TrainConfig
 from training.devices import agree, anywhere, is_writer, together
 from training.libraries import keep_freed_memory
-from training.lock import only_one_trains
 from training.recorder import Recorder
 from training.run import Run, RunDescription, resume_run, start_run
 from training.scenes import SceneOptions
@@ -48,7 +48,7 @@ def train(
     with ExitStack() as held:
         with together():
             if is_writer():
-                held.enter_context(only_one_trains(out))
+                held.enter_context(locked_folder(out, "training into this run"))
         if resume is None:
             return _train(start_run(out, scene_path, config, options), after_step)
         return _train(resume_run(out, resume, scene_path, config), after_step)

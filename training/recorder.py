@@ -23,10 +23,10 @@ from training.checkpoints import writing
 from training.dataset import RayDataset
 from training.devices import here, is_writer
 from training.method import Method, Rays
+from training.rendering import psnr_of
 from training.run import Run
 from training.scenes import Photograph, Scene
 from training.scenes.pictures import over_background
-from training.volume import psnr_of
 
 Records = Sequence[Mapping[str, Any]]
 POINTS = 400  # of a curve; more are averaged

@@ -19,8 +19,7 @@ from baker.baking.grid import BakeGrid, to_training
 from baker.baking.work_folder import Arrays, Tick, WorkFolder, in_order, once
 from baker.tuning.marcher import box_of, share_rays
 from training.dataset import RayDataset
-from training.marching.march import dilate
-from training.marching.rays import GridFrameRays
+from training.marching import GridFrameRays, dilate
 from training.multires.fused.compiled import Workers, kernel
 from training.multires.fused.march import piece_from
 

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from baker.baking.config import BakeConfig
 from baker.tuning.fine_tune import EPOCHS, fine_tune
-from baker.tuning.joint_loop import JointConfig, joint_tune, shown_psnr
+from baker.tuning.joint_tuning import JointConfig, joint_tune, shown_psnr
 from baker.tuning.pruning import Pruned, arriving_transmittance, prune, smooth_hidden
 from console.progress import Progress
 from scenepack.blocks import restore_pack_padding

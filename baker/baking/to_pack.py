@@ -1,28 +1,45 @@
-"""A run baked into a pack on disk: resumable, alone or with other processes, with a summary on stdout."""
+"""A run baked into a pack on disk: resumable, alone or with other processes; or as a small preview, now and then while it trains.
+
+For a preview, the field is asked at a grid of few voxels, without visibility, pruning and tuning. It is one file, so that
+whoever reads the one before still can while the next takes its place.
+"""
 
 import sys
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from baker.baking.bake import NothingThere, Stages, bake, check_bake, help_bake, work_key
+from baker.baking.bake import (
+    Bake,
+    NothingThere,
+    Stages,
+    bake,
+    check_bake,
+    culled_grid,
+    help_bake,
+    supersampled,
+    work_key,
+)
 from baker.baking.config import BakeConfig
 from baker.baking.work_folder import AGAIN, Share, WorkFolder, work_beside
 from console import UserError
 from console.progress import duration
 from scenepack import Pack, save_pack
+from scenepack.blocks import restore_pack_padding
+from scenepack.cameras import PICTURE, picture_uri
 from scenepack.codecs import chosen_quality, codec_named
-from scenepack.pictures import PICTURE, picture_uri
 from training.devices import launched
 from training.run import Run
 from training.scenes.pictures import over_background
-from training.scenes.scene import Scene
+from training.scenes.scene import Scene, cameras_of
 
 
 def with_pictures(pack: Pack, scene: Scene, side: int) -> Pack:
-    """The pack with its photographs brought along, at most `side` pixels a side (scenepack.pictures); 0 for none."""
+    """The pack with its photographs brought along, at most `side` pixels a side (scenepack.cameras); 0 for none."""
     if side <= 0:
         return pack
     photographs = [photograph for of_split in scene.splits.values() for photograph in of_split]
@@ -116,3 +133,58 @@ def describe_pack(pack: Pack, out: Path) -> str:
         f"fainter than tau_alpha and {counts['below_tau_vis']} seen with less than tau_vis are left out){thinned}{gain}; "
         f"fly through it: snerg-view {out}"
     )
+
+
+# --- Previews of a run that trains ---
+
+PREVIEW_FILE = "preview.zip"  # beside run and pack
+PREVIEW_RESOLUTION = 150  # voxels along the longest side: five macroblocks
+FIRST_STEP = 100  # before, nothing is to be seen
+MOST_OF_TIME = 0.1  # of a run's time that its previews take
+PNG_LEVEL = 1  # fast: it lives for a minute
+
+
+def preview_pack(run: Run, resolution: int = PREVIEW_RESOLUTION) -> Pack | None:
+    """The run's field as it is now; None where it holds nothing yet."""
+    config = BakeConfig(resolution, seed=run.config.seed, keeps_hidden=True)
+    job = Bake(run, config, stages=Stages(quiet=True))
+    try:
+        pack = supersampled(job, *culled_grid(job))
+    except NothingThere:
+        return None
+    restore_pack_padding(pack)
+    provenance = {
+        "scene": str(run.scene.path), "run": str(run.path), "steps": run.step, "of_steps": run.config.steps,
+        "preview": True, **vars(run.options),
+    }  # fmt: skip
+    return pack.with_metadata(provenance=provenance, cameras=cameras_of(run.scene), near=float(run.scene.near))
+
+
+class Previews:
+    """Keeps the file `out` up to date while a run trains. every: seconds between two, at least."""
+
+    def __init__(self, out: Path, every: float) -> None:
+        self.out, self.every = out, every
+        self._due = time.monotonic() + every
+
+    def update(self, run: Run) -> None:
+        """Writes another where it is time; for training.loop.train, after each step."""
+        if self.due(run):
+            self.write(run)
+
+    def due(self, run: Run) -> bool:
+        """Whether it is time for another."""
+        return run.config.method == "multires" and run.step >= FIRST_STEP and time.monotonic() >= self._due
+
+    def write(self, run: Run) -> None:
+        """Writes one. What it fails at is no reason to stop the training: the next may be written."""
+        began = time.monotonic()
+        with suppress(UserError, OSError, MemoryError):  # a full disk, say, of which the training's own files will tell
+            if (pack := preview_pack(run)) is not None:
+                save_pack(pack, self.out, png_level=PNG_LEVEL)
+        ended = time.monotonic()
+        self._due = ended + max(self.every, (ended - began) / MOST_OF_TIME)
+
+    def remove(self) -> None:
+        """There is something better now."""
+        self.out.unlink(missing_ok=True)

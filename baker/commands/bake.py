@@ -6,7 +6,7 @@ from pathlib import Path
 
 from baker.baking.config import BakeConfig, BakePreset, Quality
 from console import run_command
-from console.arguments import require_in_range
+from console.command_line import require_in_range
 from scenepack.constants import CodecName
 from training.libraries import begin_libraries
 
@@ -56,7 +56,7 @@ def snerg_bake(
     begin_libraries()  # JAX starts here, not for --help
     from baker.baking.to_pack import bake_to, help_with, share_of
     from scenepack import check_target
-    from scenepack.pictures import LARGEST_SIDE
+    from scenepack.cameras import LARGEST_SIDE
     from training.run import load_run
     from training.scenes.scene_options import parse_box
 

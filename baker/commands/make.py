@@ -95,8 +95,7 @@ def snerg_make(
         _check(scene, out, frames, json)
         return
     begin_libraries()
-    from baker.baking.preview import NAME, Previews
-    from baker.baking.to_pack import bake_to
+    from baker.baking.to_pack import PREVIEW_FILE, Previews, bake_to
     from scenepack import check_target
     from training.config import PRESETS as CONFIGS
     from training.config import require_valid
@@ -139,7 +138,7 @@ def snerg_make(
     else:
         downscale = downscale or suggested_downscale(scene, PRESETS[preset].longest_side)
     options = SceneOptions(downscale or 1, spherify or None, masks, box, upwards)
-    shown = Previews(out / NAME, previews)
+    shown = Previews(out / PREVIEW_FILE, previews)
     run = train(scene, run_path, config, options, resume=stored, after_step=shown.update if previews > 0 else None)
     trained = time.monotonic()
     bake_to(run, baking, pack_path, codec, last=True)

@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 
 from console import UserError, check_results, progress, run_command, write_json, write_result
-from console.arguments import parse_corners, parse_numbers, parse_point, parse_size, require_in_range
+from console.command_line import parse_corners, parse_numbers, parse_point, parse_size, require_in_range
 from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
@@ -17,10 +17,18 @@ from scenepack.editing import NOTHING, EditPreview, Selection, Voxels, without
 from scenepack.exports.field import Frame
 from scenepack.exports.scene import Export, Kind, check_export, export_scene, kind_for
 from scenepack.files import stored_bytes
-from scenepack.ground import ground_plane
 from scenepack.pack import MOST_LENGTH
 from scenepack.piece_files import SETTINGS
-from scenepack.placement import MARKS, SCALES, UNITS, Placement, placed_T_grid, placement_of, placement_to_json
+from scenepack.placement import (
+    MARKS,
+    SCALES,
+    UNITS,
+    Placement,
+    ground_plane,
+    placed_T_grid,
+    placement_of,
+    placement_to_json,
+)
 from scenepack.report import pack_facts, print_facts, print_findings
 from scenepack.writer import copy_pack
 from viewer.web.description import PageContent, with_annotations

@@ -46,8 +46,7 @@ def snerg_report(
 
 
 def _side_by_side(folders: Sequence[Path], out: Path) -> None:
-    from baker.reports.pages import scenes_text
-    from baker.reports.scenes import read_report, scenes_document
+    from baker.reports.pages import read_report, scenes_document, scenes_text
 
     if any(folder.resolve() == out.resolve() for folder in folders):
         raise UserError("is one of the reports", where=f"--out {out}", expected="a folder of its own")

@@ -19,7 +19,6 @@ from PIL import Image
 
 from baker import metrics
 from baker.lpips import lpips
-from baker.reports.scenes import mean
 from console import UserError, progress
 from console.atomic import replacing
 from scenepack import load_pack
@@ -84,7 +83,7 @@ def evaluate(
                 save_comparison(images / f"{name}.png", picture, truth)
             bar.advance(metrics={"psnr": float(np.mean([each["psnr"] for each in scores]))})
     return {
-        **{key: mean([each[key] for each in scores]) for key in ("psnr", "psnr_matched", "ssim", "lpips")},
+        **{key: metrics.mean([each[key] for each in scores]) for key in ("psnr", "psnr_matched", "ssim", "lpips")},
         "views": scores,
         "width": photographs[0].camera.width,
         "height": photographs[0].camera.height,

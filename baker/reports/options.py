@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 
 from baker.baking.config import Quality
 from console import UserError
-from console.arguments import parse_size
+from console.command_line import parse_size
 from training.scenes.scene_options import parse_box
 from viewer.benchmark.protocols import given_distance
 

@@ -1,7 +1,7 @@
 """What improves a pack after it is baked: pruning, and fine-tuning of the view MLP and the voxels. Compiled by Numba.
 
-marcher      rays through a pack             cells, tuner, joint_loop   voxels and view MLP tuned together
-shading      accumulated rays as pictures    fine_tune                  the view MLP alone
+marcher      rays through a pack             cells, joint_tuning   voxels and view MLP tuned together
+shading      accumulated rays as pictures    fine_tune             the view MLP alone
 pruning      voxels that no photograph shows
 """
 

@@ -1,4 +1,4 @@
-"""The compiled loops of a step of baker.tuning.tuner: from rays to the cells of a pack's voxels, and from cells to the atlas.
+"""Compiled loops of a step of joint tuning (joint_tuning): from rays to cells of a pack's voxels, and from cells to the atlas.
 
 Notation: K cells of `side` voxels a side that hold any voxel with alpha, numbered from 1 in the grid's order; every copy in the
 atlas of such a voxel is a place, and belongs to the voxel's cell. R rays of a step, in chunks of CHUNK; C samples of a chunk

@@ -21,7 +21,7 @@ from scenepack.constants import TRANSMITTANCE_SHADED
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.method import ViewMlpParams
-from training.view_mlp import apply_view_mlp
+from training.rendering import apply_view_mlp
 
 LEARNING_RATE = 3e-4
 EPOCHS = 100

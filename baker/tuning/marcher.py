@@ -21,7 +21,7 @@ from baker.tuning.shading import Accumulated
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from scenepack.pack import Pack
 from training.dataset import RayDataset
-from training.marching.rays import GridBox, GridFrameRays, GridRays, to_grid
+from training.marching import GridBox, GridFrameRays, GridRays, to_grid
 from training.multires.fused.compiled import Workers, kernel
 from training.multires.fused.march import piece_from
 

@@ -37,7 +37,7 @@ from scenepack.blocks import block_data, fill_atlas, restore_pack_padding
 from scenepack.codecs.quantisation import Steps, in_steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
-from training.marching.rays import GridBox, GridFrameRays, grid_points, to_grid
+from training.marching import GridBox, GridFrameRays, grid_points, to_grid
 
 SPACING = 3.0  # voxels between neighbouring rays
 MOST_RAYS = 12_000_000  # that meet content

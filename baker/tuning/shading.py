@@ -10,7 +10,7 @@ import numpy as np
 from scenepack.constants import TRANSMITTANCE_SHADED, UNPREMULTIPLY_GAIN
 from scenepack.pack import ViewMlp
 from training.method import ViewMlpParams
-from training.view_mlp import apply_view_mlp
+from training.rendering import apply_view_mlp
 
 
 class Accumulated(NamedTuple):

@@ -1,22 +1,19 @@
 """How the atlas becomes files and back; the one folder that knows image and video formats.
 
-png: the published layout, image by image (`png`). The others are read by this program alone, so they cut the
-atlas as compresses best (scenepack.piece_files), and keep what they need to know under "snerg" in the JSON:
-- jpeg: colours and features as JPEG, alpha as PNG, images as in the published layout (`jpeg`).
-- h264: the paper's video: the atlas's planes as frames (`h264`; needs PyAV).
-- webp: lossless, planes of the grid (`webp`).
-- avif: planes of the grid as frames of AV1, alpha and straight colours apart (`avif`).
+png: the published layout, image by image. The others are read by this program alone, so they cut the atlas as
+compresses best (scenepack.piece_files), and keep what they need to know under "snerg" in the JSON:
+- jpeg: colours and features as JPEG, alpha as PNG, images as in the published layout.
+- h264: the paper's video: the atlas's planes as frames (needs PyAV).
+- webp: lossless, planes of the grid.
+- avif: planes of the grid as frames of AV1, alpha and straight colours apart.
 To add one, implement Codec and list it in CODECS; docs/results.md has the figures.
 """
 
 from console import UserError
-from console.arguments import require_in_range
-from scenepack.codecs.avif import AvifCodec
+from console.command_line import require_in_range
 from scenepack.codecs.base import Codec, CodecError
-from scenepack.codecs.h264 import H264Codec
-from scenepack.codecs.jpeg import JpegCodec
-from scenepack.codecs.png import PngCodec
-from scenepack.codecs.webp import WebpCodec
+from scenepack.codecs.films import AvifCodec, H264Codec
+from scenepack.codecs.images import JpegCodec, PngCodec, WebpCodec
 
 __all__ = ["CODECS", "Codec", "CodecError", "PngCodec", "chosen_quality", "codec_named"]
 

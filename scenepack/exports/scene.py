@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from console import UserError, write_result
-from console.arguments import require_in_range
+from console.command_line import require_in_range
 from scenepack.exports import file_formats
 from scenepack.exports.field import Corners, ExportFrame, Field, Frame
 from scenepack.exports.surface import (

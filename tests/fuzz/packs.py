@@ -8,8 +8,8 @@ from PIL import Image
 from rich.console import Console
 
 from scenepack import save_pack
+from scenepack.cameras import picture_uri
 from scenepack.check import check_pack
-from scenepack.pictures import picture_uri
 from scenepack.reader import open_pack
 from scenepack.report import pack_facts, print_facts, print_findings
 from tests.fuzz.words import require_words

@@ -16,7 +16,7 @@ import pytest
 
 from console import UserError
 from scenepack import check_target, load_pack, save_pack
-from scenepack.codecs import png
+from scenepack.codecs import images
 from tests.scenepack.helpers import same_pack, small_pack, written
 
 ROOT = Path(__file__).parents[2]
@@ -92,7 +92,7 @@ def test_a_pack_set_aside_by_a_killed_writer_is_put_back_by_the_next_reader(tmp_
 @pytest.mark.parametrize("kind", [OSError(28, "No space left on device"), KeyboardInterrupt()])
 def test_a_writer_that_fails_half_way_leaves_the_old_pack_and_nothing_else(tmp_path, name, kind, monkeypatch):
     target = written(tmp_path / name, OLD)
-    real, written_files = png.encode_png, []
+    real, written_files = images.encode_png, []
 
     def failing(pixels: np.ndarray, level: int) -> bytes:
         written_files.append(1)
@@ -100,7 +100,7 @@ def test_a_writer_that_fails_half_way_leaves_the_old_pack_and_nothing_else(tmp_p
             raise kind
         return real(pixels, level)
 
-    monkeypatch.setattr(png, "encode_png", failing)
+    monkeypatch.setattr(images, "encode_png", failing)
     with pytest.raises(UserError if isinstance(kind, OSError) else KeyboardInterrupt) as caught:
         save_pack(NEW, target)
     if isinstance(kind, OSError):

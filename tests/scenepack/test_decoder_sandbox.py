@@ -21,7 +21,7 @@ EATS = "held = [bytes([1]) * (1 << 28) for _ in range(40)]"
 SPOILT = """
 import os, signal
 from scenepack.decoding_process import serve
-from scenepack.codecs.webp import WebpCodec
+from scenepack.codecs.images import WebpCodec
 def decode(*_):
     open({began!r}, "w").write(str(os.getpid()))
     {lines}

@@ -11,7 +11,7 @@ from baker.commands.pack import main
 from console import UserError
 from scenepack import load_pack, save_pack
 from scenepack.codecs.base import CodecError
-from scenepack.codecs.h264 import H264Codec
+from scenepack.codecs.films import H264Codec
 from tests.scenepack.helpers import small_pack
 
 av = pytest.importorskip("av", reason="PyAV is not installed: pip install 'snerg[video]'")

@@ -15,9 +15,9 @@ from scenepack import Pack
 from scenepack.exports.field import ExportFrame, Field
 from scenepack.exports.file_formats import gaussian_values, voxels_of
 from scenepack.exports.scene import Export, geometry_of
-from scenepack.ground import ground_plane
 from scenepack.placement import (
     NOT_MOVED,
+    ground_plane,
     moved_pose,
     placed_T_grid,
     placement_from_json,

@@ -13,7 +13,7 @@ from PIL import Image
 from console import Notice
 from training import dataset as datasets
 from training.dataset import MOST_RAYS, make_dataset, row_step_for
-from training.marching.rays import GridBox, to_grid
+from training.marching import GridBox, to_grid
 from training.scenes import Photograph, Scene, load_pixels, pixels
 from training.scenes.pictures import PictureLoader, as_floats, decoded, shrink
 

@@ -156,8 +156,8 @@ def test_a_run_that_time_ends_ends_with_the_last_learning_rate(procedural_path, 
 
 ROOT = Path(__file__).parents[2]
 HOLDING = (
-    "import sys; from pathlib import Path; from training.lock import only_one_trains\n"
-    "with only_one_trains(Path(sys.argv[1])):\n    print('held', flush=True); sys.stdin.read()"
+    "import sys; from pathlib import Path; from console.atomic import locked_folder\n"
+    "with locked_folder(Path(sys.argv[1]), 'training'):\n    print('held', flush=True); sys.stdin.read()"
 )
 
 

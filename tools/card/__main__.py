@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from console import UserError, check_results, run_command, write_result
-from console.arguments import parse_size
+from console.command_line import parse_size
 from tools.card.opengl import Sizes, device, pack_figures
 from tools.card.page import page
 from tools.card.parts import Part, run_parts

@@ -5,7 +5,7 @@ raw = relu(x w0 + b0) w1 + b1. Density is e^min(raw_0, LARGEST_RAW) per side of 
 sigmoid(raw_1..7). Levels as in instant-ngp (Müller et al. 2022); the head and the background rule are SNeRG's (section 4.2).
 
 Parameters are one flat array: w0 [I, 64], b0, w1 [64, 8], b1, then weights and biases of the view MLP layer by layer.
-Notation: N rays, S samples in ray order (training.marching.march).
+Notation: N rays, S samples in ray order (training.marching).
 """
 
 from itertools import pairwise
@@ -15,14 +15,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from scenepack.constants import TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP, VIEW_MLP_WIDTHS
-from training.marching.march import MarchSizes, Samples, sums_along_rays, transmittance
-from training.marching.rays import GridRays
+from scenepack.constants import TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP, VIEW_FREQUENCIES, VIEW_MLP_WIDTHS
+from training.marching import GridRays, MarchSizes, Samples, sums_along_rays, transmittance
 from training.method import RenderOutput, ViewMlpParams
 from training.multires.levels import FEATURES, Level, rows_at
 from training.multires.settings import LARGEST_RAW, Settings
-from training.view_mlp import VIEW_FREQUENCIES, apply_view_mlp
-from training.volume import alpha_of
+from training.rendering import alpha_of, apply_view_mlp
 
 HIDDEN, OUTPUTS = 64, 8
 VIEW_PARAMETERS = sum(inputs * outputs + outputs for inputs, outputs in pairwise(VIEW_MLP_WIDTHS))

@@ -15,16 +15,27 @@ from jax.sharding import Mesh, NamedSharding
 
 from training.dataset import RayDataset, evenly_spread
 from training.devices import WHOLE, agree, here, put_whole, split
-from training.marching import march
-from training.marching.march import COARSE, Cells, MarchSizes, Samples
-from training.marching.rays import GridBox, to_grid
+from training.marching import (
+    COARSE,
+    Cells,
+    GridBox,
+    MarchSizes,
+    Samples,
+    coarse_occupancy,
+    dilate,
+    march,
+    occupied_segments,
+    segments_across,
+    to_grid,
+    until_complete,
+)
 from training.method import Rays, RenderOutput
 from training.multires import field
 from training.multires.levels import FEATURES, ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.occupancy import is_on, neighbouring_points
 from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, Settings
 from training.multires.state import PARTS, State, Trainable
-from training.volume import psnr_of
+from training.rendering import psnr_of
 
 LISTED = 2  # capacity of the lists, in samples of a step: what lies behind a surface is listed, too
 PROBE_RAYS = 4096  # whose sample counts set the sizes of lists
@@ -44,12 +55,12 @@ class Constants(NamedTuple):
 
 
 def cells_of(state: State, contraction: float | None = None) -> Cells:
-    """The occupancy grid of a state. contraction: see training.marching.rays.GridBox."""
+    """The occupancy grid of a state. contraction: see training.marching.GridBox."""
     occupied = is_on(state.codes).astype(np.uint8)
     side = occupied.shape[0]
     # a run of COARSE steps is tested at its middle: steps of up to two cells reach two cells further
-    near = march.dilate(march.dilate(occupied)) if state.step_cells > 1 else occupied
-    coarse = march.coarse_occupancy(np.pad(near, (0, 2)), occupied.shape)
+    near = dilate(dilate(occupied)) if state.step_cells > 1 else occupied
+    coarse = coarse_occupancy(np.pad(near, (0, 2)), occupied.shape)
     origin, cell = (jnp.asarray(lengths, jnp.float32) for lengths in (state.box.origin, state.box.cell))
     inner = None if contraction is None else jnp.float32(contraction)
     return Cells(
@@ -91,7 +102,7 @@ def sampled(
 ) -> tuple[Samples, field.Target]:  # fmt: skip
     """Samples of rays [N], with a phase [N] in steps, and their target."""
     in_grid = to_grid(cells.box, rays)
-    samples = march.march(cells, in_grid, phase, constants.sizes, constants.step_cells)
+    samples = march(cells, in_grid, phase, constants.sizes, constants.step_cells)
     side = cells.box.voxel[0] * constants.settings.resolution
     step_lengths = constants.step_cells * in_grid.length / side
     shares = gradient_shares(samples, in_grid.length, constants.settings)
@@ -201,7 +212,7 @@ class JaxEngine:
 
     def render(self, state: State, rays: Rays) -> RenderOutput:
         cells, maps, _, levels, _ = self._derived(state)
-        segments = march.segments_across(np.asarray(state.box.dims), state.step_cells)
+        segments = segments_across(np.asarray(state.box.dims), state.step_cells)
         sizes = MarchSizes(segments, RENDER_SAMPLES, RENDER_SAMPLES, segments * COARSE)
         constants = Constants(levels, sizes, RENDER_RAYS, state.step_cells, self.settings)
         trained, host = here(state.values), [np.asarray(array) for array in rays]
@@ -212,7 +223,7 @@ class JaxEngine:
 
         parts = [
             [array[: end - start] for array in output]
-            for start, end, output in march.until_complete(len(host[0]), RENDER_RAYS, render_some)
+            for start, end, output in until_complete(len(host[0]), RENDER_RAYS, render_some)
         ]
         return RenderOutput(*(jnp.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
@@ -232,7 +243,7 @@ class JaxEngine:
         """What a step is compiled for. Sizes of lists are rounded up to powers of √2, so that programs are compiled seldom."""
         cells, _, _, levels, _ = self._derived(state)
         if (step := state.step_cells) not in state.kept:
-            segments = march.segments_across(np.asarray(state.box.dims), step)
+            segments = segments_across(np.asarray(state.box.dims), step)
             ids = jnp.asarray(np.random.default_rng(0).integers(0, self.dataset.count, PROBE_RAYS).astype(np.int32))
             coarse, fine = (agree(np.asarray(a)) for a in _count(cells, self.geometry, ids, segments, step))
             capacity = LISTED * self.settings.samples
@@ -277,7 +288,7 @@ def _count(
 ) -> tuple[jax.Array, jax.Array]:  # fmt: skip
     """Coarse segments and samples, both [N], of training rays int32 [N]."""
     rays = to_grid(cells.box, geometry.geometry_at(ids))
-    coarse = march.occupied_segments(cells, rays, jnp.zeros_like(rays.start), segments, step).sum(-1)
+    coarse = occupied_segments(cells, rays, jnp.zeros_like(rays.start), segments, step).sum(-1)
 
     def add(k: jax.Array, total: jax.Array) -> jax.Array:
         t = rays.start + k * step

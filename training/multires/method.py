@@ -22,12 +22,11 @@ from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.multires import levels
 from training.multires.field import initial_parameters, inputs_of, split_parameters
 from training.multires.fused.compiled import Workers
-from training.multires.hull import box_around, hull_codes
 from training.multires.jax_engine import JaxEngine
-from training.multires.occupancy import boxes_meeting, is_on, visited
+from training.multires.occupancy import box_around, boxes_meeting, hull_codes, is_on, visited
 from training.multires.settings import settings_of
 from training.multires.state import PARTS, State, Trainable, restored, saved
-from training.view_mlp import init_view_mlp
+from training.rendering import init_view_mlp
 
 VISITS_FROM, VISIT_EVERY, SETTLED = 200, (50, 100), 1000  # steps: the second interval once settled
 WHOLE_EVERY = 100  # steps, before it settles, between visits to every cell

@@ -8,13 +8,25 @@ cell and sets
 
 where the code of a density is how many visits its optical depth over STEP of the cube's side takes to fall below a threshold at a
 rate of DECAY a visit (instant-ngp, Müller et al. 2022, appendix E, in logarithms).
+
+Before the first step, a cell is on where anything can be by the training photographs: what the alpha of most leaves over, and
+what enough of them see. V views; a cell is taken for the ball around it, of which a view's picture shows at most a square.
 """
+
+# pyright: reportCallIssue=false
 
 from collections.abc import Callable
 
 import numpy as np
+from numba import njit
 
+from scenepack.constants import NDC_NEAR
+from training.dataset import RayDataset
+from training.multires.fused.compiled import Workers
+from training.multires.fused.rays import LENS, Photographs, photographs_of
 from training.multires.settings import Settings
+from training.multires.state import Box
+from training.scenes.lens import EQUIRECTANGULAR, PERSPECTIVE, PROJECTION, REACH
 
 NEVER = 255
 DECAY, LONGEST = 0.8, 40  # LONGEST: visits that the densest cell stays on
@@ -90,3 +102,190 @@ def boxes_meeting(occupied: np.ndarray, low: np.ndarray, high: np.ndarray) -> np
         x, y, z = ((a if corner >> axis & 1 else b)[:, axis] for axis in range(3))
         count += (-1) ** bin(corner).count("1") * table[z, y, x]
     return count > 0
+
+
+# --- Before the first step: the hull of what the photographs show ---
+
+COARSE = 4  # cells of the occupancy grid to a cell that is looked at first, along each axis
+FINE = 128  # cells that are looked at along an axis of contracted space, where some lie close before cameras
+TIGHT = 64  # cells along the box, of which those that hold something decide where the cube is
+BEHIND = 1e-3  # depth below which a cell may reach behind the camera
+DISAGREE = 0.2  # of the photographs that see a cell, the share whose masks may be wrong there; rendered alpha never is
+AROUND = 0.5 * np.pi  # how much wider than it is a fisheye shows what lies before the camera, at most
+_distort, _ideal = LENS.distort, LENS.ideal
+
+
+def hull_codes(dataset: RayDataset, box: Box, side: int, least_views: int, workers: Workers) -> np.ndarray:
+    """Codes uint8 [side, side, side] of an occupancy grid before step 0."""
+    coarse = COARSE if dataset.facts.contraction is None else max(side // FINE, 1)
+    possible = np.ones((side // coarse,) * 3, np.uint8)
+    _look(dataset, box, possible, coarse, least_views, workers)
+    for axis in range(3):
+        possible = np.repeat(possible, coarse, axis)
+    if dataset.kind == "object":
+        _look(dataset, box, possible, 1, 0, workers)
+    z, y, x = (np.arange(side) for _ in range(3))
+    inside = (z < box.dims[2])[:, None, None] & (y < box.dims[1])[:, None] & (x < box.dims[0])
+    return np.where((possible > 0) & inside, INITIAL, NEVER).astype(np.uint8)
+
+
+def box_around(dataset: RayDataset, side: int, depth: float, workers: Workers) -> Box:
+    """The cube around the scene's box, or around what alpha leaves over of it. depth: of a cell along z, by its width."""
+    low, high = dataset.aabb.astype(np.float64)
+    if dataset.kind == "object":
+        rough = _cube(low, high, TIGHT, 1.0)
+        possible = np.ones((TIGHT,) * 3, np.uint8)
+        _look(dataset, rough, possible, 1, 0, workers)
+        places = np.argwhere(possible)[:, ::-1]
+        if len(places):
+            within = rough.origin + (places.min(0) - 1) * rough.cell, rough.origin + (places.max(0) + 2) * rough.cell
+            low, high = np.maximum(low, within[0]), np.minimum(high, within[1])
+    return _cube(low, high, side, depth)
+
+
+def _cube(low: np.ndarray, high: np.ndarray, side: int, depth: float) -> Box:
+    """Cells for a box, as wide as deep, but for z, where a cell is `depth` times as deep."""
+    shape = np.array([1.0, 1.0, depth])
+    cell = ((high - low) / shape).max() / side * shape
+    dims = np.clip(np.ceil((high - low) / cell - 1e-6), 1, side)
+    return Box(np.asarray(low, np.float64), cell, dims.astype(np.int32))
+
+
+def _look(
+    dataset: RayDataset, box: Box, possible: np.ndarray, coarse: int, least_views: int, workers: Workers
+) -> None:  # fmt: skip
+    """Clears the cells of `possible`, `coarse` times as large as the box's, where more than DISAGREE of the photographs that
+    look there show nothing, or that fewer than least_views look at; in contracted space those, too, that are nearer to a
+    camera than its rays begin."""
+    photographs, cut_out = photographs_of(dataset.local()), dataset.kind == "object"
+    ends = np.append(photographs.first[1:], dataset.count)
+    counts = np.zeros((2, *possible.shape), np.int32)  # views that see a cell; of these, those that show nothing there
+    disagree = 0.0 if dataset.facts.rendered else DISAGREE
+    most = int(disagree * len(ends))
+    side = possible.shape[0]
+    for view, (first, last) in enumerate(zip(photographs.first, ends, strict=True)):
+        width = int(photographs.width[view])
+        rows = int(last - first) // width
+        table = np.zeros((rows + 1, width + 1), np.int32)
+        if cut_out:
+            ids = np.arange(first, last, dtype=np.int32)
+            pixels = photographs.pixels[first:last] if dataset.mesh.size == 1 else dataset.pixels_here(ids)
+            shows = pixels[:, -1].reshape(rows, width) > 0
+            np.cumsum(np.cumsum(shows, 0, dtype=np.int32), 1, out=table[1:, 1:])
+
+        def look(_: int, z: int, view: int = view, table: np.ndarray = table) -> None:
+            _look_at_layer(photographs, view, table, cut_out, box.origin, box.cell * coarse, possible, counts, most, z)
+
+        workers.share(side, look)
+    possible[(counts[0] < least_views) | (counts[1] > disagree * counts[0])] = 0
+
+
+@njit(nogil=True, cache=True)
+def _look_at_layer(photographs: Photographs, view, table, cut_out, origin, cell, possible, counts, most, z):
+    """One layer of cells, as one view sees them. table int32 [rows + 1, width + 1]: pixels that show something, summed; counts:
+    see _look. most: a cell that more views than this show nothing of is empty, and not counted further."""
+    pose, lens = photographs.world_T_camera[view], photographs.intrinsics[view]
+    distortion, projection = photographs.distortion[view], photographs.distortion[view, PROJECTION]
+    rows, width = table.shape[0] - 1, table.shape[1] - 1
+    radius = 0.5 * np.sqrt(cell[0] ** 2 + cell[1] ** 2 + cell[2] ** 2)
+    place, relative = np.empty(3), np.empty(3)
+    for y in range(possible.shape[1]):
+        for x in range(possible.shape[2]):
+            if possible[z, y, x] == 0 or counts[1, z, y, x] > most:
+                continue
+            place[0], place[1], place[2] = x, y, z
+            for axis in range(3):
+                place[axis] = origin[axis] + (place[axis] + 0.5) * cell[axis]
+            if photographs.ndc[2] > 0:
+                _from_ndc(place, photographs.ndc)
+            if photographs.contraction > 0 and not _uncontract(place, photographs.contraction):
+                possible[z, y, x] = 0
+                continue
+            for axis in range(3):
+                relative[axis] = place[axis] - pose[axis, 3]
+            distance2 = relative[0] ** 2 + relative[1] ** 2 + relative[2] ** 2
+            if photographs.contraction > 0 and distance2 < photographs.near**2:
+                possible[z, y, x] = 0
+            right = pose[0, 0] * relative[0] + pose[1, 0] * relative[1] + pose[2, 0] * relative[2]
+            up = pose[0, 1] * relative[0] + pose[1, 1] * relative[1] + pose[2, 1] * relative[2]
+            depth = -(pose[0, 2] * relative[0] + pose[1, 2] * relative[1] + pose[2, 2] * relative[2])
+            flat = projection == PERSPECTIVE
+            if flat and depth < BEHIND:
+                continue
+            a, b = _ideal(right, up, -depth, projection)
+            r2 = a * a + b * b
+            if r2 > distortion[REACH] ** 2:
+                continue
+            u, v = _distort(a, b, distortion)
+            px, py = lens[0] * u + lens[2], (lens[1] * v + lens[3]) / photographs.row_step
+            if px >= 0 and py >= 0 and px < width and py < rows:
+                counts[0, z, y, x] += 1
+            if not cut_out:
+                continue
+            if projection == EQUIRECTANGULAR:
+                distance, down = np.sqrt(distance2), lens[1] / photographs.row_step
+                if distance >= 2.0 * radius:
+                    angle = np.arcsin(radius / distance)
+                    counts[1, z, y, x] += not _in_panorama(table, px, py, b, angle, lens[0], down)
+                continue
+            if depth < 2.0 * radius:
+                continue
+            stretch = max(np.sqrt((u * u + v * v) / max(r2, 1e-12)), 1.0)  # by the lens
+            # what is nearer than `depth` is larger
+            reach = ((1.0 + r2) if flat else AROUND) * radius / (depth - radius) * stretch
+            left, top = np.int64(np.floor(px - lens[0] * reach)), np.int64(np.floor(py - lens[1] * reach))
+            past, below = np.int64(px + lens[0] * reach) + 1, np.int64(py + lens[1] * reach) + 1
+            if left < 0 or top < 0 or past > width or below > rows:
+                continue  # partly out of sight
+            if _shown(table, left, top, past, below) == 0:
+                counts[1, z, y, x] += 1
+
+
+@njit(nogil=True, cache=True)
+def _in_panorama(table, px, py, elevation, angle, across, down):
+    """Whether a panorama shows something within `angle` of the direction at (px, py). across, down: pixels to a radian."""
+    rows, width = table.shape[0] - 1, table.shape[1] - 1
+    top, below = max(np.int64(np.floor(py - down * angle)), 0), min(np.int64(py + down * angle) + 1, rows)
+    if abs(elevation) + angle >= 0.5 * np.pi:  # around a pole
+        return _shown(table, 0, top, width, below) > 0
+    reach = across * np.arcsin(np.sin(angle) / np.cos(elevation))
+    left, past = np.int64(np.floor(px - reach)), np.int64(px + reach) + 1
+    shown = _shown(table, max(left, 0), top, min(past, width), below)
+    if left < 0:
+        shown += _shown(table, max(left + width, 0), top, width, below)
+    if past > width:
+        shown += _shown(table, 0, top, min(past - width, width), below)
+    return shown > 0
+
+
+@njit(nogil=True, cache=True)
+def _shown(table, left, top, past, below):
+    """Pixels that show something, in columns left … past - 1 of rows top … below - 1."""
+    return table[below, past] - table[top, past] - table[below, left] + table[top, left]
+
+
+@njit(nogil=True, cache=True)
+def _uncontract(place, inner):
+    """A point of contracted space becomes one of the world: scenepack.contraction.uncontract. False where no point of the world
+    is contracted to: beyond the sides of the inner cube along two axes or three."""
+    largest = max(abs(place[0]), abs(place[1]), abs(place[2])) / inner
+    outer = 0
+    for axis in range(3):
+        outer += abs(place[axis]) > inner
+    if outer > 1:
+        return False
+    if largest > 1.0:
+        w = 1.0 / (2.0 - min(largest, 2.0 - 1e-6))
+        for axis in range(3):
+            at = place[axis] / inner
+            place[axis] = inner * (np.sign(at) * w if abs(at) == largest else at * w)
+    return True
+
+
+@njit(nogil=True, cache=True)
+def _from_ndc(place, ndc):
+    """A point of NDC space becomes one of the world: the inverse of training.scenes.scene.ndc_rays."""
+    z = 2.0 * NDC_NEAR / min(place[2] - 1.0, -1e-6)
+    place[0] *= -z * ndc[0] / (2.0 * ndc[2])
+    place[1] *= -z * ndc[1] / (2.0 * ndc[2])
+    place[2] = z

@@ -22,7 +22,7 @@ from training.dataset import RayDataset
 from training.devices import SPLIT, WHOLE, here, put_whole, split
 from training.method import FieldOutput, Method, Rays, RenderOutput, ViewMlpParams
 from training.nerf import model
-from training.volume import CHANNELS, cauchy_sparsity, mean_squared_error, psnr_of, squared_error
+from training.rendering import CHANNELS, cauchy_sparsity, mean_squared_error, psnr_of, squared_error
 
 
 class NerfState(NamedTuple):

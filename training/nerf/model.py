@@ -22,8 +22,17 @@ from scenepack.constants import FEATURES, VIEW_FREQUENCIES
 from training.config import NerfConfig
 from training.dataset import SceneFacts
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
-from training.view_mlp import apply_view_mlp, encode, init_view_mlp
-from training.volume import LAST_INTERVAL, composite, intervals, over_background, shade, weights_of
+from training.rendering import (
+    LAST_INTERVAL,
+    apply_view_mlp,
+    composite,
+    encode,
+    init_view_mlp,
+    intervals,
+    over_background,
+    shade,
+    weights_of,
+)
 
 POINT_DEGREES = 10  # of gamma: sin(2^0 p) ... sin(2^9 p)
 CONDITION_WIDTH = 128  # channels of JAXNeRF's layer behind the viewing direction

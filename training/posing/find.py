@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from console import Progress, UserError, progress
-from console.atomic import is_leftover, replacing, write_file
+from console.atomic import is_leftover, locked_folder, replacing, write_file
 from console.json_text import read_json_file
-from training.lock import only_one_trains
 from training.posing import prepare
 from training.posing.child_process import ask
 from training.posing.prepare import IMAGES, LOG, Prepared, masked_names
@@ -59,7 +58,7 @@ def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = F
     _require_ours(out)
     if source.kind == "photographs":
         _require_enough(source, len(source.files))  # before anything is written
-    with only_one_trains(out / WORK, "finding camera poses"):
+    with locked_folder(out / WORK, "finding camera poses"):
         try:
             return _find(source, out, {**key, "seed": seed})
         except KeyboardInterrupt as interrupt:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from console import UserError
-from console.arguments import parse_numbers
+from console.command_line import parse_numbers
 from training.scenes.files import notice
 from training.scenes.poses import finite_numbers, normalised
 from training.scenes.scene import Box, Camera, Direction, Scene, camera_rays, pixel_grid

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from console import UserError, check_results, run_command, write_json, write_result
-from console.arguments import parse_size
+from console.command_line import parse_size
 from console.desktop import tell_if_unseen
 from console.plots import Line, Plot, draw_plots, require_plots
 from scenepack import Pack, load_pack

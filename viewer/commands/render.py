@@ -12,8 +12,8 @@ import numpy as np
 from PIL import Image
 
 from console import UserError, check_results, not_written, progress, run_command
-from console.arguments import parse_corners, parse_point, parse_size, require_in_range
 from console.atomic import replacing, writing_alone
+from console.command_line import parse_corners, parse_point, parse_size, require_in_range
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from scenepack.placement import placed_T_grid

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from console import UserError, run_command
-from console.arguments import parse_corners, parse_size
+from console.command_line import parse_corners, parse_size
 from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
 from viewer.app.application import App

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from console import UserError, not_written
-from console.results import try_folder
+from console.atomic import try_folder
 from scenepack.files import PARAMS_NAME, ZIP_ERRORS
 from training.scenes.files import PICTURE_SUFFIXES
 from training.scenes.sources import find_source, is_film

@@ -20,9 +20,8 @@ import numpy as np
 
 from scenepack.blocks import block_copy
 from scenepack.codecs import CodecError
-from scenepack.codecs.avif import AvifCodec, numbers_in
+from scenepack.codecs.films import AvifCodec, cubes_in, numbers_in
 from scenepack.codecs.quantisation import EXACT
-from scenepack.codecs.streams import cubes_in
 from scenepack.pack import Pack
 from scenepack.piece_files import GridPiece, follows_grid
 from scenepack.reader import open_pack
@@ -70,7 +69,7 @@ def differences_from_prediction(blocks: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 # --- The films of an AVIF pack, which a page holds instead ---
 #
-# A film is the AV1 of one image sequence (scenepack.codecs.avif): samples, one for each plane of a piece. Browsers decode
+# A film is the AV1 of one image sequence (scenepack.codecs.films): samples, one for each plane of a piece. Browsers decode
 # them to the same bytes as the desktop does. The rest of the file is left out.
 
 DEPTH = "08"  # bits of a channel, in the name of a codec
@@ -85,7 +84,7 @@ class Film:
     data: bytes  # all samples
 
 
-# A piece of the grid; which of its voxels have any alpha, as scenepack.codecs.streams packs it, but as zlib; and its films:
+# A piece of the grid; which of its voxels have any alpha, as scenepack.codecs.films packs it, but as zlib; and its films:
 # alpha, rgb; in packs with features also their first three channels, and the fourth.
 FilmedPiece = tuple[GridPiece, bytes, list[Film]]
 

@@ -13,7 +13,7 @@ from PIL import Image
 
 from baker.baking.bake import bake
 from baker.baking.config import BakeConfig
-from baker.tuning.joint_loop import shown_psnr
+from baker.tuning.joint_tuning import shown_psnr
 from console import UserError
 from tests.training.test_captures import circle, forward, write_llff, write_transforms
 from training.config import QUICK, TINY, TrainConfig

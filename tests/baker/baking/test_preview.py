@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from baker.baking import preview
-from baker.baking.preview import FIRST_STEP, Previews, preview_pack
-from baker.tuning.joint_loop import shown_psnr
+from baker.baking import to_pack
+from baker.baking.to_pack import FIRST_STEP, Previews, preview_pack
+from baker.tuning.joint_tuning import shown_psnr
 from console import UserError
 from scenepack import load_pack
 from training.config import QUICK
@@ -71,6 +71,6 @@ def test_a_preview_that_fails_does_not_stop_the_training(trained, tmp_path, monk
     def fail(run: Run) -> None:
         raise failure
 
-    monkeypatch.setattr(preview, "preview_pack", fail)
+    monkeypatch.setattr(to_pack, "preview_pack", fail)
     Previews(tmp_path / "preview.zip", 0.0).write(trained[0])
     assert not (tmp_path / "preview.zip").exists()

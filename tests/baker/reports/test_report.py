@@ -27,7 +27,7 @@ from baker.reports.options import TABLES, ReportOptions
 from baker.reports.paper_figures import GPU_GB, MILLISECONDS, QUALITY, RELEASE, SCENES, SPEED, Kind
 from baker.reports.report import open_study, write_tables
 from baker.tuning.fine_tune import fine_tune
-from baker.tuning.joint_loop import JointConfig
+from baker.tuning.joint_tuning import JointConfig
 from scenepack import load_pack, save_pack
 from scenepack.files import stored_bytes
 from tests.scenepack.random_packs import random_pack

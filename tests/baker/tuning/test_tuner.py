@@ -8,10 +8,9 @@ import jax
 import numpy as np
 import pytest
 
-from baker.tuning import joint_loop
-from baker.tuning import tuner as tuner_module
+from baker.tuning import joint_tuning
 from baker.tuning.cells import BETAS, CHUNK, work_for
-from baker.tuning.tuner import Tuner
+from baker.tuning.joint_tuning import Tuner
 from scenepack import Pack, check_pack
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import ViewMlp
@@ -142,12 +141,12 @@ def test_a_run_of_steps_shows_the_photographs_better(dataset: RayDataset, by_opa
 
 
 def test_what_is_shown_scores_as_the_tuner_scores_it(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tuner_module, "SPARE", 8.0)
+    monkeypatch.setattr(joint_tuning, "SPARE", 8.0)
     pack = pack_of()
     every = np.arange(dataset.count, dtype=np.int32)
     tuner = Tuner(copied(pack), dataset, 4)
     tuner.fill(every, SAMPLES, 0)
-    assert dataset.count <= joint_loop.SCORED_RAYS, "so that all rays are looked at"
+    assert dataset.count <= joint_tuning.SCORED_RAYS, "so that all rays are looked at"
     known = tuner.score(every)[0]
     assert tuner.work.whole[: len(every)].all(), "no ray is left out for want of capacity"
-    assert joint_loop.shown_psnr(pack, dataset, 0) == pytest.approx(known, abs=0.005)
+    assert joint_tuning.shown_psnr(pack, dataset, 0) == pytest.approx(known, abs=0.005)

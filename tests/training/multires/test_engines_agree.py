@@ -13,8 +13,7 @@ import pytest
 from tests.training.test_captures import circle, forward, write_llff, write_transforms
 from training.config import TrainConfig
 from training.dataset import make_dataset
-from training.marching.march import MarchSizes, march
-from training.marching.rays import GridRays
+from training.marching import GridRays, MarchSizes, march
 from training.multires.config import MultiresConfig
 from training.multires.field import Target, decoder_size, inputs_of, seen_inputs
 from training.multires.jax_engine import Constants, JaxEngine, adam, cells_of, gradient_shares, loss_and_gradient

@@ -18,11 +18,10 @@ from training.dataset import RayDataset, make_dataset
 from training.exposure import FITTED_FROM
 from training.multires.config import MultiresConfig
 from training.multires.fused.compiled import Workers
-from training.multires.hull import _in_panorama, box_around, hull_codes
 from training.multires.levels import ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.occupancy import INITIAL as INITIAL_CODE
-from training.multires.occupancy import NEVER, is_on
+from training.multires.occupancy import NEVER, _in_panorama, box_around, hull_codes, is_on
 from training.multires.settings import DEEPEST, FEWEST_RAYS, PARALLAX, SHALLOWEST, ndc_depth
 from training.scenes import Scene, load_scene
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scenepack import load_pack, save_pack
-from scenepack.codecs.avif import AvifCodec
+from scenepack.codecs.films import AvifCodec
 from scenepack.pack import Pack
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.texture_limits import limit_textures

@@ -14,7 +14,7 @@ import numpy as np
 
 from scenepack.constants import TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP
 from training.dataset import RayDataset, evenly_spread
-from training.marching.rays import GridBox, to_grid
+from training.marching import GridBox, to_grid
 from training.method import Rays, RenderOutput
 from training.multires.field import HIDDEN, decoder_size, finished, inputs_of, shade, split_parameters
 from training.multires.fused import view_mlp as mlp

@@ -22,7 +22,7 @@ from viewer.features.making.survey import Survey, poser_missing, trainer_missing
 
 Subject = Literal["scene", "run"]
 RESOLUTIONS = (256, 512, 1000)  # voxels a side, of a bake; snerg-make has one for each preset
-PREVIEW_FILE = "preview.zip"  # in the folder for the results; equals baker.baking.preview.NAME
+PREVIEW_FILE = "preview.zip"  # in the folder for the results; equals baker.baking.to_pack.PREVIEW_FILE
 PREVIEWS = "--previews=30"  # seconds between them
 OURS = ("--no-view", "--poses-only", PREVIEWS)  # what a person who types the command leaves out
 

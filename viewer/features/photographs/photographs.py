@@ -2,7 +2,7 @@
 
 Poses come with the pack (metadata "cameras"); pictures are read from the scene folder that its provenance names, or
 from another that the user chooses. Where there is none on this computer, the small copies that a pack may bring along
-stand in for them (scenepack.pictures).
+stand in for them (scenepack.cameras).
 
 Notation: the sheet is cut into square cells of `cell` pixels, `columns` a row; shot i has cell i. The cell is as large as
 lets the whole sheet fit into LARGEST_SHEET pixels a side, so that memory is bounded whatever the number of photographs.
@@ -20,9 +20,8 @@ import numpy as np
 from PIL import Image
 
 from console import UserError
-from scenepack.cameras import PhotographCamera, label_of, photograph_cameras
+from scenepack.cameras import PhotographCamera, has_picture, label_of, photograph_cameras, picture_of
 from scenepack.pack import Pack
-from scenepack.pictures import has_picture, picture_of
 from training.scenes import load_scene
 from training.scenes.pictures import PictureLoader
 from training.scenes.scene import Photograph

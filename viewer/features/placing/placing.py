@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from console import UserError
-from scenepack.ground import ground_plane
-from scenepack.placement import NOT_MOVED, Placement
+from scenepack.placement import NOT_MOVED, Placement, ground_plane
 from viewer.core.annotations import Point
 
 if TYPE_CHECKING:

@@ -97,7 +97,7 @@ function decodeChunk(bits, differences, first, layout, atlas) {
   return blocks;
 }
 
-// Copies the neighbours' voxels around the macroblocks of a layer z of the grid: what scenepack.padding does.
+// Copies the neighbours' voxels around the macroblocks of a layer z of the grid: what scenepack.blocks.restore_padding does.
 function restorePadding(atlas, indirection, layout, [nx, ny], z) {
   const { width, block } = layout;
   const entry = (x, y, z) => 4 * (x + nx * (y + ny * z));
@@ -126,7 +126,7 @@ function restorePadding(atlas, indirection, layout, [nx, ny], z) {
     }
 }
 
-// Films: what scenepack.codecs.streams does, plane by plane, straight into the atlas.
+// Films: what scenepack.codecs.films does, plane by plane, straight into the atlas.
 
 const FRAMES_AHEAD = 8; // that a decoder may have; browsers stop where too many are kept
 const DAMAGED = "the scene's data are damaged";

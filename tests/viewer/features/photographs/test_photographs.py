@@ -9,7 +9,7 @@ from PIL import Image
 
 from baker.baking.to_pack import with_pictures
 from scenepack import load_pack, save_pack
-from scenepack.pictures import PICTURE, has_picture, picture_of, picture_uri
+from scenepack.cameras import PICTURE, has_picture, picture_of, picture_uri
 from tests.viewer.scenes import photographed
 from tests.viewer.waiting import until
 from training.scenes import load_scene

@@ -15,8 +15,7 @@ from baker.tuning.shading import from_params, to_params
 from tests.reference_marcher import view_residual
 from training.config import PAPER, REAL_BATCH, SYNTHETIC_BATCH, TrainConfig
 from training.nerf.method import learning_rate, make_optimizer, sparsity_of
-from training.view_mlp import apply_view_mlp, init_view_mlp
-from training.volume import cauchy_sparsity, shade, weights_of
+from training.rendering import apply_view_mlp, cauchy_sparsity, init_view_mlp, shade, weights_of
 
 depths = arrays(np.float32, (3, 7), elements=st.floats(0, 20, width=32))
 

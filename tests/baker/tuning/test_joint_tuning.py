@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from baker.tuning.joint_loop import JointConfig, joint_tune
+from baker.tuning.joint_tuning import JointConfig, joint_tune
 from baker.tuning.marcher import PackMarcher
 from scenepack import check_pack
 from scenepack.codecs.quantisation import Steps

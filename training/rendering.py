@@ -1,5 +1,8 @@
-"""Volume rendering by quadrature (SNeRG equations 1 and 2, after Max 1995), the deferred shading of section 4.2, and the terms of
-the loss (sections 4.1 and 4.3). The paper sums over rays; we divide by the rays of a batch, which does not change the balance.
+"""Deferred volume rendering, and the terms of the loss.
+
+Source: quadrature, SNeRG equations 1 and 2 (after Max 1995); deferred shading with the view MLP, section 4.2; the encoding, NeRF
+section 5.1 and SNeRG section 6; the loss, sections 4.1 and 4.3. The paper sums it over rays; we divide by the rays of a batch,
+which does not change the balance.
 
 Notation, per ray, samples k along the last axis but channels:
     t      [..., K]      positions along the ray, point(t) = origin + t direction
@@ -8,15 +11,20 @@ Notation, per ray, samples k along the last axis but channels:
     alpha  [..., K]      1 - exp(-sigma delta)
     T      [..., K]      transmittance before sample k, exp(-sum over k' < k of sigma delta)
     weight [..., K]      T alpha, the share of sample k in the pixel
+
+The view MLP is one tiny network per ray, not per sample. Input, 34 channels: encoded view direction (27), accumulated diffuse
+colour with the background (3), accumulated features (4). Two hidden layers of 16 with ReLU; the output goes through a sigmoid and
+is the residual that is added to the diffuse colour (equation 7). Weights are input-major: x @ W + b.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
 
+from scenepack.constants import VIEW_FREQUENCIES, VIEW_MLP_WIDTHS
 from training.method import RenderOutput, ViewMlpParams
-from training.view_mlp import apply_view_mlp
 
 LAST_INTERVAL = 1e10  # NeRF lets the last sample stand for the rest of the ray
 
@@ -53,6 +61,39 @@ def over_background(rgb: jax.Array, alpha: jax.Array, background: Sequence[float
     return rgb + (1.0 - alpha[..., None]) * jnp.asarray(background, dtype=rgb.dtype)
 
 
+# --- Deferred shading ---
+
+
+def encode(x: jax.Array, degrees: int) -> jax.Array:
+    """Encodes x [..., D] to [..., D (1 + 2 degrees)]: x, then sin(2^k x) for each k, then sin(2^k x + pi/2) for each k. All of x,
+    y, z stand at one frequency, then at the next: the order that the pack's view MLP and the shader share."""
+    frequencies = 2.0 ** jnp.arange(degrees, dtype=x.dtype)
+    scaled = (x[..., None, :] * frequencies[:, None]).reshape(*x.shape[:-1], degrees * x.shape[-1])
+    return jnp.concatenate([x, jnp.sin(scaled), jnp.sin(scaled + 0.5 * jnp.pi)], axis=-1)
+
+
+def init_view_mlp(key: jax.Array) -> ViewMlpParams:
+    """Glorot-uniform weights [34, 16], [16, 16], [16, 3] and zero biases, as in JAXNeRF."""
+    glorot = jax.nn.initializers.glorot_uniform()
+    keys = jax.random.split(key, 3)
+    first, second, last = (glorot(k, shape) for k, shape in zip(keys, pairwise(VIEW_MLP_WIDTHS), strict=True))
+    b0, b1, b2 = (jnp.zeros(width) for width in VIEW_MLP_WIDTHS[1:])
+    return ViewMlpParams((first, second, last), (b0, b1, b2))
+
+
+def apply_view_mlp(
+    params: ViewMlpParams, diffuse_with_background: jax.Array, features: jax.Array, viewdirs: jax.Array
+) -> jax.Array:
+    """The residual [..., 3] in [0, 1] for diffuse [..., 3], features [..., 4] and unit viewdirs [..., 3].
+
+    The caller adds it to the diffuse colour: unclamped in training (as in the release), clamped to [0, 1] for a picture.
+    """
+    x = jnp.concatenate([encode(viewdirs, VIEW_FREQUENCIES), diffuse_with_background, features], axis=-1)
+    for weight, bias in zip(params.weights[:-1], params.biases[:-1], strict=True):
+        x = jax.nn.relu(x @ weight + bias)
+    return jax.nn.sigmoid(x @ params.weights[-1] + params.biases[-1])
+
+
 def shade(
     view: ViewMlpParams | None, diffuse: jax.Array, features: jax.Array, alpha: jax.Array, depth: jax.Array,
     viewdirs: jax.Array, background: Sequence[float],
@@ -66,6 +107,8 @@ def shade(
     rgb = diffuse if view is None else diffuse + apply_view_mlp(view, diffuse, features, viewdirs)
     return RenderOutput(rgb=rgb, diffuse=diffuse, features=features, alpha=alpha, depth=depth)
 
+
+# --- Terms of the loss ---
 
 CHANNELS = 3
 

@@ -1,20 +1,28 @@
-"""The frame around every command: arguments in, exit status out (docs/commands.md)."""
+"""The command line of every command: arguments in, exit status out (docs/commands.md), and what options have in common.
+
+Sizes, numbers and points are read from text. Files that options name are written whole: figures as JSON, tables as text. Commands
+ask `check_results` before work that takes minutes, so that a place where nothing can be written is reported first.
+"""
 
 import contextlib
+import errno
 import functools
 import inspect
 import io
+import json
 import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
+from pathlib import Path
 from typing import Any
 
 import tyro
 
-from console.errors import UserError, missing_extra, plain_notices, refusal
+from console.atomic import is_stream, reserved, try_folder, write_file
+from console.errors import UserError, missing_extra, not_written, plain_notices, refusal
 from console.progress_protocol import Reporter, ending_with_stdin
 from console.streams import lasting_output, one_line
 
@@ -107,7 +115,7 @@ def _parse(
     except SystemExit as stop:  # --help, or arguments that do not fit
         if stop.code in (None, DONE):
             return DONE
-    line = f"{unboxed(box.getvalue())}; see {prog} --help"
+    line = f"{_unboxed(box.getvalue())}; see {prog} --help"
     Reporter().tell_failure(prog, line)
     _say(prog, line)
     return USER_CAN_MEND
@@ -147,7 +155,7 @@ def _unwrapped(docstring: str) -> str:
     return "\n".join(lines)
 
 
-def unboxed(text: str) -> str:
+def _unboxed(text: str) -> str:
     """tyro's complaint about arguments as one line, without its frame, help texts and pointers to --help."""
     sections: list[list[str]] = [[]]
     skipping = False
@@ -167,3 +175,114 @@ def unboxed(text: str) -> str:
     lines = [" ".join(section).rstrip(" .,") for section in sections if section]
     lines = [line[:1].lower() + line[1:] for line in lines]
     return "; ".join(lines) or "the arguments do not fit"
+
+
+# --- Values that options of several commands have ---
+
+MAX_SIDE = 16384
+
+
+def parse_size(text: str, where: str = "--size", *, least: int = 1) -> tuple[int, int]:
+    """ "800x600" as (width, height), both at least `least`. UserError for anything else."""
+    match = re.fullmatch(r"(\d+)[x×](\d+)", text.strip())
+    size = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not all(least <= side <= MAX_SIDE for side in size):
+        sides = f", sides of {least} to {MAX_SIDE}" if match else ""
+        raise UserError(
+            "is not a size in pixels", where=where, expected=f"WxH such as 800x600{sides}", found=repr(text)
+        )
+    return size
+
+
+def parse_numbers(text: str, count: int, where: str) -> tuple[float, ...]:
+    """ "1,2,3" as `count` finite numbers. UserError for anything else."""
+    try:
+        numbers = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count or not all(abs(number) < 1e30 for number in numbers):
+        example = ",".join("123456"[:count])
+        raise UserError(
+            "is not a list of numbers", where=where, expected=f"{count} such as {example}", found=repr(text)
+        )
+    return numbers
+
+
+def parse_point(text: str, where: str) -> tuple[float, float, float]:
+    """ "x,y,z" as three finite numbers. UserError for anything else."""
+    x, y, z = parse_numbers(text, 3, where)
+    return x, y, z
+
+
+def parse_corners(text: str, where: str) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """ "x0,y0,z0,x1,y1,z1" as two corners. UserError for anything else."""
+    x0, y0, z0, x1, y1, z1 = parse_numbers(text, 6, where)
+    return (x0, y0, z0), (x1, y1, z1)
+
+
+def require_in_range(where: str, value: float, low: float, high: float) -> None:
+    """UserError where the value of an option is not one of low … high."""
+    if not low <= value <= high:
+        raise UserError("is out of range", where=where, expected=f"{low:g} to {high:g}", found=value)
+
+
+# --- Files that options name ---
+
+STDOUT = Path("-")
+
+
+def check_results(*files: Path | None, folder: Path | None = None) -> None:
+    """UserError where one of `files` could not be written, or no file in `folder`. Tries it, and leaves nothing behind.
+
+    None stands for what is not asked for, "-" for stdout. Folders that are missing are not made.
+    """
+    for file in files:
+        if file is not None and file != STDOUT:
+            with _written_to(file):
+                _try_file(file)
+    if folder is not None:
+        with _written_to(folder):
+            try_folder(folder)
+
+
+def write_json(path: Path | None, value: Any) -> bool:
+    """Writes `value` where `--json` asks for it; True where that is stdout ("-") and nothing else should be printed.
+
+    UserError where it cannot be written.
+    """
+    text = json.dumps(value, indent=2)
+    if path == STDOUT:
+        print(text)
+        return True
+    write_result(path, text + "\n")
+    return False
+
+
+def write_result(path: Path | None, content: bytes | str | Iterable[bytes]) -> None:
+    """Writes the file that an option names, if it does, in one step, and makes its folder. UserError where it cannot."""
+    if path is not None:
+        with _written_to(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_file(path, content)
+
+
+def _try_file(path: Path) -> None:
+    if is_stream(path):
+        if not os.access(path, os.W_OK):  # opened only once: the reader of a pipe would take it for the end
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+    elif path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    elif path.parent.is_dir():
+        with reserved(path.resolve()):  # by the name that it will have
+            pass
+    else:
+        try_folder(path.parent)
+
+
+@contextlib.contextmanager
+def _written_to(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        words, remedy = not_written(error)
+        raise UserError(f"cannot be written: {words}", where=path, remedy=remedy) from error

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import pytest
 
 from console import Notice, UserError, run_command
-from console.arguments import parse_point, parse_size
+from console.command_line import parse_point, parse_size
 
 
 def train(

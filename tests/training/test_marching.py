@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from scenepack.contraction import contract
-from training.marching.march import Cells, MarchSizes, march, until_complete
-from training.marching.rays import GridBox, GridFrameRays, grid_points, to_grid
+from training.marching import Cells, GridBox, GridFrameRays, MarchSizes, grid_points, march, to_grid, until_complete
 from training.method import Rays
 from training.multires.jax_engine import cells_of
 from training.multires.state import Box

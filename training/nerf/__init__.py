@@ -1,1 +1,0 @@
-"""The paper's deferred NeRF: positional encoding, a deep MLP, coarse and fine hierarchical sampling."""
