@@ -27,7 +27,7 @@ PRESETS = ("quick", "normal", "full")  # of the multi-resolution field
 SETTLED, TIMED = 60, 60  # steps: until programs are compiled and empty space is known; then timed
 # A sample of a real run over one of the ball, whose features stay in the processor's caches.
 REAL_BY_SMALL = 1.4
-DISK_BY_FINENESS = 4500.0  # bytes by cells of the finest level squared: two checkpoints of 150 MB for lego at 256
+DISK_BY_FINENESS = 5600.0  # bytes by cells of the finest level squared: two checkpoints of 730 MB for lego at 512
 
 
 def whole_runs(sides: Sequence[int], kind: Kind = "object") -> dict[str, dict[int, dict[str, int]]]:

@@ -21,7 +21,7 @@ class MultiresConfig:
 
     resolutions: tuple[int, ...] | None = None
     """Cells along the cube of each level, coarse to fine. None: powers of two from 16 to about the photographs' pixels, at most
-    512; in contracted space to four times as many, at most 1024."""
+    512, in contracted space to four times as many, at most 1024; below that, three quarters of the finest, too."""
     occupancy: int | None = None
     """Cells of the occupancy grid along the cube; a multiple of 8. Here and below, None means: chosen by the kind of scene, but
     where something else is said."""
