@@ -26,7 +26,7 @@ from console.errors import UserError, missing_extra, not_written, plain_notices,
 from console.progress_protocol import Reporter, ending_with_stdin
 from console.streams import lasting_output, one_line
 
-DONE, BUG, USER_CAN_MEND, INTERRUPTED = 0, 1, 2, 130
+DONE, BUG, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 Command = Callable[..., Any]
 _FLAGS = (tyro.conf.FlagCreatePairsOff,)  # --resume, and no --no-resume beside it
@@ -76,7 +76,7 @@ def run_command(
             _say(prog, line or "this is a bug in snerg; please report the lines above")
             if on_failure is not None:
                 on_failure(prog, line or f"This is a bug in snerg: {type(error).__name__}: {error}")
-            return BUG if line is None else USER_CAN_MEND
+            return BUG if line is None else BAD_INPUT
 
 
 def _with_joined_values(words: Sequence[str]) -> list[str]:
@@ -118,7 +118,7 @@ def _parse(
     line = f"{_unboxed(box.getvalue())}; see {prog} --help"
     Reporter().tell_failure(prog, line)
     _say(prog, line)
-    return USER_CAN_MEND
+    return BAD_INPUT
 
 
 @contextlib.contextmanager

@@ -70,7 +70,7 @@ def refusal(photographs: Path, out: Path) -> str:
 
 
 @pytest.mark.slow
-def test_a_turntable_before_a_still_background_is_told_and_its_masks_mend_it(tmp_path):
+def test_a_turntable_before_a_still_background_is_refused_unless_it_has_masks(tmp_path):
     write_turntable(tmp_path / "bare")
     message = refusal(tmp_path / "bare", tmp_path / "out")
     assert "the camera stands still" in message and "put a folder masks with t0.png" in message
