@@ -145,7 +145,7 @@ PNG_LEVEL = 1  # fast: it lives for a minute
 
 
 def preview_pack(run: Run, resolution: int = PREVIEW_RESOLUTION) -> Pack | None:
-    """The run's field as it is now; None where it holds nothing yet."""
+    """A small pack of the run's field at its latest step; None while the field is empty."""
     config = BakeConfig(resolution, seed=run.config.seed, keeps_hidden=True)
     job = Bake(run, config, stages=Stages(quiet=True))
     try:

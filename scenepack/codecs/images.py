@@ -60,7 +60,7 @@ def probe_png(head: bytes, size: int) -> tuple[int, int, str]:
 
 
 def _require_one_header(data: bytes) -> None:
-    """CodecError where a second IHDR follows: libpng makes room for what it says."""
+    """CodecError where a second IHDR follows: libpng allocates memory for its size, which nothing has checked."""
     at, headers = len(PNG_SIGNATURE), 0
     while at + 8 <= len(data) and headers < 2:
         length, kind = struct.unpack_from(">I4s", data, at)

@@ -263,7 +263,7 @@ def sequence_writer(target: Path) -> Iterator[Add]:
             target.rmdir()  # refuses where something was put there since
 
 
-# --- Pictures and films written while the window goes on ---
+# --- An export, a step at a time, so that the window still answers ---
 
 CENTRES = 256  # to a pixel, that principal points are rounded to: GPUs then hold them exactly, whatever a tile's corner
 
