@@ -8,7 +8,7 @@ earlier picture has left there. Sizes are (width, height) in pixels; boxes x, y,
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import moderngl
 import numpy as np
@@ -32,14 +32,34 @@ class Layer:
     opacity: float = 1.0
 
 
-class Sheet(Protocol):
-    """Small pictures side by side in one array."""
-
-    sheet: np.ndarray  # uint8 [rows, columns, 3]
-    boxes: dict[int, tuple[int, int, int, int]]  # x, y, width, height by index of each picture that has arrived
-
-
 Box = tuple[int, int, int, int]
+
+
+class Sheet:
+    """Small pictures side by side in one array, in square cells of `cell` pixels, `columns` a row."""
+
+    def __init__(self, cell: int, columns: int, rows: int) -> None:
+        self.cell, self.columns = cell, columns
+        self.sheet = np.zeros((rows * cell, columns * cell, 3), np.uint8)
+        self.boxes: dict[int, Box] = {}  # x, y, width, height by index of each picture that has arrived
+
+    def put(self, index: int, picture: np.ndarray) -> None:
+        """Takes a picture, uint8 [h, w, 3], of which there is room for `cell` pixels a side. Any thread may call it."""
+        picture = picture[: self.cell, : self.cell]
+        height, width = picture.shape[:2]
+        x, y = index % self.columns * self.cell, index // self.columns * self.cell
+        self.sheet[y : y + height, x : x + width] = picture
+        self.boxes[index] = (x, y, width, height)
+
+    def uv(self, index: int) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """Where a picture lies on the sheet, its upper left and lower right corner, 0 … 1; None while it is not there."""
+        if index not in self.boxes:
+            return None
+        height, width = self.sheet.shape[:2]
+        x, y, w, h = self.boxes[index]
+        return (x / width, y / height), ((x + w) / width, (y + h) / height)
+
+
 MARGIN = 1  # pixels above and at the right of each picture
 
 

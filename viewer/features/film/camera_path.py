@@ -50,28 +50,32 @@ class CameraPath:
 
     def poses(self, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same at N times: float64 [N, 4, 4] and [N]."""
-        near, share = self._near(seconds)
-        keys = np.array([key.grid_T_camera for key in self.keyframes])
-        matrices = np.tile(np.eye(4), (len(near), 1, 1))
-        matrices[:, :3, 3] = _catmull_rom(keys[near, :3, 3], share)
-        matrices[:, :3, :3] = _rotations(keys[near, :3, :3], share)
-        fov = _catmull_rom(np.array([key.fov for key in self.keyframes])[near, None], share)[:, 0]
-        return matrices, np.clip(fov, 1.0, 170.0)
+        count = len(self.keyframes)
+        if not count:
+            raise ValueError("a path without keyframes leads nowhere")
+        starts = np.cumsum([0.0, *(key.seconds for key in self.keyframes)])[: count + self.closed]
+        place = np.interp(seconds % starts[-1] if self.closed else seconds, starts, np.arange(len(starts)))
+        near = np.arange(-1, count + 2)  # keyframe i, and those around it, from place i on
+        near = near % count if self.closed else np.clip(near, 0, count - 1)
+        keys = np.array([key.grid_T_camera for key in self.keyframes])[near]
+        handed = np.sign(np.linalg.det(keys[0, :3, :3]))  # mirrored frames hold reflections, all of one hand
+        mirror = np.diag([handed, 1.0, 1.0])
+        quaternions = Rotation.from_matrix(keys[:, :3, :3] @ mirror).as_quat()
+        # q and -q are the same rotation: take those on the side of the one before
+        opposite = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
+        quaternions[1:] *= np.cumprod(np.where(opposite, -1.0, 1.0))[:, None]
+        fov = np.array([key.fov for key in self.keyframes])[near]
+        last = np.minimum(place.astype(int), count - 1)
+        values = np.column_stack([keys[:, :3, 3], quaternions, fov])[last[:, None] + np.arange(4)]
+        found = _catmull_rom(values, place - last)
+        matrices = np.tile(np.eye(4), (len(place), 1, 1))
+        matrices[:, :3, 3] = found[:, :3]
+        matrices[:, :3, :3] = Rotation.from_quat(found[:, 3:7]).as_matrix() @ mirror  # of unit length there
+        return matrices, np.clip(found[:, 7], 1.0, 170.0)
 
     def start_of(self, index: int) -> float:
         """Seconds at which keyframe `index` is passed."""
         return sum(keyframe.seconds for keyframe in self.keyframes[:index])
-
-    def _near(self, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """At N times: the keyframes before, passed last, next and after that, int [N, 4], and the share 0 … 1 of the way [N]."""
-        if not self.keyframes:
-            raise ValueError("a path without keyframes leads nowhere")
-        count = len(self.keyframes)
-        starts = np.cumsum([0.0, *(key.seconds for key in self.keyframes)])[: count + self.closed]
-        place = np.interp(seconds % starts[-1] if self.closed else seconds, starts, np.arange(len(starts)))
-        index = np.minimum(place.astype(int), max(len(starts) - 2, 0))
-        near = index[:, None] + np.arange(-1, 3)
-        return near % count if self.closed else np.clip(near, 0, count - 1), place - index
 
     def sample(self, fps: float) -> list[tuple[np.ndarray, float]]:
         """Matrix and fov of every frame of a film; a closed path does not repeat its first frame at the end."""
@@ -85,17 +89,6 @@ def _catmull_rom(points: np.ndarray, t: np.ndarray) -> np.ndarray:
     a, b, c, d = np.moveaxis(points, 1, 0)
     t = t[:, None]
     return 0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - a - 3 * c + d) * t**3)
-
-
-def _rotations(rotations: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """The same of the quaternions of [N, 4, 3, 3], brought back to unit length: [N, 3, 3]."""
-    handed = np.sign(np.linalg.det(rotations[0, 1]))  # mirrored frames hold reflections, all of one hand
-    mirror = np.diag([handed, 1.0, 1.0])
-    quaternions = Rotation.from_matrix((rotations @ mirror).reshape(-1, 3, 3)).as_quat().reshape(-1, 4, 4)
-    for i, of in ((0, 1), (2, 1), (3, 2)):  # q and -q are the same rotation: take those on the side of the one before
-        opposite = np.sum(quaternions[:, i] * quaternions[:, of], axis=1) < 0
-        quaternions[opposite, i] *= -1
-    return Rotation.from_quat(_catmull_rom(quaternions, t)).as_matrix() @ mirror  # of unit length there
 
 
 # nerfstudio's file

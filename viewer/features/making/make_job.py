@@ -20,6 +20,7 @@ from viewer.core.files import POSED, REPORT
 from viewer.core.tasks import CommandProcess, Task
 from viewer.features.making.make_plan import Plan
 from viewer.features.opening.opening import work_out_ahead
+from viewer.rendering.targets import Sheet
 
 T = TypeVar("T")
 KEPT_FIGURES = 400
@@ -116,31 +117,21 @@ class MakeJob:
 
 UNFINISHED = Path("posing") / "left_out.json"
 CELL, MOST = 128, 24  # pixels of the longer side; number of thumbnails
-Box = tuple[int, int, int, int]
 
 
-class RejectedPhotographs(Task[None]):
-    """Reads their thumbnails in a thread."""
+class RejectedPhotographs(Task[None], Sheet):
+    """Reads their thumbnails in a thread; unreadable pictures have none."""
 
     def __init__(self, why: Mapping[str, str], files: Mapping[str, Path]) -> None:
         self.why = why  # reason by name, in order
-        self.sheet: np.ndarray | None = None  # uint8 [CELL, width, 3], once all are read
-        self.boxes: dict[str, Box] = {}  # x, y, width, height in the sheet by name; unreadable pictures have none
         self._files = files
+        Sheet.__init__(self, CELL, min(len(why), MOST), 1)
         super().__init__(self._read)
 
     def _read(self) -> None:
-        pictures: list[np.ndarray] = []
-        x = 0
-        for name in list(self.why)[:MOST]:
+        for index, name in enumerate(list(self.why)[:MOST]):
             with contextlib.suppress(UserError, *UNREADABLE):  # gone, or only the program that finds poses can read it
-                picture = np.asarray(small_picture(self._files[name], CELL, "RGB"))
-                height, width = picture.shape[:2]
-                self.boxes[name] = (x, 0, width, height)
-                pictures.append(np.pad(picture, ((0, CELL - height), (0, 0), (0, 0))))
-                x += width
-        if pictures:
-            self.sheet = np.concatenate(pictures, axis=1)
+                self.put(index, np.asarray(small_picture(self._files[name], CELL, "RGB")))
 
 
 def rejected_photographs_of(out: Path) -> RejectedPhotographs | None:

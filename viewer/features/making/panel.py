@@ -2,7 +2,6 @@
 
 from itertools import pairwise
 
-import numpy as np
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
@@ -18,6 +17,7 @@ from viewer.features.making.make_plan import RESOLUTIONS, Plan
 from viewer.features.making.review import Kind, Review
 from viewer.features.making.survey import OFFERED, BarePreview, few_with_reasons, result_lines
 from viewer.rendering.canvas import Canvas
+from viewer.rendering.targets import Sheet
 
 NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
 
@@ -174,7 +174,7 @@ def _answer(app: App, plan: Plan, possible: bool) -> None:
 
 # --- Strips of small pictures: photographs before a scene is made of them, and rejected ones ---
 
-Picture = tuple[tuple[int, int, int, int], str, bool]  # its box on the sheet, its tooltip, whether it is crossed out
+Picture = tuple[int, str, bool]  # its index on the sheet, its tooltip, whether it is crossed out
 HEIGHT, GAP, ROUNDING, BAR = 64.0, 5.0, 4.0, 12.0
 FADED = 0.28  # of the opacity, of a picture that is set aside
 
@@ -183,11 +183,11 @@ def show_preview(canvas: Canvas, preview: BarePreview) -> None:
     """Draws the strip, and under it what is known."""
     imgui.dummy(ImVec2(0, px(2)))
     pictures, aside = [], preview.aside or {}
-    for index, box in list(preview.boxes.items()):
+    for index in list(preview.boxes):
         name = preview.names[index] if index < len(preview.names) else ""
         why = aside.get(name)
-        pictures.append((box, f"{name}\nset aside: {why}" if why else name, bool(why)))
-    _strip("##strip", canvas.sheet(preview), preview.sheet, HEIGHT, pictures)
+        pictures.append((index, f"{name}\nset aside: {why}" if why else name, bool(why)))
+    _strip("##strip", canvas.sheet(preview), preview, HEIGHT, pictures)
     if aside:
         ui.hint(f"{preview.used} of {preview.count} are used. Set aside: {few_with_reasons(aside)}.", theme.WARN)
     elif preview.used is not None:
@@ -201,19 +201,18 @@ def show_preview(canvas: Canvas, preview: BarePreview) -> None:
         ui.hint("Measuring how long it takes to find the camera poses…")
 
 
-def _strip(name: str, texture: int, sheet: np.ndarray, height: float, pictures: list[Picture]) -> None:
+def _strip(name: str, texture: int, sheet: Sheet, height: float, pictures: list[Picture]) -> None:
     """A row of pictures that scrolls sideways."""
     flags = imgui.WindowFlags_.horizontal_scrollbar | imgui.WindowFlags_.no_background
     imgui.begin_child(name, ImVec2(0, px(height + BAR)), 0, flags)
     wheel = imgui.get_io().mouse_wheel
     if wheel and imgui.is_window_hovered():
         imgui.set_scroll_x(imgui.get_scroll_x() - px(60) * wheel)
-    rows, columns = sheet.shape[:2]
-    for (x, y, width, tall), tooltip, crossed in pictures:
+    for index, tooltip, crossed in pictures:
+        _, _, width, tall = sheet.boxes[index]
         at, wide, high = imgui.get_cursor_screen_pos(), px(height) * width / tall, px(height)
-        low = ImVec2(at.x + wide, at.y + high)
-        uv = (x / columns, y / rows), ((x + width) / columns, (y + tall) / rows)
-        ui.draw_picture(texture, at, low, uv, opacity=FADED if crossed else 1.0, rounding=ROUNDING)
+        low, opacity = ImVec2(at.x + wide, at.y + high), FADED if crossed else 1.0
+        ui.draw_picture(texture, at, low, sheet.uv(index) or ui.WHOLE, opacity=opacity, rounding=ROUNDING)
         if crossed:
             _cross(at, low)
         imgui.dummy(ImVec2(wide, high))
@@ -244,10 +243,9 @@ def show_rejected(app: App, canvas: Canvas, rejected: RejectedPhotographs) -> No
     ui.hint(f"{count}: {few_with_reasons(rejected.why)}.", theme.WARN)
     if not rejected.finished:
         app.touch(2)
-    if rejected.sheet is None:
-        return
-    pictures = [(box, f"{name}\n{rejected.why[name]}", False) for name, box in rejected.boxes.items()]
-    _strip("##left out", canvas.image("left out", rejected.sheet), rejected.sheet, 52.0, pictures)
+    elif rejected.boxes:
+        pictures = [(i, f"{names[i]}\n{rejected.why[names[i]]}", False) for i in rejected.boxes]
+        _strip("##left out", canvas.image("left out", rejected.sheet), rejected, 52.0, pictures)
 
 
 # --- How far it is ---

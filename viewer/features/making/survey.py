@@ -5,13 +5,13 @@ interrupted. Another (training.speed) tells how many samples a run takes, and ti
 photographs themselves.
 """
 
-import contextlib
 import importlib.util
 import math
 import shutil
 import warnings
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -28,6 +28,7 @@ from training.scenes.presets import PRESETS, voxels_for
 from training.scenes.read import has_poses, suggested_downscale
 from training.scenes.sources import FEWEST, Source, find_source
 from viewer.core.tasks import FolderProcess, JsonTask, Task, temporary_folder
+from viewer.rendering.targets import Sheet
 
 OFFERED = {name: preset for name, preset in PRESETS.items() if preset.title}
 LONGEST_SIDES = {name: preset.longest_side for name, preset in OFFERED.items() if preset.longest_side is not None}
@@ -39,22 +40,20 @@ MEASURES = True  # the time that a run takes here
 POSES_FIRST = "Nothing says where the camera stood: that is found first."
 CELL = 160  # pixels a side: no small picture is larger
 COLUMNS, ROWS = 16, 16  # of the sheet; later pictures are counted, and not shown
-Box = tuple[int, int, int, int]
 
 
-class BarePreview(JsonTask):
+class BarePreview(JsonTask, Sheet):
     """Starts to read `source` at once. Poll `news` from the main thread; close it in the end. None: not known yet."""
 
     def __init__(self, source: Source) -> None:
         self.of_film = source.kind == "film"
         self.count: int | None = None  # photographs, or frames that would be used
         self.names: list[str] = []  # of the pictures read so far, in order
-        self.sheet = np.zeros((ROWS * CELL, COLUMNS * CELL, 3), np.uint8)  # thumbnails: viewer.rendering.targets.Sheet
-        self.boxes: dict[int, Box] = {}
         self.aside: Mapping[str, str] | None = None  # reasons for rejected pictures, by name
         self.seconds: Mapping[str, float] | None = None  # estimated, for finding the poses, by stage
         self.error = ""  # why reading stopped early
         self._folder = temporary_folder("snerg-preview-")
+        Sheet.__init__(self, CELL, COLUMNS, ROWS)
         super().__init__("training.posing.preview", [str(source.path.resolve()), str(self._folder)], self._take)
 
     def _listen(self) -> None:
@@ -69,22 +68,12 @@ class BarePreview(JsonTask):
     def _take(self, message: Mapping[str, Any]) -> None:
         if "name" in message:
             if message["file"] and len(self.names) < ROWS * COLUMNS:
-                self._place(len(self.names), self._folder / message["file"])
+                with suppress(*UNREADABLE), Image.open(self._folder / message["file"], formats=["JPEG"]) as opened:
+                    self.put(len(self.names), np.asarray(opened.convert("RGB")))
             self.names.append(message["name"])
         for fact in ("count", "aside", "seconds", "error"):
             if fact in message:
                 setattr(self, fact, message[fact])
-
-    def _place(self, index: int, file: Path) -> None:
-        try:
-            with Image.open(file, formats=["JPEG"]) as opened:
-                picture = np.asarray(opened.convert("RGB"))[:CELL, :CELL]
-        except UNREADABLE:
-            return
-        height, width = picture.shape[:2]
-        x, y = index % COLUMNS * CELL, index // COLUMNS * CELL
-        self.sheet[y : y + height, x : x + width] = picture
-        self.boxes[index] = (x, y, width, height)
 
     @property
     def used(self) -> int | None:
@@ -116,7 +105,7 @@ class TimeNeeded(JsonTask):
         super().__init__("training.speed", words, self._take)
 
     def _listen(self) -> None:
-        with contextlib.suppress(Exception):  # it reports what went wrong itself
+        with suppress(Exception):  # it reports what went wrong itself
             self._after()
         super()._listen()
 
@@ -221,7 +210,7 @@ class Survey(Task[None]):
                 scene = load_scene(self.path)
                 self.automatic = {name: suggested_downscale(self.path, side) for name, side in LONGEST_SIDES.items()}
                 for downscale in {*DOWNSCALES, *self.automatic.values()}:
-                    with contextlib.suppress(UserError):
+                    with suppress(UserError):
                         self.sizes[downscale] = _size(load_scene(self.path, downscale=downscale))
                         if scene.kind in MASKED_KINDS:
                             load_scene(self.path, downscale=downscale, masks=True)
@@ -244,7 +233,7 @@ class Survey(Task[None]):
             raise UserError("too few photographs to find camera poses", where=self.path, expected=f"at least {FEWEST}",
                             found=count)  # fmt: skip
         if poser_missing(source) is None and not self.cancelled:
-            with contextlib.suppress(UserError):  # no temporary folder: there is no preview then
+            with suppress(UserError):  # no temporary folder: there is no preview then
                 self.preview = BarePreview(source)
             if self.cancelled and self.preview is not None:  # in the meantime
                 self.preview.close()

@@ -14,7 +14,7 @@ from viewer.core.files import FileRequest, existing_folder
 from viewer.core.pose import FRUSTUM_EDGES, project
 from viewer.core.widgets import Box, px
 from viewer.features.comparison.panel import compare_controls
-from viewer.features.photographs.photographs import Photographs, Thumbnails
+from viewer.features.photographs.photographs import Photographs
 from viewer.rendering.canvas import Canvas
 
 ROW, THUMBNAIL = 46.0, 54.0
@@ -111,7 +111,7 @@ def _row(app: App, canvas: Canvas, photographs: Photographs, index: int) -> None
     low, high = ImVec2(at.x + px(5), at.y + px(3)), ImVec2(at.x + px(5 + THUMBNAIL), at.y + px(ROW - 3))
     if not photographs.any_pictures:  # nothing is coming, nor is room kept for it
         high = ImVec2(at.x + px(2), high.y)
-    elif thumbnails is not None and (uv := _uv(thumbnails, index)) is not None:
+    elif thumbnails is not None and (uv := thumbnails.uv(index)) is not None:
         _, _, w, h = thumbnails.boxes[index]
         scale = min((high.x - low.x) / w, (high.y - low.y) / h)
         x, y = 0.5 * (low.x + high.x - scale * w), 0.5 * (low.y + high.y - scale * h)
@@ -190,7 +190,7 @@ def _frustum(app: App, frustum: Frustum, sheet: int | None, outline: str | None)
     gallery, draw_list, (index, points, strength) = app.gallery, imgui.get_window_draw_list(), frustum
     corners = [ImVec2(float(x), float(y)) for x, y in points]
     opacity = strength * (1.0 if outline else gallery.frusta_opacity)
-    uv = _uv(gallery.thumbnails, index)
+    uv = gallery.thumbnails.uv(index) if gallery.thumbnails is not None else None
     if sheet is not None and uv is not None and opacity > 0.01:
         (u0, v0), (u1, v1) = uv
         uvs = ImVec2(u0, v0), ImVec2(u1, v0), ImVec2(u1, v1), ImVec2(u0, v1)  # clockwise, as the corners behind the eye
@@ -205,21 +205,12 @@ def _frustum(app: App, frustum: Frustum, sheet: int | None, outline: str | None)
             draw_list.add_line(corners[a], corners[b], line, px(width))
 
 
-def _uv(thumbnails: Thumbnails | None, index: int) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Where a shot's picture lies on the sheet, 0 … 1; None where it has none (yet)."""
-    if thumbnails is None or index not in thumbnails.boxes:
-        return None
-    height, width = thumbnails.sheet.shape[:2]
-    x, y, w, h = thumbnails.boxes[index]
-    return (x / width, y / height), ((x + w) / width, (y + h) / height)
-
-
 def _tooltip(app: App, index: int, sheet: int | None) -> None:
-    shot, uv = app.gallery.photographs.shots[index], _uv(app.gallery.thumbnails, index)
+    shot, thumbnails = app.gallery.photographs.shots[index], app.gallery.thumbnails
     if not imgui.begin_tooltip():
         return
-    if sheet is not None and uv is not None and app.gallery.thumbnails is not None:
-        _, _, w, h = app.gallery.thumbnails.boxes[index]
+    if sheet is not None and thumbnails is not None and (uv := thumbnails.uv(index)) is not None:
+        _, _, w, h = thumbnails.boxes[index]
         scale = px(PREVIEW) / max(w, h)
         imgui.image(imgui.ImTextureRef(sheet), ImVec2(scale * w, scale * h), *uv)
     imgui.text_unformatted(shot.name)

@@ -29,6 +29,7 @@ from training.scenes.scene_options import recorded_options
 from viewer.core.pose import frustum_points
 from viewer.core.tasks import Task
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.targets import Sheet
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -154,21 +155,18 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
 
 LARGEST_SHEET = 2048  # pixels a side: 12 MiB in memory
 CELLS = (128, 64, 32)  # powers of two, so that the sheet can be halved for drawing without mixing neighbours
-Box = tuple[int, int, int, int]
 
 
-class Thumbnails(Task[None]):
+class Thumbnails(Task[None], Sheet):
     """Small pictures of `photographs`, from the moment this is made. Poll `news` from the main thread."""
 
     def __init__(self, photographs: Photographs) -> None:
         self.photographs, self.folder = photographs, photographs.folder
         count = len(photographs.shots)
-        self.cell = next((cell for cell in CELLS if (LARGEST_SHEET // cell) ** 2 >= count), CELLS[-1])
-        self.columns = LARGEST_SHEET // self.cell
-        self.shown = min(count, self.columns**2)  # later ones get no picture
-        rows = max(1, ceil(self.shown / self.columns))
-        self.sheet = np.zeros((rows * self.cell, min(self.columns, max(count, 1)) * self.cell, 3), np.uint8)
-        self.boxes: dict[int, Box] = {}  # by shot, its place on the sheet; once its pixels are there
+        cell = next((cell for cell in CELLS if (LARGEST_SHEET // cell) ** 2 >= count), CELLS[-1])
+        side = LARGEST_SHEET // cell
+        self.shown = min(count, side**2)  # later ones get no picture
+        Sheet.__init__(self, cell, min(max(count, 1), side), max(ceil(self.shown / side), 1))
         self.problem = ""  # why the first that failed did
         super().__init__(self._read)
 
@@ -180,16 +178,11 @@ class Thumbnails(Task[None]):
             if self.cancelled:
                 return
             try:
-                picture = self._small(index)
+                self.put(index, self._small(index))
             except Exception as error:  # one photograph that is gone or broken leaves its cell empty
                 self.problem = self.problem or (str(error) if isinstance(error, UserError) else "it cannot be read")
                 if self.photographs.reachable and not self.photographs.found:
                     return  # the scene cannot be read, nor could the others
-                continue
-            height, width = picture.shape[:2]
-            x, y = index % self.columns * self.cell, index // self.columns * self.cell
-            self.sheet[y : y + height, x : x + width] = picture
-            self.boxes[index] = (x, y, width, height)
 
     def _small(self, index: int) -> np.ndarray:
         """uint8 [h, w, 3], over the scene's background, at most `cell` pixels a side."""

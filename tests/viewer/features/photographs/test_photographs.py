@@ -53,7 +53,7 @@ def test_the_sheet_never_outgrows_its_bound(many, monkeypatch, cell, side):
     monkeypatch.setattr(thumbnails_module, "LARGEST_SHEET", 448 if cell == 64 else 128)
     thumbnails = ready(Photographs(many))
     assert thumbnails.cell == cell and max(thumbnails.sheet.shape) <= thumbnails_module.LARGEST_SHEET
-    assert len(thumbnails.boxes) == min(2 * PER_SPLIT, thumbnails.columns**2)
+    assert len(thumbnails.boxes) == min(2 * PER_SPLIT, (thumbnails_module.LARGEST_SHEET // cell) ** 2)
 
 
 def test_one_broken_photograph_leaves_the_others(many, pack, tmp_path):
