@@ -58,9 +58,11 @@ class Task(Generic[T]):
     def _run(self, function: Callable[[], T]) -> None:
         try:
             self._future.set_result(function())
+        except (UserError, Cancelled) as error:
+            self._future.set_exception(error)
         except BaseException as error:
             self._future.set_exception(error)
-            raise  # reported like any exception of a thread, whoever takes the result
+            raise  # a bug, reported like any exception of a thread, whoever takes the result
 
 
 class JsonTask(Task[None]):

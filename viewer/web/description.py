@@ -104,7 +104,7 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
         halvings = round(log2(max(pack.grid_size) / max(level.grid_size)))
         described.append({**about, "file": name, "bytes": len(data[name]), "halvings": halvings})
         done += _atlas_voxels(level)
-    words = LengthFormat(pack, annotations.scale, annotations.placement)
+    words = LengthFormat(pack, annotations)
     description = {
         "title": one_line(content.title, LONGEST_TITLE),
         "credits": one_line(content.credits, LONGEST_CREDITS) if content.credits else "",

@@ -13,6 +13,7 @@ from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import live, until
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS
+from viewer.core.tasks import Cancelled
 from viewer.features.display.display import modes_for
 from viewer.features.opening import opening as loading_module
 from viewer.rendering.settings import MODES
@@ -78,7 +79,9 @@ def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
     go_on.set()
     until(lambda: loading.finished)
     open_app.tick(0.01)
-    assert loading.pack is None and loading.error is None and open_app.scene is old and not open_app.messages.dialogs
+    assert open_app.scene is old and not open_app.messages.dialogs
+    with pytest.raises(Cancelled):
+        loading.result()
 
 
 def test_every_command_runs_with_and_without_a_scene(open_app):

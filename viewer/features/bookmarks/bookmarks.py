@@ -5,10 +5,11 @@ from __future__ import annotations
 import importlib.util
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -40,6 +41,19 @@ def bookmark_of(rig: OrbitCamera, fov: float, name: str) -> Bookmark:
 def pose_of(bookmark: Bookmark, table: Turntable) -> Pose:
     angles = table.angles(np.subtract(bookmark.eye, bookmark.target))
     return Pose(bookmark.target, *angles, math.dist(bookmark.eye, bookmark.target))
+
+
+T = TypeVar("T")
+Rearranging = Literal["up", "down", "update", "remove"]  # a view of a list
+
+
+def rearranged(views: Sequence[T], how: Rearranging, index: int, here: T) -> tuple[list[T], int | None]:
+    """Other views: one of them earlier, later, `here` instead, or gone; and the index of what is chosen then."""
+    others = [*views[:index], *views[index + 1 :]]
+    to = min(max(index + {"up": -1, "down": 1}.get(how, 0), 0), len(others))
+    if how != "remove":
+        others.insert(to, here if how == "update" else views[index])
+    return others, min(to, len(others) - 1) if others else None
 
 
 COVERED_S, PAUSE_S = 0.004, 0.05  # for finding out which places are covered, and before that is done again
@@ -130,36 +144,24 @@ class Bookmarks:
 
     def step(self, app: App, by: int) -> None:
         """Flies to the next saved view, or to the previous one, cyclically."""
-        count = len(app.annotations.current.bookmarks)
-        if not count:
+        views = app.annotations.current.bookmarks
+        if not views:
             app.messages.say("There are no bookmarks yet: Ctrl+D saves this view")
             return
         first = 0 if by > 0 else -1
-        self.go(app, (first if self.selected is None else self.selected + by) % count)
-        assert self.selected is not None
-        app.messages.say(app.annotations.current.bookmarks[self.selected].name)
+        index = (first if self.selected is None else self.selected + by) % len(views)
+        self.go(app, index)
+        app.messages.say(views[index].name)
 
     def edit(self, app: App, index: int, **fields: Any) -> None:
         views = list(app.annotations.current.bookmarks)
         views[index] = replace(views[index], **fields)
         self._change(app, views, self.selected)
 
-    def update(self, app: App, index: int) -> None:
-        """Puts a saved view where the camera is now."""
-        now = bookmark_of(app.open_scene.rig, app.fov, "")
-        self.edit(app, index, eye=now.eye, target=now.target, up=now.up, fov=now.fov)
-
-    def move(self, app: App, index: int, by: int) -> None:
-        """Moves a view earlier (-1) or later (1)."""
-        views = list(app.annotations.current.bookmarks)
-        to = min(max(index + by, 0), len(views) - 1)
-        views.insert(to, views.pop(index))
-        self._change(app, views, to)
-
-    def remove(self, app: App, index: int) -> None:
-        views = list(app.annotations.current.bookmarks)
-        del views[index]
-        self._change(app, views, min(index, len(views) - 1) if views else None)
+    def rearrange(self, app: App, how: Rearranging, index: int) -> None:
+        views, now = app.annotations.current.bookmarks, bookmark_of(app.open_scene.rig, app.fov, "")
+        here = replace(views[index], eye=now.eye, target=now.target, up=now.up, fov=now.fov)
+        self._change(app, *rearranged(views, how, index, here))
 
     def _change(self, app: App, views: list[Bookmark], selected: int | None) -> None:
         """Takes other bookmarks, in one step that can be undone."""
@@ -199,13 +201,12 @@ class ViewPictures:
         """A new frame. Another background, or a finer pack, is another picture; too many begin anew."""
         self._drew = False
         now = (id(app.scene.pack) if app.scene else None, app.settings.background)
-        if now == self._drawn_with and len(self._pictures) <= MOST_KEPT:
-            return
-        self._drawn_with = now
-        for name in self._pictures:
-            if app.canvas is not None:
-                app.canvas.drop_image(name)
-        self._pictures.clear()
+        if now != self._drawn_with or len(self._pictures) > MOST_KEPT:
+            self._drawn_with = now
+            while self._pictures:
+                name, _ = self._pictures.popitem()
+                if app.canvas is not None:
+                    app.canvas.drop_image(name)
 
     def texture(self, app: App, canvas: Canvas, grid_T_camera: np.ndarray, fov: float) -> int | None:
         """OpenGL name of the picture of a view (float64 [4, 4]; vertical degrees); None while it is not drawn yet.

@@ -1,8 +1,5 @@
 """Bookmarks page."""
 
-from collections.abc import Callable
-from functools import partial
-
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
@@ -13,7 +10,7 @@ from viewer.core import widgets as ui
 from viewer.core.annotations import Bookmark, named, worded
 from viewer.core.screen import Screen
 from viewer.core.widgets import Box, px
-from viewer.features.bookmarks.bookmarks import SIZE
+from viewer.features.bookmarks.bookmarks import SIZE, Rearranging
 from viewer.rendering.canvas import Canvas
 
 SHOWN = 6  # rows of the list
@@ -61,8 +58,8 @@ def _chosen(app: App) -> None:
     if index is None or index >= len(views):
         ui.hint("Click on one to go there.")
         return
-    move, update = partial(bookmarks.move, app, index), partial(bookmarks.update, app, index)
-    if changed_by_buttons(move, update, partial(bookmarks.remove, app, index)):
+    if how := rearranging_buttons():
+        bookmarks.rearrange(app, how, index)
         return
     imgui.new_line()
     ui.label("Name")
@@ -125,19 +122,21 @@ def _say(view: Bookmark, at: ImVec2, box: Box) -> None:
 # --- Lists of views ---
 
 
-def changed_by_buttons(move: Callable[[int], None], update: Callable[[], None], remove: Callable[[], None]) -> bool:
-    """What can be done with a chosen view of a list, as a row of buttons; True where one was pressed and has done it."""
-    for icon, name, tooltip, action in (
-        (fa.ICON_FA_ARROW_UP, "up", "Earlier", lambda: move(-1)),
-        (fa.ICON_FA_ARROW_DOWN, "down", "Later", lambda: move(1)),
-        (fa.ICON_FA_CAMERA, "update", "Move it to the current camera", update),
-        (fa.ICON_FA_TRASH, "remove", "Remove", remove),
-    ):
-        if ui.icon_button(icon, name, tooltip):
-            action()
-            return True
+REARRANGING: dict[Rearranging, tuple[str, str]] = {
+    "up": (fa.ICON_FA_ARROW_UP, "Earlier"),
+    "down": (fa.ICON_FA_ARROW_DOWN, "Later"),
+    "update": (fa.ICON_FA_CAMERA, "Move it to the current camera"),
+    "remove": (fa.ICON_FA_TRASH, "Remove"),
+}
+
+
+def rearranging_buttons() -> Rearranging | None:
+    """What can be done with a chosen view of a list, as a row of buttons; the one that was pressed."""
+    pressed = None
+    for name, (icon, tooltip) in REARRANGING.items():
+        pressed = name if ui.icon_button(icon, name, tooltip) else pressed
         imgui.same_line(0, px(2))
-    return False
+    return pressed
 
 
 HEIGHT, GAP = 44.0, 10.0

@@ -16,7 +16,7 @@ from console import UserError
 from viewer.core.annotations import Point
 from viewer.core.files import FileRequest
 from viewer.core.pose import fitted, triple, view_camera
-from viewer.features.bookmarks.bookmarks import with_places
+from viewer.features.bookmarks.bookmarks import Rearranging, rearranged, with_places
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
 from viewer.features.film.picture_export import EXR, Export, passes_for
 from viewer.features.measuring.surface import depth_in_middle, depth_of
@@ -94,19 +94,11 @@ class Filming:
         keys.insert(self.selected, Keyframe(app.open_scene.rig.matrix.copy(), app.fov))
         app.messages.say(f"Keyframe {self.selected + 1} of {len(keys)}")
 
-    def update(self, app: App, index: int) -> None:
-        key, rig = self.path.keyframes[index], app.open_scene.rig
-        self.path.keyframes[index] = replace(key, grid_T_camera=rig.matrix.copy(), fov=app.fov)
-
-    def remove(self, index: int) -> None:
-        del self.path.keyframes[index]
-        self.selected = min(index, len(self.path.keyframes) - 1) if self.path.keyframes else None
-        self.playing = self.playing and bool(self.path.keyframes)
-
-    def move(self, index: int, by: int) -> None:
+    def rearrange(self, app: App, how: Rearranging, index: int) -> None:
         keys = self.path.keyframes
-        self.selected = min(max(index + by, 0), len(keys) - 1)
-        keys.insert(self.selected, keys.pop(index))
+        here = replace(keys[index], grid_T_camera=app.open_scene.rig.matrix.copy(), fov=app.fov)
+        self.path.keyframes, self.selected = rearranged(keys, how, index, here)
+        self.playing = self.playing and bool(self.path.keyframes)
 
     def select(self, app: App, index: int) -> None:
         self.selected = index

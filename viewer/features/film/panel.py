@@ -14,7 +14,7 @@ from viewer.core.files import FileRequest
 from viewer.core.pose import FRUSTUM_EDGES, frustum_points, view_camera
 from viewer.core.screen import Screen
 from viewer.core.widgets import Box, px
-from viewer.features.bookmarks.panel import changed_by_buttons, row
+from viewer.features.bookmarks.panel import rearranging_buttons, row
 from viewer.features.film.filming import LENS_QUALITY, PANORAMA_SIZES, SAMPLES, SIZES, STILL_MODES, Filming
 from viewer.features.film.picture_export import FILMS, films_possible
 from viewer.rendering.canvas import Canvas
@@ -74,8 +74,8 @@ def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
     index = filming.selected
     if index is None or index >= len(filming.path.keyframes):
         return
-    move, update = partial(filming.move, index), partial(filming.update, app, index)
-    if changed_by_buttons(move, update, partial(filming.remove, index)):
+    if how := rearranging_buttons():
+        filming.rearrange(app, how, index)
         return
     imgui.set_next_item_width(-1)
     key = filming.path.keyframes[index]

@@ -19,7 +19,7 @@ import numpy as np
 from console import UserError
 from console.atomic import write_file
 from scenepack.pack import Pack
-from scenepack.placement import NOT_MOVED, SCALES, Placement
+from scenepack.placement import SCALES
 from viewer.core.annotations import MOST_ANNOTATIONS, MOST_POINTS, Annotations, Measurement, Point, Scale, Unit
 from viewer.core.files import FileRequest
 from viewer.core.pose import triple
@@ -57,10 +57,10 @@ def _moved(to_T_from: np.ndarray, point: Point | np.ndarray) -> Point:
 class LengthFormat:
     """Formats lengths and points of one pack, with decimals down to half a voxel. Points are in the placed frame."""
 
-    def __init__(self, pack: Pack, scale: Scale, placement: Placement = NOT_MOVED) -> None:
-        self.pack, self.scale = pack, scale
-        self._placed_T_grid = placement.matrix(scale.factor)
-        error = 0.5 * pack.voxel_size * scale.factor
+    def __init__(self, pack: Pack, annotations: Annotations) -> None:
+        self.pack, self.scale = pack, annotations.scale
+        self._placed_T_grid = annotations.placed_T_grid
+        error = 0.5 * pack.voxel_size * self.scale.factor
         needed = WARPED_DECIMALS if pack.ndc else ceil(-log10(error))
         self.decimals = min(max(needed, 0), MOST_DECIMALS)
 
@@ -94,13 +94,13 @@ class LengthFormat:
 
 def as_text(pack: Pack, annotations: Annotations) -> str:
     """All measurements, a line each; for the clipboard."""
-    words = LengthFormat(pack, annotations.scale, annotations.placement)
+    words = LengthFormat(pack, annotations)
     return "\n".join(f"{m.kind} {i}: {words.measurement(m)}" for i, m in enumerate(annotations.measurements, 1))
 
 
 def as_csv(pack: Pack, annotations: Annotations) -> str:
     """A table with a row for each point: x, y, z in the placed frame and lengths in `unit`; scene_* in the training frame."""
-    words, text = LengthFormat(pack, annotations.scale, annotations.placement), io.StringIO()
+    words, text = LengthFormat(pack, annotations), io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
     for i, measurement in enumerate(annotations.measurements, 1):
@@ -278,16 +278,14 @@ class MeasureTool:
 
     @staticmethod
     def length_format(app: App) -> LengthFormat:
-        annotations = app.annotations.current
-        return LengthFormat(app.open_scene.pack, annotations.scale, annotations.placement)
+        return LengthFormat(app.open_scene.pack, app.annotations.current)
 
     def copy(self, app: App) -> None:
         annotations = app.annotations.current
         if annotations.measurements:
             count = len(annotations.measurements)
-            many = f"{count} measurements are on the clipboard"
-            text = as_text(app.open_scene.pack, annotations)
-            app.copy(text, "1 measurement is on the clipboard" if count == 1 else many)
+            what = "1 measurement is" if count == 1 else f"{count} measurements are"
+            app.copy(as_text(app.open_scene.pack, annotations), f"{what} on the clipboard")
 
     def ask_for_table(self, app: App) -> None:
         then, name = partial(self.save_table, app), f"{app.open_scene.name}-measurements.csv"

@@ -35,15 +35,13 @@ def work_out_ahead(pack: Pack) -> None:
     outline(pack)
 
 
-class Loading(Task[None]):
-    """A pack that is being read. Once it is finished, take `pack` or `error`."""
+class Loading(Task[Pack]):
+    """A pack that is being read; its result raises why it cannot be."""
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
         self.images = (0, 0)  # how many are decoded, and of how many
-        self.pack: Pack | None = None
         self.preview: Pack | None = None  # what can be shown already; another object whenever there is more to see
-        self.error: Exception | None = None  # a UserError or a bug's exception; None also where it was cancelled
         self.notes: list[str] = []  # what was repaired meanwhile
         super().__init__(self._read)
 
@@ -55,20 +53,17 @@ class Loading(Task[None]):
         """Of its images that are decoded, 0 … 1."""
         return self.images[0] / max(self.images[1], 1)
 
-    def _read(self) -> None:
+    def _read(self) -> Pack:
         try:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 pack = load_pack(self.path, on_progress=self._progress, on_preview=self._more_to_see)
                 work_out_ahead(pack)
-            self.notes = [str(warning.message) for warning in caught]
-            self.pack = None if self.cancelled else pack
-        except Cancelled:
-            pass
         except MemoryError as error:
-            self.error = UserError("not enough memory to open the pack", where=self.path, found=str(error) or None)
-        except Exception as error:  # shown in a dialog; the program goes on
-            self.error = error
+            what = "not enough memory to open the pack"
+            raise UserError(what, where=self.path, found=str(error) or None) from error
+        self.notes = [str(warning.message) for warning in caught]
+        return pack
 
     def _more_to_see(self, pack: Pack) -> None:
         work_out_ahead(pack)
@@ -123,11 +118,8 @@ class Opening:
             self.loading = None
             for note in loading.notes:
                 app.messages.log(note, "warning")
-            if loading.error is not None:
-                raise loading.error
-            if loading.pack is not None:
-                self._show_whole(app, loading.pack, loading.path)
-                self._tell_notes(app, loading)
+            self._show_whole(app, loading.result(), loading.path)
+            self._tell_notes(app, loading)
         except Exception as error:  # a dialog, and the program goes on
             loading.cancel()
             self.loading = None

@@ -90,7 +90,7 @@ def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orth
     assert hidden == [set(), {BALL}]
     app.bookmarks.edit(app, 0, text=worded("A ball\n\x1b[31mred"))
     app.bookmarks.edit(app, 0, name="Ball")
-    app.bookmarks.update(app, 0)
+    app.bookmarks.rearrange(app, "update", 0)
     first = app.annotations.current.bookmarks[0]
     assert (first.name, first.text, first.point) == ("Ball", "A ball\n\ufffd[31mred", BALL)
     assert first.eye != app.annotations.current.bookmarks[1].eye
@@ -103,13 +103,13 @@ def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orth
 def test_views_are_named_moved_changed_and_removed_and_all_of_it_is_undone(app):
     annotations, bookmarks = app.annotations, app.bookmarks
     bookmarks.edit(app, 0, name="The door")
-    bookmarks.move(app, 0, 1)
+    bookmarks.rearrange(app, "down", 0)
     assert [view.name for view in annotations.current.bookmarks] == ["View 2", "The door", "View 3"]
     assert bookmarks.selected == 1
-    bookmarks.remove(app, 1)
+    bookmarks.rearrange(app, "remove", 1)
     assert [view.name for view in annotations.current.bookmarks] == ["View 2", "View 3"] and bookmarks.selected == 1
     moved = place(app, -5.0)
-    bookmarks.update(app, 0)
+    bookmarks.rearrange(app, "update", 0)
     table = app.scene.rig.table
     assert np.allclose(pose_of(annotations.current.bookmarks[0], table).matrix(table), moved, atol=1e-6)
     app.run("undo")
@@ -117,7 +117,7 @@ def test_views_are_named_moved_changed_and_removed_and_all_of_it_is_undone(app):
     assert [view.name for view in annotations.current.bookmarks] == ["View 2", "The door", "View 3"]
     place(app, 3.0)
     app.run("bookmark")
-    assert annotations.current.bookmarks[2].name == "View 1"  # behind the selected one, with a name that is free
+    assert annotations.current.bookmarks[1].name == "View 1"  # behind the selected one, with a name that is free
 
 
 def test_a_photographs_camera_is_bookmarked_level_from_its_place(app):

@@ -88,13 +88,13 @@ def test_keyframes_are_added_moved_changed_and_removed(filming_app):
         app.run("keyframe")
     assert filming.selected == 2 and len(filming.path.keyframes) == 3
     last = filming.path.keyframes[2]
-    filming.move(2, -1)
+    filming.rearrange(app, "up", 2)
     assert filming.path.keyframes[1] is last and filming.selected == 1
     app.scene.rig.look_along(200, 0)
     app.scene.rig.shown = app.scene.rig.goal
-    filming.update(app, 0)
+    filming.rearrange(app, "update", 0)
     np.testing.assert_allclose(filming.path.keyframes[0].grid_T_camera, app.scene.rig.matrix)
-    filming.remove(1)
+    filming.rearrange(app, "remove", 1)
     assert len(filming.path.keyframes) == 2 and filming.selected == 1
 
 
