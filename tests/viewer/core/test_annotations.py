@@ -38,8 +38,8 @@ ANNOTATIONS = Annotations(Scale(2.5, "m"), (LINE, ANGLE, POINT), (VIEW, PLACE), 
 def test_words_have_as_many_digits_as_voxels_are_worth(pack: Pack):
     words = LengthFormat(replace(pack, voxel_size=0.02), Annotations(Scale(1.0, "m")))
     assert words.length(1.23456) == "1.23 m" and words.measurement(LINE) == "7.00 m = 5.00 + 2.00"
-    assert LengthFormat(replace(pack, voxel_size=0.02), Scale(100.0, "cm")).length(1.23456) == "123 cm"
-    assert LengthFormat(pack, Scale()).measurement(ANGLE) == "45.0°"
+    assert LengthFormat(replace(pack, voxel_size=0.02), Annotations(Scale(100.0, "cm"))).length(1.23456) == "123 cm"
+    assert LengthFormat(pack, Annotations()).measurement(ANGLE) == "45.0°"
 
 
 def test_the_table_has_a_row_for_each_point_and_the_text_a_line_for_each_measurement(pack: Pack):
