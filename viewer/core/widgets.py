@@ -172,6 +172,14 @@ def segments(name: str, titles: Mapping[T, str], current: object, width: float =
     return picked
 
 
+def explained(name: str, options: Mapping[T, tuple[str, str]], current: T, width: float = LABEL_WIDTH) -> T:
+    """Segments with a line below that explains the chosen one; the value now. options: title and explanation by value."""
+    picked = segments(name, {option: title for option, (title, _) in options.items()}, current, width)
+    chosen = current if picked is None else picked
+    hint(options[chosen][1])
+    return chosen
+
+
 def slider(
     name: str, value: float, low: float, high: float, words: str, *, times: float = 1.0, flags: int = 0
 ) -> float:

@@ -17,11 +17,10 @@ from viewer.features.crop import crop
 from viewer.rendering.camera import ViewCamera, box_points
 from viewer.rendering.canvas import Canvas
 
-TITLES: dict[crop.Tool, str] = {"faces": "Faces", "move": "Move", "scale": "Scale"}
-HINTS = {
-    "faces": "Drag the dots on the box's faces in the picture.",
-    "move": "Drag the arrows in the picture, or the squares between them.",
-    "scale": "Drag the knobs in the picture to scale about the middle.",
+TOOLS: dict[crop.Tool, tuple[str, str]] = {
+    "faces": ("Faces", "Drag the dots on the box's faces in the picture."),
+    "move": ("Move", "Drag the arrows in the picture, or the squares between them."),
+    "scale": ("Scale", "Drag the knobs in the picture to scale about the middle."),
 }
 
 
@@ -37,8 +36,7 @@ def show(app: App, canvas: Canvas) -> None:
         if app.settings.crop is None:
             ui.hint("The whole scene is shown.")
         else:
-            app.crop_tool = ui.segments("##tool", TITLES, app.crop_tool) or app.crop_tool
-            ui.hint(HINTS[app.crop_tool])
+            app.crop_tool = ui.explained("##tool", TOOLS, app.crop_tool)
             low, high = crop.whole(pack)
             for face, (axis, side) in enumerate(crop.FACES):
                 name, before = f"{'xyz'[axis]} {'from' if side == 0 else 'to'}", app.settings.crop

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 Kind = Literal["mesh", "points", "gaussians", "page"]
 FRAMES: dict[Frame, str] = {"placed": "As placed", "grid": "Grid", "world": "Training"}
-KINDS: dict[Kind, str] = {"mesh": "Mesh", "points": "Points", "gaussians": "Gaussians", "page": "Web page"}
 SUFFIXES: dict[Kind, tuple[str, ...]] = {
     "mesh": (".glb", ".ply"),
     "points": (".ply",),
@@ -235,15 +234,13 @@ class ExportPreview:
 
         def on_progress(share: float, note: str) -> None:
             if self._wanted != wanted:
-                raise Cancelled
+                raise Cancelled  # something else is wanted by now
             self.share = share
 
         try:
             made = preview_geometry(pack, wanted[1], on_progress)
             on_progress(1.0, "")
             self.geometry, self.error = made, ""
-        except Cancelled:  # something else is wanted by now
-            pass
         except (UserError, MemoryError) as error:
             self.error = error.what if isinstance(error, UserError) else "there is not enough memory for a preview"
 

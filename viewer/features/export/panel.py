@@ -10,18 +10,18 @@ from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.annotations import Scale
 from viewer.core.widgets import BUTTON_WIDTH, Box, px
-from viewer.features.export.exporting import FACES, FRAMES, KEPT, KINDS, LEVELS, SPACINGS, ExportPlan, ExportPreview
+from viewer.features.export.exporting import FACES, FRAMES, KEPT, LEVELS, SPACINGS, ExportPlan, ExportPreview, Kind
 from viewer.features.making.panel import with_time_left
 from viewer.rendering.canvas import Canvas
 
 NAME, WIDTH, PADDING, LABELS = "##export", 480.0, 26.0, 130.0
 CHOICES, GAP, WIDEST_PREVIEW, NARROWEST_PREVIEW = 428.0, 22.0, 460.0, 220.0
 ROWS_HIGH = 262.0  # of the preview: as high as the most choices
-HINTS = {
-    "mesh": "Triangles with vertex colours: a .glb or .ply file.",
-    "points": "Points on the surface with normals and colours: a .ply file.",
-    "gaussians": "A Gaussian for each voxel: a .ply or .spz file for splat viewers, without highlights.",
-    "page": "One .html file that shows the scene in any browser.",
+KINDS: dict[Kind, tuple[str, str]] = {
+    "mesh": ("Mesh", "Triangles with vertex colours: a .glb or .ply file."),
+    "points": ("Points", "Points on the surface with normals and colours: a .ply file."),
+    "gaussians": ("Gaussians", "A Gaussian for each voxel: a .ply or .spz file for splat viewers, without highlights."),
+    "page": ("Web page", "One .html file that shows the scene in any browser."),
 }
 
 
@@ -64,8 +64,7 @@ def show(app: App, canvas: Canvas, pane: PreviewPane) -> None:
 
 
 def _choices(app: App, plan: ExportPlan) -> None:
-    plan.kind = ui.segments("As##kind", KINDS, plan.kind, LABELS) or plan.kind
-    ui.hint(HINTS[plan.kind])
+    plan.kind = ui.explained("As##kind", KINDS, plan.kind, LABELS)
     if plan.kind in ("mesh", "points"):
         ui.label("Opacity level", LABELS)
         plan.level = ui.slider("##level", plan.level, *LEVELS, "%.2f")
@@ -150,7 +149,6 @@ class PreviewPane:
     def __init__(self) -> None:
         self._of: tuple[object, ...] = ()
         self._pixels = None
-        self._held = False  # by the mouse
 
     def show(self, app: App, canvas: Canvas, width: float, height: float) -> None:
         """width, height: of the picture, in window units; a line of text comes below it."""
@@ -158,8 +156,8 @@ class PreviewPane:
         if preview is None:
             return
         at = imgui.get_cursor_screen_pos()
-        imgui.dummy(ImVec2(width, height))
-        self._turn(app, height)
+        imgui.invisible_button("##preview", ImVec2(width, height))
+        _turn(app, height)
         draw, corner = imgui.get_window_draw_list(), ImVec2(at.x + width, at.y + height)
         draw.add_rect_filled(at, corner, theme.packed(theme.BASE), px(6))
         if preview.geometry is not None:
@@ -184,19 +182,18 @@ class PreviewPane:
             canvas.drop_export_preview()
         self._of, self._pixels = (), None
 
-    def _turn(self, app: App, height: float) -> None:
-        """What the mouse does on the picture: it orbits, and the wheel moves closer."""
-        rig, io = app.open_scene.rig, imgui.get_io()
-        if imgui.is_item_hovered() and imgui.is_mouse_clicked(0):
-            self._held = True
-            rig.remember()
-        self._held = self._held and imgui.is_mouse_down(0)
-        if self._held and (io.mouse_delta.x or io.mouse_delta.y):
-            rig.orbit(io.mouse_delta.x / height, io.mouse_delta.y / height)
-            app.touch()
-        if imgui.is_item_hovered() and io.mouse_wheel:
-            rig.dolly(io.mouse_wheel)
-            app.touch()
+
+def _turn(app: App, height: float) -> None:
+    """What the mouse does on the picture, the item before: it orbits, and the wheel moves closer."""
+    rig, io = app.open_scene.rig, imgui.get_io()
+    if imgui.is_item_activated():
+        rig.remember()
+    if imgui.is_item_active() and (io.mouse_delta.x or io.mouse_delta.y):
+        rig.orbit(io.mouse_delta.x / height, io.mouse_delta.y / height)
+        app.touch()
+    if imgui.is_item_hovered() and io.mouse_wheel:
+        rig.dolly(io.mouse_wheel)
+        app.touch()
 
 
 def _preview_text(preview: ExportPreview, of_points: str) -> str:

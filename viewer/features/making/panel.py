@@ -342,11 +342,10 @@ def with_time_left(text: str, report: Report) -> str:
 # --- Review of the poses ---
 
 REVIEW_LABELS = 86.0
-KINDS: dict[Kind, str] = {"subject": "Subject", "room": "Room", "forward": "Forward"}
-ABOUT = {
-    "subject": "The cameras look inwards at something. The box keeps to it.",
-    "room": "The cameras look outwards. The box reaches to the walls.",
-    "forward": "The cameras look one way. All that they see is trained; there is no box.",
+KINDS: dict[Kind, tuple[str, str]] = {
+    "subject": ("Subject", "The cameras look inwards at something. The box keeps to it."),
+    "room": ("Room", "The cameras look outwards. The box reaches to the walls."),
+    "forward": ("Forward", "The cameras look one way. All that they see is trained; there is no box."),
 }
 
 
@@ -382,13 +381,11 @@ def show_review(app: App, canvas: Canvas, box: Box) -> None:
 
 
 def _review_choices(app: App, review: Review, shown: bool) -> None:
-    titles: dict[Kind, str] = {kind: KINDS[kind] for kind in review.kinds}
-    picked = ui.segments("Seen as", titles, review.kind, REVIEW_LABELS)
-    if picked is not None and picked != review.kind:
-        app.making.choose_kind(app, picked)
+    kind = ui.explained("Seen as", {kind: KINDS[kind] for kind in review.kinds}, review.kind, REVIEW_LABELS)
+    if kind != review.kind:
+        app.making.choose_kind(app, kind)
         if app.settings.crop is not None:
             app.interface.opens("crop")  # where the box is drawn
-    ui.hint(ABOUT[review.kind])
     if review.kind == "forward" or not shown:
         return
     _upright(app, review)

@@ -13,11 +13,13 @@ from viewer.core.widgets import px
 from viewer.features.performance.frame_stats import AVERAGED, KEPT, FrameStats
 from viewer.rendering.canvas import Canvas
 
-MARCHERS = {"exact": "Exact", "paper": "Paper", "brute": "Every sample"}
-MARCHER_HINTS = {
-    "exact": "Jumps over empty space by a grid of distances. The picture is that of every sample.",
-    "paper": "The paper's algorithm: skips empty macroblocks, then asks the nearest opacity before it takes a sample.",
-    "brute": "Takes every sample, to compare with.",
+MARCHERS = {
+    "exact": ("Exact", "Jumps over empty space by a grid of distances. The picture is that of every sample."),
+    "paper": (
+        "Paper",
+        "The paper's algorithm: skips empty macroblocks, then asks the nearest opacity before it takes a sample.",
+    ),
+    "brute": ("Every sample", "Takes every sample, to compare with."),
 }
 
 
@@ -37,9 +39,7 @@ def show(app: App, canvas: Canvas) -> None:
         app.interface.v_sync = ui.switch("v-sync", app.interface.v_sync, "V-sync")
         ui.tip("Limit the frame rate to that of the screen")
     with ui.card("marcher", "Marcher"):
-        if picked := ui.segments("##marcher", MARCHERS, app.settings.marcher):
-            app.set(marcher=picked)
-        ui.hint(MARCHER_HINTS[app.settings.marcher])
+        app.set(marcher=ui.explained("##marcher", MARCHERS, app.settings.marcher))
     with ui.card("spread", "Spread"):
         histogram(app.times, target, px(96))
         for name, share in (("Median", 50), ("95th percentile", 95), ("Slowest", 100)):

@@ -17,7 +17,7 @@ from scenepack.exports.scene import Export
 from tests.viewer.waiting import until
 from tests.viewer.web.test_page import described
 from viewer.app.application import App
-from viewer.features.export.exporting import KINDS, ExportPlan, ExportPreview
+from viewer.features.export.exporting import SUFFIXES, ExportPlan, ExportPreview
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
@@ -31,7 +31,7 @@ def shown(app: App, pack: Pack, pack_folder: Path) -> App:
     return app
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SUFFIXES)
 def test_all_choices_of_the_dialog_are_options_of_the_command(kind, tmp_path: Path, monkeypatch) -> None:
     asked = []
     monkeypatch.setattr(command, "export", lambda *words, **named: None)
