@@ -4,8 +4,6 @@ One view may be shown in several modes. As PNG each mode is a file of its own; o
 Files are written aside and renamed when they are whole; what is cancelled or fails leaves nothing behind.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import time
