@@ -62,10 +62,6 @@ def _escape(app: App) -> None:
         app.filming.cancel(app)
     elif app.loading is not None:
         app.opening.cancel(app)
-    elif app.bookmarks.placing:
-        app.bookmarks.placing = False
-    elif app.filming.focusing:
-        app.filming.focusing = False
     elif app.measure_tool.escape(app) or app.erasing.escape(app):
         pass
     elif app.comparison.against == "photograph":

@@ -151,10 +151,6 @@ def _click(app: App, x: float, y: float) -> None:
     review, left, under = app.making.review, _mouse_state.button == LEFT, _mouse_state.under
     if left and review is not None and review.picking:
         app.making.pick_ground(app, x, y)
-    elif left and app.bookmarks.placing:
-        app.bookmarks.place(app, x, y)
-    elif left and app.filming.focusing:
-        app.filming.focus_at(app, x, y)
     elif _mouse_state.holds == "mark" and under.mark is not None:
         app.measure_tool.click_point(app, *under.mark)
     elif left and app.measure_tool.tool:

@@ -74,27 +74,18 @@ class Bookmarks:
     """selected: index of the one chosen last, also once the camera has moved."""
 
     selected: int | None = None
-    placing: bool = False  # a click annotates the place under it
     shown: bool = True  # places are marked in the picture
     _looked: dict[Point, tuple[float, object, bool]] = field(default_factory=dict)  # when, in which view, if covered
 
     def drop(self) -> None:
-        self.selected, self.placing, self._looked = None, False, {}
+        self.selected, self._looked = None, {}
 
     def annotate(self, app: App) -> None:
         """Waits for a click on the place to annotate, or does not any more."""
-        self.placing = not self.placing
-        if self.placing:
-            app.measure_tool.choose(app, "")
+        app.measure_tool.choose(app, "" if app.measure_tool.tool == "place" else "place")
+        if app.measure_tool.tool:
             app.interface.opens("bookmarks")
             app.messages.say("Click on the place to annotate")
-
-    def place(self, app: App, x: float, y: float) -> None:
-        """Bookmarks the view with the surface under a point of the viewport (window units from its corner)."""
-        hit = app.measure_tool.click_at(app, x, y)
-        if hit is not None:
-            self.placing = False
-            self.add(app, triple(hit.point))
 
     def covered(self, app: App) -> set[Point]:
         """The places that something else hides in the picture; what takes too long for one frame is found in the next."""

@@ -23,7 +23,7 @@ def show(app: App, canvas: Canvas) -> None:
     with ui.card("bookmarks", "Bookmarks"):
         if ui.main_button(f"{fa.ICON_FA_BOOKMARK}  Bookmark this view"):
             app.run("bookmark")
-        waits = "Click on a surface" if app.bookmarks.placing else "Annotate a place"
+        waits = "Click on a surface" if app.measure_tool.tool == "place" else "Annotate a place"
         ui.command(app, "annotate", f"{fa.ICON_FA_LOCATION_DOT}  {waits}###annotate")
         ui.tip("A number marks it in the picture; its bookmark has the title and the text")
         if views:

@@ -15,7 +15,7 @@ from PIL import Image
 from console import UserError
 from viewer.core.annotations import Point
 from viewer.core.files import FileRequest
-from viewer.core.pose import fitted, triple, view_camera
+from viewer.core.pose import fitted, view_camera
 from viewer.features.bookmarks.bookmarks import Rearranging, rearranged, with_places
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
 from viewer.features.film.picture_export import EXR, Export, passes_for
@@ -63,7 +63,6 @@ class Filming:
     aperture: float = 0.0  # of stills: diameter of the opening of the lens, of the scene's radius; 0: all is sharp
     lens_rays: int = 64
     focus: Point | None = None  # what is in focus, grid frame; None: what is in the middle of the picture
-    focusing: bool = False  # a click chooses it
     export: Export | None = None
     _held: ViewCamera | None = None  # what playing showed last
 
@@ -177,13 +176,6 @@ class Filming:
         assert camera is not None
         lens = None if self.panorama else self._lens(app, camera)
         self._start(app, [self._view(app, camera)], target, still=True, lens=lens)
-
-    def focus_at(self, app: App, x: float, y: float) -> None:
-        """Focuses on the surface under a point of the viewport (window units from its corner)."""
-        hit = app.measure_tool.click_at(app, x, y)
-        if hit is not None:
-            self.focus, self.focusing = triple(hit.point), False
-            app.messages.say(f"In focus: {app.measure_tool.length_format(app).length(hit.distance)} away")
 
     def _lens(self, app: App, camera: ViewCamera) -> Aperture | None:
         """Of a still. UserError where the camera can have none."""

@@ -110,17 +110,19 @@ def _still(app: App, filming: Filming) -> None:
         if on != (mode in filming.besides):
             filming.besides = tuple(m for m in STILL_MODES if (m in filming.besides) != (m == mode))
     if not filming.panorama:
-        _depth_of_field(filming)
+        _depth_of_field(app, filming)
     if ui.main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", enabled=filming.export is None):
         filming.ask_for_still(app)
     ui.command(app, "copy-picture", f"{fa.ICON_FA_COPY}  Copy the picture", enabled=filming.export is None)
     ui.tip("The picture as it is shown, to the clipboard")
 
 
-def _depth_of_field(filming: Filming) -> None:
+def _depth_of_field(app: App, filming: Filming) -> None:
+    focusing = app.measure_tool.tool == "focus"
     if ui.switch("blur", filming.aperture > 0, "Depth of field") != (filming.aperture > 0):
         filming.aperture = 0.0 if filming.aperture else USUAL_APERTURE
-        filming.focusing = False
+        if focusing:
+            app.measure_tool.choose(app, "")
     ui.tip("Blurs the saved view where it is out of focus, as a lens does")
     if not filming.aperture:
         return
@@ -129,11 +131,13 @@ def _depth_of_field(filming: Filming) -> None:
     ui.tip("Diameter of the opening, of the scene's radius")
     filming.lens_rays = ui.segments("Quality##rays", LENS_QUALITY, filming.lens_rays) or filming.lens_rays
     width = ui.half_width()
-    if ui.button(f"{'Click on a surface' if filming.focusing else 'Choose the focus'}###focus", width):
-        filming.focusing = not filming.focusing
+    if ui.button(f"{'Click on a surface' if focusing else 'Choose the focus'}###focus", width):
+        app.measure_tool.choose(app, "" if focusing else "focus")
     imgui.same_line()
     if ui.button("The middle", width):
-        filming.focus, filming.focusing = None, False
+        filming.focus = None
+        if focusing:
+            app.measure_tool.choose(app, "")
     ui.hint("In focus: the middle of the picture." if filming.focus is None else "In focus: the chosen place.")
 
 

@@ -115,8 +115,9 @@ def as_csv(pack: Pack, annotations: Annotations) -> str:
     return text.getvalue()
 
 
-Tool = Literal["", "point", "line", "angle", "scale", "ground", "origin"]
-ENDS = {"point": 1, "angle": 3, "ground": 3, "origin": 1}  # points after which the tool is done
+Tool = Literal["", "point", "line", "angle", "scale", "ground", "origin", "place", "focus"]
+ENDS = {"point": 1, "angle": 3, "ground": 3, "origin": 1, "place": 1, "focus": 1}  # points after which the tool is done
+UNMARKED = ("", "place", "focus")  # tools whose points are not drawn: of an annotated place, and of what is in focus
 PAGE = "measure"
 
 
@@ -143,13 +144,6 @@ class MeasureTool:
         self.cursor = surface_under(app, x, y)
         return self.cursor
 
-    def click_at(self, app: App, x: float, y: float) -> Hit | None:
-        """look_at() for a click; says so where there is nothing."""
-        hit = self.look_at(app, x, y)
-        if hit is None:
-            app.messages.say("There is no surface under the cursor")
-        return hit
-
     # Placing
 
     def choose(self, app: App, tool: Tool) -> None:
@@ -168,8 +162,12 @@ class MeasureTool:
 
     def click(self, app: App, x: float, y: float) -> None:
         """Places a point on the surface under a point of the viewport, if there is one."""
-        if self.tool and (hit := self.click_at(app, x, y)) is not None:
+        if not self.tool:
+            return
+        if (hit := self.look_at(app, x, y)) is not None:
             self._place(app, triple(hit.point))
+        else:
+            app.messages.say("There is no surface under the cursor")
 
     def click_point(self, app: App, index: int, point: int) -> None:
         """Places a point exactly where one of a measurement is; without a tool, selects that measurement."""
@@ -199,13 +197,20 @@ class MeasureTool:
         return True
 
     def _keep(self, app: App) -> None:
-        """Makes the draft a measurement; undone in one step with its last point."""
-        annotations = app.annotations.current
+        """Makes the draft what the tool is for, such as a measurement; undone in one step with its last point."""
+        annotations, draft = app.annotations.current, self.draft
         if self.tool in ("ground", "origin"):
             self._place_scene(app)
+        elif self.tool == "place":
+            self.tool, self.draft = "", ()
+            app.bookmarks.add(app, draft[0])
+        elif self.tool == "focus":
+            self.tool, app.filming.focus = "", draft[0]
+            away = dist(draft[0], app.open_scene.rig.matrix[:3, 3])
+            app.messages.say(f"In focus: {self.length_format(app).length(away)} away")
         elif self.tool in ("point", "line", "angle") and len(annotations.measurements) < MOST_ANNOTATIONS:
             self.selected = len(annotations.measurements)
-            app.annotations.current = annotations.with_measurement(self.selected, Measurement(self.tool, self.draft))
+            app.annotations.current = annotations.with_measurement(self.selected, Measurement(self.tool, draft))
         self.draft = ()
 
     def _place_scene(self, app: App) -> None:

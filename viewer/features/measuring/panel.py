@@ -14,7 +14,7 @@ from viewer.core.annotations import METRES, Kind, Measurement, Point, Scale, Uni
 from viewer.core.pose import triple
 from viewer.core.screen import Screen
 from viewer.core.widgets import Box, px
-from viewer.features.measuring.measure_tool import PAGE, LengthFormat, Tool, angle, lengths
+from viewer.features.measuring.measure_tool import PAGE, UNMARKED, LengthFormat, Tool, angle, lengths
 from viewer.rendering.canvas import Canvas
 
 LIST_HEIGHT = 150.0
@@ -142,7 +142,7 @@ Handle = tuple[int, int]  # a point that can be dragged: of which measurement, a
 def draw(app: App, box: Box, over: bool) -> Handle | None:
     """Draws measurements and draft; the point under the mouse, if any. over: the mouse is over nothing but the picture."""
     measure_tool, words = app.measure_tool, app.measure_tool.length_format(app)
-    active = bool(measure_tool.tool) or app.interface.shows(PAGE)
+    active = measure_tool.tool not in UNMARKED or app.interface.shows(PAGE)
     mouse, measure_tool.cursor = imgui.get_io().mouse_pos, None
     if not (active or measure_tool.shown):
         return None
@@ -157,7 +157,7 @@ def draw(app: App, box: Box, over: bool) -> Handle | None:
             _shape(screen, words, measurement.kind, measurement.points, colour, hot)
         waits = under is None and not (measure_tool.tool == "scale" and len(measure_tool.draft) == 2)
         cursor = measure_tool.cursor if waits else None
-        if measure_tool.tool:
+        if measure_tool.tool not in UNMARKED:
             points = measure_tool.draft if cursor is None else (*measure_tool.draft, triple(cursor.point))
             _shape(screen, words, measure_tool.tool, points, theme.WARN)
     return under

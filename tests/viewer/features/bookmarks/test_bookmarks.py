@@ -180,7 +180,7 @@ def test_a_click_annotates_a_place_and_one_on_its_number_goes_there_unless_it_is
     ui.key(imgui.Key.enter)
     named = app.annotations.current.bookmarks[4]
     assert (named.name, named.text) == ("Ball", "A ball <b>") and rig.goal == seen
-    assert place.name == "Place 1" and np.allclose(place.point, BALL, atol=0.05) and not app.bookmarks.placing
+    assert place.name == "Place 1" and np.allclose(place.point, BALL, atol=0.05) and not app.measure_tool.tool
     look_along(180, 10)
     ui.click(*ui.place_of(place.point))
     assert rig.goal.azimuth == 180 and app.bookmarks.covered(app) == {place.point}
@@ -189,4 +189,4 @@ def test_a_click_annotates_a_place_and_one_on_its_number_goes_there_unless_it_is
     assert np.allclose(rig.goal.matrix(rig.table), seen.matrix(rig.table), atol=1e-6)
     app.run("annotate")
     ui.key(imgui.Key.escape)
-    assert not app.bookmarks.placing
+    assert not app.measure_tool.tool

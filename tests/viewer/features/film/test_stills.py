@@ -43,10 +43,10 @@ def test_a_still_is_blurred_and_a_click_chooses_the_focus(offscreen, app: App, t
         return edge_widths(np.asarray(Image.open(saved(ui, tmp_path / name)))[60, :, 0] / 255.0)
 
     middle = widths("middle.png")
-    filming.focusing = True
+    app.measure_tool.choose(app, "focus")
     x, y = app.viewport.x + app.viewport.width / 2, app.viewport.y + app.viewport.height / 2
     ui.click(x + 0.7 * CAMERA.fx * app.viewport.height / 120 / (3.0 - FAR_BAR), y)  # the far bar
-    assert not filming.focusing and filming.focus is not None and abs(filming.focus[2] - FAR_BAR) < 0.1
+    assert not app.measure_tool.tool and filming.focus is not None and abs(filming.focus[2] - FAR_BAR) < 0.1
     far = widths("far.png")
     assert middle[0] < far[0] - 3 and far[1] < middle[1] - 3
     rig.set_orthographic(True)
