@@ -1,7 +1,5 @@
 """Erase page, and its tools in the picture."""
 
-from itertools import pairwise
-
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
@@ -94,10 +92,9 @@ def draw(app: App, box: Box, over: bool) -> None:
     mouse, lines = imgui.get_io().mouse_pos, imgui.get_window_draw_list()
     colour, dark = theme.packed(theme.WARN), theme.packed(theme.BASE, 0.75)
     if erasing.tool == "lasso" and len(erasing.outline) > 1:
-        points = [ImVec2(box[0] + x, box[1] + y) for x, y in (*erasing.outline, erasing.outline[0])]
+        points = [ImVec2(box[0] + x, box[1] + y) for x, y in erasing.outline]
         for line, width in ((dark, 4.0), (colour, 1.5)):
-            for a, b in pairwise(points):
-                lines.add_line(a, b, line, px(width))
+            lines.add_polyline(points, line, px(width), imgui.ImDrawFlags_.closed)
         return
     if erasing.tool == "brush" and over and not imgui.is_item_active():
         erasing.cursor = surface_under(app, mouse.x - box[0], mouse.y - box[1])
