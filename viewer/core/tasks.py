@@ -71,7 +71,11 @@ class JsonTask(Task[None]):
     def __init__(self, module: str, words: Sequence[str], on_message: Callable[[Mapping[str, Any]], None]) -> None:
         self._command, self._on_message = module_command(module, *words), on_message
         self._child: ChildProcess | None = None
+        self._heard = 0  # messages
         super().__init__(self._listen)
+
+    def state(self) -> object:
+        return self._heard
 
     def close(self) -> None:
         self.cancel()
@@ -86,6 +90,7 @@ class JsonTask(Task[None]):
             if not self.cancelled:  # while the child was being started
                 for message in self._child.messages():
                     self._on_message(message)
+                    self._heard += 1
         finally:
             self._child.close()
 

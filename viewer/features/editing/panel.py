@@ -92,7 +92,7 @@ def draw(app: App, box: Box, over: bool) -> None:
     mouse, lines = imgui.get_io().mouse_pos, imgui.get_window_draw_list()
     colour, dark = theme.packed(theme.WARN), theme.packed(theme.BASE, 0.75)
     if erasing.tool == "lasso" and len(erasing.outline) > 1:
-        points = [ImVec2(box[0] + x, box[1] + y) for x, y in erasing.outline]
+        points: list[imgui.ImVec2Like] = [ImVec2(box[0] + x, box[1] + y) for x, y in erasing.outline]
         for line, width in ((dark, 4.0), (colour, 1.5)):
             lines.add_polyline(points, line, px(width), imgui.ImDrawFlags_.closed)
         return

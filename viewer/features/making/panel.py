@@ -295,7 +295,7 @@ def _curve(job: MakeJob) -> None:
     imgui.dummy(ImVec2(wide, high))
     low, top = min(job.figures), max(job.figures)
     span, count = max(top - low, 0.5), len(job.figures) - 1
-    points = [
+    points: list[imgui.ImVec2Like] = [
         ImVec2(at.x + wide * i / count, at.y + high - px(2) - (value - low) / span * (high - px(4)))
         for i, value in enumerate(job.figures)
     ]
@@ -377,7 +377,8 @@ def show_review(app: App, canvas: Canvas, box: Box) -> None:
 
 
 def _review_choices(app: App, review: Review, shown: bool) -> None:
-    kind = ui.explained("Seen as", {kind: KINDS[kind] for kind in review.kinds}, review.kind, REVIEW_LABELS)
+    kinds: dict[Kind, tuple[str, str]] = {kind: KINDS[kind] for kind in review.kinds}
+    kind = ui.explained("Seen as", kinds, review.kind, REVIEW_LABELS)
     if kind != review.kind:
         app.making.choose_kind(app, kind)
         if app.settings.crop is not None:

@@ -62,9 +62,6 @@ class BarePreview(JsonTask, Sheet):
         finally:
             shutil.rmtree(self._folder, ignore_errors=True)
 
-    def state(self) -> object:
-        return self.count, len(self.names), self.aside is None, self.seconds is None
-
     def _take(self, message: Mapping[str, Any]) -> None:
         if "name" in message:
             if message["file"] and len(self.names) < ROWS * COLUMNS:
@@ -108,9 +105,6 @@ class TimeNeeded(JsonTask):
         with suppress(Exception):  # it reports what went wrong itself
             self._after()
         super()._listen()
-
-    def state(self) -> object:
-        return len(self._runs), self._per_sample
 
     def seconds(self, preset: str, side: int) -> float | None:
         """For training and baking, without finding poses; None where it is not known, as for presets with the paper's MLP."""
