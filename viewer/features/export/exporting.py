@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from viewer.app.application import App
 
 Kind = Literal["mesh", "points", "gaussians", "page"]
-FRAMES: dict[Frame, str] = {"placed": "As placed", "grid": "Grid", "world": "Training"}
 SUFFIXES: dict[Kind, tuple[str, ...]] = {
     "mesh": (".glb", ".ply"),
     "points": (".ply",),

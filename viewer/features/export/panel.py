@@ -5,12 +5,12 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui, imgui_ctx
 from imgui_bundle import icons_fontawesome_6 as fa
 
+from scenepack.exports.field import Frame
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
-from viewer.core.annotations import Scale
 from viewer.core.widgets import BUTTON_WIDTH, Box, px
-from viewer.features.export.exporting import FACES, FRAMES, KEPT, LEVELS, SPACINGS, ExportPlan, ExportPreview, Kind
+from viewer.features.export.exporting import FACES, KEPT, LEVELS, SPACINGS, ExportPlan, ExportPreview, Kind
 from viewer.features.making.panel import with_time_left
 from viewer.rendering.canvas import Canvas
 
@@ -77,8 +77,13 @@ def _choices(app: App, plan: ExportPlan) -> None:
     elif plan.kind == "points":
         plan.spacing = ui.segments("Density##spacing", SPACINGS, plan.spacing, LABELS) or plan.spacing
     if plan.kind != "page":
-        plan.frame = ui.segments("Frame", FRAMES, plan.frame, LABELS) or plan.frame
-        ui.hint(_frame_hint(plan, app.annotations.current.scale))
+        units = app.annotations.current.scale.unit or "its units"
+        frames: dict[Frame, tuple[str, str]] = {
+            "placed": ("As placed", f"As on the Move page, y up. Lengths are in {units}."),
+            "grid": ("Grid", "The grid's, y up, in its own units."),
+            "world": ("Training", "That of the photographs' poses, in its own units."),
+        }
+        plan.frame = ui.explained("Frame", frames, plan.frame, LABELS)
     if app.settings.crop is not None:
         plan.crop = ui.switch("cropped", plan.crop, "Crop box only")
     if plan.kind == "page":
@@ -89,14 +94,6 @@ def _choices(app: App, plan: ExportPlan) -> None:
             app.run("share")
         imgui.same_line()
         ui.hint("Serves the page to browsers on this computer, without a file.")
-
-
-def _frame_hint(plan: ExportPlan, scale: Scale) -> str:
-    if plan.frame == "placed":
-        return f"As on the Move page, y up. Lengths are in {scale.unit or 'its units'}."
-    if plan.frame == "grid":
-        return "The grid's, y up, in its own units."
-    return "That of the photographs' poses, in its own units."
 
 
 def show_card(app: App, box: Box) -> None:

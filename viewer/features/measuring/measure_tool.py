@@ -156,7 +156,7 @@ class MeasureTool:
 
     def toggle(self, app: App) -> None:
         """Starts measuring and opens the page, or stops."""
-        self.choose(app, "" if self.tool else "line")
+        self.choose(app, "line" if self.tool in UNMARKED else "")
         if self.tool:
             app.interface.opens(PAGE)
 
