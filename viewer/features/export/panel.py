@@ -146,6 +146,7 @@ class PreviewPane:
     def __init__(self) -> None:
         self._of: tuple[object, ...] = ()
         self._pixels = None
+        self._held = False  # by the mouse
 
     def show(self, app: App, canvas: Canvas, width: float, height: float) -> None:
         """width, height: of the picture, in window units; a line of text comes below it."""
@@ -153,8 +154,8 @@ class PreviewPane:
         if preview is None:
             return
         at = imgui.get_cursor_screen_pos()
-        imgui.invisible_button("##preview", ImVec2(width, height))
-        _turn(app, height)
+        imgui.dummy(ImVec2(width, height))  # no button, which Tab would come to
+        self._turn(app, height)
         draw, corner = imgui.get_window_draw_list(), ImVec2(at.x + width, at.y + height)
         draw.add_rect_filled(at, corner, theme.packed(theme.BASE), px(6))
         if preview.geometry is not None:
@@ -179,18 +180,19 @@ class PreviewPane:
             canvas.drop_export_preview()
         self._of, self._pixels = (), None
 
-
-def _turn(app: App, height: float) -> None:
-    """What the mouse does on the picture, the item before: it orbits, and the wheel moves closer."""
-    rig, io = app.open_scene.rig, imgui.get_io()
-    if imgui.is_item_activated():
-        rig.remember()
-    if imgui.is_item_active() and (io.mouse_delta.x or io.mouse_delta.y):
-        rig.orbit(io.mouse_delta.x / height, io.mouse_delta.y / height)
-        app.touch()
-    if imgui.is_item_hovered() and io.mouse_wheel:
-        rig.dolly(io.mouse_wheel)
-        app.touch()
+    def _turn(self, app: App, height: float) -> None:
+        """What the mouse does on the picture: it orbits, and the wheel moves closer."""
+        rig, io = app.open_scene.rig, imgui.get_io()
+        if imgui.is_item_hovered() and imgui.is_mouse_clicked(0):
+            self._held = True
+            rig.remember()
+        self._held = self._held and imgui.is_mouse_down(0)
+        if self._held and (io.mouse_delta.x or io.mouse_delta.y):
+            rig.orbit(io.mouse_delta.x / height, io.mouse_delta.y / height)
+            app.touch()
+        if imgui.is_item_hovered() and io.mouse_wheel:
+            rig.dolly(io.mouse_wheel)
+            app.touch()
 
 
 def _preview_text(preview: ExportPreview, of_points: str) -> str:
