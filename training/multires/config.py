@@ -21,14 +21,14 @@ class MultiresConfig:
 
     resolutions: tuple[int, ...] | None = None
     """Cells along the cube of each level, coarse to fine. None: powers of two from 16 to about the photographs' pixels, at most
-    512, in contracted space to four times as many, at most 1024; below that, three quarters of the finest, too."""
+    512, in contracted space to four times as many, at most 1024; below 1024, three quarters of the finest, too."""
     occupancy: int | None = None
     """Cells of the occupancy grid along the cube; a multiple of 8. Here and below, None means: chosen by the kind of scene, but
     where something else is said."""
     occupancy_threshold: float | None = None
     """Optical depth over 1/512 of the cube from which a cell is occupied."""
     finest_from: float = 0.25
-    """When the finest level joins, as a fraction of all steps: coarse levels generalise, and cost less."""
+    """When levels of more than half the finest's cells join, as a fraction of all steps: coarse levels generalise, and cost less."""
     samples_per_step: int | None = None
     """Samples per step, without those in empty space. The number of rays adapts to it. None: from 32,768 for small photographs
     to 131,072 for those of 512 pixels and more, in contracted space of 1,024."""

@@ -89,7 +89,7 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
         resolution=by_kind.occupancy,
         resolutions=resolutions,
         ndc_depth=depth,
-        joins=(0.0,) * (len(resolutions) - 1) + (own.finest_from if len(resolutions) > 1 else 0.0,),
+        joins=(0.0, *(own.finest_from * (2 * n > resolutions[-1]) for n in resolutions[1:])),
         samples=own.samples_per_step or samples_for(longest_side(dataset), dataset.kind),
         steps_across=steps_across,
         least_views=max(min(by_kind.least_views, dataset.views // 4), 1),
@@ -139,12 +139,12 @@ def longest_side(dataset: RayDataset) -> int:
 
 
 def resolutions_for(pixels: int, contracted: bool = False) -> tuple[int, ...]:
-    """Powers of two from COARSEST to about the pixels along the longer side of a photograph; below the limit, three quarters of
-    the finest, too (of 512, it would take 0.7 GB for lego at 800 × 800)."""
+    """Powers of two from COARSEST to about the pixels along the longer side of a photograph, and three quarters of the finest (of
+    contracted space's finest, that would take a third more time)."""
     pixels, most = (pixels * CONTRACTED_FINER, FINEST_CONTRACTED) if contracted else (pixels, FINEST)
     finest = int(np.clip(1 << round(np.log2(pixels * 1.25)), 64, most))
     coarser = tuple(COARSEST << i for i in range(int(np.log2(finest / COARSEST))))
-    return (*coarser, finest) if finest == most else (*coarser, finest * 3 // 4, finest)
+    return (*coarser, finest) if finest == FINEST_CONTRACTED else (*coarser, finest * 3 // 4, finest)
 
 
 def samples_for(pixels: int, kind: Kind) -> int:
