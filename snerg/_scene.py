@@ -49,11 +49,11 @@ def demo() -> Path:
     Raises:
         SnergError: Where this installation has none.
     """
-    from viewer.core.files import demo_pack
+    from viewer.core.files import DEMO
 
-    if (found := demo_pack()) is None:
+    if not DEMO.is_file():
         raise SnergError("this installation has no demo pack", remedy="install snerg again")
-    return found
+    return DEMO
 
 
 class Scene:

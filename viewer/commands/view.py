@@ -20,7 +20,7 @@ from scenepack.reader import load_pack
 from viewer.app.application import App
 from viewer.commands.render import fly_over
 from viewer.core import annotations
-from viewer.core.files import demo_pack, kind_of, scene_around
+from viewer.core.files import DEMO, kind_of, scene_around
 from viewer.core.log import CrashLog, default_folder, left_behind
 from viewer.core.pose import pose_from_text
 from viewer.core.state import name_of
@@ -115,7 +115,10 @@ class View:
         if self.register or self.unregister:
             return _register(self.register and not self.unregister)
         if self.serve is not None:
-            return self._serve(self.serve)
+            box = None if self.crop is None else parse_corners(self.crop, "--crop")
+            content = PageContent(self.title or "", self.credits, self.path, box, self.pose)
+            serve(self.pack or DEMO, self.host, self.serve, content)
+            return 0
         frames = 1 if self.frames is None and self.screenshot is not None else self.frames
         window_size = parse_size(self.size, least=SMALLEST_SIDE) if self.size else None
         if frames is not None and frames < 1:
@@ -138,14 +141,6 @@ class View:
             settings = RenderSettings(mode=self.mode, marcher=self.marcher, surroundings=self.surroundings)
             _render_instead(self.pack, settings, reason)
             return 0
-
-    def _serve(self, port: int) -> int:
-        path = self.pack or demo_pack()
-        if path is None:
-            raise UserError("there is no pack to serve", remedy="name one: snerg-view PACK --serve")
-        box = None if self.crop is None else parse_corners(self.crop, "--crop")
-        serve(path, self.host, port, PageContent(self.title or "", self.credits, self.path, box, self.pose))
-        return 0
 
     # What was asked for is carried out step by step once there is something to carry it out on. Whatever fails is a dialog, like
     # everything else that fails in the window.
@@ -233,7 +228,7 @@ def _register(wanted: bool) -> int:
 def _show_window(view: View, size: tuple[int, int] | None, frames: int | None) -> int:
     """Runs the viewer until it is closed, or for so many frames; the exit status. NoDisplay; UserError of a script's failure."""
     require_display()
-    app = App(demo=demo_pack())
+    app = App(demo=DEMO)
     if frames is None:
         return _live(app, view, size)
     survey.MEASURES = False  # a picture that says how long something takes is another one each time
@@ -310,9 +305,7 @@ def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: Cr
 
 
 def _render_instead(path: Path | None, settings: RenderSettings, reason: NoDisplay) -> None:
-    chosen = path or demo_pack()
-    if chosen is None:
-        raise UserError("there is no pack to render", remedy="name one: snerg-view PACK")
+    chosen = path or DEMO
     if kind_of(chosen) == "session":
         chosen = session.load_session(chosen).packs[0].path
     chosen = scene_around(chosen)

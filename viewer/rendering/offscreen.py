@@ -23,12 +23,9 @@ def create_context() -> moderngl.Context:
     # macOS and Windows know no EGL; there moderngl opens a hidden native context.
     options: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
     try:
-        ctx = moderngl.create_context(standalone=True, require=GL_VERSION, **options)
+        return moderngl.create_context(standalone=True, require=GL_VERSION, **options)
     except Exception as error:  # glcontext raises bare Exception for a missing library, moderngl its own for versions
         raise opengl.opengl_refusal("", str(error)) from error
-    while ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
-        pass
-    return ctx
 
 
 def lost(ctx: moderngl.Context) -> bool:

@@ -24,7 +24,6 @@ import moderngl
 import numpy as np
 
 from console import UserError
-from viewer.rendering.shader_source import compile_program
 from viewer.rendering.software_rasteriser import finish, is_software
 
 NEEDED = "OpenGL 3.3 or later"
@@ -168,7 +167,7 @@ class Drawing:
     def __init__(
         self, ctx: moderngl.Context, vertex: str, fragment: str, content: Sequence[tuple[Any, ...]] = ()
     ) -> None:
-        self.linked = compile_program(ctx, vertex, fragment)
+        self.linked = ctx.program(vertex_shader=vertex, fragment_shader=fragment)
         self.vertices = ctx.vertex_array(self.linked, list(content))
         # Asked for once: a window draws hundreds of frames a second, and each has some twenty values to write.
         members = ((name, self.linked[name]) for name in self.linked)

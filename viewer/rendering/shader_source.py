@@ -11,7 +11,6 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import moderngl
 import numpy as np
 
 from scenepack import constants
@@ -20,12 +19,6 @@ from scenepack.pack import ViewMlp
 SHADER_FOLDER = Path(__file__).resolve().parents[2] / "shaders"
 INCLUDE = re.compile(r'^#include "([^"]+)"$', re.MULTILINE)
 VERSION = re.compile(r"^#version.*$", re.MULTILINE)
-# The line in a driver's message: "0:12(5): error" Mesa; "0(12) : error" NVIDIA; "ERROR: 0:12:" Apple, ANGLE
-LINE = re.compile(r"\b\d+[:(](\d+)")
-
-
-class ShaderError(Exception):
-    """A shader that does not compile or link: a bug of ours, with the lines that the driver complains of."""
 
 
 def glsl_float(value: float) -> str:
@@ -97,18 +90,6 @@ def assemble_es(name: str, generated: Mapping[str, str] | None = None) -> str:
     lines = (re.sub(r"\s*//.*", "", line).rstrip() for line in text.splitlines())
     kept = [line for line in lines if line and not line.startswith("#version")]
     return ES_PRECISION + "\n".join(kept) + "\n"
-
-
-def compile_program(ctx: moderngl.Context, vertex: str, fragment: str) -> moderngl.Program:
-    """Compiles and links. ShaderError where that fails."""
-    try:
-        return ctx.program(vertex_shader=vertex, fragment_shader=fragment)
-    except moderngl.Error as error:
-        message = str(error)
-        blamed = vertex if "vertex_shader" in message and "fragment_shader" not in message else fragment
-        lines = dict(enumerate(blamed.splitlines(), 1))
-        quoted = (lines.get(int(number), "").strip() for number in LINE.findall(message))
-        raise ShaderError("\n".join([message, *quoted])) from error
 
 
 def colour_stops() -> tuple[tuple[float, float, float], ...]:

@@ -92,8 +92,6 @@ class Window:
         self._touched = True
         self.handle = _open(size)
         self.ctx = moderngl.create_context(require=330)
-        while self.ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
-            pass
         self.canvas = Canvas(self.ctx)
         app.canvas = self.canvas
         self._listen()
