@@ -196,10 +196,10 @@ class App:
 
     def opened(self) -> None:
         """Records the pack as recent and logs it, because it is complete."""
-        assert self.scene is not None
-        if self.scene.path.exists():
-            self.preferences.opened(self.scene.path)
-        self.messages.log(f"{self.scene.name} is open, from {self.scene.path}")
+        scene = self.open_scene
+        if scene.path.exists():
+            self.preferences.opened(scene.path)
+        self.messages.log(f"{scene.name} is open, from {scene.path}")
 
     def close(self) -> None:
         """Closes the shown pack and shows the last one of `open_packs`, or the start page."""

@@ -170,8 +170,7 @@ def bench(
     for contender in contenders:
         contender.settings = replace(contender.settings, surroundings=surroundings)
     try:
-        cameras = list(flown.cameras)
-        measurement = measure(loaded, cameras, contenders, scene=photographs, split=split, allow_half=allow_half)
+        measurement = measure(flown.cameras, contenders, scene=photographs, split=split, allow_half=allow_half)
     except NoRoomError as error:
         raise error if allow_half else error.with_remedy(OR_HALF) from error
     result = {
@@ -213,19 +212,19 @@ def _systems(path: Path, pack: Pack, against: Path, marchers: tuple[str, str]) -
     if names[0] == names[1]:
         names[1] += ", again"
     first, second = (RenderSettings(marcher=marcher) for marcher in marchers)  # type: ignore[arg-type]
-    return [Contender(names[0], first), Contender(names[1], second, other)]
+    return [Contender(names[0], first, pack), Contender(names[1], second, other)]
 
 
 def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
-    contenders = [Contender("exact", RenderSettings())]
+    ways = {"exact": RenderSettings()}
     if paper:
-        contenders.append(Contender("paper", RenderSettings(marcher="paper")))
+        ways["paper"] = RenderSettings(marcher="paper")
+    if ablations and pack.view_mlp is not None:
+        ways["exact, no view MLP"] = RenderSettings(mode="diffuse")
+        ways["exact, view MLP at every sample"] = RenderSettings(view_mlp_per_sample=True)
     if ablations:
-        if pack.view_mlp is not None:
-            contenders.append(Contender("exact, no view MLP", RenderSettings(mode="diffuse")))
-            contenders.append(Contender("exact, view MLP at every sample", RenderSettings(view_mlp_per_sample=True)))
-        contenders.append(Contender("no skipping: every sample", RenderSettings(marcher="brute")))
-    return contenders
+        ways["no skipping: every sample"] = RenderSettings(marcher="brute")
+    return [Contender(name, settings, pack) for name, settings in ways.items()]
 
 
 def main(args: Sequence[str] | None = None) -> int:

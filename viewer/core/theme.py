@@ -109,9 +109,7 @@ class Fonts:
         return all(self.regular.is_glyph_in_font(ord(letter)) for letter in letters)
 
     def add(self, file: FontFile) -> None:
-        """Takes the letters that are missing from another font, if it has any that are known to be."""
-        if file.brings and not set(file.brings) & set(self.missing):
-            return
+        """Takes the letters that are missing from another font."""
         for font in (self.regular, self.bold):
             merged = imgui.ImFontConfig()
             merged.merge_mode, merged.dst_font, merged.font_no = True, font, file.number
@@ -191,11 +189,10 @@ MACOS = (
 
 @dataclass(frozen=True)
 class FontFile:
-    """A font: its file, which of those in a collection, and the samples it has, where that is known."""
+    """A font: its file, and which of those in a collection."""
 
     path: Path
     number: int = 0
-    brings: str = ""
 
 
 def load_fonts(missing: str) -> list[FontFile]:
@@ -232,7 +229,7 @@ def chosen_fonts(listed: str, missing: str) -> list[FontFile]:
         brings = {letter for letter in left if any(low <= ord(letter) <= high for low, high in ranges)}
         if brings:
             number = int(index or 0) & 0xFFFF  # the upper half names an instance of a variable font
-            chosen.append(FontFile(Path(path), number, "".join(sorted(brings))))
+            chosen.append(FontFile(Path(path), number))
             left -= brings
     return chosen
 

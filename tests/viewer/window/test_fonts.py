@@ -80,7 +80,7 @@ LISTED = (
 
 def test_fonts_are_taken_for_the_letters_that_none_before_has():
     assert chosen_fonts(LISTED, "あ漢★") == [
-        FontFile(Path("/fonts/Kana.ttc"), 2, "あ漢"),
-        FontFile(Path("/fonts/Star.otf"), 0, "★"),
+        FontFile(Path("/fonts/Kana.ttc"), 2),
+        FontFile(Path("/fonts/Star.otf"), 0),
     ]
     assert chosen_fonts(LISTED, "") == [] == chosen_fonts("", "あ") == chosen_fonts("nonsense\n\t\t\n", "あ")
