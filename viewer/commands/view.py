@@ -113,7 +113,11 @@ class View:
     def run(self) -> int:
         """Shows the window until it is closed; the exit status."""
         if self.register or self.unregister:
-            return _register(self.register and not self.unregister)
+            made = [] if self.unregister else desktop_entry.register(desktop_entry.own_command())
+            gone = desktop_entry.unregister() if self.unregister else []
+            said = [str(path) for path in made] + [f"removed {path}" for path in gone]
+            print(*(said or ["snerg-view: nothing was registered"]), sep="\n")
+            return 0
         if self.serve is not None:
             box = None if self.crop is None else parse_corners(self.crop, "--crop")
             content = PageContent(self.title or "", self.credits, self.path, box, self.pose)
@@ -212,19 +216,6 @@ class View:
             filming.film(app, self.export)
 
 
-def _register(wanted: bool) -> int:
-    if wanted:
-        for path in desktop_entry.register(desktop_entry.own_command()):
-            print(path)
-        return 0
-    gone = desktop_entry.unregister()
-    for path in gone:
-        print(f"removed {path}")
-    if not gone:
-        print("snerg-view: nothing was registered")
-    return 0
-
-
 def _show_window(view: View, size: tuple[int, int] | None, frames: int | None) -> int:
     """Runs the viewer until it is closed, or for so many frames; the exit status. NoDisplay; UserError of a script's failure."""
     require_display()
@@ -291,8 +282,7 @@ def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: Cr
         app.making.end()
         crash_log.end()
 
-    if window.on_x11:
-        on_lost_display(leave)
+    on_lost_display(leave)
     try:
         window.run(autosave.poll)
     finally:

@@ -225,16 +225,10 @@ def chosen_fonts(listed: str, missing: str) -> list[FontFile]:
         path, index, colour, charset = (line.split("\t") + [""] * 4)[:4]
         if not left or colour == "True" or not path.lower().endswith(SUFFIXES):
             continue
-        ranges = [_range(words) for words in charset.split()]
-        brings = {letter for letter in left if any(low <= ord(letter) <= high for low, high in ranges)}
+        ranges = [[int(end, 16) for end in words.split("-")] for words in charset.split()]  # "3041-3096" or "3041"
+        brings = {letter for letter in left if any(ends[0] <= ord(letter) <= ends[-1] for ends in ranges)}
         if brings:
             number = int(index or 0) & 0xFFFF  # the upper half names an instance of a variable font
             chosen.append(FontFile(Path(path), number))
             left -= brings
     return chosen
-
-
-def _range(words: str) -> tuple[int, int]:
-    """ "3041-3096" or "3041", hexadecimal."""
-    low, _, high = words.partition("-")
-    return int(low, 16), int(high or low, 16)

@@ -26,7 +26,6 @@ from viewer.rendering.supersampling import Supersampling
 GL_FRAMEBUFFER_SRGB = 0x8DB9
 GL_DEPTH_CLAMP = 0x864F
 SHADED_MODES = ("normal", "view-dependent")
-NORMAL_REACH = 1.0  # voxels; see shaders/composite.glsl
 LEAST_HALVED = 64  # voxels along the grid's longest side; smaller packs are not halved
 MODES_WITH_LOOK = ("normal", "diffuse")
 MODES_WITH_BLUR = ("normal", "diffuse", "features", "view-dependent", "alpha")  # not those of numbers and costs
@@ -289,7 +288,6 @@ def shader_defines(
         "VIEW_MLP": shaded,
         "VIEW_MLP_PER_SAMPLE": shaded and settings.view_mlp_per_sample,
         "ACCUMULATE_NORMAL": mode == "normals",
-        "NORMAL_REACH": NORMAL_REACH,
         "RAW_COUNTS": settings.counts,
         "RAW": settings.raw,
         "LOOK": settings.look is not None and mode in MODES_WITH_LOOK,

@@ -65,21 +65,17 @@ class Supersampling:
         larger = [each.resized(n * width, n * height) for each in cameras]
         count = n * n * len(cameras)
         rays = self._rays.fit(n * min(side, width), n * min(side, height))
-        mean = self._mean.fit(min(side, width), min(side, height)) if len(cameras) > 1 else None
+        mean = self._mean.fit(min(side, width), min(side, height))
         for y in range(0, height, side):
             for x in range(0, width, side):
                 w, h = min(side, width - x), min(side, height - y)
-                box = (left + x, bottom + height - y - h, w, h)
-                into = (framebuffer, box) if mean is None else (mean, (0, 0, w, h))
-                if mean is not None:
-                    mean.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
-                    mean.clear()
+                mean.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
+                mean.clear()
                 for each in larger:
                     part = replace(each, width=n * w, height=n * h, cx=each.cx - n * x, cy=each.cy - n * y)
                     draw(rays, part, one)
-                    self._average(rays, n, count, *into)
-                if mean is not None:
-                    self._average(mean, 1, 1, framebuffer, box)
+                    self._average(rays, n, count, mean, (0, 0, w, h))
+                self._average(mean, 1, 1, framebuffer, (left + x, bottom + height - y - h, w, h))
 
     def _average(
         self, rays: moderngl.Framebuffer, n: int, count: int, framebuffer: moderngl.Framebuffer, box: Box

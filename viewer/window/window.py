@@ -279,10 +279,6 @@ class Window:
     def layout(self) -> str:
         return self.ui.layout if self.ui.scale else self.app.interface.layout
 
-    @property
-    def on_x11(self) -> bool:
-        return glfw.get_platform() == glfw.PLATFORM_X11
-
     def close(self) -> None:
         for part in (self.app.making, self.app.exporting, self.app.sharing):
             part.end()
@@ -417,6 +413,8 @@ def signals_ask(ask: Callable[[], None]) -> Iterator[list[int]]:
 
 def on_lost_display(end: Callable[[], None]) -> None:
     """Calls `end`, which may not talk to the display, when the X connection breaks; Xlib itself would end the program."""
+    if glfw.get_platform() != glfw.PLATFORM_X11:
+        return
     try:
         x11 = ctypes.CDLL("libX11.so.6")
     except OSError:
