@@ -68,6 +68,18 @@ TRANSLUCENT = {
     "text_selected_bg": (ACCENT_DEEP, 0.6),
     "modal_window_dim_bg": (BASE, 0.65),
 }
+# By imgui's names, what differs from its own style; width and height, or one length.
+LENGTHS: dict[str, float | tuple[float, float]] = {
+    "window_padding": (16, 14), "frame_padding": (10, 6), "item_spacing": (8, 8), "item_inner_spacing": (8, 6),
+    "cell_padding": (6, 4), "scrollbar_size": 9, "grab_min_size": 12, "docking_separator_size": 3,
+    "window_rounding": 10, "popup_rounding": 10, "child_rounding": 10,
+    "frame_rounding": 6, "grab_rounding": 6, "scrollbar_rounding": 6, "tab_rounding": 6,
+    "popup_border_size": 1, "separator_text_border_size": 1,
+    **dict.fromkeys(("window_border_size", "child_border_size", "frame_border_size"), 0),
+    **dict.fromkeys(("tab_bar_border_size", "tab_bar_overline_size", "tab_border_size"), 0),
+    "tab_close_button_min_width_selected": -1,  # always seen
+    "window_title_align": (0.5, 0.5),  # shares of the title bar
+}  # fmt: skip
 
 
 def use(name: str) -> None:
@@ -137,26 +149,9 @@ def apply(scale: float) -> None:
         if not name.startswith("_") and isinstance(value, float | ImVec2):
             setattr(style, name, value)
     style.font_size_base = FONT_SIZE
-    style.window_padding = ImVec2(16, 14)
-    style.frame_padding = ImVec2(10, 6)
-    style.item_spacing = ImVec2(8, 8)
-    style.item_inner_spacing = ImVec2(8, 6)
-    style.cell_padding = ImVec2(6, 4)
-    style.scrollbar_size = 9
-    style.grab_min_size = 12
-    style.window_rounding = style.popup_rounding = 10
-    style.child_rounding = 10
-    style.frame_rounding = style.grab_rounding = 6
-    style.scrollbar_rounding = 6
-    style.window_border_size = style.child_border_size = style.frame_border_size = 0
-    style.popup_border_size = 1
-    style.separator_text_border_size = 1
-    style.tab_rounding = 6
-    style.tab_bar_border_size = style.tab_bar_overline_size = style.tab_border_size = 0
-    style.tab_close_button_min_width_selected = -1  # always seen
-    style.docking_separator_size = 3
+    for name, length in LENGTHS.items():
+        setattr(style, name, ImVec2(*length) if isinstance(length, tuple) else length)
     style.window_menu_button_position = imgui.Dir.none
-    style.window_title_align = ImVec2(0.5, 0.5)
     style.scale_all_sizes(scale)
     style.window_border_hover_padding = max(style.window_border_hover_padding, 1.0)  # imgui ends the program at 0
     style.font_scale_dpi = scale

@@ -14,6 +14,7 @@ from viewer.rendering import opengl
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings
+from viewer.rendering.targets import Target
 
 GL_VERSION = 330
 
@@ -60,7 +61,7 @@ class OffscreenRenderer:
                 self.ctx.release()
             self._give_back()
             raise
-        self._framebuffers: dict[tuple[int, int, str], moderngl.Framebuffer] = {}
+        self._targets = {dtype: Target(self.ctx, dtype=dtype) for dtype in ("f1", "f4")}
 
     @property
     def pack(self) -> Pack:
@@ -71,11 +72,8 @@ class OffscreenRenderer:
         self.ctx.__enter__()  # and no __exit__: on EGL that leaves no context current at all
 
     def framebuffer(self, width: int, height: int, dtype: str = "f1") -> moderngl.Framebuffer:
-        """The RGBA framebuffer that pictures of this size are drawn into; "f1" is 8 bit, "f4" float32."""
-        key = (width, height, dtype)
-        if key not in self._framebuffers:
-            self._framebuffers[key] = opengl.new_framebuffer(self.ctx, width, height, dtype)
-        return self._framebuffers[key]
+        """The RGBA framebuffer in whose lower left corner pictures of this size are drawn; "f1" is 8 bit, "f4" float32."""
+        return self._targets[dtype].fit(width, height)
 
     def render(self, camera: ViewCamera, settings: RenderSettings | None = None) -> np.ndarray:
         """The picture, uint8 [height, width, 3]."""
@@ -103,9 +101,8 @@ class OffscreenRenderer:
     def release(self) -> None:
         """Frees everything on the GPU, and the context if it is ours."""
         self.make_current()
-        for framebuffer in self._framebuffers.values():
-            opengl.free_framebuffer(framebuffer)
-        self._framebuffers = {}
+        for target in self._targets.values():
+            target.release()
         self.renderer.release()
         if self._owns_context:
             self.ctx.release()

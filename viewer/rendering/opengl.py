@@ -133,6 +133,16 @@ def new_framebuffer(ctx: moderngl.Context, width: int, height: int, dtype: str =
     return framebuffer
 
 
+def begin_drawing(framebuffer: moderngl.Framebuffer, box: tuple[int, int, int, int]) -> None:
+    """From now on, draws into a box of the framebuffer (x, y, from the lower left; width, height), over whatever is there."""
+    framebuffer.use()
+    framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
+    framebuffer.viewport = box
+    framebuffer.color_mask = (True, True, True, True)
+    framebuffer.depth_mask = False
+    framebuffer.ctx.enable_only(moderngl.NOTHING)
+
+
 def read_pixels(
     framebuffer: moderngl.Framebuffer, width: int, height: int, components: int = 3, dtype: str = "f1"
 ) -> np.ndarray:

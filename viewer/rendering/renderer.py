@@ -16,7 +16,7 @@ from scenepack.contraction import contract
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_scene import GpuScene, NoRoomError, features_stored, half_resolution, upload
-from viewer.rendering.opengl import Drawing
+from viewer.rendering.opengl import Drawing, begin_drawing
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import MARCHERS, MODES, Look, RenderSettings
 from viewer.rendering.shader_source import assemble, glsl_reciprocals, view_mlp_biases, view_mlp_weights
@@ -137,13 +137,8 @@ class Renderer:
         rays = self._rays(settings, camera)
         uniforms = self._uniforms(scene, camera, settings, corner)
         rays.write(uniforms)
-        ctx = self.ctx
-        framebuffer.use()
-        framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
-        framebuffer.viewport = viewport = (*corner, camera.width, camera.height)
-        framebuffer.color_mask = (True, True, True, True)
-        framebuffer.depth_mask = False
-        ctx.enable_only(moderngl.NOTHING)
+        ctx, box = self.ctx, (*corner, camera.width, camera.height)
+        begin_drawing(framebuffer, box)
         ctx.disable_direct(GL_FRAMEBUFFER_SRGB)
         ctx.wireframe = False
         scene.bind(rays.linked)
@@ -151,7 +146,7 @@ class Renderer:
             over_background = settings.mode in MODES_OVER_BACKGROUND and not settings.counts
             empty = (*settings.background, 1.0) if over_background else (0.0, 0.0, 0.0, 1.0)
             framebuffer.depth_mask = True
-            framebuffer.clear(*((0.0,) * 4 if settings.raw else empty), depth=1.0, viewport=viewport)
+            framebuffer.clear(*((0.0,) * 4 if settings.raw else empty), depth=1.0, viewport=box)
             if _style(settings):
                 self._draw_backdrop(framebuffer, settings, uniforms)
             if scene.hull is not None:

@@ -16,7 +16,7 @@ from math import cos, pi, sin, sqrt
 import moderngl
 
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.opengl import Drawing
+from viewer.rendering.opengl import Drawing, begin_drawing
 from viewer.rendering.settings import Aperture, RenderSettings, of_picture
 from viewer.rendering.shader_source import assemble
 from viewer.rendering.targets import Target
@@ -84,14 +84,9 @@ class Supersampling:
         if n not in self._filters:
             fragment = assemble("box_filter.frag", {"SAMPLES": n})
             self._filters[n] = Drawing(self.ctx, assemble("fullscreen.vert"), fragment)
-        framebuffer.use()
-        framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
-        framebuffer.viewport = box
-        framebuffer.color_mask = (True, True, True, True)
-        framebuffer.depth_mask = False
-        adds = count > n * n
-        self.ctx.enable_only(moderngl.BLEND if adds else moderngl.NOTHING)
-        if adds:
+        begin_drawing(framebuffer, box)
+        if count > n * n:
+            self.ctx.enable_only(moderngl.BLEND)
             self.ctx.blend_func = moderngl.ONE, moderngl.ONE
         self.ctx.clear_samplers(0, 1)
         rays.color_attachments[0].use(0)  # type: ignore[union-attr]
