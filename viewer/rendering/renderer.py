@@ -19,7 +19,7 @@ from viewer.rendering.gpu_scene import GpuScene, NoRoomError, features_stored, h
 from viewer.rendering.opengl import Drawing, begin_drawing
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import MARCHERS, MODES, Look, RenderSettings
-from viewer.rendering.shader_source import assemble, glsl_reciprocals, view_mlp_biases, view_mlp_weights
+from viewer.rendering.shader_source import assemble, glsl_vec3, view_mlp_biases, view_mlp_weights
 from viewer.rendering.skip_grid import CELL
 from viewer.rendering.supersampling import Supersampling
 
@@ -29,6 +29,8 @@ SHADED_MODES = ("normal", "view-dependent")
 LEAST_HALVED = 64  # voxels along the grid's longest side; smaller packs are not halved
 MODES_WITH_LOOK = ("normal", "diffuse")
 MODES_WITH_BLUR = ("normal", "diffuse", "features", "view-dependent", "alpha")  # not those of numbers and costs
+# False colours of counts, RGB in 0 … 1, evenly spaced: black, blue, magenta, orange, white, like matplotlib's "inferno".
+COLOUR_STOPS = ((0.0, 0.0, 0.0), (0.25, 0.05, 0.45), (0.75, 0.2, 0.35), (0.98, 0.6, 0.1), (1.0, 1.0, 0.85))
 MODES_OVER_BACKGROUND = ("normal", "diffuse", "macroblocks", "atlas")  # the others are black where there is nothing
 
 
@@ -268,7 +270,8 @@ def shader_defines(
         "BLOCK_SIZE": pack.block_size,
         "PADDED_BLOCK_SIZE": pack.padded_block_size,
         "SLOT_WIDTH": pack.padded_block_size * (2 if features_beside else 1),
-        **{f"{name.upper()}_TEXEL": glsl_reciprocals(size) for name, size in sizes.items()},
+        **{f"{name.upper()}_TEXEL": glsl_vec3(1.0 / side for side in size) for name, size in sizes.items()},
+        **{f"COLOUR_STOP_{i}": glsl_vec3(stop) for i, stop in enumerate(COLOUR_STOPS)},
         "CELL": CELL,
         # Content comes in runs, so a second sample is rarely for nothing; but with features it costs too much. The
         # cost modes take the steps that the picture takes.

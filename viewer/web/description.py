@@ -39,7 +39,7 @@ from viewer.rendering.gpu_scene import (
 )
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import Look, RenderSettings
-from viewer.rendering.shader_source import assemble_es, define_lines, glsl_reciprocals
+from viewer.rendering.shader_source import assemble_es, define_lines, glsl_vec3
 from viewer.rendering.skip_grid import skip_grid_of
 from viewer.web.atlas_stream import BLOCKS_A_CHUNK, FilmedPiece, compressed_chunks, films_of, has_copied_padding
 
@@ -156,7 +156,9 @@ def _level(
             **frame.ndc, **frame.contraction,
             "grid_size": pack.grid_size, "content_min": skip_grid.content_min, "content_max": skip_grid.content_max,
         },
-        "defines": define_lines({f"{name.upper()}_TEXEL": glsl_reciprocals(each) for name, each in sizes.items()}),
+        "defines": define_lines({
+            f"{name.upper()}_TEXEL": glsl_vec3(1.0 / side for side in each) for name, each in sizes.items()
+        }),
         "indirection": {"size": sizes["indirection"], "at": _add(sections, zlib.compress(indirection.tobytes(), 9))},
         "skip_grid": {"size": sizes["skip_grid"], "at": _add(sections, zlib.compress(halves.tobytes(), 9))},
     }  # fmt: skip
