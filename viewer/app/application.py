@@ -259,21 +259,16 @@ class App:
 
     def tick(self, seconds: float) -> None:
         """Advances cameras and films, and takes over what threads have done."""
-        self.opening.tick(self)
-        self.making.tick(self)
-        self.exporting.tick(self)
-        self.sharing.tick(self)
+        for part in (self.opening, self.making, self.exporting, self.sharing):
+            part.tick(self)
         self.walking.tick(self, seconds)
         if self.scene is not None and self.scene.rig.update(seconds):
             self.touch(2)
         self.filming.tick(self, seconds)
         if self.kiosk is not None:
             self.kiosk.tick(self)
-        self.gallery.tick(self)
-        self.annotations.tick(self)
-        self.erasing.tick(self)
-        self.views.tick(self)
-        self.sessions.tick(self)
+        for part in (self.gallery, self.annotations, self.erasing, self.views, self.sessions):
+            part.tick(self)
         self.comparison.tick(self, seconds)
         if self.messages.toast_changed():
             self.touch()

@@ -62,7 +62,11 @@ def show(app: App, box: Box) -> None:
     menu = buttons < len(entries)
     x = imgui.get_window_width() - px(EDGE - STEP + BUTTON) - px(STEP) * (buttons + menu)
     if with_speed and speed:
-        _speed(app, x - px(GAP))
+        text = f"{app.times.fps:.0f} fps"
+        with font(theme.fonts.bold, theme.SMALL):
+            imgui.same_line()
+            imgui.set_cursor_pos(ImVec2(x - px(GAP) - imgui.calc_text_size(text).x, px(16)))
+            write(text, theme.ACCENT)
     for i, entry in enumerate(entries[:buttons]):
         imgui.set_cursor_pos(ImVec2(x + i * px(STEP), px(EDGE)))
         entry.button()
@@ -137,12 +141,3 @@ def state_of(app: App) -> str:
         images = app.loading.images if app.loading is not None else (0, 0)
         return f"loading {images[0]} of {images[1]} images" if images[1] else "loading"
     return " × ".join(str(side) for side in app.scene.pack.grid_size) + " voxels"
-
-
-def _speed(app: App, right: float) -> None:
-    text = f"{app.times.fps:.0f} fps"
-    with font(theme.fonts.bold, theme.SMALL):
-        width = imgui.calc_text_size(text).x
-        imgui.same_line()
-        imgui.set_cursor_pos(ImVec2(right - width, px(16)))
-        write(text, theme.ACCENT)
