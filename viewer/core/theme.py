@@ -192,25 +192,20 @@ class FontFile:
 
 def load_fonts(missing: str) -> list[FontFile]:
     """Fonts that have `missing` letters, the best first, read from the disk once: the window then finds them in memory."""
-    with contextlib.suppress(OSError, subprocess.TimeoutExpired):
-        found = [font for font in find_fonts(missing) if font.path.stat().st_size <= LARGEST_BYTES]
+    with contextlib.suppress(OSError, subprocess.TimeoutExpired):  # fontconfig is not there, or does not answer
+        if sys.platform == "win32":
+            known = [FontFile(Path(os.environ.get("SYSTEMROOT", "C:/Windows"), "Fonts", name)) for name in WINDOWS]
+        elif sys.platform == "darwin":
+            known = [FontFile(Path("/System/Library/Fonts", name)) for name in MACOS]
+        else:
+            command = ["fc-match", "--sort", "--format", FORMAT, "sans-serif"]
+            done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, stdin=subprocess.DEVNULL)
+            known = chosen_fonts(done.stdout.decode(errors="replace"), missing)
+        found = [font for font in known if font.path.is_file() and font.path.stat().st_size <= LARGEST_BYTES]
         for font in found:
             font.path.read_bytes()
         return found
     return []  # boxes, then
-
-
-def find_fonts(missing: str) -> list[FontFile]:
-    """OSError or TimeoutExpired where fontconfig's programs are not there or do not answer."""
-    if sys.platform == "win32":
-        folder, names = Path(os.environ.get("SYSTEMROOT", "C:/Windows")) / "Fonts", WINDOWS
-    elif sys.platform == "darwin":
-        folder, names = Path("/System/Library/Fonts"), MACOS
-    else:
-        command = ["fc-match", "--sort", "--format", FORMAT, "sans-serif"]
-        done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, stdin=subprocess.DEVNULL)
-        return chosen_fonts(done.stdout.decode(errors="replace"), missing)
-    return [FontFile(folder / name) for name in names if (folder / name).is_file()]
 
 
 def chosen_fonts(listed: str, missing: str) -> list[FontFile]:
