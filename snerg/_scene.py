@@ -49,11 +49,11 @@ def demo() -> Path:
     Raises:
         SnergError: Where this installation has none.
     """
-    from viewer.core.files import DEMO
+    from viewer.core.files import demo_pack
 
-    if not DEMO.is_file():
+    if not (found := demo_pack()).is_file():
         raise SnergError("this installation has no demo pack", remedy="install snerg again")
-    return DEMO
+    return found
 
 
 class Scene:

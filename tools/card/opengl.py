@@ -185,8 +185,8 @@ def timer(renderer: OffscreenRenderer, cameras: Sequence[ViewCamera]) -> Facts:
 
 def times(pack: Pack, cameras: Sequence[ViewCamera]) -> Facts:
     """`exact` and `paper`, frames alternating, as snerg-bench measures them."""
-    marchers = {"exact": RenderSettings(), "paper": RenderSettings(marcher="paper")}
-    measured = measure(cameras, [Contender(name, settings, pack) for name, settings in marchers.items()])
+    contenders = [Contender("exact", RenderSettings()), Contender("paper", RenderSettings(marcher="paper"))]
+    measured = measure(pack, list(cameras), contenders)
     exact, paper = measured.contenders
     return {
         "frames": len(cameras),

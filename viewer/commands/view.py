@@ -20,7 +20,7 @@ from scenepack.reader import load_pack
 from viewer.app.application import App
 from viewer.commands.render import fly_over
 from viewer.core import annotations
-from viewer.core.files import DEMO, kind_of, scene_around
+from viewer.core.files import demo_pack, kind_of, scene_around
 from viewer.core.log import CrashLog, default_folder, left_behind
 from viewer.core.pose import pose_from_text
 from viewer.core.state import name_of
@@ -121,7 +121,7 @@ class View:
         if self.serve is not None:
             box = None if self.crop is None else parse_corners(self.crop, "--crop")
             content = PageContent(self.title or "", self.credits, self.path, box, self.pose)
-            serve(self.pack or DEMO, self.host, self.serve, content)
+            serve(self.pack or demo_pack(), self.host, self.serve, content)
             return 0
         frames = 1 if self.frames is None and self.screenshot is not None else self.frames
         window_size = parse_size(self.size, least=SMALLEST_SIDE) if self.size else None
@@ -219,7 +219,7 @@ class View:
 def _show_window(view: View, size: tuple[int, int] | None, frames: int | None) -> int:
     """Runs the viewer until it is closed, or for so many frames; the exit status. NoDisplay; UserError of a script's failure."""
     require_display()
-    app = App(demo=DEMO)
+    app = App(demo=demo_pack())
     if frames is None:
         return _live(app, view, size)
     survey.MEASURES = False  # a picture that says how long something takes is another one each time
@@ -295,7 +295,7 @@ def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: Cr
 
 
 def _render_instead(path: Path | None, settings: RenderSettings, reason: NoDisplay) -> None:
-    chosen = path or DEMO
+    chosen = path or demo_pack()
     if kind_of(chosen) == "session":
         chosen = session.load_session(chosen).packs[0].path
     chosen = scene_around(chosen)

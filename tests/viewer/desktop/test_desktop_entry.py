@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from viewer.commands.view import main
-from viewer.core.files import DEMO
+from viewer.core.files import demo_pack
 from viewer.desktop import desktop_entry
 
 
@@ -73,11 +73,11 @@ def test_icon_and_types_are_xml_and_packs_are_told_by_their_first_bytes(data):
     name = "{http://www.freedesktop.org/standards/shared-mime-info}"
     outer = types.find(f"{name}mime-type/{name}magic/{name}match")
     inner = outer.find(f"{name}match")
-    head = DEMO.read_bytes()[:64]
+    head = demo_pack().read_bytes()[:64]
     assert head[:4] == b"PK\x03\x04" and outer.get("value") == "PK\\003\\004"
     at = int(inner.get("offset"))
     assert head[at : at + len(inner.get("value"))] == inner.get("value").encode()
-    with zipfile.ZipFile(DEMO) as archive:
+    with zipfile.ZipFile(demo_pack()) as archive:
         assert archive.namelist()[0] == "scene_params.json"
     if shutil.which("update-mime-database"):
         assert (data / "mime" / "magic").read_bytes().count(b"application/x-snerg-pack") == 1

@@ -10,7 +10,7 @@ from tests.viewer.rendering.golden_variants import PACKS, camera_for
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.web.conftest import page_picture
 from viewer.core.annotations import KEY, Annotations, annotations_to_json
-from viewer.core.files import DEMO
+from viewer.core.files import demo_pack
 from viewer.features.display.display import backdrop
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
@@ -31,7 +31,7 @@ def assert_same(page: np.ndarray, desktop: np.ndarray, what: str) -> None:
 
 @pytest.mark.slow
 def test_the_demo_looks_the_same_from_four_cameras(show) -> None:
-    pack = load_pack(DEMO)
+    pack = load_pack(demo_pack())
     browser = show(pack)
     assert not browser.problems
     with OffscreenRenderer(pack) as desktop:

@@ -18,7 +18,7 @@ from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.waiting import live, until
 from viewer.app.application import App
 from viewer.commands.view import View
-from viewer.core.files import DEMO
+from viewer.core.files import demo_pack
 from viewer.core.pose import Pose, Turntable
 from viewer.features.film import filming as filming_module
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
@@ -203,7 +203,7 @@ def pictures_in(path: Path) -> list[np.ndarray]:
 
 
 def test_tiles_of_any_size_make_the_same_pixels_also_where_the_lens_is_off_the_middle(ctx, tmp_path):
-    pack = load_pack(DEMO)
+    pack = load_pack(demo_pack())
     canvas = Canvas(ctx)
     try:
         canvas.show(pack)

@@ -13,7 +13,7 @@ from scenepack.cameras import PICTURE, has_picture, picture_of, picture_uri
 from tests.viewer.scenes import photographed
 from tests.viewer.waiting import until
 from training.scenes import load_scene
-from viewer.core.files import DEMO
+from viewer.core.files import demo_pack
 from viewer.features.photographs import photographs as thumbnails_module
 from viewer.features.photographs.photographs import Photographs, Thumbnails, psnr
 
@@ -148,11 +148,12 @@ def test_copies_never_outgrow_what_was_asked():
 
 
 def test_the_demo_brings_all_its_photographs_and_stays_small(offscreen, app):
-    pack = load_pack(DEMO)
+    demo = demo_pack()
+    pack = load_pack(demo)
     assert len(pack.metadata["cameras"]) == 112 and all(has_picture(entry) for entry in pack.metadata["cameras"])
-    assert DEMO.stat().st_size < 8e6
+    assert demo.stat().st_size < 8e6
     app.interface.page = "photographs"
-    ui = offscreen(app, pack, DEMO)
+    ui = offscreen(app, pack, demo)
     assert len(app.gallery.thumbnails.boxes) == 112 and not app.gallery.thumbnails.problem
     app.gallery.stand_in(app, 3)
     ui.settle()
