@@ -372,11 +372,11 @@ Modal = Literal["", "message", "path", "open", "make", "export"]
 
 def in_front(app: App) -> Modal:
     """The dialog in front, "" for none. One at a time: two modal windows would push each other away in every frame."""
-    dialogs: dict[Modal, object] = {
-        "message": app.messages.dialogs or None, "path": app.file_request, "open": app.open_prompt,
-        "make": app.making.plan, "export": app.exporting.preview,
-    }  # fmt: skip
-    return next((name for name, dialog in dialogs.items() if dialog is not None), "")
+    dialogs: list[tuple[Modal, object]] = [
+        ("message", app.messages.dialogs or None), ("path", app.file_request), ("open", app.open_prompt),
+        ("make", app.making.plan), ("export", app.exporting.preview), ("", True),
+    ]  # fmt: skip
+    return next(name for name, dialog in dialogs if dialog is not None)
 
 
 CARD_WIDTH, CARD_MARGIN, BUTTON_WIDTH = 372.0, 16.0, 86.0

@@ -187,7 +187,7 @@ class GpuScene:
         return indirection_grid(self.pack.occupied, self.slots, self._arrived)
 
     def rewrite(self, numbers: Sequence[int]) -> None:
-        """Copies macroblocks, by their number in the grid's order, from the pack, whose atlas has changed there."""
+        """Copies macroblocks, by their number in the grid's order, from the pack: first, and where its atlas has changed."""
         nx, ny, _ = self.slots
         size = self.pack.padded_block_size
         for number in numbers:
