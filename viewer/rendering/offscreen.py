@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import ExitStack
 from typing import Any
 
 import moderngl
@@ -51,17 +52,18 @@ class OffscreenRenderer:
         *,
         allow_half: bool = True,
     ) -> None:
-        self._owns_context, self._give_back = ctx is None, opengl.current_context()
-        self.ctx = ctx or create_context()
-        self.make_current()  # a context handed in need not be: uploads would land in another's textures
-        try:
+        with ExitStack() as parts:
+            parts.callback(opengl.current_context())
+            self.ctx = ctx or create_context()
+            if ctx is None:
+                parts.callback(self.ctx.release)
+            self.make_current()  # a context handed in need not be: uploads would land in another's textures
             self.renderer = Renderer(self.ctx, pack, marcher, allow_half=allow_half)
-        except UserError:
-            if self._owns_context:
-                self.ctx.release()
-            self._give_back()
-            raise
-        self._targets = {dtype: Target(self.ctx, dtype=dtype) for dtype in ("f1", "f4")}
+            parts.callback(self.renderer.release)
+            self._targets = {dtype: Target(self.ctx, dtype=dtype) for dtype in ("f1", "f4")}
+            for target in self._targets.values():
+                parts.callback(target.release)
+            self._parts = parts.pop_all()
 
     @property
     def pack(self) -> Pack:
@@ -101,12 +103,7 @@ class OffscreenRenderer:
     def release(self) -> None:
         """Frees everything on the GPU, and the context if it is ours."""
         self.make_current()
-        for target in self._targets.values():
-            target.release()
-        self.renderer.release()
-        if self._owns_context:
-            self.ctx.release()
-        self._give_back()
+        self._parts.close()
 
     def __enter__(self) -> OffscreenRenderer:
         return self

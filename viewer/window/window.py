@@ -12,7 +12,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -391,24 +391,17 @@ def signals_ask(ask: Callable[[], None]) -> Iterator[list[int]]:
     one has come.
     """
     ended: list[int] = []
-    before: dict[int, object] = {}
+    with ExitStack() as before:
 
-    def restore() -> None:
-        for number, handler in before.items():
-            signal.signal(number, handler)  # type: ignore[arg-type]  (as signal.signal gave it)
+        def came(number: int, _: FrameType | None) -> None:
+            ended.append(number)
+            before.close()
+            ask()
 
-    def came(number: int, _: FrameType | None) -> None:
-        ended.append(number)
-        restore()
-        ask()
-
-    for number in ENDING:
-        if signal.getsignal(number) not in (signal.SIG_IGN, None):  # as under nohup
-            before[number] = signal.signal(number, came)
-    try:
+        for number in ENDING:
+            if signal.getsignal(number) not in (signal.SIG_IGN, None):  # as under nohup
+                before.callback(signal.signal, number, signal.signal(number, came))
         yield ended
-    finally:
-        restore()
 
 
 def on_lost_display(end: Callable[[], None]) -> None:
