@@ -5,6 +5,7 @@
 // Options: ACCUMULATE_FEATURES; ACCUMULATE_NORMAL, which the mode normals needs. What else a mode does not show, compilers leave out.
 // NORMAL_REACH: half the side, in voxels, of the cube at the middles of whose edges opacity is compared for the normal; less is
 //   rougher, more blunts edges.
+#define NORMAL_REACH 1.0
 
 struct Marched {
     vec3 rgb;             // C

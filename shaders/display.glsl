@@ -20,13 +20,13 @@ uniform float cost_scale;
 uniform mat3 training_R_grid;  // lengths kept
 #endif
 
-// False colours of counts: black, blue, magenta, orange, white, like matplotlib's "inferno", in four linear pieces.
+// False colours of counts, in four linear pieces between COLOUR_STOP_0 and COLOUR_STOP_4 (viewer/rendering/renderer.py).
 vec3 colour_map(float x) {
     x = 4.0 * clamp(x, 0.0, 1.0);
-    vec3 colour = mix(vec3(0.0), vec3(0.25, 0.05, 0.45), min(x, 1.0));
-    colour = mix(colour, vec3(0.75, 0.2, 0.35), clamp(x - 1.0, 0.0, 1.0));
-    colour = mix(colour, vec3(0.98, 0.6, 0.1), clamp(x - 2.0, 0.0, 1.0));
-    return mix(colour, vec3(1.0, 1.0, 0.85), clamp(x - 3.0, 0.0, 1.0));
+    vec3 colour = mix(COLOUR_STOP_0, COLOUR_STOP_1, min(x, 1.0));
+    colour = mix(colour, COLOUR_STOP_2, clamp(x - 1.0, 0.0, 1.0));
+    colour = mix(colour, COLOUR_STOP_3, clamp(x - 2.0, 0.0, 1.0));
+    return mix(colour, COLOUR_STOP_4, clamp(x - 3.0, 0.0, 1.0));
 }
 
 // A stable colour for each macroblock; neighbours get hues that differ by steps of the golden ratio.

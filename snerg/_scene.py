@@ -51,7 +51,7 @@ def demo() -> Path:
     """
     from viewer.core.files import demo_pack
 
-    if (found := demo_pack()) is None:
+    if not (found := demo_pack()).is_file():
         raise SnergError("this installation has no demo pack", remedy="install snerg again")
     return found
 

@@ -45,7 +45,7 @@ WORK = ("viewer.commands.render.load_pack", "viewer.commands.bench.load_pack", "
         (snerg_eval, "{pack} --scene {scene} --json {folder}", "cannot be written"),
         (snerg_bake, "{pack} --out {below}", "cannot be written"),
         (report, "{pack} --out {below}", "cannot be written"),
-        (snerg_bench, "{pack} --plot {folder}", "cannot be written"),
+        (snerg_bench, "{pack} --json {folder}", "cannot be written"),
         (snerg_render, "{pack} --out {below} --orbit 3", "cannot be written"),
         (snerg_bake, "{scene} --out {out} --resolution 7650", "--resolution"),
         (snerg_bake, "{scene} --out {out} --seed -1", "--seed"),

@@ -18,7 +18,7 @@ from PIL import Image
 from console.atomic import replacing
 from scenepack import Pack, load_pack
 from tools.card.parts import Facts
-from viewer.benchmark.frames import Contender, PowerMeter, measure, sustained
+from viewer.benchmark.frames import Contender, mean_watts, measure, power_readings, sustained
 from viewer.benchmark.protocols import flight, protocol_for
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
@@ -61,11 +61,11 @@ def device() -> Facts:
     finally:
         ctx.release()
     facts["software"] = is_software(facts["renderer"])
-    with PowerMeter(facts["renderer"]) as idle:
+    with power_readings(facts["renderer"]) as idle:
         time.sleep(0.0 if facts["software"] else LEAST_IDLE_S)
     facts |= {
         "card": card_facts(facts["renderer"]),
-        "idle_watts": idle.watts,
+        "idle_watts": mean_watts(idle),
         "system": platform.platform(),
         "processor": platform.machine(),
         "cores": os.cpu_count(),

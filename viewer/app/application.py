@@ -106,16 +106,22 @@ class App:
 
     # Opening
 
-    def show(self, pack: Pack, path: Path, name: str | None = None, *, whole: bool = True) -> None:
-        """Shows a pack; whole: False where more of it is coming. UserError, with the old scene kept, if the GPU has no room."""
-        scene = OpenScene(path, name or name_of(path), pack, self.undoable(orbit_camera_for(pack)), whole)
+    def show(
+        self, pack: Pack, path: Path, name: str | None = None, *, whole: bool = True, stays: bool = True
+    ) -> OpenScene:
+        """Shows a pack; whole: False where more of it is coming. UserError, with the old scene kept, if the GPU has no room.
+
+        stays: False for a scene that is being made: it does not stay open, and its annotations are not saved.
+        """
+        scene = OpenScene(path, name or name_of(path), pack, self.undoable(orbit_camera_for(pack)), whole, stays)
         left = self.left_now()
-        self.turn_to(scene, dialog=whole)
+        self.turn_to(scene, dialog=whole and stays)
         self.open_packs.drop(path)
         if left is not None and left.path != path:
             self.open_packs.keep(self, left)
-        if whole:
+        if whole and stays:
             self.opened()
+        return scene
 
     def turn_to(self, scene: OpenScene, *, dialog: bool = True) -> None:
         """Shows a pack with its camera, crop and camera path. UserError, with nothing changed, if it does not fit on the GPU."""
@@ -134,7 +140,8 @@ class App:
         self.filming = replace(self.filming.of_another_scene(), path=scene.camera_path or CameraPath())
         self.comparison.stop()
         self.gallery.scene_changed(pack)
-        self.annotations.open_pack(self, pack, scene.path if scene.path.exists() else None, scene.annotations)
+        saved = scene.path if scene.stays and scene.path.exists() else None
+        self.annotations.open_pack(self, pack, saved, scene.annotations)
         # the annotations may be kept elsewhere than in the pack, which the rig knows
         scene.rig.begin_placed(self.annotations.current.placement.rotation)
         self._put_tools_away()
@@ -150,7 +157,7 @@ class App:
 
     def show_sparse_preview(self, sparse_preview: SparsePreview, path: Path, name: str) -> None:
         """Shows the points and cameras of a scene that is being made, from outside, with their photographs."""
-        self._show_passing(sparse_preview.pack, path, name).rig.begin_at(sparse_preview.overview())
+        self.show(sparse_preview.pack, path, name, stays=False).rig.begin_at(sparse_preview.overview())
         self.gallery.frusta = True
         self.touch()
 
@@ -164,16 +171,8 @@ class App:
             before.name = name
             before.rig.follow(orbit_camera_for(pack))
         else:
-            self._show_passing(pack, path, name)
+            self.show(pack, path, name, stays=False)
         self.touch()
-
-    def _show_passing(self, pack: Pack, path: Path, name: str) -> OpenScene:
-        """Shows a pack of a scene that is being made: it does not stay open, and its annotations are not saved."""
-        self.show(pack, path, name, whole=False)
-        assert self.scene is not None
-        self.scene.whole, self.scene.stays = True, False
-        self.annotations.open_pack(self, pack, None)
-        return self.scene
 
     def refine(self, scene: OpenScene, pack: Pack, *, dialog: bool = True) -> None:
         """Shows a finer version of the open scene. UserError where it does not fit on the GPU. dialog: also shows notices."""
@@ -197,10 +196,10 @@ class App:
 
     def opened(self) -> None:
         """Records the pack as recent and logs it, because it is complete."""
-        assert self.scene is not None
-        if self.scene.path.exists():
-            self.preferences.opened(self.scene.path)
-        self.messages.log(f"{self.scene.name} is open, from {self.scene.path}")
+        scene = self.open_scene
+        if scene.path.exists():
+            self.preferences.opened(scene.path)
+        self.messages.log(f"{scene.name} is open, from {scene.path}")
 
     def close(self) -> None:
         """Closes the shown pack and shows the last one of `open_packs`, or the start page."""
@@ -260,21 +259,16 @@ class App:
 
     def tick(self, seconds: float) -> None:
         """Advances cameras and films, and takes over what threads have done."""
-        self.opening.tick(self)
-        self.making.tick(self)
-        self.exporting.tick(self)
-        self.sharing.tick(self)
+        for part in (self.opening, self.making, self.exporting, self.sharing):
+            part.tick(self)
         self.walking.tick(self, seconds)
         if self.scene is not None and self.scene.rig.update(seconds):
             self.touch(2)
         self.filming.tick(self, seconds)
         if self.kiosk is not None:
             self.kiosk.tick(self)
-        self.gallery.tick(self)
-        self.annotations.tick(self)
-        self.erasing.tick(self)
-        self.views.tick(self)
-        self.sessions.tick(self)
+        for part in (self.gallery, self.annotations, self.erasing, self.views, self.sessions):
+            part.tick(self)
         self.comparison.tick(self, seconds)
         if self.messages.toast_changed():
             self.touch()

@@ -130,42 +130,37 @@ def taking_turns(pack: Pack, contenders: Sequence[Contender], *, allow_half: boo
 EVERY_S = 0.05
 
 
-class PowerMeter:
-    """Averages the GPU's power while the `with` block runs. watts: None where it is unknown."""
+@contextmanager
+def power_readings(renderer: str) -> Iterator[list[float]]:
+    """Yields a list, to which the GPU's power (W) is added again and again while the block runs; empty where it is unknown.
 
-    def __init__(self, renderer: str) -> None:
-        """renderer: GL_RENDERER; on a software rasteriser no card is asked."""
-        self.watts: float | None = None
-        self._readings: list[float] = []
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
-        if "nvidia" not in renderer.lower():
-            return
+    renderer: GL_RENDERER; on a software rasteriser no card is asked.
+    """
+    readings: list[float] = []
+    ended = threading.Event()
+
+    def watch(read: Callable[[], float]) -> None:
+        while not ended.wait(EVERY_S):
+            with suppress(Exception):  # one reading less
+                readings.append(read() / 1000.0)
+
+    if "nvidia" in renderer.lower():
         with suppress(Exception):  # no package, no driver, or a GPU that does not tell: each has errors of its own
             import pynvml  # pyright: ignore[reportMissingImports]
 
             pynvml.nvmlInit()
-            handle = pynvml.nvmlDeviceGetHandleByIndex(0)
-            read = partial(pynvml.nvmlDeviceGetPowerUsage, handle)  # milliwatts
+            read = partial(pynvml.nvmlDeviceGetPowerUsage, pynvml.nvmlDeviceGetHandleByIndex(0))  # milliwatts
             read()
-            self._thread = threading.Thread(target=self._watch, args=(read,), daemon=True)
+            threading.Thread(target=watch, args=(read,), daemon=True).start()
+    try:
+        yield readings
+    finally:
+        ended.set()
 
-    def _watch(self, read: Callable[[], float]) -> None:
-        while not self._stop.wait(EVERY_S):
-            with suppress(Exception):  # one reading less
-                self._readings.append(read() / 1000.0)
 
-    def __enter__(self) -> PowerMeter:
-        if self._thread is not None:
-            self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._thread is not None:
-            self._stop.set()
-            self._thread.join()
-            if self._readings:
-                self.watts = sum(self._readings) / len(self._readings)
+def mean_watts(readings: list[float]) -> float | None:
+    """Of power_readings; None where there are none."""
+    return float(np.mean(readings)) if readings else None
 
 
 # --- What snerg-bench measures ---
@@ -206,7 +201,7 @@ def measure(
     """
     with taking_turns(pack, contenders, allow_half=allow_half) as turns:
         turns.warm_up(cameras[0])
-        with PowerMeter(turns.device) as meter:
+        with power_readings(turns.device) as power:
             turns.time(cameras)
         compared, first = cameras[:: max(1, len(cameras) // PSNR_FRAMES)], contenders[0].settings
         for contender in contenders[1:]:
@@ -214,7 +209,7 @@ def measure(
                 contender.psnr = _psnr(turns.offscreen, compared, contender.settings, first)
         if scene is not None:
             _compare_with_photographs(turns, scene, split)
-        return Measurement(turns.device, turns.clock, contenders, meter.watts, turns.offscreen.pack.grid_size)
+        return Measurement(turns.device, turns.clock, contenders, mean_watts(power), turns.offscreen.pack.grid_size)
 
 
 def _compare_with_photographs(turns: Turns, scene: Scene, split: str) -> None:
@@ -255,12 +250,12 @@ def sustained(
     for _ in range(WARM_UP_FRAMES):
         draw(cameras[0])
     frames, began = 0, time.perf_counter()
-    with PowerMeter(str(renderer.ctx.info["GL_RENDERER"])) as meter:
+    with power_readings(str(renderer.ctx.info["GL_RENDERER"])) as power:
         for camera in itertools.cycle(cameras):
             draw(camera)
             frames += 1
             if time.perf_counter() - began >= seconds:
                 break
     fps = frames / (time.perf_counter() - began)
-    per_watt = fps / meter.watts if meter.watts else None
-    return {"frames": frames, "fps": fps, "watts": meter.watts, "fps_per_watt": per_watt}
+    watts = mean_watts(power)
+    return {"frames": frames, "fps": fps, "watts": watts, "fps_per_watt": fps / watts if watts else None}

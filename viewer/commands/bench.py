@@ -10,10 +10,9 @@ from typing import Any, Literal
 from rich.console import Console
 from rich.table import Table
 
-from console import UserError, check_results, run_command, write_json, write_result
+from console import UserError, check_results, run_command, write_json
 from console.command_line import parse_size
 from console.desktop import tell_if_unseen
-from console.plots import Line, Plot, draw_plots, require_plots
 from scenepack import Pack, load_pack
 from training.scenes import Scene
 from viewer.benchmark.frames import Contender, Measurement, measure, photographed_scene
@@ -57,17 +56,6 @@ def figures(measurement: Measurement, scene: Scene | None, split: str, *, system
     return result
 
 
-def rows(measurement: Measurement) -> list[tuple[str, ...]]:
-    base = measurement.contenders[0].statistics()["ms_p50"]
-    table = []
-    for contender in measurement.contenders:
-        s = contender.statistics()
-        times = f"{s['ms_mean']:.2f} ± {s['ms_std']:.2f}", *(f"{s[f'ms_{key}']:.2f}" for key in ("p50", "p95", "p99"))
-        rest = f"{s['fps']:.1f}", f"{s['ms_p50'] / base:.2f}", f"{contender.gpu_bytes / 2**20:.1f}"
-        table.append((contender.name, *times, *rest))
-    return table
-
-
 def title(result: Mapping[str, Any]) -> str:
     text = f"{result['width']}x{result['height']}, {result['frames']} frames, {result['protocol']}, {result['fov']:g}°"
     distance, named = result["distance"], result["distance_from"]
@@ -101,39 +89,22 @@ def _times(compared: Mapping[str, Any]) -> str:
 
 
 def print_table(result: Mapping[str, Any], measurement: Measurement) -> None:
-    table = Table(title=title(result))
+    table, base = Table(title=title(result)), measurement.contenders[0].statistics()["ms_p50"]
     for i, heading in enumerate(HEADINGS):
         table.add_column(heading, justify="right" if i else "left")
-    for row in rows(measurement):
-        table.add_row(*row)
+    for contender in measurement.contenders:
+        s = contender.statistics()
+        times = f"{s['ms_mean']:.2f} ± {s['ms_std']:.2f}", *(f"{s[f'ms_{key}']:.2f}" for key in ("p50", "p95", "p99"))
+        rest = f"{s['fps']:.1f}", f"{s['ms_p50'] / base:.2f}", f"{contender.gpu_bytes / 2**20:.1f}"
+        table.add_row(contender.name, *times, *rest)
     console = Console(width=None if sys.stdout.isatty() else 120)
     console.print(table)
     for line in notes(result, measurement):
         console.print(line, highlight=False)
 
 
-def markdown_table(name: str, result: Mapping[str, Any], measurement: Measurement) -> str:
-    """The same as Markdown text. name: of the pack."""
-    lines = [f"**{name}**, {title(result)}", "", f"| {' | '.join(HEADINGS)} |"]
-    lines.append("| --- |" + " ---: |" * (len(HEADINGS) - 1))
-    lines += [f"| {' | '.join(row)} |" for row in rows(measurement)]
-    return "\n".join([*lines, "", *(f"{line}  " for line in notes(result, measurement))]) + "\n"
-
-
-def plot_times(path: Path, name: str, result: Mapping[str, Any], measurement: Measurement) -> None:
-    """A PNG of each frame's time, with p50 and p95 as dashed lines."""
-    lines = []
-    for contender in measurement.contenders:
-        s = contender.statistics()
-        keys = ("p50", "p95") if len(measurement.contenders) < 3 else ()  # levels of many would hide the curves
-        levels = [(f"{key} {s[f'ms_{key}']:.1f} ms", s[f"ms_{key}"]) for key in keys]
-        lines.append(Line(contender.name, range(len(contender.ms)), contender.ms, levels=levels))
-    draw_plots(path, [Plot(lines, f"{name}, {title(result)}", "frame", "milliseconds")])
-
-
 # --- The command ---
 
-NO_SPARSITY = "exact, no sparsity loss"
 DESCRIPTION = "Measures frame times along a camera path, as the paper does. Renders offscreen, without vertical sync."
 
 
@@ -152,12 +123,9 @@ def bench(
     split: str = "test",
     downscale: int = 1,
     ablations: bool = False,
-    dense_pack: Path | None = None,
     allow_half: bool = False,
     surroundings: bool = True,
     json: Path | None = None,
-    markdown: Path | None = None,
-    plot: Path | None = None,
 ) -> None:
     """Measures frame times along a camera path.
 
@@ -180,23 +148,18 @@ def bench(
         downscale: Divide width and height of the photographs by this whole number.
         ablations: Also measure the rows of the paper's performance table (without view MLP, view MLP at every sample), and
             rendering that takes every sample.
-        dense_pack: Pack of the same scene trained without the sparsity loss, for the last row of that table.
         allow_half: Measure a pack that does not fit on the graphics card at half its resolution. Without this option, such a
             pack is refused.
         surroundings: Whether to show what lies beyond the inner cube of an unbounded scene.
         json: Also write the figures to this file; "-" prints them instead of the table.
-        markdown: Also write the table to this file, as Markdown.
-        plot: Plot the frame times into this PNG, with the median and the 95th percentile.
     """
     if frames < 1:
         raise UserError("needs at least one frame", where="--frames", found=frames)
     if fov is not None and not 0.1 <= fov < 179:
         raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=fov)
     pixels = parse_size(size) if size else None
-    marchers = _marchers(against, algorithms, compare, ablations, dense_pack)
-    if plot is not None:
-        require_plots()
-    check_results(json, markdown, plot)
+    marchers = _marchers(against, algorithms, compare, ablations)
+    check_results(json)
     loaded = load_pack(pack)
     flown = flight(loaded, protocol_for(loaded, protocol), frames, fov=fov, size=pixels, distance=distance)
     photographs = photographed_scene(loaded, scene, split, downscale) if scene is not None else None
@@ -204,7 +167,6 @@ def bench(
         contenders = _systems(pack, loaded, against, marchers)
     else:
         contenders = _contenders(loaded, compare is not None, ablations)
-        contenders += [Contender(NO_SPARSITY, RenderSettings(), load_pack(dense_pack))] if dense_pack else []
     for contender in contenders:
         contender.settings = replace(contender.settings, surroundings=surroundings)
     try:
@@ -223,23 +185,15 @@ def bench(
     }
     if not write_json(json, result):
         print_table(result, measurement)
-    name = pack.resolve().name
-    if markdown is not None:
-        write_result(markdown, markdown_table(name, result, measurement))
-    if plot is not None:
-        plot_times(plot, name, result, measurement)
 
 
-def _marchers(
-    against: Path | None, algorithms: str | None, compare: str | None, ablations: bool, dense_pack: Path | None
-) -> tuple[str, str]:
+def _marchers(against: Path | None, algorithms: str | None, compare: str | None, ablations: bool) -> tuple[str, str]:
     """The marchers of the two packs of --against. UserError where the options contradict one another."""
     if against is None:
         if algorithms is not None:
             raise UserError("needs --against", where="--algorithms")
         return "exact", "exact"
-    others = {"--compare": compare, "--ablations": ablations, "--dense-pack": dense_pack}
-    for option, given in others.items():
+    for option, given in (("--compare", compare), ("--ablations", ablations)):
         if given:
             raise UserError("exclude each other", where=f"--against and {option}", remedy="keep one of them")
     names = (algorithms or "exact,paper").split(",")
@@ -263,15 +217,15 @@ def _systems(path: Path, pack: Pack, against: Path, marchers: tuple[str, str]) -
 
 
 def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
-    contenders = [Contender("exact", RenderSettings())]
+    ways = {"exact": RenderSettings()}
     if paper:
-        contenders.append(Contender("paper", RenderSettings(marcher="paper")))
+        ways["paper"] = RenderSettings(marcher="paper")
+    if ablations and pack.view_mlp is not None:
+        ways["exact, no view MLP"] = RenderSettings(mode="diffuse")
+        ways["exact, view MLP at every sample"] = RenderSettings(view_mlp_per_sample=True)
     if ablations:
-        if pack.view_mlp is not None:
-            contenders.append(Contender("exact, no view MLP", RenderSettings(mode="diffuse")))
-            contenders.append(Contender("exact, view MLP at every sample", RenderSettings(view_mlp_per_sample=True)))
-        contenders.append(Contender("no skipping: every sample", RenderSettings(marcher="brute")))
-    return contenders
+        ways["no skipping: every sample"] = RenderSettings(marcher="brute")
+    return [Contender(name, settings) for name, settings in ways.items()]
 
 
 def main(args: Sequence[str] | None = None) -> int:

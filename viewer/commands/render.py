@@ -19,7 +19,7 @@ from scenepack import Pack, load_pack
 from scenepack.placement import placed_T_grid
 from training.scenes import picture_stems
 from viewer.benchmark.frames import photographed_scene
-from viewer.core.annotations import Annotations
+from viewer.core.annotations import Annotations, read_annotations
 from viewer.core.pose import FARTHEST
 from viewer.features.bookmarks.bookmarks import with_places
 from viewer.features.film.picture_export import (
@@ -40,7 +40,7 @@ from viewer.features.measuring.surface import depth_in_middle
 from viewer.rendering.camera import ViewCamera, content_box, filling_orbit, is_mirrored
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import LENS_RAYS, MOST_SAMPLES, Aperture, Marcher, RenderSettings
-from viewer.web.description import annotations_of, with_annotations
+from viewer.web.description import with_annotations
 
 DESCRIPTION = "Renders pictures of a pack without a display: one view, an orbit, or the views of photographs."
 DEFAULT_SIZE, DEFAULT_FOV = "800x800", 39.0
@@ -181,7 +181,7 @@ def render(
     else:
         views = [("view", (_posed(loaded, grid_T_placed, eye, target, upwards, fov or DEFAULT_FOV, shape),))]
     unit = abs(np.linalg.det(grid_T_placed[:3, :3])) ** (1 / 3)
-    kept = annotations_of(loaded).look if look else None
+    kept = read_annotations(loaded).look if look else None
     passes = [replace(each, settings=replace(each.settings, near=unit * near, look=kept)) for each in passes]
     if ortho_height is not None:
         views = [(name, (camera.as_orthographic(unit * ortho_height),)) for name, (camera,) in views]
@@ -319,7 +319,7 @@ def _drawn(
     annotated: bool,
     beside: bool,
 ) -> Iterator[tuple[View, list[np.ndarray]]]:
-    annotations = annotations_of(renderer.pack) if annotated else Annotations()
+    annotations = read_annotations(renderer.pack) if annotated else Annotations()
     with progress("rendering", len(views)) as bar:
         for view in views:
             name, cameras = view

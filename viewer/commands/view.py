@@ -113,9 +113,16 @@ class View:
     def run(self) -> int:
         """Shows the window until it is closed; the exit status."""
         if self.register or self.unregister:
-            return _register(self.register and not self.unregister)
+            made = [] if self.unregister else desktop_entry.register(desktop_entry.own_command())
+            gone = desktop_entry.unregister() if self.unregister else []
+            said = [str(path) for path in made] + [f"removed {path}" for path in gone]
+            print(*(said or ["snerg-view: nothing was registered"]), sep="\n")
+            return 0
         if self.serve is not None:
-            return self._serve(self.serve)
+            box = None if self.crop is None else parse_corners(self.crop, "--crop")
+            content = PageContent(self.title or "", self.credits, self.path, box, self.pose)
+            serve(self.pack or demo_pack(), self.host, self.serve, content)
+            return 0
         frames = 1 if self.frames is None and self.screenshot is not None else self.frames
         window_size = parse_size(self.size, least=SMALLEST_SIDE) if self.size else None
         if frames is not None and frames < 1:
@@ -138,14 +145,6 @@ class View:
             settings = RenderSettings(mode=self.mode, marcher=self.marcher, surroundings=self.surroundings)
             _render_instead(self.pack, settings, reason)
             return 0
-
-    def _serve(self, port: int) -> int:
-        path = self.pack or demo_pack()
-        if path is None:
-            raise UserError("there is no pack to serve", remedy="name one: snerg-view PACK --serve")
-        box = None if self.crop is None else parse_corners(self.crop, "--crop")
-        serve(path, self.host, port, PageContent(self.title or "", self.credits, self.path, box, self.pose))
-        return 0
 
     # What was asked for is carried out step by step once there is something to carry it out on. Whatever fails is a dialog, like
     # everything else that fails in the window.
@@ -217,19 +216,6 @@ class View:
             filming.film(app, self.export)
 
 
-def _register(wanted: bool) -> int:
-    if wanted:
-        for path in desktop_entry.register(desktop_entry.own_command()):
-            print(path)
-        return 0
-    gone = desktop_entry.unregister()
-    for path in gone:
-        print(f"removed {path}")
-    if not gone:
-        print("snerg-view: nothing was registered")
-    return 0
-
-
 def _show_window(view: View, size: tuple[int, int] | None, frames: int | None) -> int:
     """Runs the viewer until it is closed, or for so many frames; the exit status. NoDisplay; UserError of a script's failure."""
     require_display()
@@ -296,8 +282,7 @@ def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: Cr
         app.making.end()
         crash_log.end()
 
-    if window.on_x11:
-        on_lost_display(leave)
+    on_lost_display(leave)
     try:
         window.run(autosave.poll)
     finally:
@@ -311,8 +296,6 @@ def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: Cr
 
 def _render_instead(path: Path | None, settings: RenderSettings, reason: NoDisplay) -> None:
     chosen = path or demo_pack()
-    if chosen is None:
-        raise UserError("there is no pack to render", remedy="name one: snerg-view PACK")
     if kind_of(chosen) == "session":
         chosen = session.load_session(chosen).packs[0].path
     chosen = scene_around(chosen)

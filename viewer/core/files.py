@@ -14,7 +14,6 @@ from scenepack.files import PARAMS_NAME, ZIP_ERRORS
 from training.scenes.files import PICTURE_SUFFIXES
 from training.scenes.sources import find_source, is_film
 
-DEMO = Path(__file__).parents[1] / "demo" / "demo.zip"
 Kind = Literal["pack", "run", "scene", "pictures", "session", "unknown"]
 SESSION_SUFFIX = ".snerg"
 POSED = "scene"  # in the folder for the results: the scene with the poses that were found
@@ -35,9 +34,9 @@ class FileRequest:
     start: Path | None = None  # the folder to begin in
 
 
-def demo_pack() -> Path | None:
-    """The bundled demo pack, None where this installation has none."""
-    return DEMO if DEMO.is_file() else None
+def demo_pack() -> Path:
+    """The bundled demo pack."""
+    return Path(__file__).parents[1] / "demo" / "demo.zip"
 
 
 def kind_of(path: Path) -> Kind:

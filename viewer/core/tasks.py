@@ -83,8 +83,6 @@ class JsonTask(Task[None]):
             self._child.close()
 
     def _listen(self) -> None:
-        if self.cancelled:
-            return
         self._child = ChildProcess(self._command, polite=True)
         try:
             if not self.cancelled:  # while the child was being started

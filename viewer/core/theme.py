@@ -68,6 +68,18 @@ TRANSLUCENT = {
     "text_selected_bg": (ACCENT_DEEP, 0.6),
     "modal_window_dim_bg": (BASE, 0.65),
 }
+# By imgui's names, what differs from its own style; width and height, or one length.
+LENGTHS: dict[str, float | tuple[float, float]] = {
+    "window_padding": (16, 14), "frame_padding": (10, 6), "item_spacing": (8, 8), "item_inner_spacing": (8, 6),
+    "cell_padding": (6, 4), "scrollbar_size": 9, "grab_min_size": 12, "docking_separator_size": 3,
+    "window_rounding": 10, "popup_rounding": 10, "child_rounding": 10,
+    "frame_rounding": 6, "grab_rounding": 6, "scrollbar_rounding": 6, "tab_rounding": 6,
+    "popup_border_size": 1, "separator_text_border_size": 1,
+    **dict.fromkeys(("window_border_size", "child_border_size", "frame_border_size"), 0),
+    **dict.fromkeys(("tab_bar_border_size", "tab_bar_overline_size", "tab_border_size"), 0),
+    "tab_close_button_min_width_selected": -1,  # always seen
+    "window_title_align": (0.5, 0.5),  # shares of the title bar
+}  # fmt: skip
 
 
 def use(name: str) -> None:
@@ -109,9 +121,7 @@ class Fonts:
         return all(self.regular.is_glyph_in_font(ord(letter)) for letter in letters)
 
     def add(self, file: FontFile) -> None:
-        """Takes the letters that are missing from another font, if it has any that are known to be."""
-        if file.brings and not set(file.brings) & set(self.missing):
-            return
+        """Takes the letters that are missing from another font."""
         for font in (self.regular, self.bold):
             merged = imgui.ImFontConfig()
             merged.merge_mode, merged.dst_font, merged.font_no = True, font, file.number
@@ -139,26 +149,9 @@ def apply(scale: float) -> None:
         if not name.startswith("_") and isinstance(value, float | ImVec2):
             setattr(style, name, value)
     style.font_size_base = FONT_SIZE
-    style.window_padding = ImVec2(16, 14)
-    style.frame_padding = ImVec2(10, 6)
-    style.item_spacing = ImVec2(8, 8)
-    style.item_inner_spacing = ImVec2(8, 6)
-    style.cell_padding = ImVec2(6, 4)
-    style.scrollbar_size = 9
-    style.grab_min_size = 12
-    style.window_rounding = style.popup_rounding = 10
-    style.child_rounding = 10
-    style.frame_rounding = style.grab_rounding = 6
-    style.scrollbar_rounding = 6
-    style.window_border_size = style.child_border_size = style.frame_border_size = 0
-    style.popup_border_size = 1
-    style.separator_text_border_size = 1
-    style.tab_rounding = 6
-    style.tab_bar_border_size = style.tab_bar_overline_size = style.tab_border_size = 0
-    style.tab_close_button_min_width_selected = -1  # always seen
-    style.docking_separator_size = 3
+    for name, length in LENGTHS.items():
+        setattr(style, name, ImVec2(*length) if isinstance(length, tuple) else length)
     style.window_menu_button_position = imgui.Dir.none
-    style.window_title_align = ImVec2(0.5, 0.5)
     style.scale_all_sizes(scale)
     style.window_border_hover_padding = max(style.window_border_hover_padding, 1.0)  # imgui ends the program at 0
     style.font_scale_dpi = scale
@@ -191,34 +184,28 @@ MACOS = (
 
 @dataclass(frozen=True)
 class FontFile:
-    """A font: its file, which of those in a collection, and the samples it has, where that is known."""
+    """A font: its file, and which of those in a collection."""
 
     path: Path
     number: int = 0
-    brings: str = ""
 
 
 def load_fonts(missing: str) -> list[FontFile]:
     """Fonts that have `missing` letters, the best first, read from the disk once: the window then finds them in memory."""
-    with contextlib.suppress(OSError, subprocess.TimeoutExpired):
-        found = [font for font in find_fonts(missing) if font.path.stat().st_size <= LARGEST_BYTES]
+    with contextlib.suppress(OSError, subprocess.TimeoutExpired):  # fontconfig is not there, or does not answer
+        if sys.platform == "win32":
+            known = [FontFile(Path(os.environ.get("SYSTEMROOT", "C:/Windows"), "Fonts", name)) for name in WINDOWS]
+        elif sys.platform == "darwin":
+            known = [FontFile(Path("/System/Library/Fonts", name)) for name in MACOS]
+        else:
+            command = ["fc-match", "--sort", "--format", FORMAT, "sans-serif"]
+            done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, stdin=subprocess.DEVNULL)
+            known = chosen_fonts(done.stdout.decode(errors="replace"), missing)
+        found = [font for font in known if font.path.is_file() and font.path.stat().st_size <= LARGEST_BYTES]
         for font in found:
             font.path.read_bytes()
         return found
     return []  # boxes, then
-
-
-def find_fonts(missing: str) -> list[FontFile]:
-    """OSError or TimeoutExpired where fontconfig's programs are not there or do not answer."""
-    if sys.platform == "win32":
-        folder, names = Path(os.environ.get("SYSTEMROOT", "C:/Windows")) / "Fonts", WINDOWS
-    elif sys.platform == "darwin":
-        folder, names = Path("/System/Library/Fonts"), MACOS
-    else:
-        command = ["fc-match", "--sort", "--format", FORMAT, "sans-serif"]
-        done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, stdin=subprocess.DEVNULL)
-        return chosen_fonts(done.stdout.decode(errors="replace"), missing)
-    return [FontFile(folder / name) for name in names if (folder / name).is_file()]
 
 
 def chosen_fonts(listed: str, missing: str) -> list[FontFile]:
@@ -228,16 +215,10 @@ def chosen_fonts(listed: str, missing: str) -> list[FontFile]:
         path, index, colour, charset = (line.split("\t") + [""] * 4)[:4]
         if not left or colour == "True" or not path.lower().endswith(SUFFIXES):
             continue
-        ranges = [_range(words) for words in charset.split()]
-        brings = {letter for letter in left if any(low <= ord(letter) <= high for low, high in ranges)}
+        ranges = [[int(end, 16) for end in words.split("-")] for words in charset.split()]  # "3041-3096" or "3041"
+        brings = {letter for letter in left if any(ends[0] <= ord(letter) <= ends[-1] for ends in ranges)}
         if brings:
             number = int(index or 0) & 0xFFFF  # the upper half names an instance of a variable font
-            chosen.append(FontFile(Path(path), number, "".join(sorted(brings))))
+            chosen.append(FontFile(Path(path), number))
             left -= brings
     return chosen
-
-
-def _range(words: str) -> tuple[int, int]:
-    """ "3041-3096" or "3041", hexadecimal."""
-    low, _, high = words.partition("-")
-    return int(low, 16), int(high or low, 16)

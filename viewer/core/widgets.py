@@ -380,15 +380,11 @@ Modal = Literal["", "message", "path", "open", "make", "export"]
 
 def in_front(app: App) -> Modal:
     """The dialog in front, "" for none. One at a time: two modal windows would push each other away in every frame."""
-    if app.messages.dialogs:
-        return "message"
-    if app.file_request is not None:
-        return "path"
-    if app.open_prompt is not None:
-        return "open"
-    if app.making.plan is not None:
-        return "make"
-    return "export" if app.exporting.preview is not None else ""
+    dialogs: list[tuple[Modal, object]] = [
+        ("message", app.messages.dialogs or None), ("path", app.file_request), ("open", app.open_prompt),
+        ("make", app.making.plan), ("export", app.exporting.preview), ("", True),
+    ]  # fmt: skip
+    return next(name for name, dialog in dialogs if dialog is not None)
 
 
 CARD_WIDTH, CARD_MARGIN, BUTTON_WIDTH = 372.0, 16.0, 86.0

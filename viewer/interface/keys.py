@@ -17,6 +17,7 @@ from viewer.core.input import KeyPress, shown_keys
 from viewer.core.language import translated
 from viewer.core.widgets import coloured, figure, in_front, px, style, write
 
+Presses = deque[tuple[int, KeyPress]]  # not looked at yet: imgui's number of the same event, and the press
 REPEATING = ("Z", "Y", "Num2", "Num4", "Num6", "Num8")  # undo, redo and turning go on while they are held
 
 
@@ -31,23 +32,13 @@ def fits(press: KeyPress, combination: str) -> bool:
     return not press.repeat or name in REPEATING
 
 
-class Presses:
-    """What was pressed and not looked at yet, in one imgui context."""
-
-    def __init__(self) -> None:
-        self._waiting: deque[tuple[int, KeyPress]] = deque()  # imgui's number of the same event, and the press
-
-    def add(self, press: KeyPress) -> None:
-        """Call just before imgui gets the same event; its context must be current."""
-        self._waiting.append((imgui.get_current_context().input_events_next_event_id, press))
-
-    def dispatch(self, app: App) -> None:
-        """Runs the commands that are due. A text field that is being typed into keeps its keys, dialogs keep them all."""
-        queue = imgui.get_current_context().input_events_queue
-        while self._waiting and (not len(queue) or self._waiting[0][0] < queue[0].event_id):
-            _, press = self._waiting.popleft()
-            if not imgui.get_io().want_text_input:
-                _run(app, press)
+def dispatch(app: App, waiting: Presses) -> None:
+    """Runs the commands that are due. A text field that is being typed into keeps its keys, dialogs keep them all."""
+    queue = imgui.get_current_context().input_events_queue
+    while waiting and (not len(queue) or waiting[0][0] < queue[0].event_id):
+        _, press = waiting.popleft()
+        if not imgui.get_io().want_text_input:
+            _run(app, press)
 
 
 def _run(app: App, press: KeyPress) -> None:

@@ -1,6 +1,5 @@
 """The bar on top: what is open, how fast it is drawn, and what is wanted often."""
 
-from dataclasses import dataclass
 from functools import partial
 
 from imgui_bundle import ImVec2, imgui
@@ -29,59 +28,51 @@ ICONS = {
 }
 
 
-@dataclass(frozen=True)
-class Plan:
-    """Which parts are shown at the current width of the window."""
+def _plan(width: float, name: float, details: float, speed: float, buttons: int) -> tuple[float, bool, bool, bool, int]:
+    """Divides a bar so that nothing overlaps: the width of the scene's name; whether its voxels, the program's name and the
+    frames per second are shown; and how many buttons stand there. The others are in a menu behind them.
 
-    word: bool  # the program's name
-    name: float  # width of the scene's name
-    details: bool  # its voxels
-    speed: bool  # frames per second
-    buttons: int  # how many stand there; the others are in a menu behind them
-
-
-def plan(width: float, unit: float, widths: tuple[float, float, float], buttons: int) -> Plan:
-    """Divides a bar so that nothing overlaps.
-
-    width: of the bar. unit: window units of a unit at 100 %. widths: of the scene's name, its details and the speed, 0 for
-    what there is not. buttons: how many there are.
+    width: of the bar. name, details, speed: widths, 0 for what there is not. buttons: how many there are.
     """
-    name, details, speed = widths
     # From everything to the least; the first of which the name has enough space.
-    steps = [(True, True, True, buttons), (True, False, True, buttons), (False, False, True, buttons)]
+    steps = [(True, True, True, buttons), (False, True, True, buttons), (False, False, True, buttons)]
     steps += [(False, False, False, shown) for shown in range(buttons, LEAST_BUTTONS - 1, -1)]
-    for word, with_details, with_speed, shown in steps:
-        fixed = MARK + WORD * word + NAME_GAP * (name > 0) + STEP * (shown + (shown < buttons)) + EDGE
+    for with_details, with_word, with_speed, shown in steps:
+        fixed = MARK + WORD * with_word + NAME_GAP * (name > 0) + STEP * (shown + (shown < buttons)) + EDGE
         fixed += GAP * (with_details and details > 0) + GAP * (1 + (with_speed and speed > 0))
-        left = width - unit * fixed - details * with_details - speed * with_speed
-        if left >= min(name, unit * (NAME if with_speed else SHORTEST_NAME)):
+        left = width - px(fixed) - details * with_details - speed * with_speed
+        if left >= min(name, px(NAME if with_speed else SHORTEST_NAME)):
             break
-    return Plan(word, max(0.0, min(name, left)), with_details, with_speed, shown)
+    return max(0.0, min(name, left)), with_details, with_word, with_speed, shown
 
 
 def show(app: App, box: Box) -> None:
     with coloured(window_bg=theme.BASE):
         layout.begin("##top", box, (LEFT, EDGE))
     entries = _entries(app)
-    texts = (app.scene.name, state_of(app)) if app.scene is not None else ("", "")
+    name = imgui.calc_text_size(app.scene.name).x if app.scene is not None else 0.0
     with font(None, theme.SMALL):
-        details = imgui.calc_text_size(texts[1]).x
+        details = imgui.calc_text_size(state_of(app)).x
     with font(theme.fonts.bold, theme.SMALL):
         speed = imgui.calc_text_size(FRAMES).x if app.scene is not None and app.times.frame_ms else 0.0
-    where = plan(box[2], px(1), (imgui.calc_text_size(texts[0]).x, details, speed), len(entries))
-    _logo(where.word)
-    if where.name > 0:
-        _name(app, where)
-    menu = where.buttons < len(entries)
-    x = imgui.get_window_width() - px(EDGE - STEP + BUTTON) - px(STEP) * (where.buttons + menu)
-    if where.speed and speed:
-        _speed(app, x - px(GAP))
-    for i, entry in enumerate(entries[: where.buttons]):
+    name, with_details, with_word, with_speed, buttons = _plan(box[2], name, details, speed, len(entries))
+    _logo(with_word)
+    if name > 0:
+        _name(app, px(MARK + WORD * with_word), name, with_details=with_details)
+    menu = buttons < len(entries)
+    x = imgui.get_window_width() - px(EDGE - STEP + BUTTON) - px(STEP) * (buttons + menu)
+    if with_speed and speed:
+        text = f"{app.times.fps:.0f} fps"
+        with font(theme.fonts.bold, theme.SMALL):
+            imgui.same_line()
+            imgui.set_cursor_pos(ImVec2(x - px(GAP) - imgui.calc_text_size(text).x, px(16)))
+            write(text, theme.ACCENT)
+    for i, entry in enumerate(entries[:buttons]):
         imgui.set_cursor_pos(ImVec2(x + i * px(STEP), px(EDGE)))
         entry.button()
     if menu:
-        imgui.set_cursor_pos(ImVec2(x + where.buttons * px(STEP), px(EDGE)))
-        more_button("top more", entries[where.buttons :])
+        imgui.set_cursor_pos(ImVec2(x + buttons * px(STEP), px(EDGE)))
+        more_button("top more", entries[buttons:])
     _packs(app)
     imgui.end()
 
@@ -126,17 +117,16 @@ def _logo(word: bool) -> None:
         write("snerg", face=theme.fonts.bold, size=17.0)
 
 
-def _name(app: App, where: Plan) -> None:
+def _name(app: App, x: float, width: float, *, with_details: bool) -> None:
     scene = app.open_scene
-    x = px(MARK + (WORD if where.word else 0.0))
     corner, draw = imgui.get_window_pos(), imgui.get_window_draw_list()
     line = corner.x + x + px(0.5 * NAME_GAP)
     draw.add_line(ImVec2(line, corner.y + px(15)), ImVec2(line, corner.y + px(33)), theme.packed(theme.LINE), px(1))
     imgui.set_cursor_pos(ImVec2(x + px(NAME_GAP), px(15)))
-    imgui.text_unformatted(elided(scene.name, where.name))
+    imgui.text_unformatted(elided(scene.name, width))
     if imgui.is_item_hovered():
         imgui.set_tooltip(f"{scene.name}\n{scene.path}\n{state_of(app)}")
-    if not where.details:
+    if not with_details:
         return
     imgui.same_line(0, px(GAP))
     imgui.set_cursor_pos_y(px(16))
@@ -151,12 +141,3 @@ def state_of(app: App) -> str:
         images = app.loading.images if app.loading is not None else (0, 0)
         return f"loading {images[0]} of {images[1]} images" if images[1] else "loading"
     return " × ".join(str(side) for side in app.scene.pack.grid_size) + " voxels"
-
-
-def _speed(app: App, right: float) -> None:
-    text = f"{app.times.fps:.0f} fps"
-    with font(theme.fonts.bold, theme.SMALL):
-        width = imgui.calc_text_size(text).x
-        imgui.same_line()
-        imgui.set_cursor_pos(ImVec2(right - width, px(16)))
-        write(text, theme.ACCENT)

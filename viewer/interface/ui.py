@@ -77,7 +77,7 @@ class Ui:
     def pressed(self, press: KeyPress) -> None:
         """A key or a character; call before imgui hears of it."""
         imgui.set_current_context(self.context)
-        self._presses.add(press)
+        self._presses.append((imgui.get_current_context().input_events_next_event_id, press))
 
     def modifier_changes(self) -> None:
         """Ctrl, Shift, Alt or Cmd goes down or up; call before imgui hears of it.
@@ -126,7 +126,7 @@ class Ui:
         flags = imgui.get_io().config_flags & ~moves
         imgui.get_io().config_flags = flags | moves if in_front(app) else flags
         imgui.new_frame()
-        self._presses.dispatch(app)
+        keys.dispatch(app, self._presses)
         size = imgui.get_io().display_size
         regions = layout.regions(size.x, size.y, app)
         picture = self._docking.space(app, regions.dock, regions.pages)

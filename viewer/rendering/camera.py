@@ -182,11 +182,19 @@ def inner_box(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
     return (inner_low, inner_high) if np.all(inner_low < inner_high) else (low, high)
 
 
+def _inner_blocks(pack: Pack) -> np.ndarray:
+    """The occupied macroblocks within inner_box, bool [z, y, x]."""
+    low, high = inner_box(pack)
+    first, last = np.floor(low / pack.block_size).astype(int), np.ceil(high / pack.block_size).astype(int)
+    inside = np.zeros_like(pack.occupied)
+    inside[tuple(slice(a, b) for a, b in zip(first[::-1], last[::-1], strict=True))] = True
+    return pack.occupied & inside
+
+
 def content_box(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
     """float64 [3] each, grid frame: the box around the occupied macroblocks within inner_box; that box where none are."""
     low, high = inner_box(pack)
-    corners = np.argwhere(pack.occupied)[:, ::-1] * float(pack.block_size)
-    corners = corners[np.all((corners < high) & (corners + pack.block_size > low), axis=1)]
+    corners = np.argwhere(_inner_blocks(pack))[:, ::-1] * float(pack.block_size)
     if len(corners):
         low, high = np.maximum(corners.min(0), low), np.minimum(corners.max(0) + pack.block_size, high)
     return pack.min_xyz + pack.voxel_size * low, pack.min_xyz + pack.voxel_size * high
@@ -257,13 +265,7 @@ TOUCHING = np.ones((3, 3, 3), bool)  # corners, too
 
 def _counted_blocks(pack: Pack) -> np.ndarray:
     """The occupied macroblocks without stray pieces, bool [z, y, x]; of contracted packs, those in the inner cube."""
-    occupied = pack.occupied
-    if pack.contraction is not None:
-        low, high = inner_box(pack)
-        outer = np.ones_like(occupied)
-        first, last = np.floor(low / pack.block_size).astype(int), np.ceil(high / pack.block_size).astype(int)
-        outer[tuple(slice(a, b) for a, b in zip(first[::-1], last[::-1], strict=True))] = False
-        occupied = occupied & ~outer
+    occupied = _inner_blocks(pack)
     pieces, count = ndimage.label(occupied, TOUCHING)  # pyright: ignore[reportGeneralTypeIssues]
     if count < 2:
         return occupied

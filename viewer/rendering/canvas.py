@@ -45,10 +45,9 @@ class Canvas:
         self._wanted: tuple[object, ...] = ()  # what makes two pictures the same one
         self._changed_at = 0.0
         self._tiles: list[Box] | None = None  # still to draw, margin included; None: not begun
-        self._done: list[tuple[Box, float]] = []  # and when each was drawn
+        self._done: list[tuple[Box, float, float, float]] = []  # and when each was drawn; how long that took, see below
         self._size = (0, 0)  # of the full picture, pixels
         self._blending = False
-        self._tile_ms = self._tile_gpu_ms = 0.0
         self.layers: list[Layer] = []
         self.quick: Layer | None = None  # all of the picture, at the scale of movements
         self.other: Canvas | None = None  # another pack under the same camera
@@ -279,20 +278,17 @@ class Canvas:
         whole = with_margin(camera.resized(*size))
         if self._tiles is None:
             self._tiles, self._done = tiles(whole.width, whole.height, resolution.tile_side()), []
-            self._tile_ms, self._tile_gpu_ms = 0.0, 0.0
         target = self._full.fit(whole.width, whole.height)
         x, y, w, h = self._tiles.pop(0)
         part = replace(whole, width=w, height=h, cx=whole.cx - x, cy=whole.cy - y)
         settings = of_picture(settings, camera.height, camera.fy)
         self._timed(target, part, settings, (x, whole.height - y - h))
         resolution.measured(self.scene_ms, w * h)
-        self._tile_ms += self.scene_ms
-        self._tile_gpu_ms += self.gpu_ms or 0.0
-        self._done.append(((x, y - MARGIN, w, h), time.monotonic()))
+        self._done.append(((x, y - MARGIN, w, h), time.monotonic(), self.scene_ms, self.gpu_ms or 0.0))
         self._size, self._blending = size, True
         if not self._tiles:
-            self.drawn_size, self.picture_ms = size, self._tile_ms
-            self.picture_gpu_ms = None if self.gpu_ms is None else self._tile_gpu_ms
+            self.drawn_size, self.picture_ms = size, sum(scene_ms for *_, scene_ms, _ in self._done)
+            self.picture_gpu_ms = None if self.gpu_ms is None else sum(gpu_ms for *_, gpu_ms in self._done)
 
     def _blend(self) -> None:
         """Puts the tiles over the quick picture as far as they have appeared; at last all of it: tiles end at pixels' centres."""
@@ -305,7 +301,7 @@ class Canvas:
             age = (now - drawn) / self.blend_s if self.blend_s > 0 else 1.0
             return replace(layer, opacity=min(age, 1.0))
 
-        tiles = [shown(self._full.layer(self._size, box), drawn) for box, drawn in self._done]
+        tiles = [shown(self._full.layer(self._size, box), drawn) for box, drawn, *_ in self._done]
         self.layers = [self.quick, *tiles]
         if not self._tiles:
             whole = shown(self._full.layer(self._size), self._done[-1][1])

@@ -66,7 +66,9 @@ class GpuScene:
         self.hull: moderngl.Buffer | None = None  # its triangles' corners, where the layout has them and there are any
         self._atlases: list[tuple[str, moderngl.Texture3D, tuple[Part, ...]]] = []  # and what lies side by side in x
         self._arrived = np.zeros(self.slots[2], bool)  # layers of slots
-        while ctx.error != "GL_NO_ERROR":  # somebody else's, from before
+        while (
+            ctx.error != "GL_NO_ERROR"
+        ):  # somebody else's, from before; some drivers leave them from the context's creation
             pass
         taken_before = software.huge_pages() if software.software_draws(ctx) else None
         self.arriving: Iterator[None] | None = self._fill(taken_before)  # its steps; None once all is there
@@ -157,9 +159,9 @@ class GpuScene:
         """One layer of slots at a time, whose macroblocks are shown from then on."""
         shown = time.perf_counter()
         while not self._arrived.all():
-            layer = self._next_layer()
-            for what, texture, parts in self._atlases:
-                self._write(layer, texture, parts)
+            layer, slots = self._next_layer(), self.slots[0] * self.slots[1]
+            self.rewrite(range(layer * slots, min((layer + 1) * slots, len(self.blocks))))
+            for what, texture, _ in self._atlases:
                 self._check(f"the {what} texture", int(np.prod(self.size, dtype=np.int64)) * texture.components)
             self._arrived[layer] = True
             if time.perf_counter() - shown > SHOWN_EVERY_S or self._arrived.all():
@@ -180,24 +182,12 @@ class GpuScene:
         np.minimum.at(away, layers, np.square(middles - self.near).sum(axis=1))
         return int(coming[np.argmin(away[coming])])
 
-    def _write(self, layer: int, texture: moderngl.Texture3D, parts: tuple[Part, ...]) -> None:
-        nx, ny, _ = self.slots
-        width, height, _ = self.size
-        size = self.pack.padded_block_size
-        volume = np.zeros((size, height, width, texture.components), np.uint8)
-        for slot, block in enumerate(self.blocks[layer * nx * ny : (layer + 1) * nx * ny]):
-            y = slot // nx * size
-            for k, (atlas, channels) in enumerate(parts):
-                x = (slot % nx * len(parts) + k) * size
-                volume[:, y : y + size, x : x + size] = block_copy(self.pack, atlas, tuple(block))[..., channels]
-        texture.write(volume, viewport=(0, 0, layer * size, width, height, size), alignment=1)
-
     def _indirection(self) -> np.ndarray:
         """Of the macroblocks that have arrived."""
         return indirection_grid(self.pack.occupied, self.slots, self._arrived)
 
     def rewrite(self, numbers: Sequence[int]) -> None:
-        """Writes macroblocks, by their number in the grid's order, again: the pack's atlas has changed there."""
+        """Copies macroblocks, by their number in the grid's order, from the pack: first, and where its atlas has changed."""
         nx, ny, _ = self.slots
         size = self.pack.padded_block_size
         for number in numbers:

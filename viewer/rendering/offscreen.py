@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import ExitStack
 from typing import Any
 
 import moderngl
@@ -14,6 +15,7 @@ from viewer.rendering import opengl
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings
+from viewer.rendering.targets import Target
 
 GL_VERSION = 330
 
@@ -23,12 +25,9 @@ def create_context() -> moderngl.Context:
     # macOS and Windows know no EGL; there moderngl opens a hidden native context.
     options: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
     try:
-        ctx = moderngl.create_context(standalone=True, require=GL_VERSION, **options)
+        return moderngl.create_context(standalone=True, require=GL_VERSION, **options)
     except Exception as error:  # glcontext raises bare Exception for a missing library, moderngl its own for versions
         raise opengl.opengl_refusal("", str(error)) from error
-    while ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
-        pass
-    return ctx
 
 
 def lost(ctx: moderngl.Context) -> bool:
@@ -53,17 +52,18 @@ class OffscreenRenderer:
         *,
         allow_half: bool = True,
     ) -> None:
-        self._owns_context, self._give_back = ctx is None, opengl.current_context()
-        self.ctx = ctx or create_context()
-        self.make_current()  # a context handed in need not be: uploads would land in another's textures
-        try:
+        with ExitStack() as parts:
+            parts.callback(opengl.current_context())
+            self.ctx = ctx or create_context()
+            if ctx is None:
+                parts.callback(self.ctx.release)
+            self.make_current()  # a context handed in need not be: uploads would land in another's textures
             self.renderer = Renderer(self.ctx, pack, marcher, allow_half=allow_half)
-        except UserError:
-            if self._owns_context:
-                self.ctx.release()
-            self._give_back()
-            raise
-        self._framebuffers: dict[tuple[int, int, str], moderngl.Framebuffer] = {}
+            parts.callback(self.renderer.release)
+            self._targets = {dtype: Target(self.ctx, dtype=dtype) for dtype in ("f1", "f4")}
+            for target in self._targets.values():
+                parts.callback(target.release)
+            self._parts = parts.pop_all()
 
     @property
     def pack(self) -> Pack:
@@ -74,11 +74,8 @@ class OffscreenRenderer:
         self.ctx.__enter__()  # and no __exit__: on EGL that leaves no context current at all
 
     def framebuffer(self, width: int, height: int, dtype: str = "f1") -> moderngl.Framebuffer:
-        """The RGBA framebuffer that pictures of this size are drawn into; "f1" is 8 bit, "f4" float32."""
-        key = (width, height, dtype)
-        if key not in self._framebuffers:
-            self._framebuffers[key] = opengl.new_framebuffer(self.ctx, width, height, dtype)
-        return self._framebuffers[key]
+        """The RGBA framebuffer in whose lower left corner pictures of this size are drawn; "f1" is 8 bit, "f4" float32."""
+        return self._targets[dtype].fit(width, height)
 
     def render(self, camera: ViewCamera, settings: RenderSettings | None = None) -> np.ndarray:
         """The picture, uint8 [height, width, 3]."""
@@ -106,13 +103,7 @@ class OffscreenRenderer:
     def release(self) -> None:
         """Frees everything on the GPU, and the context if it is ours."""
         self.make_current()
-        for framebuffer in self._framebuffers.values():
-            opengl.free_framebuffer(framebuffer)
-        self._framebuffers = {}
-        self.renderer.release()
-        if self._owns_context:
-            self.ctx.release()
-        self._give_back()
+        self._parts.close()
 
     def __enter__(self) -> OffscreenRenderer:
         return self

@@ -24,7 +24,6 @@ import moderngl
 import numpy as np
 
 from console import UserError
-from viewer.rendering.shader_source import compile_program
 from viewer.rendering.software_rasteriser import finish, is_software
 
 NEEDED = "OpenGL 3.3 or later"
@@ -134,6 +133,16 @@ def new_framebuffer(ctx: moderngl.Context, width: int, height: int, dtype: str =
     return framebuffer
 
 
+def begin_drawing(framebuffer: moderngl.Framebuffer, box: tuple[int, int, int, int]) -> None:
+    """From now on, draws into a box of the framebuffer (x, y, from the lower left; width, height), over whatever is there."""
+    framebuffer.use()
+    framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
+    framebuffer.viewport = box
+    framebuffer.color_mask = (True, True, True, True)
+    framebuffer.depth_mask = False
+    framebuffer.ctx.enable_only(moderngl.NOTHING)
+
+
 def read_pixels(
     framebuffer: moderngl.Framebuffer, width: int, height: int, components: int = 3, dtype: str = "f1"
 ) -> np.ndarray:
@@ -168,7 +177,7 @@ class Drawing:
     def __init__(
         self, ctx: moderngl.Context, vertex: str, fragment: str, content: Sequence[tuple[Any, ...]] = ()
     ) -> None:
-        self.linked = compile_program(ctx, vertex, fragment)
+        self.linked = ctx.program(vertex_shader=vertex, fragment_shader=fragment)
         self.vertices = ctx.vertex_array(self.linked, list(content))
         # Asked for once: a window draws hundreds of frames a second, and each has some twenty values to write.
         members = ((name, self.linked[name]) for name in self.linked)

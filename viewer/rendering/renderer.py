@@ -16,20 +16,21 @@ from scenepack.contraction import contract
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.gpu_scene import GpuScene, NoRoomError, features_stored, half_resolution, upload
-from viewer.rendering.opengl import Drawing
+from viewer.rendering.opengl import Drawing, begin_drawing
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import MARCHERS, MODES, Look, RenderSettings
-from viewer.rendering.shader_source import assemble, glsl_reciprocals, view_mlp_biases, view_mlp_weights
+from viewer.rendering.shader_source import assemble, glsl_vec3, view_mlp_biases, view_mlp_weights
 from viewer.rendering.skip_grid import CELL
 from viewer.rendering.supersampling import Supersampling
 
 GL_FRAMEBUFFER_SRGB = 0x8DB9
 GL_DEPTH_CLAMP = 0x864F
 SHADED_MODES = ("normal", "view-dependent")
-NORMAL_REACH = 1.0  # voxels; see shaders/composite.glsl
 LEAST_HALVED = 64  # voxels along the grid's longest side; smaller packs are not halved
 MODES_WITH_LOOK = ("normal", "diffuse")
 MODES_WITH_BLUR = ("normal", "diffuse", "features", "view-dependent", "alpha")  # not those of numbers and costs
+# False colours of counts, RGB in 0 … 1, evenly spaced: black, blue, magenta, orange, white, like matplotlib's "inferno".
+COLOUR_STOPS = ((0.0, 0.0, 0.0), (0.25, 0.05, 0.45), (0.75, 0.2, 0.35), (0.98, 0.6, 0.1), (1.0, 1.0, 0.85))
 MODES_OVER_BACKGROUND = ("normal", "diffuse", "macroblocks", "atlas")  # the others are black where there is nothing
 
 
@@ -138,13 +139,8 @@ class Renderer:
         rays = self._rays(settings, camera)
         uniforms = self._uniforms(scene, camera, settings, corner)
         rays.write(uniforms)
-        ctx = self.ctx
-        framebuffer.use()
-        framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
-        framebuffer.viewport = viewport = (*corner, camera.width, camera.height)
-        framebuffer.color_mask = (True, True, True, True)
-        framebuffer.depth_mask = False
-        ctx.enable_only(moderngl.NOTHING)
+        ctx, box = self.ctx, (*corner, camera.width, camera.height)
+        begin_drawing(framebuffer, box)
         ctx.disable_direct(GL_FRAMEBUFFER_SRGB)
         ctx.wireframe = False
         scene.bind(rays.linked)
@@ -152,7 +148,7 @@ class Renderer:
             over_background = settings.mode in MODES_OVER_BACKGROUND and not settings.counts
             empty = (*settings.background, 1.0) if over_background else (0.0, 0.0, 0.0, 1.0)
             framebuffer.depth_mask = True
-            framebuffer.clear(*((0.0,) * 4 if settings.raw else empty), depth=1.0, viewport=viewport)
+            framebuffer.clear(*((0.0,) * 4 if settings.raw else empty), depth=1.0, viewport=box)
             if _style(settings):
                 self._draw_backdrop(framebuffer, settings, uniforms)
             if scene.hull is not None:
@@ -274,7 +270,8 @@ def shader_defines(
         "BLOCK_SIZE": pack.block_size,
         "PADDED_BLOCK_SIZE": pack.padded_block_size,
         "SLOT_WIDTH": pack.padded_block_size * (2 if features_beside else 1),
-        **{f"{name.upper()}_TEXEL": glsl_reciprocals(size) for name, size in sizes.items()},
+        **{f"{name.upper()}_TEXEL": glsl_vec3(1.0 / side for side in size) for name, size in sizes.items()},
+        **{f"COLOUR_STOP_{i}": glsl_vec3(stop) for i, stop in enumerate(COLOUR_STOPS)},
         "CELL": CELL,
         # Content comes in runs, so a second sample is rarely for nothing; but with features it costs too much. The
         # cost modes take the steps that the picture takes.
@@ -289,7 +286,6 @@ def shader_defines(
         "VIEW_MLP": shaded,
         "VIEW_MLP_PER_SAMPLE": shaded and settings.view_mlp_per_sample,
         "ACCUMULATE_NORMAL": mode == "normals",
-        "NORMAL_REACH": NORMAL_REACH,
         "RAW_COUNTS": settings.counts,
         "RAW": settings.raw,
         "LOOK": settings.look is not None and mode in MODES_WITH_LOOK,

@@ -8,10 +8,9 @@ are filled column by column and a column holds the weights of one input, so rows
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-import moderngl
 import numpy as np
 
 from scenepack import constants
@@ -20,12 +19,6 @@ from scenepack.pack import ViewMlp
 SHADER_FOLDER = Path(__file__).resolve().parents[2] / "shaders"
 INCLUDE = re.compile(r'^#include "([^"]+)"$', re.MULTILINE)
 VERSION = re.compile(r"^#version.*$", re.MULTILINE)
-# The line in a driver's message: "0:12(5): error" Mesa; "0(12) : error" NVIDIA; "ERROR: 0:12:" Apple, ANGLE
-LINE = re.compile(r"\b\d+[:(](\d+)")
-
-
-class ShaderError(Exception):
-    """A shader that does not compile or link: a bug of ours, with the lines that the driver complains of."""
 
 
 def glsl_float(value: float) -> str:
@@ -37,9 +30,8 @@ def glsl_float(value: float) -> str:
     return text if any(mark in text for mark in ".e") else text + ".0"
 
 
-def glsl_reciprocals(sizes: Sequence[int]) -> str:
-    """1 / x, 1 / y, 1 / z as a GLSL vec3."""
-    return f"vec3({', '.join(glsl_float(1.0 / size) for size in sizes)})"
+def glsl_vec3(values: Iterable[float]) -> str:
+    return f"vec3({', '.join(map(glsl_float, values))})"
 
 
 def define_lines(defines: Mapping[str, object]) -> str:
@@ -84,8 +76,9 @@ def assemble(
     return VERSION.sub(lambda version: f"{version[0]}\n{define_lines(defines or {})}", whole(name), count=1)
 
 
-ES_TYPES = ("float", "int", "sampler2D", "sampler3D", "usampler3D")
-ES_PRECISION = "".join(f"precision highp {kind};\n" for kind in ES_TYPES)
+ES_PRECISION = "".join(
+    f"precision highp {kind};\n" for kind in ("float", "int", "sampler2D", "sampler3D", "usampler3D")
+)
 
 
 def assemble_es(name: str, generated: Mapping[str, str] | None = None) -> str:
@@ -97,30 +90,6 @@ def assemble_es(name: str, generated: Mapping[str, str] | None = None) -> str:
     lines = (re.sub(r"\s*//.*", "", line).rstrip() for line in text.splitlines())
     kept = [line for line in lines if line and not line.startswith("#version")]
     return ES_PRECISION + "\n".join(kept) + "\n"
-
-
-def compile_program(ctx: moderngl.Context, vertex: str, fragment: str) -> moderngl.Program:
-    """Compiles and links. ShaderError where that fails."""
-    try:
-        return ctx.program(vertex_shader=vertex, fragment_shader=fragment)
-    except moderngl.Error as error:
-        message = str(error)
-        blamed = vertex if "vertex_shader" in message and "fragment_shader" not in message else fragment
-        lines = dict(enumerate(blamed.splitlines(), 1))
-        quoted = (lines.get(int(number), "").strip() for number in LINE.findall(message))
-        raise ShaderError("\n".join([message, *quoted])) from error
-
-
-def colour_stops() -> tuple[tuple[float, float, float], ...]:
-    """The colours (RGB, 0 … 1) that colour_map of shaders/display.glsl goes through from 0 to 1 in even steps."""
-    text = (SHADER_FOLDER / "display.glsl").read_text(encoding="utf-8")
-    body = text[text.index("vec3 colour_map(") :].partition("\n}")[0]
-    stops = []
-    for found in re.findall(r"vec3\(([\d., ]+)\)", body):
-        red, *others = (float(value) for value in found.split(","))
-        green, blue = others or (red, red)
-        stops.append((red, green, blue))
-    return tuple(stops)
 
 
 # --- GLSL text made from a pack's view MLP ---

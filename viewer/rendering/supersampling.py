@@ -16,7 +16,7 @@ from math import cos, pi, sin, sqrt
 import moderngl
 
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.opengl import Drawing
+from viewer.rendering.opengl import Drawing, begin_drawing
 from viewer.rendering.settings import Aperture, RenderSettings, of_picture
 from viewer.rendering.shader_source import assemble
 from viewer.rendering.targets import Target
@@ -65,21 +65,17 @@ class Supersampling:
         larger = [each.resized(n * width, n * height) for each in cameras]
         count = n * n * len(cameras)
         rays = self._rays.fit(n * min(side, width), n * min(side, height))
-        mean = self._mean.fit(min(side, width), min(side, height)) if len(cameras) > 1 else None
+        mean = self._mean.fit(min(side, width), min(side, height))
         for y in range(0, height, side):
             for x in range(0, width, side):
                 w, h = min(side, width - x), min(side, height - y)
-                box = (left + x, bottom + height - y - h, w, h)
-                into = (framebuffer, box) if mean is None else (mean, (0, 0, w, h))
-                if mean is not None:
-                    mean.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
-                    mean.clear()
+                mean.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
+                mean.clear()
                 for each in larger:
                     part = replace(each, width=n * w, height=n * h, cx=each.cx - n * x, cy=each.cy - n * y)
                     draw(rays, part, one)
-                    self._average(rays, n, count, *into)
-                if mean is not None:
-                    self._average(mean, 1, 1, framebuffer, box)
+                    self._average(rays, n, count, mean, (0, 0, w, h))
+                self._average(mean, 1, 1, framebuffer, (left + x, bottom + height - y - h, w, h))
 
     def _average(
         self, rays: moderngl.Framebuffer, n: int, count: int, framebuffer: moderngl.Framebuffer, box: Box
@@ -88,14 +84,9 @@ class Supersampling:
         if n not in self._filters:
             fragment = assemble("box_filter.frag", {"SAMPLES": n})
             self._filters[n] = Drawing(self.ctx, assemble("fullscreen.vert"), fragment)
-        framebuffer.use()
-        framebuffer.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
-        framebuffer.viewport = box
-        framebuffer.color_mask = (True, True, True, True)
-        framebuffer.depth_mask = False
-        adds = count > n * n
-        self.ctx.enable_only(moderngl.BLEND if adds else moderngl.NOTHING)
-        if adds:
+        begin_drawing(framebuffer, box)
+        if count > n * n:
+            self.ctx.enable_only(moderngl.BLEND)
             self.ctx.blend_func = moderngl.ONE, moderngl.ONE
         self.ctx.clear_samplers(0, 1)
         rays.color_attachments[0].use(0)  # type: ignore[union-attr]

@@ -14,7 +14,7 @@ import moderngl
 import numpy as np
 
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.opengl import Drawing, free_framebuffer, new_framebuffer
+from viewer.rendering.opengl import Drawing, begin_drawing, free_framebuffer, new_framebuffer
 from viewer.rendering.shader_source import assemble
 
 if TYPE_CHECKING:
@@ -118,10 +118,7 @@ class Difference:
 
     def draw(self, a: Layer, b: Layer, size: tuple[int, int], gain: float) -> Layer:
         """The layer that shows |a - b| · gain on the whole viewport of `size` pixels."""
-        framebuffer = self._target.fit(*size)
-        framebuffer.use()
-        framebuffer.viewport = (0, 0, *size)
-        self.ctx.enable_only(moderngl.NOTHING)
+        begin_drawing(self._target.fit(*size), (0, 0, *size))
         for unit, (name, layer) in enumerate((("a", a), ("b", b))):
             self.ctx.external_texture(layer.texture, (1, 1), 4, 0, "f1").use(unit)
             self._drawing.linked[f"picture_{name}"] = unit
@@ -212,8 +209,7 @@ class ExportPreviewPicture:
             "orthographic": float(camera.orthographic),
             "point_size": geometry.point_size,
         })  # fmt: skip
-        framebuffer.use()
-        framebuffer.viewport = (0, 0, camera.width, camera.height)
+        begin_drawing(framebuffer, (0, 0, camera.width, camera.height))
         framebuffer.depth_mask = True
         framebuffer.clear(*ground, 1.0, 1.0)
         self.ctx.enable_only(moderngl.DEPTH_TEST | moderngl.PROGRAM_POINT_SIZE)

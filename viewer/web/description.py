@@ -39,7 +39,7 @@ from viewer.rendering.gpu_scene import (
 )
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import Look, RenderSettings
-from viewer.rendering.shader_source import assemble_es, define_lines, glsl_reciprocals
+from viewer.rendering.shader_source import assemble_es, define_lines, glsl_vec3
 from viewer.rendering.skip_grid import skip_grid_of
 from viewer.web.atlas_stream import BLOCKS_A_CHUNK, FilmedPiece, compressed_chunks, films_of, has_copied_padding
 
@@ -64,14 +64,9 @@ class PageContent:
     source: Path | None = None  # where the pack lies; the films of an AVIF pack are taken from there
 
 
-def annotations_of(pack: Pack) -> Annotations:
-    """Those in the pack."""
-    return notes.read_annotations(pack, None, None, lambda complaint: None)
-
-
 def with_annotations(pack: Pack, path: Path) -> Pack:
     """The pack at `path` with what the viewer keeps of it elsewhere, where it does, as if it were the pack's own."""
-    found = notes.read_annotations(pack, path, notes.default_folder(), lambda complaint: None)
+    found = notes.read_annotations(pack, path, notes.default_folder())
     if metadata_writable(pack, path) or found == Annotations():
         return pack
     return pack.with_metadata(**{notes.KEY: notes.annotations_to_json(found)})
@@ -84,7 +79,7 @@ def describe(pack: Pack, content: PageContent, on_progress: OnProgress) -> tuple
     is none.
     """
     path = None if content.path is None else _path(load_path(content.path, pack.worldspace_T_opengl))
-    annotations = annotations_of(pack)  # bookmarks become buttons, measurements are drawn
+    annotations = notes.read_annotations(pack)  # bookmarks become buttons, measurements are drawn
     levels = [pack]
     while _atlas_voxels(levels[0]) > COARSE and max(levels[0].grid_size) >= renderer.LEAST_HALVED:
         levels.insert(0, half_resolution(levels[0]))
@@ -156,7 +151,9 @@ def _level(
             **frame.ndc, **frame.contraction,
             "grid_size": pack.grid_size, "content_min": skip_grid.content_min, "content_max": skip_grid.content_max,
         },
-        "defines": define_lines({f"{name.upper()}_TEXEL": glsl_reciprocals(each) for name, each in sizes.items()}),
+        "defines": define_lines({
+            f"{name.upper()}_TEXEL": glsl_vec3(1.0 / side for side in each) for name, each in sizes.items()
+        }),
         "indirection": {"size": sizes["indirection"], "at": _add(sections, zlib.compress(indirection.tobytes(), 9))},
         "skip_grid": {"size": sizes["skip_grid"], "at": _add(sections, zlib.compress(halves.tobytes(), 9))},
     }  # fmt: skip

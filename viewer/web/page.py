@@ -33,16 +33,7 @@ from viewer.features.making.make_plan import PREVIEW_FILE
 from viewer.web.description import LONGEST_TITLE, OnProgress, PageContent, describe, with_annotations
 
 FOLDER = Path(__file__).parent / "static"
-MODULES = (
-    "vectors.js",
-    "scene.js",
-    "renderer.js",
-    "camera.js",
-    "overlay.js",
-    "resolution.js",
-    "controls.js",
-    "main.js",
-)
+MODULES = ["vectors", "scene", "renderer", "camera", "overlay", "resolution", "controls", "main"]
 INDEX = "index.html"
 
 
@@ -63,7 +54,7 @@ def scene_files(pack: Pack, content: PageContent, on_progress: OnProgress = lamb
 def _assemble_page(title: str, description: Mapping[str, Any], data: Iterable[bytes] = ()) -> bytes:
     """index.html, filled in. description: for viewer/web/static/scene.js. data: of its levels; none: in files."""
     # the modules as one script, in their order: their imports of one another fall away
-    modules = (re.sub(r"^import [^;]*;\n|^export ", "", _text(name), flags=re.M) for name in MODULES)
+    modules = (re.sub(r"^import [^;]*;\n|^export ", "", _text(f"{name}.js"), flags=re.M) for name in MODULES)
     script = '"use strict";{\n' + "\n".join(modules) + "}"
     style, loader, inside = _text("style.css"), _text("loader.js"), list(data)
     asks = "'none'" if inside and not description["live"] else "'self'"

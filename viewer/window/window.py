@@ -12,7 +12,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -92,8 +92,6 @@ class Window:
         self._touched = True
         self.handle = _open(size)
         self.ctx = moderngl.create_context(require=330)
-        while self.ctx.error != "GL_NO_ERROR":  # some drivers leave errors of their own from the context's creation
-            pass
         self.canvas = Canvas(self.ctx)
         app.canvas = self.canvas
         self._listen()
@@ -281,10 +279,6 @@ class Window:
     def layout(self) -> str:
         return self.ui.layout if self.ui.scale else self.app.interface.layout
 
-    @property
-    def on_x11(self) -> bool:
-        return glfw.get_platform() == glfw.PLATFORM_X11
-
     def close(self) -> None:
         for part in (self.app.making, self.app.exporting, self.app.sharing):
             part.end()
@@ -397,28 +391,23 @@ def signals_ask(ask: Callable[[], None]) -> Iterator[list[int]]:
     one has come.
     """
     ended: list[int] = []
-    before: dict[int, object] = {}
+    with ExitStack() as before:
 
-    def restore() -> None:
-        for number, handler in before.items():
-            signal.signal(number, handler)  # type: ignore[arg-type]  (as signal.signal gave it)
+        def came(number: int, _: FrameType | None) -> None:
+            ended.append(number)
+            before.close()
+            ask()
 
-    def came(number: int, _: FrameType | None) -> None:
-        ended.append(number)
-        restore()
-        ask()
-
-    for number in ENDING:
-        if signal.getsignal(number) not in (signal.SIG_IGN, None):  # as under nohup
-            before[number] = signal.signal(number, came)
-    try:
+        for number in ENDING:
+            if signal.getsignal(number) not in (signal.SIG_IGN, None):  # as under nohup
+                before.callback(signal.signal, number, signal.signal(number, came))
         yield ended
-    finally:
-        restore()
 
 
 def on_lost_display(end: Callable[[], None]) -> None:
     """Calls `end`, which may not talk to the display, when the X connection breaks; Xlib itself would end the program."""
+    if glfw.get_platform() != glfw.PLATFORM_X11:
+        return
     try:
         x11 = ctypes.CDLL("libX11.so.6")
     except OSError:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from scenepack import constants
-from viewer.rendering.shader_source import assemble, compile_program, glsl_float, shared_constants
+from viewer.rendering.shader_source import assemble, glsl_float, shared_constants
 
 
 def test_numbers_survive_the_way_into_a_shader_and_nothing_else_does() -> None:
@@ -31,7 +31,8 @@ def test_a_shader_computes_with_the_value_that_python_has(ctx: moderngl.Context,
     (tmp_path / "all.vert").write_text(vertex)
     fragment = f'#version 330 core\n#include "constants"\nout float value;\nvoid main() {{ value = float({name}); }}\n'
     (tmp_path / "one.frag").write_text(fragment)
-    program = compile_program(ctx, *(assemble(file, folder=tmp_path) for file in ("all.vert", "one.frag")))
+    vertex, fragment = (assemble(file, folder=tmp_path) for file in ("all.vert", "one.frag"))
+    program = ctx.program(vertex_shader=vertex, fragment_shader=fragment)
     target = ctx.framebuffer([ctx.texture((1, 1), 1, dtype="f4")])
     target.use()
     corners = ctx.buffer(np.array([-1, -1, 3, -1, -1, 3], "f4"))

@@ -12,7 +12,7 @@ from scenepack import save_pack
 from tests.viewer.window.running import picture_of_view
 from viewer.core import theme
 from viewer.core.log import Dialog
-from viewer.core.theme import FontFile, chosen_fonts, find_fonts
+from viewer.core.theme import FontFile, chosen_fonts, load_fonts
 
 JAPANESE = "日本棚"
 
@@ -59,7 +59,7 @@ def test_letters_that_were_boxes_are_drawn_once_their_font_is_there(offscreen, a
     boxes = ui.picture()
     assert "漢" in fonts.missing and "A" not in fonts.missing
     (tmp_path / "broken.ttf").write_bytes(b"no font")
-    for file in [FontFile(tmp_path / "broken.ttf"), FontFile(tmp_path / "gone.ttf"), *find_fonts(fonts.missing)]:
+    for file in [FontFile(tmp_path / "broken.ttf"), FontFile(tmp_path / "gone.ttf"), *load_fonts(fonts.missing)]:
         fonts.add(file)
     imgui.set_current_context(ui.ui.context)
     assert fonts.bold.is_glyph_in_font(ord("日")) and "漢" not in fonts.missing
@@ -80,7 +80,7 @@ LISTED = (
 
 def test_fonts_are_taken_for_the_letters_that_none_before_has():
     assert chosen_fonts(LISTED, "あ漢★") == [
-        FontFile(Path("/fonts/Kana.ttc"), 2, "あ漢"),
-        FontFile(Path("/fonts/Star.otf"), 0, "★"),
+        FontFile(Path("/fonts/Kana.ttc"), 2),
+        FontFile(Path("/fonts/Star.otf"), 0),
     ]
     assert chosen_fonts(LISTED, "") == [] == chosen_fonts("", "あ") == chosen_fonts("nonsense\n\t\t\n", "あ")

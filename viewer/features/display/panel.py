@@ -13,8 +13,8 @@ from viewer.features.display.display import BACKGROUNDS, PLAIN, modes_for, set_l
 from viewer.features.performance import panel as performance_panel
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.ray_frame import RayFrame
+from viewer.rendering.renderer import COLOUR_STOPS
 from viewer.rendering.settings import LOOKS, Look
-from viewer.rendering.shader_source import colour_stops
 
 MODE_WORDS = {  # the title of each mode, and what it shows
     "normal": ("Picture", "What a camera sees."),
@@ -128,7 +128,7 @@ def legend_of(app: App) -> Legend | None:
         return None
     if mode in COUNTED:
         scale = app.settings.cost_scale
-        return Legend(colour_stops(), "0", f"{scale / 2:.0f}", f"≥ {scale:.0f}", COUNTED[mode])
+        return Legend(COLOUR_STOPS, "0", f"{scale / 2:.0f}", f"≥ {scale:.0f}", COUNTED[mode])
     if mode == "depth":
         pack = app.scene.pack
         near, far = RayFrame(pack).depth_range(camera)
