@@ -257,7 +257,7 @@ def _require_alone(target: Path, own: Path | None = None) -> None:
     Two that begin in one moment see each other: the one whose name comes first waits for the other to give way.
     """
     deadline = time.monotonic() + (_GIVE_WAY_S if own else 0.0)
-    while others := [path for path in _siblings(target, NEW) if path != own and _is_held(path)]:
+    while others := [path for path in _siblings(target, NEW) if _writer_of(path) != os.getpid() and _is_held(path)]:
         if (own and own > min(others)) or time.monotonic() > deadline:
             raise OSError(errno.EBUSY, "another process is writing it", str(target))
         time.sleep(0.02)
@@ -276,42 +276,31 @@ def try_lock(handle: int, *, shared: bool = False) -> bool | None:
     return True
 
 
-def _is_held(path: Path) -> bool:
-    """Whether another process has a lock on the hidden name `path`; False on file systems without locks."""
-    pid = _writer_of(path)
-    if fcntl is None or pid == os.getpid():
-        return False
+def _writer_of(path: Path) -> int:
+    """The id of the process that made the hidden name `path`."""
+    return int(path.name.rsplit("-", 2)[1])
+
+
+def _is_held(path: Path) -> bool | None:
+    """Whether a process has a lock on the hidden name `path`; None where nothing tells: no locks, or another user's file."""
     try:
         with _opened(path) as handle:
-            return try_lock(handle, shared=True) is False
+            taken = try_lock(handle, shared=True)
     except FileNotFoundError:
         return False
-    except PermissionError:  # another user's, and possibly at work
-        return _process_exists(pid)
+    except OSError:
+        return None
+    return None if taken is None else not taken
 
 
 def _is_alive(path: Path) -> bool:
     """Whether the process that made the hidden name `path` may still be at work on it."""
-    pid = _writer_of(path)
-    if pid == os.getpid():
+    if _writer_of(path) == os.getpid() or (held := _is_held(path)):
         return True
-    try:
+    with suppress(OSError):  # it is gone
         young = time.time() - path.stat().st_mtime < _LEFTOVER_AGE_S
-        if fcntl:
-            with _opened(path) as handle:
-                locked = try_lock(handle, shared=True)
-            if not locked:  # held; or no locks here: its process may run on another host, where its id tells nothing
-                return locked is False or young
-    except FileNotFoundError:
-        return False
-    except OSError:
-        young = True
-    return young and _process_exists(pid)
-
-
-def _writer_of(path: Path) -> int:
-    """The id of the process that made the hidden name `path`."""
-    return int(path.name.rsplit("-", 2)[1])
+        return young and (held is None or _process_exists(_writer_of(path)))  # on another host, an id tells nothing
+    return False
 
 
 @contextmanager
