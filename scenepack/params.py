@@ -101,9 +101,9 @@ class _Checker:
 
     def frame(self) -> np.ndarray:
         matrix = self.array("worldspace_T_opengl", (4, 4), np.float64)
-        # Relative to the lengths of its rows, so that a scaled frame is not taken for a singular one.
-        lengths = np.linalg.norm(matrix[:3, :3], axis=1)
-        with np.errstate(all="ignore"):  # of the smallest numbers that there are
+        with np.errstate(all="ignore"):  # of the smallest and the largest numbers that there are
+            # Relative to the lengths of its rows, so that a scaled frame is not taken for a singular one.
+            lengths = np.linalg.norm(matrix[:3, :3], axis=1)
             is_regular = abs(np.linalg.det(matrix[:3, :3])) > 1e-9 * np.prod(lengths) and matrix[3, 3] != 0
         if not is_regular or np.max(np.abs(matrix)) > LARGEST_VOXEL:
             expected = f"a rotation, 4×4, of numbers up to {LARGEST_VOXEL:g}"

@@ -256,20 +256,15 @@ def read_settings(outline: Pack, codec: Codec, where: str) -> tuple[Layout, int,
         what = f"snerg.{SETTINGS} is missing; {codec.name} cannot be decoded without it"
         raise UserError(what, where=where, remedy="copy the pack again")
     layout, planes, steps = settings.get("layout"), settings.get("planes"), settings.get(STEPS, [1, 1])
-
-    def wrong(what: str, expected: str, found: object) -> UserError:
-        return UserError(f"snerg.{SETTINGS}.{what}", where=where, expected=expected, found=repr(found)[:40])
-
-    if layout not in ("atlas", "grid"):
-        raise wrong("layout is not known", "atlas or grid", layout)
-    step = outline.block_size if layout == "grid" else 1
-    whole = outline.atlas_rgba.shape[0] if layout == "atlas" else outline.grid_size[2]
+    step, whole = (outline.block_size, outline.grid_size[2]) if layout == "grid" else (1, len(outline.atlas_rgba))
     most = max(whole, LIKED_PLANES, outline.block_size + 2)
-    if type(planes) is not int or not step <= planes <= most or planes % step:
-        raise wrong("planes is out of range", f"multiples of {step} to {most}", planes)
-    known = isinstance(steps, list) and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
-    if not known or len(steps) not in (2, 3):
-        raise wrong(f"{STEPS} is out of range", f"two or three numbers, 1 to {MOST_STEP}", steps)
+    valid = layout in ("atlas", "grid") and type(planes) is int and step <= planes <= most and planes % step == 0
+    valid = valid and isinstance(steps, list) and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
+    if not valid or len(steps) not in (2, 3):
+        expected = (
+            f"layout atlas or grid, planes a multiple of {step} up to {most}, two or three steps up to {MOST_STEP}"
+        )
+        raise UserError(f"snerg.{SETTINGS} makes no sense", where=where, expected=expected, found=settings)
     return layout, planes, Steps(*steps)
 
 

@@ -119,10 +119,7 @@ class PackReader:
         depth, height, width = self.outline.atlas_rgba.shape[:3]
         whole, parts = (self._groups * PLANES_PER_IMAGE, height, width, 4), len(self.outline.atlases)
         require_memory(parts * int(np.prod(whole)), self.files.path)
-        try:
-            atlases = [np.zeros(whole, np.uint8) for _ in range(parts)]
-        except MemoryError as error:
-            raise UserError(f"its atlas does not fit in memory ({error})", where=self.files.path) from error
+        atlases = [np.zeros(whole, np.uint8) for _ in range(parts)]
         features = atlases[1][:depth] if parts > 1 else None
         pack, pieces = replace(self.outline, atlas_rgba=atlases[0][:depth], atlas_features=features), self.pieces
         for done in pieces.fill(atlases):
