@@ -29,7 +29,7 @@ GPU_GB: Mapping[str, Printed] = _PRINTED["gpu_gb"]
 REAL_FPS: Mapping[Kind, Sequence[float]] = _PRINTED["real_fps"]  # of the real scenes, without a mean
 # PSNR, SSIM, LPIPS, FPS, MB by voxels, of the appendix's table of resolutions.
 RESOLUTION: Mapping[int, Sequence[float]] = {int(side): row for side, row in _PRINTED["resolution"].items()}
-# Watts, FPS and FPS per watt of table 4 and of the appendix's table of forward-facing scenes.
+# PSNR, SSIM, LPIPS, watts, FPS and FPS per watt of table 4 and of the appendix's table of forward-facing scenes.
 SPEED: Mapping[Kind, Mapping[str, Sequence[float]]] = _PRINTED["speed"]
 RELEASE: Mapping[Kind, Mapping[str, Printed]] = _PRINTED["release"]  # PSNR in the authors' README, measured on TPUs
 NAMES: Mapping[str, str] = {
@@ -69,7 +69,7 @@ def quality(kind: Kind, name: str, row: str) -> dict[str, float | None] | None:
 
 def release(kind: Kind, name: str, row: str) -> float | None:
     """PSNR of a row as the release reports it."""
-    rows = RELEASE[kind]
+    rows = RELEASE.get(kind, {})
     return rows[row][place_of(kind, name)] if row in rows else None
 
 

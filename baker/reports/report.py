@@ -61,7 +61,7 @@ def write_tables(study: Study, chosen: Sequence[str]) -> None:
 def open_study(path: Path, options: ReportOptions) -> Study:
     """The run, its photographs that count, and the runs beside it. UserError where they do not fit together."""
     run = load_run(path, scene_path=options.scene)
-    check_bake(run, BakeConfig(**options.overrides))
+    check_bake(run, BakeConfig(aabb=options.box))
     if options.against is not None:
         _require_same_scene(run, options.against)
         if read_description(options.against).config.sparsity_weight != 0:
@@ -111,8 +111,8 @@ def _begun(study: Study) -> dict[str, Any]:
         "downscale": study.run.options.downscale, "split": study.options.split, "views": len(photographs), "width": camera.width,
         "height": camera.height,
     }  # fmt: skip
-    if study.mask is not None:
-        about["aabb"] = list(study.options.overrides["aabb"])
+    if (box := study.options.box) is not None:
+        about["aabb"] = list(box)
     kept = read_note(study.out / "report.json")
     same = kept.get("about") == about and isinstance(kept.get("tables"), dict)
     return {"about": about, "tables": kept["tables"] if same else {}, "made": kept.get("made", {}) if same else {}}

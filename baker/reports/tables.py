@@ -9,7 +9,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -239,6 +238,7 @@ def _metrics(score: Score) -> Score:
 
 # --- How long frames take, and what they take of the card, by the paper's protocol ---
 
+POWER_SECONDS = 4.0  # of drawing without a pause to measure the power of an NVIDIA card, for each row
 LABELS = {
     "ours": "ours: our bake, our marcher",
     "no-mlp": "1) no view MLP",
@@ -264,7 +264,7 @@ def performance_table(study: Study) -> dict[str, Any]:
     if study.without_sparsity is not None:
         dense = study.baked("snerg", study.without_sparsity)
         contenders.append(Contender("no-sparsity", RenderSettings(), load_pack(dense.path)))
-    measured, about = timed(pack, contenders, study.options)
+    measured, about = timed(pack, contenders, study.options, POWER_SECONDS)
     rows: list[Row] = []
     for name, label in LABELS.items():
         missing = against_command(study) if name == "no-sparsity" else "none: this field has no view MLP"
@@ -297,23 +297,23 @@ def resolution_table(study: Study) -> dict[str, Any]:
             rows.append(row | {"paper": named, "release": None})
     first = next(iter(packs.values()))
     contenders = [Contender(name, RenderSettings(), pack) for name, pack in packs.items()]
-    measured, about = timed(first, contenders, replace(study.options, power_seconds=0.0))
+    measured, about = timed(first, contenders, study.options)
     for row in rows:
         row |= measured.get(row["row"], {})
     return {"preset": preset, "rows": rows, **about}
 
 
 def timed(
-    pack: Pack, contenders: Sequence[Contender], options: ReportOptions
+    pack: Pack, contenders: Sequence[Contender], options: ReportOptions, power_seconds: float = 0.0
 ) -> tuple[Mapping[str, Row], dict[str, Any]]:
     """ms_mean, ms_std, ms_p50, fps, gpu_bytes, watts and fps_per_watt of contenders by name, and fps_per_nominal_watt where that
     power was given; and device, clock and path."""
-    flown = flight(pack, protocol_for(pack), options.frames, size=options.pixels, distance=options.distance)
+    flown = flight(pack, protocol_for(pack), options.frames, size=options.pixels)
     notices: list[str] = []
     with handle_notices(notices.append, show_too=True), taking_turns(pack, contenders) as turns:
         turns.warm_up(flown.cameras[0])
         turns.time(flown.cameras)
-        power = {c.name: _power(turns, c, flown, options.power_seconds) for c in turns.contenders}
+        power = {c.name: _power(turns, c, flown, power_seconds) for c in turns.contenders}
     rows = {}
     for contender in turns.contenders:
         times = contender.statistics()
