@@ -135,10 +135,8 @@ def edit(
     """
     box = parse_corners(crop, "--crop") if crop else None
     ball = parse_numbers(sphere, 4, "--sphere") if sphere else None
-    if fainter_than is not None and not 0 < fainter_than <= 1:
-        raise UserError("is out of range", where="--fainter-than", expected="above 0, at most 1", found=fainter_than)
-    if smaller_than is not None and smaller_than < 1:
-        raise UserError("is out of range", where="--smaller-than", expected="1 or more voxels", found=smaller_than)
+    require_in_range("--fainter-than", 1 if fainter_than is None else fainter_than, 1e-3, 1)
+    require_in_range("--smaller-than", 1 if smaller_than is None else smaller_than, 1, 1e12)
     if _is_same(out, pack):
         raise UserError("would replace the pack that is edited", where=out, remedy="choose another --out")
     chosen: dict[str, Callable[[Voxels], Selection]] = {}
