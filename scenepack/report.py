@@ -10,7 +10,8 @@ from math import prod
 from typing import Any
 
 import numpy as np
-from rich.console import Console
+from rich.bar import Bar
+from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -22,7 +23,6 @@ from scenepack.pack import Pack
 
 ALPHA_BINS = 8  # of 32 steps each; alpha 0 is counted apart
 LONGEST_TEXT, MOST_ROWS = 200, 100  # of metadata
-BARS = " ▏▎▍▌▋▊▉█"
 BAR_WIDTH = 24
 MARKS = {"ok": ("✓", "green"), "note": ("·", "cyan"), "warning": ("!", "yellow"), "error": ("✗", "bold red")}
 
@@ -94,7 +94,11 @@ def print_facts(facts: Mapping[str, Any], console: Console) -> None:
         _print(console, plain, page, title.upper())
     counts, edges = facts["alpha_histogram"], np.linspace(0, 256, ALPHA_BINS + 1).astype(int)
     bins = {f"{max(a, 1):3d}-{b - 1:3d}": sum(counts[max(a - 1, 0) : b - 1]) for a, b in pairwise(edges)}
-    page = [(Text(label), _bar(count, list(bins.values()))) for label, count in bins.items()]
+    most, total = max(*bins.values(), 1), max(sum(bins.values()), 1)
+    page = [
+        (label, Bar(most, 0, count, width=BAR_WIDTH, color="green"), f"{100 * count / total:5.1f} %")
+        for label, count in bins.items()
+    ]
     plain = [f"alpha: {label.replace(' ', '')}: {count}" for label, count in bins.items()]
     _print(console, plain, page, "ALPHA OF STORED VOXELS")
 
@@ -106,7 +110,7 @@ def print_findings(findings: Sequence[Finding], console: Console) -> None:
     _print(console, plain, page)
 
 
-def _print(console: Console, plain: Sequence[str], page: Sequence[Sequence[Text]], title: str = "") -> None:
+def _print(console: Console, plain: Sequence[str], page: Sequence[Sequence[RenderableType]], title: str = "") -> None:
     """Rows of `page` on a terminal, plain lines elsewhere."""
     if not console.is_terminal:
         for line in plain:
@@ -117,12 +121,6 @@ def _print(console: Console, plain: Sequence[str], page: Sequence[Sequence[Text]
     for row in page:
         table.add_row(*row)
     console.print(*([Text(title, "bold"), table, ""] if title else [table]), sep="\n")
-
-
-def _bar(count: int, counts: Sequence[int]) -> Text:
-    eighths = round(8 * BAR_WIDTH * count / max(*counts, 1))
-    bar = (BARS[8] * (eighths // 8) + BARS[eighths % 8]).strip()
-    return Text.assemble((f"{bar:<{BAR_WIDTH}}", "green"), f" {100 * count / max(sum(counts), 1):5.1f} %")
 
 
 def _sections(facts: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
