@@ -238,10 +238,10 @@ def check_results(*files: Path | None, folder: Path | None = None) -> None:
     """
     for file in files:
         if file is not None and file != STDOUT:
-            with _written_to(file):
+            with writing_to(file):
                 _try_file(file)
     if folder is not None:
-        with _written_to(folder):
+        with writing_to(folder):
             try_folder(folder)
 
 
@@ -261,7 +261,7 @@ def write_json(path: Path | None, value: Any) -> bool:
 def write_result(path: Path | None, content: bytes | str | Iterable[bytes]) -> None:
     """Writes the file that an option names, if it does, in one step, and makes its folder. UserError where it cannot."""
     if path is not None:
-        with _written_to(path):
+        with writing_to(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             write_file(path, content)
 
@@ -280,7 +280,8 @@ def _try_file(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _written_to(path: Path) -> Iterator[None]:
+def writing_to(path: Path) -> Iterator[None]:
+    """What the `with` block cannot write to `path` is a UserError that says why."""
     try:
         yield
     except OSError as error:
