@@ -257,12 +257,13 @@ def read_settings(outline: Pack, codec: Codec, where: str) -> tuple[Layout, int,
         raise UserError(what, where=where, remedy="copy the pack again")
     layout, planes, steps = settings.get("layout"), settings.get("planes"), settings.get(STEPS, [1, 1])
     step, whole = (outline.block_size, outline.grid_size[2]) if layout == "grid" else (1, len(outline.atlas_rgba))
-    most = max(whole, LIKED_PLANES, outline.block_size + 2)
-    valid = layout in ("atlas", "grid") and type(planes) is int and step <= planes <= most and planes % step == 0
-    valid = valid and isinstance(steps, list) and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
-    if not valid or len(steps) not in (2, 3):
+    allowed = range(step, max(whole, LIKED_PLANES, outline.block_size + 2) + 1, step)
+    known = (
+        isinstance(steps, list) and len(steps) in (2, 3) and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
+    )
+    if layout not in ("atlas", "grid") or type(planes) is not int or planes not in allowed or not known:
         expected = (
-            f"layout atlas or grid, planes a multiple of {step} up to {most}, two or three steps up to {MOST_STEP}"
+            f"layout atlas or grid, planes a multiple of {step} to {allowed[-1]}, two or three steps to {MOST_STEP}"
         )
         raise UserError(f"snerg.{SETTINGS} makes no sense", where=where, expected=expected, found=settings)
     return layout, planes, Steps(*steps)
