@@ -7,17 +7,3 @@ one another, still fail and report in the same voice.
 from console.command_line import check_results, run_command, write_json, write_result
 from console.errors import Notice, UserError, not_written, plain_notices, refusal
 from console.progress import Progress, progress
-
-__all__ = [
-    "Notice",
-    "Progress",
-    "UserError",
-    "check_results",
-    "not_written",
-    "plain_notices",
-    "progress",
-    "refusal",
-    "run_command",
-    "write_json",
-    "write_result",
-]

@@ -4,10 +4,10 @@ All is written under a hidden name beside the target, flushed to disk, and then 
 - a file, or a target that is absent or an empty folder: one rename.
 - a folder over a folder: two renames, target → .NAME.old-…, new → target. A kill between them leaves no target but a
   complete .old; whoever next reads or writes that target puts it back (recover_interrupted_write).
-Hidden names are .NAME.KIND-PID-TOKEN: "new" being written, "old" complete and set aside, "gone" being
-deleted. Those whose process has died are cleaned up by the next writer of the same target. A process shows
-that it is alive by its id and by a lock (flock) on what it writes, which counts across containers and hosts
-that share the folder; where the file system knows no locks, what is less than an hour old is left alone.
+Hidden names are .NAME.KIND-PID-TOKEN: "new" being written or deleted, "old" complete and set aside. Those whose process
+has died are cleaned up by the next writer of the same target. A process shows that it is alive by its id and by a lock
+(flock) on what it writes, which counts across containers and hosts that share the folder; where the file system knows
+no locks, what is less than an hour old is left alone.
 Work of hours in one folder locks it (locked_folder).
 """
 
@@ -31,7 +31,7 @@ try:
 except ImportError:  # Windows
     fcntl = None
 
-NEW, OLD, GONE = "new", "old", "gone"
+NEW, OLD = "new", "old"
 _LEFTOVER_AGE_S = 3600.0  # a process id may have been given to another process since
 _SWAP_PATIENCE_S = 2.0
 _GIVE_WAY_S = 5.0
@@ -162,7 +162,7 @@ def recover_interrupted_write(target: Path) -> None:
 
 def remove_leftovers(target: Path) -> None:
     """Deletes what killed writers of `target` left beside it."""
-    for path in _siblings(target, NEW) + _siblings(target, GONE):
+    for path in _siblings(target, NEW):
         if not _is_alive(path):
             _delete(path)
     if os.path.lexists(target):
@@ -176,7 +176,7 @@ def discard(path: Path, target: Path | None = None) -> None:
 
     What a kill leaves of it, under a hidden name of `target` (by default `path`), goes with the next remove_leftovers(target).
     """
-    gone = _sibling(target or path, GONE)
+    gone = _sibling(target or path, NEW)
     with suppress(OSError):
         os.rename(path, gone)  # first: a half deleted .old must never be put back
         _delete(gone)
@@ -184,7 +184,7 @@ def discard(path: Path, target: Path | None = None) -> None:
 
 def is_leftover(name: str) -> bool:
     """Whether a file's name is a hidden one of ours, left by a writer that was killed, or being written."""
-    return re.fullmatch(rf"\..+\.({NEW}|{OLD}|{GONE})-\d+-[0-9a-f]{{8}}", name) is not None
+    return re.fullmatch(rf"\..+\.({NEW}|{OLD})-\d+-[0-9a-f]{{8}}", name) is not None
 
 
 def _flush(path: Path) -> None:
@@ -257,7 +257,7 @@ def _require_alone(target: Path, own: Path | None = None) -> None:
     Two that begin in one moment see each other: the one whose name comes first waits for the other to give way.
     """
     deadline = time.monotonic() + (_GIVE_WAY_S if own else 0.0)
-    while others := [path for path in _siblings(target, NEW) if path != own and _is_held(path)]:
+    while others := [path for path in _siblings(target, NEW) if _writer_of(path) != os.getpid() and _is_held(path)]:
         if (own and own > min(others)) or time.monotonic() > deadline:
             raise OSError(errno.EBUSY, "another process is writing it", str(target))
         time.sleep(0.02)
@@ -276,42 +276,31 @@ def try_lock(handle: int, *, shared: bool = False) -> bool | None:
     return True
 
 
-def _is_held(path: Path) -> bool:
-    """Whether another process has a lock on the hidden name `path`; False on file systems without locks."""
-    pid = _writer_of(path)
-    if fcntl is None or pid == os.getpid():
-        return False
+def _writer_of(path: Path) -> int:
+    """The id of the process that made the hidden name `path`."""
+    return int(path.name.rsplit("-", 2)[1])
+
+
+def _is_held(path: Path) -> bool | None:
+    """Whether a process has a lock on the hidden name `path`; None where nothing tells: no locks, or another user's file."""
     try:
         with _opened(path) as handle:
-            return try_lock(handle, shared=True) is False
+            taken = try_lock(handle, shared=True)
     except FileNotFoundError:
         return False
-    except PermissionError:  # another user's, and possibly at work
-        return _process_exists(pid)
+    except OSError:
+        return None
+    return None if taken is None else not taken
 
 
 def _is_alive(path: Path) -> bool:
     """Whether the process that made the hidden name `path` may still be at work on it."""
-    pid = _writer_of(path)
-    if pid == os.getpid():
+    if _writer_of(path) == os.getpid() or (held := _is_held(path)):
         return True
-    try:
+    with suppress(OSError):  # it is gone
         young = time.time() - path.stat().st_mtime < _LEFTOVER_AGE_S
-        if fcntl:
-            with _opened(path) as handle:
-                locked = try_lock(handle, shared=True)
-            if not locked:  # held; or no locks here: its process may run on another host, where its id tells nothing
-                return locked is False or young
-    except FileNotFoundError:
-        return False
-    except OSError:
-        young = True
-    return young and _process_exists(pid)
-
-
-def _writer_of(path: Path) -> int:
-    """The id of the process that made the hidden name `path`."""
-    return int(path.name.rsplit("-", 2)[1])
+        return young and (held is None or _process_exists(_writer_of(path)))  # on another host, an id tells nothing
+    return False
 
 
 @contextmanager

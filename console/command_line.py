@@ -23,7 +23,7 @@ import tyro
 
 from console.atomic import is_stream, reserved, try_folder, write_file
 from console.errors import UserError, missing_extra, not_written, plain_notices, refusal
-from console.progress_protocol import Reporter, ending_with_stdin
+from console.progress_protocol import ending_with_stdin, write_failure
 from console.streams import lasting_output, one_line
 
 DONE, BUG, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -70,7 +70,7 @@ def run_command(
         except Exception as error:
             # None for a bug
             line = str(error) if isinstance(error, UserError) else refusal(error) or missing_extra(error)
-            Reporter().tell_failure(prog, line or traceback.format_exception_only(error)[-1].strip(), bug=line is None)
+            write_failure(prog, line or traceback.format_exception_only(error)[-1].strip(), bug=line is None)
             if line is None or debug:
                 traceback.print_exc()
             _say(prog, line or "this is a bug in snerg; please report the lines above")
@@ -116,7 +116,7 @@ def _parse(
         if stop.code in (None, DONE):
             return DONE
     line = f"{_unboxed(box.getvalue())}; see {prog} --help"
-    Reporter().tell_failure(prog, line)
+    write_failure(prog, line)
     _say(prog, line)
     return BAD_INPUT
 
@@ -238,10 +238,10 @@ def check_results(*files: Path | None, folder: Path | None = None) -> None:
     """
     for file in files:
         if file is not None and file != STDOUT:
-            with _written_to(file):
+            with writing_to(file):
                 _try_file(file)
     if folder is not None:
-        with _written_to(folder):
+        with writing_to(folder):
             try_folder(folder)
 
 
@@ -261,7 +261,7 @@ def write_json(path: Path | None, value: Any) -> bool:
 def write_result(path: Path | None, content: bytes | str | Iterable[bytes]) -> None:
     """Writes the file that an option names, if it does, in one step, and makes its folder. UserError where it cannot."""
     if path is not None:
-        with _written_to(path):
+        with writing_to(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             write_file(path, content)
 
@@ -280,7 +280,8 @@ def _try_file(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _written_to(path: Path) -> Iterator[None]:
+def writing_to(path: Path) -> Iterator[None]:
+    """What the `with` block cannot write to `path` is a UserError that says why."""
     try:
         yield
     except OSError as error:

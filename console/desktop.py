@@ -11,6 +11,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import platformdirs
@@ -23,8 +24,6 @@ XMESSAGE_COLUMNS = 76
 BOXES: dict[str, tuple[str, ...]] = {
     "zenity": ("--error", "--no-markup", "--width=520", "--title={title}", "--text={text}"),
     "kdialog": ("--title", "{title}", "--error", "{text}"),
-    "qarma": ("--error", "--title={title}", "--text={text}"),
-    "matedialog": ("--error", "--title={title}", "--text={text}"),
     "xmessage": ("-center", "-title", "{title}", "{wrapped}"),
     "notify-send": ("--urgency=critical", "{title}", "{text}"),
 }
@@ -55,23 +54,20 @@ def has_display() -> bool:
     return sys.platform in ("win32", "darwin") or any(displays)
 
 
-def tell_if_unseen(prog: str, line: str) -> None:
-    """Shows `line` on the desktop where nobody would see it printed, and a desktop is there."""
-    if has_display() and nobody_reads_stderr():
-        show_box(prog, line)
+def tell_if_unseen(title: str, text: str) -> None:
+    """Where nobody would see it printed, and a desktop is there, shows a box with what the system has, or leaves a text file.
 
-
-def show_box(title: str, text: str) -> None:
-    """Shows a box with what the system has, or leaves a text file; returns when it is closed. Never raises."""
-    try:
+    Returns when it is closed. Never raises.
+    """
+    if not (has_display() and nobody_reads_stderr()):
+        return
+    with suppress(OSError, ValueError):  # nothing is left to tell it with
         if sys.platform == "win32":
             import ctypes
 
             ctypes.windll.user32.MessageBoxW(None, text, title, ERROR_ICON)
         elif not any(map(_ran, _boxes(title, text))):
             _leave_file(title, text)
-    except (OSError, ValueError):  # nothing is left to tell it with
-        pass
 
 
 def _boxes(title: str, text: str) -> list[list[str]]:

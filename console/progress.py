@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
 
-from console.progress_protocol import Report, Reporter, in_words
+from console.progress_protocol import Report, in_words, write_report
 
 LEAST_UPDATES, LEAST_S = 3, 5.0  # known of the work, before an estimate means something
 LATEST_S, LATEST_SHARE = 30.0, 0.5  # the latest part of the work, whose speed counts: the longer of the two
@@ -70,6 +70,7 @@ class Estimate:
 
 PLAIN_LINE_EVERY_S = 10.0
 PLAIN_QUIET_S = 2.0  # work done sooner needs no line
+REPORTED_EVERY_S = 0.25
 BEAT_S = 1.0  # from one look at the clock to the next, while the work says nothing
 _listeners: list[Callable[[Report], None]] = []  # of programs that called us; reports go to the last
 _running: list[Progress] = []  # what is shown, each within the one before it
@@ -82,14 +83,16 @@ class Progress:
     the time left is estimated from what is done since.
     """
 
-    def __init__(self, title: str, total: float, begun: float, reporter: Reporter | None, stage: str | None) -> None:
+    def __init__(
+        self, title: str, total: float, begun: float, stage: str | None, on_report: Callable[[Report], None] | None
+    ) -> None:
         self.title, self.total, self.done, self.note = title, total, begun, ""
         self.metrics: Mapping[str, float] = {}
         self.begun = begun
         self.started = time.monotonic()
         self._estimate = Estimate(total)
         self._lock = threading.RLock()  # updates come from one thread, and as time passes from another
-        self._reporter, self._stage = reporter, stage or title
+        self._stage, self._on_report, self._reported = stage or title, on_report, -math.inf
         self.report(at_once=True)
 
     @property
@@ -129,13 +132,15 @@ class Progress:
         """For those that show it. updated: more is done; else time passes."""
 
     def report(self, *, at_once: bool = False) -> None:
-        if self._reporter is not None:
-            passed, left = time.monotonic() - self.started, self.seconds_left
-            report = Report(
-                self.title, float(self.done), float(self.total), self.note, round(passed, 2), self._stage, self.metrics,
-                begun=float(self.begun), seconds_left=None if left is None else round(left, 2),
-            )  # fmt: skip
-            self._reporter.tell(report, at_once=at_once)
+        """Reports, unless that was done a moment ago; what follows a first report at once is reported as well."""
+        now, left = time.monotonic(), self.seconds_left
+        if self._on_report is None or (now - self._reported < REPORTED_EVERY_S and not at_once):
+            return
+        self._reported = self._reported if at_once else now
+        self._on_report(Report(
+            self.title, float(self.done), float(self.total), self.note, round(now - self.started, 2), self._stage, self.metrics,
+            begun=float(self.begun), seconds_left=None if left is None else round(left, 2),
+        ))  # fmt: skip
 
     def advance(self, units: float = 1.0, metrics: Mapping[str, float] | None = None) -> None:
         self.update(self.done + units, metrics=metrics)
@@ -192,15 +197,15 @@ def progress(
     be part of other work: as long as it runs, it is what is shown.
     """
     if quiet or _listeners:
-        yield Progress(title, total, begun, None if quiet else Reporter(_listeners[-1]), stage)
+        yield Progress(title, total, begun, stage, None if quiet else _listeners[-1])
         return
     outer = _running[-1] if _running else None
     with ExitStack() as stack:
         if not sys.stderr.isatty():
-            work: Progress = _Plain(title, total, begun, Reporter(), stage)
+            work: Progress = _Plain(title, total, begun, stage, write_report)
         else:
             bars = outer.bars if isinstance(outer, _Live) else stack.enter_context(_bars())
-            work = _Live(bars, title, total, begun, Reporter(), stage)
+            work = _Live(bars, title, total, begun, stage, write_report)
         stack.enter_context(_in_time(work))
         yield work
         work.report(at_once=True)

@@ -16,7 +16,6 @@ import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -26,7 +25,6 @@ from console.child_process import call_when_input_ends
 from console.json_text import read_json_file
 
 PROGRESS, ENDS_WITH_STDIN = "SNERG_PROGRESS", "SNERG_ENDS_WITH_STDIN"
-WRITTEN_EVERY_S = 0.25
 
 
 @dataclass(frozen=True)
@@ -76,33 +74,18 @@ def read_report(file: Path) -> Report | None:
         return None
 
 
-class Reporter:
-    """Calls on_report with each report; without it, keeps the file that SNERG_PROGRESS names up to date, if it is set."""
-
-    def __init__(self, on_report: Callable[[Report], None] | None = None) -> None:
-        named = os.environ.get(PROGRESS) if on_report is None else None
-        self._on_report, self._file = on_report, Path(named) if named else None
-        self._written = -WRITTEN_EVERY_S
-
-    def tell(self, report: Report, *, at_once: bool = False) -> None:
-        """Writes `report`, unless another was written a moment ago. A disk that refuses is no reason to stop the work."""
-        now = time.monotonic()
-        if not at_once and now - self._written < WRITTEN_EVERY_S:
-            return
-        if not at_once or self._on_report is not None:  # what follows a first report at once is written as well
-            self._written = now
-        if self._on_report is not None:
-            self._on_report(report)
-        if self._file is None:
-            return
-        with contextlib.suppress(OSError), replacing(self._file, durable=False) as new:
+def write_report(report: Report) -> None:
+    """Puts `report` into the file that SNERG_PROGRESS names, if it is set. A disk that refuses is no reason to stop the work."""
+    if named := os.environ.get(PROGRESS):
+        with contextlib.suppress(OSError), replacing(Path(named), durable=False) as new:
             new.write_text(json.dumps(asdict(report)), encoding="utf-8")
 
-    def tell_failure(self, prog: str, error: str, *, bug: bool = False) -> None:
-        """The command ends without having done its work: adds why to the last report."""
-        if self._file is not None:
-            last = read_report(self._file) or Report(prog, 0.0, 1.0)
-            self.tell(replace(last, error=error, bug=bug), at_once=True)
+
+def write_failure(prog: str, error: str, *, bug: bool = False) -> None:
+    """The command ends without having done its work: adds why to the last report."""
+    if named := os.environ.get(PROGRESS):
+        last = read_report(Path(named)) or Report(prog, 0.0, 1.0)
+        write_report(replace(last, error=error, bug=bug))
 
 
 @contextlib.contextmanager

@@ -8,16 +8,3 @@ from scenepack.check import Finding, check_pack
 from scenepack.pack import Pack, PackWarning, ViewMlp
 from scenepack.reader import PackReader, load_pack, open_pack
 from scenepack.writer import check_target, save_pack
-
-__all__ = [
-    "Finding",
-    "Pack",
-    "PackReader",
-    "PackWarning",
-    "ViewMlp",
-    "check_pack",
-    "check_target",
-    "load_pack",
-    "open_pack",
-    "save_pack",
-]

@@ -183,12 +183,10 @@ def block_data(pack: Pack, atlas: np.ndarray, block_zyx: tuple[int, ...]) -> np.
 def dense_from_pack(pack: Pack, box: tuple[Triple, Triple] | None = None) -> tuple[np.ndarray, np.ndarray | None]:
     """The grid's voxels as full arrays: rgba uint8 [z, y, x, 4], premultiplied, and features or None.
 
-    box: ((x0, y0, z0), (x1, y1, z1)) in voxels, by default the whole grid; ValueError where it is not within it.
+    box: ((x0, y0, z0), (x1, y1, z1)) in voxels, within the grid; by default all of it.
     Empty macroblocks are zeros.
     """
     low, high = (np.array(corner)[::-1] for corner in box or ((0, 0, 0), pack.grid_size))  # z, y, x
-    if not ((low >= 0) & (low <= high) & (high <= pack.grid_size[::-1])).all():
-        raise ValueError(f"box {box} does not lie within the grid {pack.grid_size}")
     shape, size = (high - low).tolist(), pack.block_size
     dense = [np.zeros((*shape, 4), np.uint8) for _ in pack.atlases]
     first = low // size

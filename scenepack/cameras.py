@@ -16,8 +16,8 @@ import numpy as np
 from PIL import Image
 
 from console.streams import one_line
-from scenepack.codecs.base import Decoded, Shape, decoding
 from scenepack.codecs.decoder_sandbox import Decoders
+from scenepack.codecs.images import FORMATS
 from scenepack.pack import Pack
 
 PROJECTIONS = PERSPECTIVE, FISHEYE, EQUIRECTANGULAR = (0, 1, 2)  # of lenses; see training.scenes.lens
@@ -82,7 +82,6 @@ def _camera(entry: Any, number: int) -> PhotographCamera | None:
 # --- Pictures ---
 
 PICTURE = "picture"
-FORMATS = ("AVIF", "WEBP", "JPEG", "PNG")  # of pictures
 # Of the demo's photographs, 200 × 200: 38.7 dB at 7.3 kB each. WebP, which halves the resolution of colours, ends at
 # 34.5 dB; JPEG takes twice as much for 37.8 dB.
 QUALITY: dict[str, Any] = {"quality": 80, "subsampling": "4:4:4"}
@@ -124,9 +123,3 @@ def picture_of(camera: Mapping[str, Any]) -> np.ndarray | None:
         raise
     except Exception:  # Pillow raises a dozen unrelated types
         return None
-
-
-def decode_picture(files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
-    """As of a codec, in a process of its own (scenepack.codecs.decoder_sandbox): AVIF and JPEG can ask for endless work."""
-    with decoding(names[0]), Image.open(io.BytesIO(files[names[0]]), formats=FORMATS) as opened:
-        return np.asarray(opened.convert("RGBA")).reshape(*shape, 4), None

@@ -6,7 +6,6 @@ included.
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import wraps
@@ -119,22 +118,20 @@ class Pack:
         return replace(self, params={**self.params, "snerg": {**self.metadata, **entries}})
 
 
-# --- Pack cache: weak per-pack memoisation. The thread that reads a pack computes first, so that no window waits ---
+# --- Pack cache: per-pack memoisation. The thread that reads a pack computes first, so that no window waits ---
 
 T = TypeVar("T")
 
 
 def cached_per_pack(compute: Callable[[Pack], T]) -> Callable[[Pack], T]:
-    """Decorator: keeps the result of `compute` for as long as the pack lives."""
-    results: dict[int, T] = {}
+    """Decorator: keeps the result of `compute` with the pack."""
+    name = f"_{compute.__module__}.{compute.__qualname__}"  # beside its fields, which copies do not take along
 
     @wraps(compute)
     def cached(pack: Pack) -> T:
-        key = id(pack)
-        if key not in results:
-            results[key] = compute(pack)
-            weakref.finalize(pack, results.pop, key, None)
-        return results[key]
+        if name not in pack.__dict__:
+            pack.__dict__[name] = compute(pack)
+        return pack.__dict__[name]
 
     return cached
 

@@ -4,7 +4,6 @@ Sizes are triples (x, y, z) = (width, height, depth). Reading keeps the whole JS
 keys and the exact spelling of unchanged numbers survive a load and a save.
 """
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -14,13 +13,14 @@ from console import UserError
 from console.json_text import parse_json
 from scenepack.constants import PLANES_PER_IMAGE, PUBLISHED_NDC_CAMERA, VIEW_MLP_WIDTHS
 from scenepack.files import refuse_other_params
-from scenepack.pack import Pack, ViewMlp, number_array
+from scenepack.pack import Pack, ViewMlp, number_array, number_in
 
 MAX_GRID_SIDE = 32768  # voxels
 SMALLEST_VOXEL, LARGEST_VOXEL = 1e-9, 1e9  # world units, whatever these are; float32 squares such numbers
 FARTHEST = 1e9  # of the grid's corner from the origin, in voxels
 MAX_ATLAS_SIDE = 16384  # voxels; the largest 3D texture that any driver offers
 MAX_ATLAS_BYTES = 16 << 30  # of one part, decoded
+LEAST_PIXELS, MOST_PIXELS = 1e-9, 1e9  # of a photograph
 AXES = ("width", "height", "depth")
 LAYERS = (0, 1, 2)
 INPUT_KEYS = ("input_width", "input_height", "input_focal")
@@ -48,25 +48,22 @@ class _Checker:
     def __init__(self, raw: dict[str, Any], where: str, note: Callable[[str], None]) -> None:
         self.raw, self.where, self.note = raw, where, note
 
-    def wrong(self, key: str, what: str, expected: str, found: object) -> UserError:
-        return UserError(f"{key} {what}", where=self.where, expected=expected, found=_short(found))
+    def wrong(self, key: str, what: str, expected: str) -> UserError:
+        return UserError(f"{key} {what}", where=self.where, expected=expected, found=_short(self.raw.get(key)))
 
     def get(self, key: str) -> Any:
         if key not in self.raw:
             raise UserError(f"{key} is missing", where=self.where, remedy="bake or copy the pack again")
         return self.raw[key]
 
-    def number(self, key: str) -> float:
-        if (number := _as_number(self.get(key))) is None:
-            raise self.wrong(key, "is not a number", "a number", self.raw[key])
-        if not math.isfinite(number):
-            raise self.wrong(key, "is not finite", "a finite number", self.raw[key])
+    def number(self, key: str, low: float, high: float, unit: str) -> float:
+        if (number := number_in(self.get(key), low, high)) is None:
+            raise self.wrong(key, "is out of range", f"{low:g} to {high:g} {unit}")
         return number
 
     def whole(self, key: str, most: int) -> int:
-        number = self.number(key)
-        if number != int(number) or not 1 <= number <= most:
-            raise self.wrong(key, "is out of range", f"a whole number from 1 to {most}", self.raw[key])
+        if (number := number_in(self.get(key), 1, most)) is None or number != int(number):
+            raise self.wrong(key, "is out of range", f"a whole number from 1 to {most}")
         return int(number)
 
     def array(self, key: str, shape: tuple[int, ...], dtype: type) -> np.ndarray:
@@ -81,10 +78,8 @@ class _Checker:
         return array
 
     def pack(self) -> tuple[Pack, str]:
-        voxel_size = self.number("voxel_size")
-        if not SMALLEST_VOXEL <= voxel_size <= LARGEST_VOXEL:
-            what = "is not positive" if voxel_size <= 0 else "is out of range"
-            raise self.wrong("voxel_size", what, f"world units, {SMALLEST_VOXEL:g} to {LARGEST_VOXEL:g}", voxel_size)
+        voxel_size = self.number("voxel_size", SMALLEST_VOXEL, LARGEST_VOXEL, "world units")
+        far = FARTHEST * voxel_size
         block_size = self.whole("block_size", 1024)
         x, y, z = (self.whole(f"grid_{axis}", MAX_GRID_SIDE) for axis in AXES)
         width, height, depth = (self.whole(f"atlas_{axis}", MAX_ATLAS_SIDE) for axis in AXES)
@@ -92,43 +87,34 @@ class _Checker:
             what = f"an atlas of {width} × {height} × {depth} voxels is too large"
             raise UserError(what, where=self.where, expected=f"at most {MAX_ATLAS_BYTES >> 30} GiB")
         if self.get("ndc") not in (0, 1):
-            raise self.wrong("ndc", "is neither true nor false", "true or false", self.raw["ndc"])
+            raise self.wrong("ndc", "is neither true nor false", "true or false")
         ndc = bool(self.raw["ndc"])
         input_width, input_height, input_focal = self.input_camera(ndc)
         nothing = np.broadcast_to(np.uint8(0), (depth, height, width, 4))
         pack = Pack(
-            voxel_size=voxel_size, min_xyz=np.array([self.corner(f"min_{axis}", voxel_size) for axis in "xyz"]),
+            voxel_size=voxel_size, min_xyz=np.array([self.number(f"min_{axis}", -far, far, "world units") for axis in "xyz"]),
             grid_size=(x, y, z), block_size=block_size, atlas_indices=np.zeros((0, 0, 0, 3), np.uint8), atlas_rgba=nothing,
             atlas_features=nothing, view_mlp=self.view_mlp(), worldspace_T_opengl=self.frame(), ndc=ndc,
             input_width=input_width, input_height=input_height, input_focal=input_focal, params=self.raw,
         )  # fmt: skip
         return pack, self.format()
 
-    def corner(self, key: str, voxel_size: float) -> float:
-        number = self.number(key)
-        if abs(number) > FARTHEST * voxel_size:
-            raise self.wrong(key, "is too far from the origin", f"at most {FARTHEST:g} voxels", number)
-        return number
-
     def frame(self) -> np.ndarray:
         matrix = self.array("worldspace_T_opengl", (4, 4), np.float64)
-        if np.max(np.abs(matrix)) > LARGEST_VOXEL:
-            expected = f"at most {LARGEST_VOXEL:g}"
-            raise UserError("worldspace_T_opengl is out of range", where=self.where, expected=expected)
-        # Relative to the lengths of its rows, so that a scaled frame is not taken for a singular one.
-        lengths = np.linalg.norm(matrix[:3, :3], axis=1)
-        with np.errstate(all="ignore"):  # of the smallest numbers that there are
+        with np.errstate(all="ignore"):  # of the smallest and the largest numbers that there are
+            # Relative to the lengths of its rows, so that a scaled frame is not taken for a singular one.
+            lengths = np.linalg.norm(matrix[:3, :3], axis=1)
             is_regular = abs(np.linalg.det(matrix[:3, :3])) > 1e-9 * np.prod(lengths) and matrix[3, 3] != 0
-        if not is_regular:
-            raise UserError("worldspace_T_opengl is singular", where=self.where, expected="a rotation, 4×4")
+        if not is_regular or np.max(np.abs(matrix)) > LARGEST_VOXEL:
+            expected = f"a rotation, 4×4, of numbers up to {LARGEST_VOXEL:g}"
+            raise UserError("worldspace_T_opengl is no frame", where=self.where, expected=expected)
         return matrix
 
     def format(self) -> str:
-        value = self.raw.get("format", "png")
         if "format" not in self.raw:
             self.note(f"{self.where}: format is missing; taken as png")
-        if not isinstance(value, str):
-            raise self.wrong("format", "is not a name", "png", value)
+        if not isinstance(value := self.raw.get("format", "png"), str):
+            raise self.wrong("format", "is not a name", "png")
         return value
 
     def input_camera(self, ndc: bool) -> tuple[float | None, float | None, float | None]:
@@ -137,19 +123,14 @@ class _Checker:
             # Older forward-facing packs; the published viewer then ignores the other two as well.
             self.note(f"{self.where}: input_focal is missing; the published viewer's camera is used")
             return PUBLISHED_NDC_CAMERA
-        values: list[float | None] = []
-        for key in INPUT_KEYS:
-            value = self.raw.get(key)
-            number = None if value is None else _as_number(value, text=True)
-            if ndc and value is None:
-                raise UserError(f"{key} is missing", where=self.where, expected="pixels, as the pack is ndc")
-            if value is not None and (number is None or not math.isfinite(number) or number <= 0):
-                if ndc or number is None:
-                    raise self.wrong(key, "is not a size", "pixels, above 0", value)
-                self.note(f"{self.where}: {key} is {_short(value)}; ignored")
-                number = None
-            values.append(number)
-        return values[0], values[1], values[2]
+        width, height, focal = (_pixels(self.raw.get(key)) for key in INPUT_KEYS)
+        for key, pixels in zip(INPUT_KEYS, (width, height, focal), strict=True):
+            if pixels is None and ndc:
+                what = "is missing" if self.raw.get(key) is None else "is not a size"
+                raise self.wrong(key, what, "pixels, above 0, as the pack is ndc")
+            if pixels is None and self.raw.get(key) is not None:
+                self.note(f"{self.where}: {key} is {_short(self.raw[key])}; ignored")
+        return width, height, focal
 
     def view_mlp(self) -> ViewMlp | None:
         if not any(f"{layer}_bias" in self.raw for layer in LAYERS):
@@ -163,12 +144,10 @@ class _Checker:
         return ViewMlp((w0, w1, w2), (b0, b1, b2))
 
 
-def _as_number(value: Any, *, text: bool = False) -> float | None:
-    """A JSON number as float, None for anything else."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, str) if text else (int, float)):
-        return None
+def _pixels(value: Any) -> float | None:
+    """A size of a picture, which may be written as text; None for anything else."""
     try:
-        return float(value)
+        return number_in(float(value) if isinstance(value, str) else value, LEAST_PIXELS, MOST_PIXELS)
     except ValueError:
         return None
 
@@ -217,9 +196,7 @@ def _input_values(pack: Pack, raw: Mapping[str, Any]) -> dict[str, float]:
     if pack.ndc and raw.get("input_focal") is None and camera == PUBLISHED_NDC_CAMERA:
         return {}  # assumed when it was read, not known
     known = zip(INPUT_KEYS, camera, strict=True)
-    return {
-        key: float(value) for key, value in known if value is not None and _as_number(raw.get(key), text=True) != value
-    }
+    return {key: float(value) for key, value in known if value is not None and _pixels(raw.get(key)) != value}
 
 
 def _same(old: Any, new: Any) -> bool:

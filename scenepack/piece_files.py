@@ -12,8 +12,8 @@ indirection grid.
 
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.pool import ThreadPool
@@ -23,14 +23,12 @@ import numpy as np
 
 from console import UserError
 from scenepack.blocks import data_voxels, restore_padding
-from scenepack.coarse import order_of_groups
 from scenepack.codecs import Codec, CodecError, PngCodec
-from scenepack.codecs.base import Layout, Shape, decoding
-from scenepack.codecs.decoder_sandbox import Decoders
-from scenepack.codecs.images import decode_png, probe_png
-from scenepack.codecs.quantisation import EXACT, MOST_STEP, Steps, from_counts, steps_of, to_counts
+from scenepack.codecs.base import Layout, Shape
+from scenepack.codecs.images import probe_png
+from scenepack.codecs.quantisation import EXACT, MOST_STEP, Steps, steps_of, to_counts
 from scenepack.constants import PLANES_PER_IMAGE
-from scenepack.files import COPY_OR_BAKE, PARAMS_NAME, PackFiles, require_memory
+from scenepack.files import PackFiles
 from scenepack.pack import Pack
 
 
@@ -160,93 +158,6 @@ def png_channels(files: PackFiles, name: str, width: int, height: int, entries: 
     return channels
 
 
-class PieceFiles:
-    """The pieces of an open pack, not decoded yet. has_features: whether all feature files are there.
-
-    outline: its atlas arrays have their true shape and hold nothing. note(line) is called for what is untidy; UserError
-    where files are missing or their headers disagree with the JSON.
-    previews: after how many pieces there is something new to see (scenepack.coarse). known: bool [D], planes of the atlas that
-    fill() has decoded; in the "grid" layout all, for there are zeros where nothing has arrived.
-    """
-
-    def __init__(self, files: PackFiles, codec: Codec, outline: Pack, note: Callable[[str], None]) -> None:
-        self.files, self.codec, self.outline = files, codec, outline
-        self._layout, planes, self.steps = read_settings(outline, codec, files.where(PARAMS_NAME))
-        self.pieces = cut(outline, self._layout, planes)
-        self.total = len(self.pieces)
-        depth = len(outline.atlas_rgba)
-        self._order, self.previews = list(range(self.total)), [1, self.total // 4, self.total // 2]
-        if self._layout == "atlas" and planes == PLANES_PER_IMAGE:
-            self._order, self.previews = order_of_groups(depth, outline.padded_block_size)
-        self.known = np.full(depth, self._layout == "grid")
-        largest = max((int(np.prod(piece.shape)) * 4 for piece in self.pieces), default=0)
-        require_memory(2 * largest, files.path)  # rgba and features of one piece, beside the atlas
-        shapes = [piece.shape for piece in self.pieces]
-        always, every = ([codec.names(*each, features) for each in enumerate(shapes)] for features in (False, True))
-        needed = [name for names in always for name in names]
-        if missing := [name for name in needed if name not in files.sizes]:
-            raise UserError("is missing", where=files.where(missing[0]), expected=f"{len(needed)} files of the atlas",
-                            found=len(needed) - len(missing), remedy=COPY_OR_BAKE)  # fmt: skip
-        features = [name for names in every for name in names if name not in set(needed)]
-        missing = [name for name in features if name not in files.sizes]
-        # A diffuse pack has no use for features, and may leave all out.
-        if missing and (outline.view_mlp is not None or len(missing) < len(features)):
-            note(f"{files.where(missing[0])} is missing ({len(missing)} in all); the pack is shown as diffuse")
-        # A pack without any macroblock may have no files to tell by.
-        self.has_features = not missing if features else outline.view_mlp is not None
-        self.names = every if self.has_features else always
-        self._check(note)
-
-    def _check(self, note: Callable[[str], None]) -> None:
-        other: dict[str, str] = {}
-        for names, piece in zip(self.names, self.pieces, strict=True):
-            d, h, w = piece.shape
-            for name in names:
-                if isinstance(self.codec, PngCodec):
-                    channels = png_channels(self.files, name, w, d * h, "atlas", f"pixels, {d} planes")
-                    other |= {} if channels == "RGBA" else {name: channels}
-                    continue
-                try:
-                    self.codec.check(name, self.files.head(name, self.codec.header_bytes), piece.shape)
-                except CodecError as error:
-                    raise self.files.undecodable(name, error) from error
-        if other:
-            name, channels = next(iter(other.items()))
-            note(f"{self.files.where(name)} is {channels}, not RGBA ({len(other)} in all); read as the PNG standard has it, "
-                 "with alpha 255 where there is none")  # fmt: skip
-
-    def fill(self, atlases: Sequence[np.ndarray]) -> Iterator[int]:
-        """Decodes all pieces into zeroed rgba and features [D, H, W, 4], D a multiple of four; yields how many are done."""
-        decoders = Decoders()
-
-        def decode(job: int) -> None:
-            number = self._order[job]
-            piece, names = self.pieces[number], self.names[number]
-            most = 2 * int(np.prod(piece.shape)) * 4 + (1 << 20)  # no format grows noise by more
-            data = {name: self.files.read(name, most) for name in names}
-            try:
-                if isinstance(piece, AtlasPiece) and isinstance(self.codec, PngCodec):
-                    for name, atlas in zip(names, atlases, strict=True):
-                        with decoding(name):
-                            decode_png(data[name], atlas[piece.planes].reshape(-1, *atlas.shape[2:]))
-                else:
-                    decoded = decoders.decode(self.codec.name, data, names, piece.shape, self.has_features)
-                    for values, atlas in zip(from_counts(*decoded, self.steps), atlases, strict=False):
-                        if values is not None:
-                            piece.scatter(values, atlas)
-            except CodecError as error:
-                raise self.files.undecodable(error.file or names[0], error) from error
-            if isinstance(piece, AtlasPiece):
-                self.known[piece.planes] = True
-
-        with closing(decoders):
-            yield from in_threads(decode, self.total)
-        # Left out of the grid's planes; lossy codecs make a copy differ from its original, which shows as a seam.
-        if self._layout == "grid" or self.codec.default_quality is not None:
-            for atlas in atlases:
-                restore_padding(atlas, self.outline.atlas_indices, self.outline.block_size)
-
-
 def read_settings(outline: Pack, codec: Codec, where: str) -> tuple[Layout, int, Steps]:
     """Layout and planes of the pieces, and steps of their values, by the metadata of a pack. UserError where it lacks them."""
     if isinstance(codec, PngCodec):
@@ -256,20 +167,16 @@ def read_settings(outline: Pack, codec: Codec, where: str) -> tuple[Layout, int,
         what = f"snerg.{SETTINGS} is missing; {codec.name} cannot be decoded without it"
         raise UserError(what, where=where, remedy="copy the pack again")
     layout, planes, steps = settings.get("layout"), settings.get("planes"), settings.get(STEPS, [1, 1])
-
-    def wrong(what: str, expected: str, found: object) -> UserError:
-        return UserError(f"snerg.{SETTINGS}.{what}", where=where, expected=expected, found=repr(found)[:40])
-
-    if layout not in ("atlas", "grid"):
-        raise wrong("layout is not known", "atlas or grid", layout)
-    step = outline.block_size if layout == "grid" else 1
-    whole = outline.atlas_rgba.shape[0] if layout == "atlas" else outline.grid_size[2]
-    most = max(whole, LIKED_PLANES, outline.block_size + 2)
-    if type(planes) is not int or not step <= planes <= most or planes % step:
-        raise wrong("planes is out of range", f"multiples of {step} to {most}", planes)
-    known = isinstance(steps, list) and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
-    if not known or len(steps) not in (2, 3):
-        raise wrong(f"{STEPS} is out of range", f"two or three numbers, 1 to {MOST_STEP}", steps)
+    step, whole = (outline.block_size, outline.grid_size[2]) if layout == "grid" else (1, len(outline.atlas_rgba))
+    allowed = range(step, max(whole, LIKED_PLANES, outline.block_size + 2) + 1, step)
+    known = (
+        isinstance(steps, list) and len(steps) in (2, 3) and all(type(s) is int and 1 <= s <= MOST_STEP for s in steps)
+    )
+    if layout not in ("atlas", "grid") or type(planes) is not int or planes not in allowed or not known:
+        expected = (
+            f"layout atlas or grid, planes a multiple of {step} to {allowed[-1]}, two or three steps to {MOST_STEP}"
+        )
+        raise UserError(f"snerg.{SETTINGS} makes no sense", where=where, expected=expected, found=settings)
     return layout, planes, Steps(*steps)
 
 

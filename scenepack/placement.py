@@ -63,12 +63,7 @@ class Placement:
         """
         up = np.asarray(up, np.float64) / np.linalg.norm(up)
         before = np.array(self.rotation)
-        from_, to = before @ up, np.array([0.0, 1.0, 0.0])
-        axis = np.cross(from_, to)
-        sine, cosine = np.linalg.norm(axis), float(from_ @ to)
-        # level already, or upside down: any axis does
-        axis = axis / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])
-        turned = Rotation.from_rotvec(np.arctan2(sine, cosine) * axis).as_matrix() @ before
+        turned = Rotation.align_vectors([0.0, 1.0, 0.0], before @ up)[0].as_matrix() @ before
         origin = np.array(self.origin)
         if through is not None:
             origin = origin - ((origin - through) @ up) * up

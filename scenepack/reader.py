@@ -1,6 +1,6 @@
 """Packs from disk: `load_pack` at once, or `open_pack` for an outline now and the atlas later.
 
-Opening checks the JSON, the indirection grid and the header of every file of the atlas (scenepack.piece_files), so that nothing
+Opening checks the JSON, the indirection grid and the header of every file of the atlas, so that nothing
 large is allocated on the word of one file alone; decoding then runs in threads.
 Untidy packs (docs/format.md) are repaired with one PackWarning each; the rest is refused with a UserError.
 """
@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,16 @@ from console import UserError
 from console.atomic import recover_interrupted_write
 from console.json_text import MOST_BYTES
 from console.streams import one_line
-from scenepack.blocks import grid_block_counts
-from scenepack.coarse import coarse_pack
+from scenepack.blocks import grid_block_counts, restore_padding
+from scenepack.coarse import coarse_pack, order_of_groups
 from scenepack.codecs import CodecError, PngCodec, codec_named
+from scenepack.codecs.base import decoding
+from scenepack.codecs.decoder_sandbox import Decoders
 from scenepack.codecs.images import decode_png
+from scenepack.codecs.quantisation import from_counts
 from scenepack.constants import EMPTY_BLOCK, PLANES_PER_IMAGE
 from scenepack.files import (
+    COPY_OR_BAKE,
     INDICES_NAME,
     PARAMS_NAME,
     PackFiles,
@@ -36,7 +41,7 @@ from scenepack.files import (
 )
 from scenepack.pack import Pack, PackWarning
 from scenepack.params import parse_params
-from scenepack.piece_files import PieceFiles, png_channels
+from scenepack.piece_files import AtlasPiece, cut, in_threads, png_channels, read_settings
 
 OnProgress = Callable[[int, int], None]
 OnPreview = Callable[[Pack], None]
@@ -47,22 +52,13 @@ def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: 
 
     on_progress(done, total) is called in this thread after each of `total` pieces, and on_preview(pack) a few times
     before the end, with the same scene in coarser voxels (scenepack.coarse). Raises UserError where the pack cannot be opened;
-    warns with PackWarning where it is untidy. A folder that is replaced meanwhile is read anew.
+    warns with PackWarning where it is untidy.
     """
-    path = Path(path)
-    for _ in range(3):
-        before = _identity(path)
-        try:
-            with open_pack(path) as reader:
-                pack = reader.read(on_progress, on_preview)
-        except UserError:
-            if before is None or _identity(path) == before:
-                raise
-        else:
-            if _identity(path) == before:
-                return pack
-    remedy = "wait until the other program has finished writing it"
-    raise UserError("keeps changing while it is read", where=path, remedy=remedy)
+    with open_pack(path) as reader:
+        before, pack = reader.files.inode(), reader.read(on_progress, on_preview)
+        if reader.files.inode() != before:  # a folder, of whose files some are the new ones
+            raise UserError("was replaced while it was read", where=path, remedy="open it again")
+    return pack
 
 
 def open_pack(path: Path) -> PackReader:
@@ -72,19 +68,11 @@ def open_pack(path: Path) -> PackReader:
     return PackReader(open_files(path))
 
 
-def _identity(path: Path) -> tuple[int, int] | None:
-    try:
-        status = path.stat()
-    except OSError:
-        return None
-    return status.st_dev, status.st_ino
-
-
 class PackReader:
     """An open pack whose images are not decoded yet; a context manager.
 
     outline: the Pack with everything but the atlas, whose arrays have their true shape, hold zeros, take no
-    memory and cannot be written. total: pieces to decode.
+    memory and cannot be written. pieces, names: what is to decode, and the files of each; total: how many.
     """
 
     def __init__(self, files: PackFiles) -> None:
@@ -93,18 +81,21 @@ class PackReader:
         try:
             text, where = files.read(PARAMS_NAME, MOST_BYTES), files.where(PARAMS_NAME)
             self.outline, format = parse_params(text, where, self._notes.append)
-            codec = codec_named(format, where)
+            self.codec = codec_named(format, where)
             self.outline = replace(self.outline, atlas_indices=self._indices())
             used = np.count_nonzero(self.outline.occupied) * self.outline.padded_block_size**3
             require_filled(self.outline.atlas_rgba.shape[:3], int(used), where)
-            self._note_claims(isinstance(codec, PngCodec))
-            self.pieces = PieceFiles(files, codec, self.outline, self._notes.append)
-            if not self.pieces.has_features:
-                self.outline = replace(self.outline, atlas_features=None, view_mlp=None)
+            self._note_claims()
+            self._layout, self._planes, self.steps = read_settings(self.outline, self.codec, where)
+            self.pieces = cut(self.outline, self._layout, self._planes)
+            self.total = len(self.pieces)
+            largest = max((int(np.prod(piece.shape)) * 4 for piece in self.pieces), default=0)
+            require_memory(2 * largest, files.path)  # rgba and features of one piece, beside the atlas
+            self.names = self._names()
+            self._check_headers()
         except BaseException:
             files.close()
             raise
-        self.total = self.pieces.total
         for note in self._notes:
             warnings.warn(PackWarning(note), stacklevel=2)
 
@@ -119,24 +110,94 @@ class PackReader:
         depth, height, width = self.outline.atlas_rgba.shape[:3]
         whole, parts = (self._groups * PLANES_PER_IMAGE, height, width, 4), len(self.outline.atlases)
         require_memory(parts * int(np.prod(whole)), self.files.path)
-        try:
-            atlases = [np.zeros(whole, np.uint8) for _ in range(parts)]
-        except MemoryError as error:
-            raise UserError(f"its atlas does not fit in memory ({error})", where=self.files.path) from error
+        atlases = [np.zeros(whole, np.uint8) for _ in range(parts)]
         features = atlases[1][:depth] if parts > 1 else None
-        pack, pieces = replace(self.outline, atlas_rgba=atlases[0][:depth], atlas_features=features), self.pieces
-        for done in pieces.fill(atlases):
-            if on_progress is not None:
-                on_progress(done, self.total)
-            if on_preview is not None and done in pieces.previews and done < self.total:
-                coarse = coarse_pack(pack, pieces.known)
-                if coarse is not None:
-                    on_preview(coarse)
+        pack = replace(self.outline, atlas_rgba=atlases[0][:depth], atlas_features=features)
+        order, previews = list(range(self.total)), [1, self.total // 4, self.total // 2]
+        if self._layout == "atlas" and self._planes == PLANES_PER_IMAGE:
+            order, previews = order_of_groups(depth, pack.padded_block_size)
+        # Planes that are decoded; in the "grid" layout all count, for there are zeros where nothing has arrived.
+        known, decoders = np.full(depth, self._layout == "grid"), Decoders()
+
+        def decode(job: int) -> None:
+            piece = self.pieces[order[job]]
+            self._decode(order[job], atlases, decoders)
+            if isinstance(piece, AtlasPiece):
+                known[piece.planes] = True
+
+        with closing(decoders):
+            for done in in_threads(decode, self.total):
+                if on_progress is not None:
+                    on_progress(done, self.total)
+                if on_preview is not None and done in previews and done < self.total:
+                    coarse = coarse_pack(pack, known)
+                    if coarse is not None:
+                        on_preview(coarse)
+        # Left out of the grid's planes; lossy codecs make a copy differ from its original, which shows as a seam.
+        if self._layout == "grid" or self.codec.default_quality is not None:
+            for atlas in atlases:
+                restore_padding(atlas, pack.atlas_indices, pack.block_size)
         return pack
+
+    def _decode(self, number: int, atlases: Sequence[np.ndarray], decoders: Decoders) -> None:
+        """Decodes a piece into zeroed rgba and features [D, H, W, 4], D a multiple of four."""
+        piece, names = self.pieces[number], self.names[number]
+        most = 2 * int(np.prod(piece.shape)) * 4 + (1 << 20)  # no format grows noise by more
+        data = {name: self.files.read(name, most) for name in names}
+        try:
+            if isinstance(piece, AtlasPiece) and isinstance(self.codec, PngCodec):
+                for name, atlas in zip(names, atlases, strict=True):
+                    with decoding(name):
+                        decode_png(data[name], atlas[piece.planes].reshape(-1, *atlas.shape[2:]))
+                return
+            decoded = decoders.decode(self.codec.name, data, names, piece.shape, len(atlases) > 1)
+            for values, atlas in zip(from_counts(*decoded, self.steps), atlases, strict=False):
+                if values is not None:
+                    piece.scatter(values, atlas)
+        except CodecError as error:
+            raise self.files.undecodable(error.file or names[0], error) from error
 
     @property
     def _groups(self) -> int:
         return -(-len(self.outline.atlas_rgba) // PLANES_PER_IMAGE)
+
+    def _names(self) -> list[tuple[str, ...]]:
+        """The files of each piece. Where those of features are missing, the outline becomes diffuse."""
+        shapes = [piece.shape for piece in self.pieces]
+        always, every = ([self.codec.names(*each, has) for each in enumerate(shapes)] for has in (False, True))
+        needed = [name for names in always for name in names]
+        if missing := [name for name in needed if name not in self.files.sizes]:
+            raise UserError("is missing", where=self.files.where(missing[0]), expected=f"{len(needed)} files of the atlas",
+                            found=len(needed) - len(missing), remedy=COPY_OR_BAKE)  # fmt: skip
+        features = [name for names in every for name in names if name not in set(needed)]
+        missing = [name for name in features if name not in self.files.sizes]
+        # A diffuse pack has no use for features, and may leave all out.
+        if missing and (self.outline.view_mlp is not None or len(missing) < len(features)):
+            first = self.files.where(missing[0])
+            self._notes.append(f"{first} is missing ({len(missing)} in all); the pack is shown as diffuse")
+        # A pack without any macroblock may have no files to tell by.
+        if missing if features else self.outline.view_mlp is None:
+            self.outline = replace(self.outline, atlas_features=None, view_mlp=None)
+            return always
+        return every
+
+    def _check_headers(self) -> None:
+        other: dict[str, str] = {}
+        for names, piece in zip(self.names, self.pieces, strict=True):
+            d, h, w = piece.shape
+            for name in names:
+                if isinstance(self.codec, PngCodec):
+                    channels = png_channels(self.files, name, w, d * h, "atlas", f"pixels, {d} planes")
+                    other |= {} if channels == "RGBA" else {name: channels}
+                    continue
+                try:
+                    self.codec.check(name, self.files.head(name, self.codec.header_bytes), piece.shape)
+                except CodecError as error:
+                    raise self.files.undecodable(name, error) from error
+        if other:
+            name, channels = next(iter(other.items()))
+            problem = f"{self.files.where(name)} is {channels}, not RGBA ({len(other)} in all)"
+            self._notes.append(f"{problem}; read as the PNG standard has it, with alpha 255 where there is none")
 
     def _indices(self) -> np.ndarray:
         """The indirection grid, uint8 [blocks z, blocks y, blocks x, 3], each index within the atlas."""
@@ -163,14 +224,14 @@ class PackReader:
         require_distinct(indices[occupied], where)
         return indices
 
-    def _note_claims(self, is_png: bool) -> None:
+    def _note_claims(self) -> None:
         """Notes what the JSON claims and the atlas refutes: how many blocks it has and, of PNG, images."""
         raw, where, note = self.outline.params, self.files.where(PARAMS_NAME), self._notes.append
         blocks, fits = [raw.get(f"atlas_blocks_{axis}", "missing") for axis in "xyz"], list(self.outline.atlas_blocks)
         if blocks != fits:
             problem = f"{where}: atlas_blocks_x/y/z are {_triple(blocks)}"
             note(f"{problem}, the atlas holds {_triple(fits)}; its size is trusted")
-        if not is_png:
+        if not isinstance(self.codec, PngCodec):
             return
         claimed, needed = raw.get("num_slices"), self._groups
         stored = next(n for n in itertools.count() if f"rgba_{n:03d}.png" not in self.files.sizes)

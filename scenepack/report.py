@@ -10,6 +10,7 @@ from math import prod
 from typing import Any
 
 import numpy as np
+from rich.bar import Bar
 from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -22,7 +23,6 @@ from scenepack.pack import Pack
 
 ALPHA_BINS = 8  # of 32 steps each; alpha 0 is counted apart
 LONGEST_TEXT, MOST_ROWS = 200, 100  # of metadata
-BARS = " ▏▎▍▌▋▊▉█"
 BAR_WIDTH = 24
 MARKS = {"ok": ("✓", "green"), "note": ("·", "cyan"), "warning": ("!", "yellow"), "error": ("✗", "bold red")}
 
@@ -88,25 +88,39 @@ def bytes_by_part(files: PackFiles) -> dict[str, int]:
 def print_facts(facts: Mapping[str, Any], console: Console) -> None:
     """The page of `snerg-pack info`."""
     for title, rows in _sections(facts):
-        table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
-        table.add_column(style="cyan", min_width=18, no_wrap=True)
-        table.add_column()
-        plain, name = [], ""
-        for label, value in rows:
-            table.add_row(Text(label), Text(value))
-            name = label.strip() or name
-            plain.append(f"{title}: {name}: {value}")
-        _print(console, plain, Text(title.upper(), "bold"), table, "")
-    _print_histogram(facts["alpha_histogram"], console)
+        page = [(Text(label), Text(value)) for label, value in rows]
+        names = [label or rows[i - 1][0] for i, (label, _) in enumerate(rows)]
+        plain = [f"{title}: {name.strip()}: {value}" for name, (_, value) in zip(names, rows, strict=True)]
+        _print(console, plain, page, title.upper())
+    counts, edges = facts["alpha_histogram"], np.linspace(0, 256, ALPHA_BINS + 1).astype(int)
+    bins = {f"{max(a, 1):3d}-{b - 1:3d}": sum(counts[max(a - 1, 0) : b - 1]) for a, b in pairwise(edges)}
+    most, total = max(*bins.values(), 1), max(sum(bins.values()), 1)
+    page = [
+        (label, Bar(most, 0, count, width=BAR_WIDTH, color="green"), f"{100 * count / total:5.1f} %")
+        for label, count in bins.items()
+    ]
+    plain = [f"alpha: {label.replace(' ', '')}: {count}" for label, count in bins.items()]
+    _print(console, plain, page, "ALPHA OF STORED VOXELS")
 
 
 def print_findings(findings: Sequence[Finding], console: Console) -> None:
     """The page of `snerg-pack check`: a line for each rule."""
-    table = Table(box=None, show_header=False, pad_edge=False)
-    for finding in findings:
-        mark, style = MARKS[finding.severity]
-        table.add_row(Text(mark, style), Text(finding.rule, "bold"), Text(finding.message))
-    _print(console, [f"{each.severity}: {each.rule}: {each.message}" for each in findings], table)
+    plain = [f"{each.severity}: {each.rule}: {each.message}" for each in findings]
+    page = [(Text(*MARKS[each.severity]), Text(each.rule, "bold"), Text(each.message)) for each in findings]
+    _print(console, plain, page)
+
+
+def _print(console: Console, plain: Sequence[str], page: Sequence[Sequence[RenderableType]], title: str = "") -> None:
+    """Rows of `page` on a terminal, plain lines elsewhere."""
+    if not console.is_terminal:
+        for line in plain:
+            console.print(line, markup=False, highlight=False, soft_wrap=True, emoji=False)
+        return
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(style="cyan", no_wrap=True)
+    for row in page:
+        table.add_row(*row)
+    console.print(*([Text(title, "bold"), table, ""] if title else [table]), sep="\n")
 
 
 def _sections(facts: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]]]:
@@ -169,28 +183,6 @@ def _shown(text: str) -> str:
     """What anybody may have written, as a terminal can show it."""
     text = one_line(text[:1000])
     return text if len(text) <= LONGEST_TEXT else text[: LONGEST_TEXT - 1] + "…"
-
-
-def _print_histogram(counts: Sequence[int], console: Console) -> None:
-    edges = np.linspace(0, 256, ALPHA_BINS + 1).astype(int)
-    bins = {f"{max(a, 1):3d}-{b - 1:3d}": sum(counts[max(a - 1, 0) : b - 1]) for a, b in pairwise(edges)}
-    total, most = max(sum(bins.values()), 1), max(*bins.values(), 1)
-    lines = []
-    for label, count in bins.items():
-        eighths = round(8 * BAR_WIDTH * count / most)
-        bar = (BARS[8] * (eighths // 8) + BARS[eighths % 8]).strip()
-        share = f" {100 * count / total:5.1f} %"
-        lines.append(Text.assemble((f"{label}  ", "cyan"), (f"{bar:<{BAR_WIDTH}}", "green"), (share, "cyan")))
-    plain = [f"alpha: {label.replace(' ', '')}: {count}" for label, count in bins.items()]
-    _print(console, plain, Text("ALPHA OF STORED VOXELS", "bold"), *lines)
-
-
-def _print(console: Console, plain: Sequence[str], *page: RenderableType) -> None:
-    """The page on a terminal, plain lines elsewhere."""
-    for line in page if console.is_terminal else ():
-        console.print(line)
-    for line in () if console.is_terminal else plain:
-        console.print(line, markup=False, highlight=False, soft_wrap=True, emoji=False)
 
 
 def _by(sides: Sequence[int]) -> str:

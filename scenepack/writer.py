@@ -1,6 +1,5 @@
 """Writes packs, and changes what a pack on disk says of itself."""
 
-import errno
 import json
 import os
 import re
@@ -16,6 +15,7 @@ import numpy as np
 
 from console import UserError
 from console.atomic import recover_interrupted_write, replacing, try_folder, write_file
+from console.command_line import writing_to
 from console.json_text import read_json_file
 from scenepack.blocks import grid_block_counts
 from scenepack.codecs import Codec, chosen_quality, codec_named
@@ -74,7 +74,7 @@ def _replace(path: Path, files: Generator[tuple[str, bytes], None, None]) -> Non
     """Writes a pack's files, names and contents; see save_pack."""
     path = Path(path).resolve()  # through symbolic links: what they point to is replaced, not the link
     as_zip = path.suffix.lower() == ".zip"
-    try:
+    with writing_to(path):
         recover_interrupted_write(path)
         _require_replaceable(path, as_zip)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -84,21 +84,15 @@ def _replace(path: Path, files: Generator[tuple[str, bytes], None, None]) -> Non
             else:
                 for name, data in files:
                     (new / name).write_bytes(data)
-    except OSError as error:
-        untouched = "the old files are untouched; free some space, or choose another place"
-        remedy = "wait for it, or choose another place" if error.errno == errno.EBUSY else untouched
-        raise UserError(f"the pack cannot be written: {error.strerror or error}", where=path, remedy=remedy) from error
 
 
 def check_target(path: Path) -> None:
     """UserError where save_pack would refuse or fail to write `path`: for commands to ask before hours of work, not after."""
     path = Path(path).resolve()
-    try:
+    with writing_to(path):
         recover_interrupted_write(path)
         _require_replaceable(path, path.suffix.lower() == ".zip")
         try_folder(path.parent)
-    except OSError as error:
-        raise UserError(f"cannot be written: {error.strerror or error}", where=path) from error
 
 
 def _require_consistent(pack: Pack) -> None:

@@ -268,8 +268,6 @@ def evaluate(
     from training.scenes import load_scene
 
     path = Path(subject) if isinstance(subject, str | Path) else subject.path
-    if not path.exists():
-        raise SnergError("no such run or scene", where=path)
     options = replace(photographs._options, **{key: value for key, value in reading_of(path).items() if value})
     with _reporting(on_progress):
         found = measure(path, load_scene(photographs.path, options), split)

@@ -201,7 +201,7 @@ class Scene:
         """
         from scenepack.exports.scene import Export
 
-        return self._geometry(Export("mesh", level=level, faces=faces, smooth=smooth, frame=frame))
+        return self._geometry(Export("mesh", level=level, faces=faces or 0, smooth=smooth, frame=frame))
 
     @with_snerg_errors
     def to_points(self, *, level: float = 0.15, spacing: float = 1.0, frame: MovedFrame = "placed") -> Geometry:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from baker.reports.tables import LADDER, measured
+from baker.reports.report import LADDER, measured
 from console import check_results, run_command, write_json, write_result
 from training.scenes import load_scene
 

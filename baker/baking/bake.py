@@ -12,7 +12,7 @@ import time
 import warnings
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -25,7 +25,7 @@ from baker.baking.field_query import FieldQuery, field_query, within
 from baker.baking.grid import BakeGrid, FloatGrid, assemble, box_in_grid_frame, make_grid
 from baker.baking.passes import Voxels, passes_of
 from baker.baking.supersample import Sampler, supersample, supersample_floats
-from baker.baking.work_folder import Arrays, BakeEnded, WorkFolder, once
+from baker.baking.work_folder import Arrays, WorkFolder, once
 from baker.tuning.shading import from_params
 from console import Notice, Progress, UserError, progress
 from scenepack.blocks import fill_atlas
@@ -125,17 +125,6 @@ def bake_floats(run: Run, config: BakeConfig) -> FloatGrid:
     return FloatGrid(assembled(run, grid, (indices, support, None)), rows, values)
 
 
-def help_bake(run: Run, config: BakeConfig, work: WorkFolder) -> None:
-    """Makes pieces of a bake that another process ends, until none is missing: density and content of macroblocks.
-
-    What comes after (pruning, tuning) is not shared.
-    """
-    check_bake(run, config)
-    job = Bake(run, config, work)
-    with suppress(BakeEnded):
-        next(_content(job, *culled_grid(job)), None)  # the first is there once none is missing
-
-
 def check_bake(run: Run, config: BakeConfig) -> None:
     """UserError where this run cannot be baked so; before anything is written."""
     require_bakeable(run)
@@ -203,7 +192,7 @@ def _find_box(job: Bake) -> Arrays:
 
 def supersampled(job: Bake, grid: BakeGrid, culling: Culling) -> Pack:
     """The kept macroblocks, 8 bits a value; their borders are still empty."""
-    return assembled(job.run, grid, fill_atlas(_content(job, grid, culling), culling.kept, BLOCK_SIZE))
+    return assembled(job.run, grid, fill_atlas(content_of(job, grid, culling), culling.kept, BLOCK_SIZE))
 
 
 def assembled(run: Run, grid: BakeGrid, atlas: tuple[np.ndarray, np.ndarray, np.ndarray | None]) -> Pack:
@@ -219,7 +208,7 @@ def assembled(run: Run, grid: BakeGrid, atlas: tuple[np.ndarray, np.ndarray, np.
     return pack if grid.contraction is None else pack.with_metadata(contraction=grid.contraction)
 
 
-def _content(job: Bake, grid: BakeGrid, culling: Culling) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
+def content_of(job: Bake, grid: BakeGrid, culling: Culling) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
     """The kept macroblocks' voxels, as baker.baking.supersample.supersample gives them, with a progress line."""
     count = int(culling.kept.sum())
     with job.stages("supersampling", count) as bar:

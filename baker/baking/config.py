@@ -57,10 +57,9 @@ class BakeConfig:
     def check(self) -> None:
         """UserError where a number makes no sense: for commands to ask before hours of work, not after."""
         most = MAX_BLOCK_INDEX * BLOCK_SIZE
-        ranges = {"resolution": (BLOCK_SIZE, most), "seed": (0, LARGEST_SEED), "block_limit": (1, UNLIMITED)}
+        ranges = {"resolution": (BLOCK_SIZE, most), "seed": (0, LARGEST_SEED), "most_macroblocks": (1, UNLIMITED)}
         for name, (low, high) in ranges.items():
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
-                what = "too coarse" if name == "resolution" and value < low else "is out of range"
-                option = "most-macroblocks" if name == "block_limit" else name
-                raise UserError(what, where=f"--{option}", expected=f"{low} to {high}", found=str(value)[:40])
+                where = f"--{name.replace('_', '-')}"
+                raise UserError("is out of range", where=where, expected=f"{low} to {high}", found=value)

@@ -99,9 +99,8 @@ def content_box(
 
 
 def opaque_macroblocks(
-    query: FieldQuery, grid: BakeGrid, occupied: Occupied | None = None, tick: Tick = lambda share: None,
-    work: WorkFolder | None = None,
-) -> Opacity:  # fmt: skip
+    query: FieldQuery, grid: BakeGrid, occupied: Occupied | None, tick: Tick, work: WorkFolder | None
+) -> Opacity:
     """Culling by opacity: evaluates the field at every voxel centre, layer by layer of macroblocks, and keeps cells.
 
     occupied: tells which boxes may hold content, to skip the others (baker.baking.field_query). tick: called with the share done.
@@ -126,11 +125,7 @@ def opaque_macroblocks(
 
 
 def seen_macroblocks(
-    opacity: Opacity,
-    grid: BakeGrid,
-    dataset: RayDataset,
-    tick: Tick = lambda share: None,
-    work: WorkFolder | None = None,
+    opacity: Opacity, grid: BakeGrid, dataset: RayDataset, tick: Tick, work: WorkFolder | None
 ) -> Culling:
     """Culling by visibility: drops macroblocks that no training ray reaches with transmittance TAU_VIS."""
     cells = opacity.density > 0
@@ -177,9 +172,7 @@ EARLY_TERMINATION = 1e-3  # T at which rays end, well below any tau_vis
 BLOCK_BITS = 3  # blocks of 8³ cells are skipped at once where all are empty
 
 
-def best_transmittance(
-    density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: Tick = lambda share: None
-) -> np.ndarray:
+def best_transmittance(density: np.ndarray, grid: BakeGrid, dataset: RayDataset, tick: Tick) -> np.ndarray:
     """float32 [cells]: the largest T with which any of many training rays reaches a cell; 0 in empty cells."""
     workers, size = Workers(), 1 << BLOCK_BITS
     filled = np.pad(density > 0, [(0, -n % size) for n in density.shape])

@@ -19,13 +19,13 @@ from baker.baking.bake import (
     Stages,
     bake,
     check_bake,
+    content_of,
     culled_grid,
-    help_bake,
     supersampled,
     work_key,
 )
 from baker.baking.config import BakeConfig
-from baker.baking.work_folder import AGAIN, Share, WorkFolder, work_beside
+from baker.baking.work_folder import AGAIN, BakeEnded, Share, WorkFolder, work_beside
 from console import UserError
 from console.progress import duration
 from scenepack import Pack, save_pack
@@ -63,9 +63,15 @@ def share_of(processes: int | None, process_id: int | None) -> Share:
 
 
 def help_with(run: Run, config: BakeConfig, out: Path, share: Share) -> None:
-    """Helps the process that bakes `run` into the pack `out`, until its macroblocks are made."""
+    """Helps the process that bakes `run` into the pack `out`, until none of its macroblocks' density and content is missing.
+
+    What comes after (pruning, tuning) is not shared.
+    """
+    check_bake(run, config)
     work = WorkFolder(work_beside(out), work_key(run, config), share)
-    help_bake(run, config, work)
+    job = Bake(run, config, work)
+    with suppress(BakeEnded):
+        next(content_of(job, *culled_grid(job)), None)  # the first is there once none is missing
     print(f"{out}: {work.made} pieces of it made here; process 0 writes the pack")
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from console import UserError, check_results, run_command, write_json
+from console import check_results, run_command, write_json
 from console.streams import one_line
 from training.libraries import begin_libraries
 
@@ -48,9 +48,6 @@ def snerg_eval(
     from training.scenes import load_scene
     from viewer.rendering.gpu_scene import OR_HALF, NoRoomError
 
-    for path in (subject, mask_of):
-        if path is not None and not path.exists():
-            raise UserError("no such run or pack", where=path)
     check_results(json, folder=images)
     made = reading_of(subject)
     photographed = load_scene(

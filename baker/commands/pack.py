@@ -2,10 +2,12 @@
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import tyro
 from rich.console import Console
 
 from console import UserError, check_results, progress, run_command, write_json, write_result
@@ -14,8 +16,7 @@ from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
 from scenepack.editing import NOTHING, EditPreview, Selection, Voxels, without
-from scenepack.exports.field import Frame
-from scenepack.exports.scene import Export, Kind, check_export, export_scene, kind_for
+from scenepack.exports.scene import Export, check_export, export_scene, kind_for
 from scenepack.files import stored_bytes
 from scenepack.pack import MOST_LENGTH
 from scenepack.piece_files import SETTINGS
@@ -134,10 +135,8 @@ def edit(
     """
     box = parse_corners(crop, "--crop") if crop else None
     ball = parse_numbers(sphere, 4, "--sphere") if sphere else None
-    if fainter_than is not None and not 0 < fainter_than <= 1:
-        raise UserError("is out of range", where="--fainter-than", expected="above 0, at most 1", found=fainter_than)
-    if smaller_than is not None and smaller_than < 1:
-        raise UserError("is out of range", where="--smaller-than", expected="1 or more voxels", found=smaller_than)
+    require_in_range("--fainter-than", 1 if fainter_than is None else fainter_than, 1e-3, 1)
+    require_in_range("--smaller-than", 1 if smaller_than is None else smaller_than, 1, 1e12)
     if _is_same(out, pack):
         raise UserError("would replace the pack that is edited", where=out, remedy="choose another --out")
     chosen: dict[str, Callable[[Voxels], Selection]] = {}
@@ -269,15 +268,7 @@ def export(
     pack: Path,
     /,
     to: Path,
-    kind: Kind | None = None,
-    level: float = Export.level,
-    coarser: int | None = Export.coarser,
-    keep: str = str(Export.keep),
-    smooth: int = Export.smooth,
-    faces: int = 500_000,
-    spacing: float = Export.spacing,
-    frame: Frame = Export.frame,
-    scale: float = Export.scale,
+    options: Annotated[Export, tyro.conf.arg(name="")],
     crop: str | None = None,
     title: str | None = None,
     credits: str = "",
@@ -291,16 +282,7 @@ def export(
         pack: The pack, a folder or a .zip.
         to: FILE.html (a web page in one file), FOLDER/ (a web page for a web server), FILE.glb (a mesh), FILE.spz (Gaussians), or
             FILE.ply, whose name (points.ply, mesh.ply, gaussians.ply) or --kind says what it holds.
-        kind: points, mesh or gaussians.
-        level: Opacity of the surface of points and meshes. Lower includes thinner mist.
-        coarser: Merge this many voxels along each side. The default is 1, or what memory allows.
-        keep: Which connected parts of the surface: all, largest, or those with at least this share of its area.
-        smooth: Steps of smoothing (Taubin). 0 keeps the steps of voxels.
-        faces: About so many triangles at most; 0 for all.
-        spacing: Mean distance of points, in voxels.
-        frame: placed (y up: the grid frame, or as it was moved in the viewer, in its unit), grid (y up), or world (the frame of
-            the photographs' poses).
-        scale: Multiply all lengths by this.
+        options: Of files for other programs.
         crop: Only what is in the box x0,y0,z0,x1,y1,z1 of the grid frame.
         title: Heading of a web page. The default is the pack's name.
         credits: Line below the heading of a web page.
@@ -309,15 +291,15 @@ def export(
     """
     box = parse_corners(crop, "--crop") if crop else None
     if to.suffix.lower() in PAGE_SUFFIXES or not to.suffix or to.is_dir():
-        if kind is not None:
-            raise UserError(f"cannot hold {kind}", where=to, expected="a web page", remedy="leave out --kind")
+        if options.kind is not None:
+            raise UserError(f"cannot hold {options.kind}", where=to, expected="a web page", remedy="leave out --kind")
         content = PageContent(title or pack.resolve().stem, credits, path, box, pose, source=pack)
         _export_page(with_annotations(_read(pack), pack), to, content)
         return
     for option, value in (("--title", title), ("--credits", credits), ("--path", path), ("--pose", pose)):
         if value:
             raise UserError("is of web pages alone", where=option, expected="--to FILE.html or FOLDER/", found=to)
-    wanted = Export(kind_for(to, kind), level, coarser, _kept(keep), smooth, faces or None, spacing, frame, scale, box)
+    wanted = replace(options, kind=kind_for(to, options.kind), crop=box)
     check_export(wanted)
     check_results(to)
     loaded = with_annotations(_read(pack), pack)
@@ -338,15 +320,6 @@ def _export_page(pack: Pack, to: Path, content: PageContent) -> None:
         write_result(to if one else to / name, data)
     size = sum(map(len, files.values())) / 1e6
     print(f"{to}: a web page, {size:.2f} MB" if one else f"{to / INDEX}: a web page for a web server, {size:.2f} MB")
-
-
-def _kept(text: str) -> str | float:
-    if text in ("all", "largest"):
-        return text
-    try:
-        return float(text)
-    except ValueError:
-        raise UserError("is not understood", where="--keep", expected="all, largest or a share", found=text) from None
 
 
 def compare(a: Path, b: Path, /, views: int = 8, size: str = "400x400", json: Path | None = None) -> None:

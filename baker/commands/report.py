@@ -30,8 +30,6 @@ def snerg_report(
     """
     options.check()
     out = options.out
-    if out.exists() and not out.is_dir():
-        raise UserError("is a file", where=out, expected="a folder, or nothing yet")
     check_results(folder=out)
     if (run := next(iter(subjects), None)) is None:
         raise UserError("needs a run, or the reports of several scenes", where="snerg-report")

@@ -96,10 +96,8 @@ def _training(run: Run, preset: str) -> list[str]:
 
 
 def _reading(run: Run) -> list[str]:
-    options, words = run.options, []
-    if options.downscale != 1:
-        words += ["--downscale", str(options.downscale)]
-    words += ["--spherify"] if options.spherify else []
-    words += ["--masks"] if options.masks else []
+    options = run.options
+    words = [] if options.downscale == 1 else ["--downscale", str(options.downscale)]
+    words += ["--spherify"] * bool(options.spherify) + ["--masks"] * options.masks
     given = {"aabb": options.aabb, "up": options.up}
     return words + [f"--{name}=" + ",".join(f"{c:g}" for c in v) for name, v in given.items() if v is not None]

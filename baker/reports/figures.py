@@ -41,7 +41,7 @@ def draw_figure(
 ) -> dict[str, Any] | None:
     """Writes the panels of rows `names` that have pictures, and the photograph; None where fewer than two have.
 
-    Returns {"picture", "view", "box": [left, top, side], "panels": [{"row", "label", "psnr"}]}.
+    Returns {"picture", "view"}.
     """
     by_name = {row["row"]: row for row in rows}
     shown = [by_name[name] for name in names if "pictures" in by_name.get(name, {})]
@@ -51,14 +51,10 @@ def draw_figure(
     view = max(range(len(views)), key=lambda i: abs(shown[0]["views"][views[i]] - shown[-1]["views"][views[i]]))
     pairs = [_pictures(study.out / row["pictures"] / f"{picture_stems(study.photographs)[view]}.png") for row in shown]
     box = _most_different(pairs[0][0], pairs[-1][0], pairs[0][1])
-    labels = [
-        {"row": row["row"], "label": SHORT.get(row["row"]) or str(row["label"]), "psnr": row["views"][views[view]]}
-        for row in shown
-    ]
-    captions = [f"{each['label']} ({each['psnr']:.2f} dB)" for each in labels]
+    captions = [f"{SHORT.get(row['row']) or row['label']} ({row['views'][views[view]]:.2f} dB)" for row in shown]
     panels = [(picture, caption) for (picture, _), caption in zip(pairs, captions, strict=True)]
     draw_panels([*panels, (pairs[0][1], "photograph")], box, path)
-    return {"picture": path.name, "view": views[view], "box": list(box), "panels": labels}
+    return {"picture": path.name, "view": views[view]}
 
 
 def _pictures(path: Path) -> tuple[np.ndarray, np.ndarray]:

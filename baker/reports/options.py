@@ -1,6 +1,6 @@
 """Options of snerg-report, and what they ask for. No JAX here, so that --help is quick."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -8,8 +8,8 @@ from typing import Any, Literal, get_args
 from baker.baking.config import Quality
 from console import UserError
 from console.command_line import parse_size
+from training.scenes.scene import Box
 from training.scenes.scene_options import parse_box
-from viewer.benchmark.protocols import given_distance
 
 TABLES = ("quality", "storage", "performance", "resolution", "real", "sparsity")
 
@@ -38,8 +38,6 @@ class ReportOptions:
     """Which bake the tables storage and resolution are of: paper (as the paper writes), or snerg (our default settings)."""
     quality: str = "full"
     """Rows of our own bake in the table quality, separated by commas: draft, compact, full (our default)."""
-    most_macroblocks: int | None = None
-    """If more would be kept, grids are made coarser. The default is that of each bake: none in the paper's."""
     aabb: str | None = None
     """Box that all packs are baked of, x0,y0,z0,x1,y1,z1 in the training frame, and photographs and pictures are compared only
     where the paper's bake of it is opaque: the paper's procedure for real 360 degree scenes, which are trained beyond it."""
@@ -52,10 +50,6 @@ class ReportOptions:
     """Number of frames to time."""
     size: str | None = None
     """Picture size of timed frames, WIDTHxHEIGHT in pixels. The default is that of snerg-bench."""
-    distance: str = "auto"
-    """Distance of the camera of timed frames, as for snerg-bench."""
-    power_seconds: float = 4.0
-    """Seconds of drawing without a pause to measure the power of an NVIDIA card, for each row."""
     nominal_watts: float | None = None
     """Nominal power of the graphics card, for frames per second per watt as the paper counts them (85 for its laptop), beside
     those that are measured."""
@@ -64,14 +58,13 @@ class ReportOptions:
 
     def check(self) -> None:
         """UserError for what makes no sense, before anything is read."""
-        _ = self.qualities, self.sides, self.pixels, self.overrides
+        _ = self.qualities, self.sides, self.pixels, self.box
         self.tables_of("synthetic")
         watts = self.nominal_watts
         if watts is not None and not watts > 0:
             raise UserError("is no power", where="--nominal-watts", expected="watts, more than 0", found=watts)
         if self.frames < 1 or self.views < 0 or (self.resolution is not None and self.resolution < 1):
             raise UserError("is too small", where="--resolution, --frames or --views")
-        given_distance(self.distance)
 
     def tables_of(self, kind: str) -> list[str]:
         """Which tables to make of a scene of this kind (baker.reports.paper_figures.Kind)."""
@@ -101,10 +94,9 @@ class ReportOptions:
         return [Path(word) for word in _words(self.baselines or "")]
 
     @property
-    def overrides(self) -> Mapping[str, Any]:
-        """Fields of BakeConfig that differ from the presets', in all packs."""
-        asked = {"most_macroblocks": self.most_macroblocks, "aabb": parse_box(self.aabb)}
-        return {name: value for name, value in asked.items() if value is not None}
+    def box(self) -> Box | None:
+        """`aabb` in numbers."""
+        return parse_box(self.aabb)
 
 
 def _words(text: str) -> list[str]:

@@ -280,6 +280,9 @@ def _device(table: Table) -> list[str]:
     ]
 
 
+SPEED_ROW = "*{:.2f}* *{:.3f}* *{:.3f}* *{:g}* *{:g}* *{:.5f}*"  # of paper_figures.SPEED
+
+
 def _performance(table: Table, about: Mapping[str, Any]) -> list[str]:
     def frame(row: Row) -> str:
         return NONE if row.get("ms_mean") is None else f"{row['ms_mean']:.2f} ± {row['ms_std']:.2f}"
@@ -295,15 +298,11 @@ def _performance(table: Table, about: Mapping[str, Any]) -> list[str]:
         "(its bake and its marcher) on a laptop with an 85 W AMD Radeon Pro 5500M.",
         "", *_table(table["rows"], *columns), "", *_device(table), *_to_fill(table["rows"]),
     ]  # fmt: skip
-    if speed := paper_figures.SPEED[about["kind"]]:
-        kind, quality = paper_figures.KINDS[about["kind"]], paper_figures.QUALITY[about["kind"]]
+    if speed := paper_figures.SPEED.get(about["kind"]):
+        kind = paper_figures.KINDS[about["kind"]]
         lines += ["", f"What the paper prints of itself and of others, of {kind} (not measured here):", ""]
-        rows = [
-            [f"*{paper_figures.NAMES.get(name, name)}*",
-             *(_italic(_number(quality[metric][name][0], digits)) for metric, digits in (("psnr", 2), ("ssim", 3), ("lpips", 3))),
-             f"*{watts:g}*", f"*{fps:g}*", f"*{each:.5f}*"]
-            for name, (watts, fps, each) in speed.items()
-        ]  # fmt: skip
+        names = (f"*{paper_figures.NAMES.get(name, name)}*" for name in speed)
+        rows = [[name, *SPEED_ROW.format(*row).split()] for name, row in zip(names, speed.values(), strict=True)]
         lines += _markdown(["*method*", "*PSNR*", "*SSIM*", "*LPIPS*", "*W*", "*FPS*", "*FPS/W*"], rows)
     return lines
 

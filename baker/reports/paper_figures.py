@@ -1,10 +1,12 @@
 """The figures that the SNeRG paper and its authors' release print, to stand beside ours in tables; never measured here.
 
-paper_figures.json holds them. In each row the mean over a kind's scenes comes first, then its SCENES; null: not printed.
+paper_figures.json holds them, by the parts of their names. In each row the mean over a kind's scenes comes first, then its
+SCENES; null: not printed.
 """
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import reduce
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +19,10 @@ KINDS: Mapping[Kind, str] = {
     "forward": "its real forward-facing scenes",
     "real360": "its real 360° scenes",
 }
-_PRINTED: Mapping[str, Any] = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
+_PRINTED: dict[str, Any] = {}
+for _name, _values in json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8")).items():
+    *_parts, _last = _name.split("/")
+    reduce(lambda table, part: table.setdefault(part, {}), _parts, _PRINTED)[_last] = _values
 SCENES: Mapping[Kind, Sequence[str]] = _PRINTED["scenes"]
 QUALITY: Mapping[Kind, Mapping[str, Mapping[str, Printed]]] = _PRINTED["quality"]  # by metric and row
 QUALITY_MEANS: Mapping[str, Sequence[float]] = _PRINTED["quality_means"]  # of synthetic scenes, without single ones
@@ -29,7 +34,7 @@ GPU_GB: Mapping[str, Printed] = _PRINTED["gpu_gb"]
 REAL_FPS: Mapping[Kind, Sequence[float]] = _PRINTED["real_fps"]  # of the real scenes, without a mean
 # PSNR, SSIM, LPIPS, FPS, MB by voxels, of the appendix's table of resolutions.
 RESOLUTION: Mapping[int, Sequence[float]] = {int(side): row for side, row in _PRINTED["resolution"].items()}
-# Watts, FPS and FPS per watt of table 4 and of the appendix's table of forward-facing scenes.
+# PSNR, SSIM, LPIPS, watts, FPS and FPS per watt of table 4 and of the appendix's table of forward-facing scenes.
 SPEED: Mapping[Kind, Mapping[str, Sequence[float]]] = _PRINTED["speed"]
 RELEASE: Mapping[Kind, Mapping[str, Printed]] = _PRINTED["release"]  # PSNR in the authors' README, measured on TPUs
 NAMES: Mapping[str, str] = {
@@ -69,7 +74,7 @@ def quality(kind: Kind, name: str, row: str) -> dict[str, float | None] | None:
 
 def release(kind: Kind, name: str, row: str) -> float | None:
     """PSNR of a row as the release reports it."""
-    rows = RELEASE[kind]
+    rows = RELEASE.get(kind, {})
     return rows[row][place_of(kind, name)] if row in rows else None
 
 

@@ -1,4 +1,9 @@
-"""The SNeRG paper's tables of one run (section 7), measured one after another and kept in the report's folder."""
+"""The SNeRG paper's tables of one run (section 7 and its appendix), measured one after another and kept in the report's folder.
+
+Each table is {"rows": [...], ...}. A row has `row`, its key, and `label`; psnr, ssim, lpips where it was measured, and bytes (on
+disk, unless they say GPU); or `command`, which would make what it needs. `paper` and `release` are theirs, from
+baker.reports.paper_figures. What is not known is None. Times are seconds or, of frames, milliseconds.
+"""
 
 import json
 import os
@@ -6,7 +11,9 @@ import platform
 import shlex
 import subprocess
 import sys
-from collections.abc import Sequence
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import version
@@ -17,17 +24,331 @@ import jax
 import numpy as np
 
 from baker.baking.bake import check_bake
-from baker.baking.config import BakeConfig
-from baker.reports import tables
-from baker.reports.evaluation import photographs_of
-from baker.reports.fields import OWN, row_of, row_of_run, size_of_rows
-from baker.reports.figures import FIGURES, draw_figure, draw_report_plots
+from baker.baking.config import BakeConfig, Quality
+from baker.reports import paper_figures
+from baker.reports.evaluation import evaluate, photographs_of
+from baker.reports.fields import OWN, label_of, row_of, row_of_run, size_of_rows, train_command
+from baker.reports.figures import FIGURES, draw_figure, draw_report_plots, draw_sections, section, shares
 from baker.reports.options import ReportOptions
+from baker.reports.pack_compare import compare_packs
 from baker.reports.pages import FIGURES_NAME, report_text
 from baker.reports.paper_figures import NAMES, whose
-from baker.reports.report_cache import Study, read_note
+from baker.reports.report_cache import Baked, Score, Study, read_note
 from console import UserError, write_json, write_result
+from console.errors import handle_notices
+from scenepack import Pack, load_pack, open_pack, save_pack
+from scenepack.codecs import chosen_quality, codec_named
+from scenepack.files import stored_bytes
+from scenepack.report import pack_facts
+from training.recorder import read_metrics
 from training.run import Run, load_run, read_description
+from viewer.benchmark.frames import Contender, Turns, same_view, sustained, taking_turns
+from viewer.benchmark.protocols import Flight, flight, protocol_for
+from viewer.rendering.settings import RenderSettings
+
+# Each codec as it comes, and what places them on one curve.
+LADDER: tuple[tuple[str, int | None], ...] = (
+    ("png", None), ("webp", None), ("jpeg", 98), ("jpeg", None), ("jpeg", 90), ("h264", 92), ("h264", None), ("h264", 70),
+    ("avif", 90), ("avif", None), ("avif", 70), ("avif", 60),
+)  # fmt: skip
+VIEWS, SIZE = 8, (400, 400)
+
+
+def measured(
+    path: Path, scene: Any, split: str, ladder: Sequence[tuple[str, int | None]], folder: Path, mask_of: Path | None = None
+) -> Iterator[dict[str, Any]]:  # fmt: skip
+    """A row for each (codec, quality) of the ladder, written below `folder`: bytes on disk, PSNR, SSIM and LPIPS against the
+    photographs, PSNR against the pictures of the pack as it was, seconds to encode and to decode. mask_of: see evaluate.
+
+    Codecs whose library is missing are left out with a line on stderr.
+    """
+    pack = load_pack(path)
+    for name, asked in ladder:
+        try:
+            quality = chosen_quality(codec_named(name, "codec"), asked)
+        except UserError as error:
+            print(f"{name} is left out: {error}", file=sys.stderr)
+            continue
+        target = folder / "pack"
+        encoding = time.perf_counter()
+        save_pack(pack, target, codec=name, quality=quality)
+        decoding = time.perf_counter()
+        load_pack(target)
+        done = time.perf_counter()
+        shown = evaluate(target, scene, split, mask_of=mask_of)
+        against = compare_packs(path, target, VIEWS, SIZE)
+        yield {
+            "codec": name, "quality": quality, "default": asked is None, "bytes": stored_bytes(target), **_metrics(shown),
+            "psnr_against_pack": against["psnr"], "encode_s": decoding - encoding, "decode_s": done - decoding,
+        }  # fmt: skip
+
+
+Row = dict[str, Any]
+BEFORE = ("jaxnerf-plus", "jaxnerf", "tinyview", "deferred")  # rows above the baked ones, as in the paper
+SNERG = {
+    "float": "SNeRG (float): baked, not yet quantised",
+    "8-bit": "SNeRG (PNG, no FT): 8 bits",
+    "snerg": "SNeRG (PNG): view MLP fine-tuned",
+    "no-sparsity": "SNeRG (PNG, no L_s)",
+}
+CODECS = {"png": "PNG", "webp": "WebP", "jpeg": "JPEG", "h264": "H264", "avif": "AVIF"}
+OURS: Mapping[Quality, str] = {
+    "draft": "ours: pruned, not tuned",
+    "compact": "ours: pruned and tuned in coarser steps",
+    "full": "ours: pruned and tuned in 8 bits",
+}
+
+
+def quality_table(study: Study) -> dict[str, Any]:
+    """Table 2: from trained fields to what is shown."""
+    rows = [
+        *(field_row(study, name) for name in (*BEFORE, *own_row(study))),
+        _beside(study, {"row": "float", "label": SNERG["float"], **study.score_floats()}),
+        _baked_row(study, "8-bit", SNERG["8-bit"], study.baked("paper", quality="draft")),
+        _baked_row(study, "snerg", SNERG["snerg"], study.baked("paper")),
+        no_sparsity_row(study),
+        *(_baked_row(study, f"ours-{own}", OURS[own], study.baked("snerg", quality=own)) for own in study.options.qualities),
+        field_row(study, "diffuse"),
+    ]  # fmt: skip
+    return {"resolution": study.resolution, "field": label_of(study.run.config, study.run.step), "rows": rows}
+
+
+def storage_table(study: Study) -> dict[str, Any]:
+    """Table 3: one pack written with every codec, the grid of floats above, and networks below."""
+    preset = study.options.bake
+    floats, baked = study.score_floats(), study.baked(preset)
+    rows = [_stored(study, {"row": "float", "label": SNERG["float"], **floats}), _stored(study, no_sparsity_row(study))]
+    ladder = [step for step in LADDER if not (study.options.quick and step[1] is not None)]
+    with tempfile.TemporaryDirectory(prefix="snerg-codecs-") as folder:
+        mask_of = None if study.mask is None else study.mask.path
+        for row in measured(baked.path, study.scene, study.options.split, ladder, Path(folder), mask_of):
+            lossless = row["quality"] is None
+            key = row["codec"] if row["default"] or lossless else f"{row['codec']} {row['quality']}"
+            whose = "SNeRG" if preset == "paper" else "ours"
+            label = f"{whose} ({CODECS[row['codec']]}{', lossless' if lossless else ''})"
+            rows.append(_stored(study, {"row": key, "label": label, **row}))
+    for name in ("jaxnerf-plus", "jaxnerf"):
+        row = field_row(study, name)
+        if "psnr" in row:
+            run = load_run(study.baselines[name], scene_path=study.scene.path)
+            # 4 bytes a number, as the paper measures it
+            row["bytes"] = 4 * sum(int(leaf.size) for leaf in jax.tree.leaves(run.state.params))
+        rows.append(_stored(study, row))
+    return {"resolution": study.resolution, "preset": preset, "rows": rows}
+
+
+def sparsity_table(study: Study) -> dict[str, Any]:
+    """Figure 4: what the sparsity loss and the culling of hidden macroblocks save, and cross-sections of the grids as pictures.
+
+    Of the paper's bakes: emptying voxels that no photograph shows would hide the fog of a field trained without it.
+    """
+    rows, packs = [], {}
+    for name, run in (("with", study.run), ("without", study.without_sparsity), ("hidden", study.without_sparsity)):
+        if run is None:
+            continue
+        baked = study.baked("paper", run, keeps_hidden=name == "hidden")
+        with open_pack(baked.path) as reader:
+            pack = reader.read()
+            facts = pack_facts(reader.files, pack)
+        label = f"{run.path.resolve().name}, lambda {run.config.sparsity_weight:g}"
+        label += ", hidden macroblocks kept" if name == "hidden" else ""
+        packs[label] = pack
+        rows.append({
+            "row": name, "run": run.path.resolve().name, "label": label,
+            "field": label_of(run.config, run.step), "sparsity_weight": run.config.sparsity_weight,
+            **study.score(baked), "bytes": facts["bytes"]["disk"], "macroblocks": facts["macroblocks"],
+            "voxels": facts["voxels"], "alpha_histogram": facts["alpha_histogram"],
+        })  # fmt: skip
+    if study.options.against is None:
+        rows.append({"row": "without", "label": "no sparsity loss", "command": against_command(study)})
+    sections = [_sections(study.out, axis, packs) for axis in range(3)]
+    return {"resolution": study.resolution, "rows": rows, "sections": sections}
+
+
+def field_row(study: Study, name: str, mask_of: Baked | None = None) -> Row:
+    """A row of a field, by its key: scored, or with the command that would train it."""
+    is_own, path = row_of_run(study.run.config) == name, study.baselines.get(name)
+    if not is_own and path is None:
+        command = train_command(study.run, study.out, name, "--baselines")
+        return _beside(study, {"row": name, "label": paper_figures.NAMES[name], "command": command})
+    run = study.run if is_own or path is None else load_run(path, scene_path=study.scene.path)
+    times = [row["training_seconds"] for row in read_metrics(run.path / "metrics.jsonl") if "training_seconds" in row]
+    row = {"row": name, "label": label_of(run.config, run.step), "seconds": times[-1] if times else None}
+    return _beside(study, row | study.score_field("field" if is_own else name, run, mask_of))
+
+
+def own_row(study: Study) -> list[str]:
+    """The key of the run's row where the paper has no such field."""
+    return [OWN] if row_of_run(study.run.config) == OWN else []
+
+
+def _baked_row(study: Study, row: str, label: str, baked: Baked) -> Row:
+    measured = {"bytes": stored_bytes(baked.path), "seconds": sum(baked.seconds.values()), "stages": baked.seconds}
+    return _beside(study, {"row": row, "label": label, **study.score(baked), **measured, "pack": baked.name})
+
+
+def no_sparsity_row(study: Study) -> Row:
+    """The paper's bake of the run without the sparsity loss."""
+    if (run := study.without_sparsity) is None:
+        return _beside(study, {"row": "no-sparsity", "label": SNERG["no-sparsity"], "command": against_command(study)})
+    return _baked_row(study, "no-sparsity", SNERG["no-sparsity"], study.baked("paper", run))
+
+
+def against_command(study: Study) -> str:
+    """What would train the run without the sparsity loss."""
+    return train_command(study.run, study.out, "no-sparsity", "--against")
+
+
+def _beside(study: Study, row: Row) -> Row:
+    """The row with what the paper and the release print of it."""
+    paper = paper_figures.quality(study.kind, study.name, row["row"])
+    theirs = paper_figures.release(study.kind, study.name, row["row"])
+    return row | {"paper": paper, "release": None if theirs is None else {"psnr": theirs}}
+
+
+def _stored(study: Study, row: Row) -> Row:
+    return row | {"paper": paper_figures.storage(study.kind, row["row"]), "release": None}
+
+
+def _sections(out: Path, axis: int, packs: dict[str, Pack]) -> dict[str, Any]:
+    """Draws the plane through the middle of the first pack, of every pack."""
+    first, letter = next(iter(packs.values())), "xyz"[axis]
+    at = float(0.5 * (first.min_xyz[axis] + first.max_xyz[axis]))
+    cuts = {label: section(pack, axis, at) for label, pack in packs.items()}
+    name = f"cross-section-{letter}.png"
+    draw_sections(out / name, cuts)
+    return {"axis": letter, "at": at, "picture": name, "shares": {label: shares(cut) for label, cut in cuts.items()}}
+
+
+# --- Real scenes: compared everywhere, and, as the paper does for 360° scenes, where the paper's bake is opaque ---
+
+
+def real_table(study: Study) -> dict[str, Any]:
+    """Rows of fields and packs: psnr, ssim, lpips of whole pictures; `masked`: the same where the paper's pack is opaque."""
+    paper, ours = study.baked("paper"), study.baked("snerg")
+    rows = [_masked_field(study, name, paper) for name in ("jaxnerf-plus", "deferred", *own_row(study))]
+    rows += [
+        _beside(study, {"row": row, "label": label, **study.score(baked), "masked": _metrics(study.score(baked, paper)),
+                        "bytes": stored_bytes(baked.path)})
+        for row, label, baked in (("snerg", SNERG["snerg"], paper), ("ours-full", OURS["full"], ours))
+    ]  # fmt: skip
+    rows.append(_masked_field(study, "diffuse", paper))
+    return {
+        "resolution": study.resolution, "rows": rows, "field": label_of(study.run.config, study.run.step),
+        "paper_is_masked": study.kind == "real360",
+    }  # fmt: skip
+
+
+def _masked_field(study: Study, name: str, paper: Baked) -> Row:
+    row = field_row(study, name)
+    return row if "psnr" not in row else row | {"masked": _metrics(field_row(study, name, paper))}
+
+
+def _metrics(score: Score) -> Score:
+    return {metric: score[metric] for metric in ("psnr", "ssim", "lpips")}
+
+
+# --- How long frames take, and what they take of the card, by the paper's protocol ---
+
+POWER_SECONDS = 4.0  # of drawing without a pause to measure the power of an NVIDIA card, for each row
+LABELS = {
+    "ours": "ours: our bake, our marcher",
+    "no-mlp": "1) no view MLP",
+    "no-sparsity": "2) no sparsity loss (our bake, which prunes its fog)",
+    "mlp-per-sample": "3) view MLP at every sample",
+    "paper-marcher": "our bake, the paper's marcher",
+    "paper": "the paper's bake, the paper's marcher",
+}
+
+
+def performance_table(study: Study) -> dict[str, Any]:
+    """Table 1: our marcher and its ablations, and the paper's marcher on our pack and on the paper's. Frames alternate."""
+    ours, theirs = study.baked("snerg"), study.baked("paper")
+    pack, papers = load_pack(ours.path), load_pack(theirs.path)
+    contenders = [
+        Contender("ours", RenderSettings()),
+        Contender("paper-marcher", RenderSettings(marcher="paper")),
+        Contender("paper", RenderSettings(marcher="paper"), papers),
+    ]
+    if pack.view_mlp is not None:
+        contenders.append(Contender("no-mlp", RenderSettings(mode="diffuse")))
+        contenders.append(Contender("mlp-per-sample", RenderSettings(view_mlp_per_sample=True)))
+    if study.without_sparsity is not None:
+        dense = study.baked("snerg", study.without_sparsity)
+        contenders.append(Contender("no-sparsity", RenderSettings(), load_pack(dense.path)))
+    measured, about = timed(pack, contenders, study.options, POWER_SECONDS)
+    rows: list[Row] = []
+    for name, label in LABELS.items():
+        missing = against_command(study) if name == "no-sparsity" else "none: this field has no view MLP"
+        printed = paper_figures.performance(study.kind, study.name, "ours" if name == "paper" else name)
+        row = {"row": name, "label": label, **measured.get(name, {"command": missing})}
+        rows.append(row | {"paper": printed, "release": None})
+    return {"resolution": study.resolution, "rows": rows, **about}
+
+
+def resolution_table(study: Study) -> dict[str, Any]:
+    """Quality, size and frame time at each resolution, with and without the sparsity loss. Frames of all are drawn in turn."""
+    preset, rows = study.options.bake, list[Row]()
+    packs: dict[str, Pack] = {}
+    for n in reversed(study.options.sides):
+        for run in (study.run, study.without_sparsity):
+            is_own = run is study.run
+            row: Row = {"row": f"{n}" if is_own else f"{n}, no L_s", "resolution": n, "sparsity": is_own}
+            row["label"] = f"{n}³{'' if is_own else ', no sparsity loss'}"
+            if run is None:
+                row["command"] = against_command(study)
+            else:
+                baked = study.baked(preset, run, resolution=n)
+                packs[row["row"]] = load_pack(baked.path)
+                row |= study.score(baked) | {
+                    "grid": list(packs[row["row"]].grid_size), "bytes": stored_bytes(baked.path),
+                    "macroblocks": int(packs[row["row"]].occupied.sum()), "seconds": sum(baked.seconds.values()),
+                }  # fmt: skip
+            printed = paper_figures.RESOLUTION.get(n) if study.kind == "synthetic" and is_own else None
+            named = None if printed is None else dict(zip(("psnr", "ssim", "lpips", "fps", "mb"), printed, strict=True))
+            rows.append(row | {"paper": named, "release": None})
+    first = next(iter(packs.values()))
+    contenders = [Contender(name, RenderSettings(), pack) for name, pack in packs.items()]
+    measured, about = timed(first, contenders, study.options)
+    for row in rows:
+        row |= measured.get(row["row"], {})
+    return {"preset": preset, "rows": rows, **about}
+
+
+def timed(
+    pack: Pack, contenders: Sequence[Contender], options: ReportOptions, power_seconds: float = 0.0
+) -> tuple[Mapping[str, Row], dict[str, Any]]:
+    """ms_mean, ms_std, ms_p50, fps, gpu_bytes, watts and fps_per_watt of contenders by name, and fps_per_nominal_watt where that
+    power was given; and device, clock and path."""
+    flown = flight(pack, protocol_for(pack), options.frames, size=options.pixels)
+    notices: list[str] = []
+    with handle_notices(notices.append, show_too=True), taking_turns(pack, contenders) as turns:
+        turns.warm_up(flown.cameras[0])
+        turns.time(flown.cameras)
+        power = {c.name: _power(turns, c, flown, power_seconds) for c in turns.contenders}
+    rows = {}
+    for contender in turns.contenders:
+        times = contender.statistics()
+        kept = {key: times[key] for key in ("ms_mean", "ms_std", "ms_p50", "fps", "gpu_bytes")}
+        if options.nominal_watts is not None:
+            kept["fps_per_nominal_watt"] = times["fps"] / options.nominal_watts
+        rows[contender.name] = {**kept, **power[contender.name]}
+    return rows, {
+        "renderer": turns.device, "clock": turns.clock, "frames": options.frames, **flown.facts, "notices": notices,
+    }  # fmt: skip
+
+
+def _power(turns: Turns, contender: Contender, flown: Flight, seconds: float) -> Row:
+    """watts and fps_per_watt while a contender draws without a pause; None where no card tells them."""
+    if seconds <= 0 or "nvidia" not in turns.device.lower():
+        return {"watts": None, "fps_per_watt": None}
+    own = contender.pack or turns.pack
+    views = [same_view(camera, turns.pack, own) for camera in flown.cameras]
+    times = sustained(turns.drawn_by[contender.name], views, contender.settings, seconds)
+    return {key: times[key] for key in ("watts", "fps_per_watt")}
+
+
+# --- The report ---
 
 
 def write_tables(study: Study, chosen: Sequence[str]) -> None:
@@ -39,8 +360,8 @@ def write_tables(study: Study, chosen: Sequence[str]) -> None:
         study.config("paper", resolution=side).check()
     document = _begun(study)
     makers = {
-        "quality": tables.quality_table, "storage": tables.storage_table, "performance": tables.performance_table,
-        "resolution": tables.resolution_table, "sparsity": tables.sparsity_table, "real": tables.real_table,
+        "quality": quality_table, "storage": storage_table, "performance": performance_table,
+        "resolution": resolution_table, "sparsity": sparsity_table, "real": real_table,
     }  # fmt: skip
     for name in chosen:
         made = makers[name](study)
@@ -61,7 +382,7 @@ def write_tables(study: Study, chosen: Sequence[str]) -> None:
 def open_study(path: Path, options: ReportOptions) -> Study:
     """The run, its photographs that count, and the runs beside it. UserError where they do not fit together."""
     run = load_run(path, scene_path=options.scene)
-    check_bake(run, BakeConfig(**options.overrides))
+    check_bake(run, BakeConfig(aabb=options.box))
     if options.against is not None:
         _require_same_scene(run, options.against)
         if read_description(options.against).config.sparsity_weight != 0:
@@ -111,8 +432,8 @@ def _begun(study: Study) -> dict[str, Any]:
         "downscale": study.run.options.downscale, "split": study.options.split, "views": len(photographs), "width": camera.width,
         "height": camera.height,
     }  # fmt: skip
-    if study.mask is not None:
-        about["aabb"] = list(study.options.overrides["aabb"])
+    if (box := study.options.box) is not None:
+        about["aabb"] = list(box)
     kept = read_note(study.out / "report.json")
     same = kept.get("about") == about and isinstance(kept.get("tables"), dict)
     return {"about": about, "tables": kept["tables"] if same else {}, "made": kept.get("made", {}) if same else {}}

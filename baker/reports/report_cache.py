@@ -65,7 +65,7 @@ class Study:
     @property
     def mask(self) -> Baked | None:
         """Where a box is baked, the paper's bake of it: all is compared only where that is opaque (appendix C.2)."""
-        return self.baked("paper") if "aabb" in self.options.overrides else None
+        return self.baked("paper") if self.options.aabb else None
 
     @cached_property
     def without_sparsity(self) -> Run | None:
@@ -74,7 +74,7 @@ class Study:
         return None if against is None else load_run(against, scene_path=self.scene.path)
 
     def config(self, preset: BakePreset, **changes: Any) -> BakeConfig:
-        return BakeConfig(**{"resolution": self.resolution, "preset": preset, **self.options.overrides, **changes})
+        return BakeConfig(**{"resolution": self.resolution, "preset": preset, "aabb": self.options.box, **changes})
 
     def baked(self, preset: BakePreset, run: Run | None = None, **changes: Any) -> Baked:
         """The pack of a run (by default the report's own), from the report's folder where it lies there already.

@@ -15,8 +15,6 @@ from scenepack.codecs.base import Codec, CodecError
 from scenepack.codecs.films import AvifCodec, H264Codec
 from scenepack.codecs.images import JpegCodec, PngCodec, WebpCodec
 
-__all__ = ["CODECS", "Codec", "CodecError", "PngCodec", "chosen_quality", "codec_named"]
-
 _ALL: tuple[Codec, ...] = (PngCodec(), WebpCodec(), JpegCodec(), H264Codec(), AvifCodec())
 CODECS: dict[str, Codec] = {codec.name: codec for codec in _ALL}
 

@@ -1,24 +1,32 @@
 """Decoder sandbox: decodes pieces in subprocesses and kills those that need more time or memory than a piece explains.
 
 Files can make a decoder do far more work than their size suggests: hidden frames, samples that share bytes, repeated scans. No
-check finds all of that, and no thread can be stopped inside a library. scenepack.decoding_process is the code of the subprocess.
+check finds all of that, and no thread can be stopped inside a library.
 """
 
 from __future__ import annotations
 
+import json
+import os
+import queue
+import sys
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from console.child_process import ChildProcess, module_command
-from scenepack.codecs.base import CodecError, Decoded, Shape
+from console.child_process import ChildProcess
+from scenepack.codecs import CODECS, CodecError
+from scenepack.codecs.base import Decoded, Shape
+from scenepack.codecs.images import decode_picture
 
 PATIENCE_S, BYTES_PER_S = 20.0, 2e6  # time limit of a decoder: PATIENCE_S + decoded bytes / BYTES_PER_S
 SPARE_BYTES, TIMES_DECODED = 1 << 30, 12  # memory limit: SPARE_BYTES + TIMES_DECODED · decoded bytes
 START_S = 120.0  # time limit of the start, on a busy machine
 IDLE_S = 10.0  # idle processes end after this time
-COMMAND = module_command("scenepack.decoding_process")
+COMMAND = [sys.executable, "-P", "-c", f"from {__name__} import serve; serve()"]
 # One thread and few arenas each, for what is reserved counts as taken.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "2"}
 
@@ -124,3 +132,60 @@ class _Process(ChildProcess):
         if self.output.readinto(part.reshape(-1).data) < part.nbytes:  # type: ignore[attr-defined]  (a BufferedReader)
             raise EOFError
         return part
+
+
+# --- In the subprocess ---
+
+
+def serve() -> None:
+    """The decoding side: answers until nobody can ask any more.
+
+    It reads a line of JSON and the files' bytes from standard input and writes `{}` when it begins. It then writes a line of JSON
+    and the decoded bytes, whose number both sides know, to standard output. It ends when its input ends.
+    """
+    source, target = sys.stdin.buffer, sys.stdout.buffer
+    questions: queue.SimpleQueue[tuple[dict[str, Any], dict[str, bytes]]] = queue.SimpleQueue()
+
+    def listen() -> None:
+        """Beside the decoder, so that this process ends with the one that asks, even amid a decoder's loop."""
+        while line := source.readline():
+            question = json.loads(line)
+            sizes = zip(question["names"], question["sizes"], strict=True)
+            questions.put((question, {name: source.read(size) for name, size in sizes}))
+        os._exit(0)
+
+    threading.Thread(target=listen, daemon=True).start()
+    while True:
+        question, files = questions.get()
+        target.write(b"{}\n")
+        target.flush()
+        _answer(question, files, target)
+        target.flush()
+
+
+def _answer(question: dict[str, Any], files: dict[str, bytes], target: BinaryIO) -> None:
+    decode = CODECS[question["codec"]].decode if question["codec"] in CODECS else decode_picture
+    _limit_memory(question["memory"])
+    answer, parts = dict[str, Any](), list[np.ndarray]()
+    try:
+        decoded = decode(files, tuple(question["names"]), tuple(question["shape"]), question["features"])
+        whole = (*question["shape"], 4)
+        parts = [np.ascontiguousarray(part, np.uint8).reshape(whole) for part in decoded if part is not None]
+    except CodecError as error:
+        answer = {"error": str(error)[:1000], "file": error.file}
+    except MemoryError:
+        answer = {"error": "its decoder takes more memory than its size explains"}
+    target.write(json.dumps(answer).encode() + b"\n")
+    for part in parts:
+        target.write(part.reshape(-1).data)
+
+
+def _limit_memory(more: int) -> None:
+    """Lets this process allocate no more than so many bytes beside what it has; where the system can do that."""
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        with open("/proc/self/statm") as file:
+            taken = int(file.read().split()[0]) * resource.getpagesize()
+        _, hard = resource.getrlimit(resource.RLIMIT_AS)
+        resource.setrlimit(resource.RLIMIT_AS, (taken + more, hard))

@@ -220,3 +220,14 @@ class JpegCodec(Codec):
 def _jpeg(pixels: np.ndarray, quality: int) -> bytes:
     subsampling = "444" if pixels.ndim == 3 else None
     return bytes(imagecodecs.jpeg8_encode(np.ascontiguousarray(pixels), level=quality, subsampling=subsampling))
+
+
+# --- Pictures of any of these formats, such as small photographs (scenepack.cameras) ---
+
+FORMATS = ("AVIF", "WEBP", "JPEG", "PNG")
+
+
+def decode_picture(files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
+    """As of a codec, in a process of its own (scenepack.codecs.decoder_sandbox): AVIF and JPEG can ask for endless work."""
+    with decoding(names[0]), Image.open(io.BytesIO(files[names[0]]), formats=FORMATS) as opened:
+        return np.asarray(opened.convert("RGBA")).reshape(*shape, 4), None

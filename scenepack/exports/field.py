@@ -25,14 +25,15 @@ from scenepack.placement import placed_T_grid
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 Place = tuple[int, int, int]
+Keep = (
+    Literal["all", "largest"] | float
+)  # components of a surface: all, the largest, or those with this share of its area
 
 
 class Field:
     """crop: corners (min, max) of a box in the grid frame; voxels whose centre is not in it are empty."""
 
     def __init__(self, pack: Pack, coarser: int = 1, crop: Corners | None = None) -> None:
-        if coarser < 1 or pack.block_size % coarser:
-            raise ValueError(f"{coarser} does not divide the block size {pack.block_size}")
         self.pack, self.coarser = pack, coarser
         self.side = pack.block_size // coarser  # of a macroblock, in cells
         self._low, self._high = np.zeros(3, int), np.asarray(pack.grid_size[::-1])

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
+from tyro.conf import Suppress
 
 from console import UserError, write_result
 from console.command_line import require_in_range
 from scenepack.exports import file_formats
-from scenepack.exports.field import Corners, ExportFrame, Field, Frame
+from scenepack.exports.field import Corners, ExportFrame, Field, Frame, Keep
 from scenepack.exports.surface import (
     Surface,
     decimated,
@@ -35,16 +36,28 @@ OnProgress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class Export:
-    kind: Kind
-    level: float = 0.15  # opacity, 0 ... 1, of the surface of points and meshes; thin mist is opaque only together
-    coarser: int | None = None  # voxels a side that become one; None: as many as MOST_FACES or MOST_GAUSSIANS allow
-    keep: str | float = 0.001  # components of the surface: all, largest, or those with at least this share of its area
-    smooth: int = 5  # steps of smoothing (Taubin)
-    faces: int | None = 500_000  # about so many triangles at most; None: all
-    spacing: float = 1.0  # of points, in voxels
-    frame: Frame = "placed"  # see scenepack.exports.field
-    scale: float = 1.0  # by what lengths are multiplied
-    crop: Corners | None = None  # corners (min, max) of a box in the grid frame; nothing outside of it is written
+    """What is written, as options of snerg-pack."""
+
+    kind: Kind | None = None
+    """points, mesh or gaussians."""
+    level: float = 0.15
+    """Opacity of the surface of points and meshes. Lower includes thinner mist."""
+    coarser: int | None = None
+    """Merge this many voxels along each side. The default is 1, or what memory allows."""
+    keep: Keep = 0.001
+    """Which connected parts of the surface: all, largest, or those with at least this share of its area."""
+    smooth: int = 5
+    """Steps of smoothing (Taubin). 0 keeps the steps of voxels."""
+    faces: int = 500_000
+    """About so many triangles at most; 0 for all."""
+    spacing: float = 1.0
+    """Mean distance of points, in voxels."""
+    frame: Frame = "placed"
+    """placed (y up: the grid frame, or as it was moved in the viewer, in its unit), grid (y up), or world (that of the poses)."""
+    scale: float = 1.0
+    """Multiply all lengths by this."""
+    crop: Suppress[Corners | None] = None
+    """Corners (min, max) of a box in the grid frame; nothing outside of it is written."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +95,7 @@ def check_export(export: Export, pack: Pack | None = None) -> None:
         ("--smooth", export.smooth, 0, 1000),
         ("--spacing", export.spacing, 0.05, 1000),
         ("--scale", export.scale, 1e-9, 1e9),
-        ("--faces", export.faces, 100, 1 << 30),
+        ("--faces", export.faces or None, 100, 1 << 30),
         ("--keep", export.keep if isinstance(export.keep, float) else 0.5, 0, 1),
     ):
         if value is not None:
@@ -182,7 +195,7 @@ def geometry_of(pack: Pack, export: Export, on_progress: OnProgress = lambda sha
     surface = smoothed(surface, export.smooth)
     if export.kind == "points":
         return Geometry(*scattered(surface, export, export_frame), np.zeros((0, 3), np.int32), field.coarser)
-    if export.faces is not None:
+    if export.faces:
         on_progress(0.8, "removing triangles")
         surface = decimated(surface, export.faces)
     on_progress(0.9, f"{len(surface.faces):,} triangles")

@@ -19,7 +19,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from scenepack.exports.field import Field
+from scenepack.exports.field import Field, Keep
 
 WITHIN, EDGES = 3, 4  # a vertex within a cube, beside those on its edges along axes 0 ... 2; kinds of both together
 Shared = Callable[[float], None]
@@ -91,7 +91,7 @@ LAMBDA, MU = 0.5, -0.53  # Taubin 1995: a shrinking step and a slightly larger g
 AT_ONCE = 1 << 20  # faces per part
 
 
-def without_floaters(surface: Surface, keep: str | float) -> Surface:
+def without_floaters(surface: Surface, keep: Keep) -> Surface:
     """keep: "all"; "largest", the component of most area; or the least share of the whole area that a component must have."""
     if keep == "all" or not len(surface.faces):
         return surface

@@ -29,4 +29,8 @@ def nothing(points: np.ndarray) -> FieldOutput:
 
 def culled(field: FieldQuery, grid: BakeGrid, dataset: RayDataset, work: WorkFolder | None = None) -> Culling:
     """What of a grid is worth storing, by both tests."""
-    return seen_macroblocks(opaque_macroblocks(field, grid, work=work), grid, dataset, work=work)
+
+    def quiet(share: float) -> None:
+        pass
+
+    return seen_macroblocks(opaque_macroblocks(field, grid, None, quiet, work), grid, dataset, quiet, work)

@@ -20,7 +20,7 @@ HANGS, CRASHES = "while True: pass", "os.kill(os.getpid(), signal.SIGSEGV)"
 EATS = "held = [bytes([1]) * (1 << 28) for _ in range(40)]"
 SPOILT = """
 import os, signal
-from scenepack.decoding_process import serve
+from scenepack.codecs.decoder_sandbox import serve
 from scenepack.codecs.images import WebpCodec
 def decode(*_):
     open({began!r}, "w").write(str(os.getpid()))

@@ -107,7 +107,7 @@ def test_a_mesh_in_the_placed_frame_is_the_grids_mesh_moved_with_its_cameras() -
     shot = {"name": "a", "split": "train", "world_T_camera": camera.tolist(), "width": 40, "height": 30, "fx": 40.0,
             "fy": 40.0, "cx": 20.0, "cy": 15.0}  # fmt: skip
     pack = sloping_pack(marks=MARKS, cameras=[shot])
-    grid, placed = (geometry_of(pack, Export("mesh", frame=frame, faces=None)) for frame in ("grid", "placed"))
+    grid, placed = (geometry_of(pack, Export("mesh", frame=frame, faces=0)) for frame in ("grid", "placed"))
     moved = MOVED.matrix(2.5)
     assert np.allclose(placed.vertices, grid.vertices @ moved[:3, :3].T + moved[:3, 3], atol=1e-5)
     assert np.allclose(placed.normals, grid.normals @ np.array(MOVED.rotation).T, atol=1e-4)

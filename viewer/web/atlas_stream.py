@@ -92,11 +92,10 @@ FilmedPiece = tuple[GridPiece, bytes, list[Film]]
 def films_of(path: Path) -> list[FilmedPiece] | None:
     """The pieces of the pack at `path` as films; None where it is not AVIF in the usual layout. UserError: unreadable."""
     with open_pack(path) as reader:
-        pieces = reader.pieces
-        if not isinstance(pieces.codec, AvifCodec) or pieces.steps != EXACT:
+        if not isinstance(reader.codec, AvifCodec) or reader.steps != EXACT:
             return None
         made = []
-        for piece, names in zip(pieces.pieces, pieces.names, strict=True):
+        for piece, names in zip(reader.pieces, reader.names, strict=True):
             if not isinstance(piece, GridPiece):
                 return None
             occupancy, *files = (reader.files.read(name, reader.files.sizes[name]) for name in names)

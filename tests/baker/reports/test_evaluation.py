@@ -12,7 +12,7 @@ import pytest
 from baker.commands.pack import main
 from baker.reports import evaluation
 from baker.reports.evaluation import evaluate, reading_of
-from baker.reports.tables import measured
+from baker.reports.report import measured
 from scenepack import Pack, save_pack
 from tests.scenepack.helpers import small_pack
 from tests.scenepack.random_packs import random_pack

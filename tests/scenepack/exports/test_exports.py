@@ -304,9 +304,9 @@ def test_a_preview_of_the_same_voxels_is_what_is_written(alone: Pack, tmp_path: 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_coarser_voxels_make_fewer_of_it_in_the_same_place(alone: Pack, kind, monkeypatch: pytest.MonkeyPatch) -> None:
-    fine = preview_geometry(alone, Export(kind, faces=None))
+    fine = preview_geometry(alone, Export(kind, faces=0))
     monkeypatch.setattr(scene, "MOST_CELLS", 21)
-    coarse = preview_geometry(alone, Export(kind, faces=None))
+    coarse = preview_geometry(alone, Export(kind, faces=0))
     assert coarse.coarser == coarseness(alone) == 2 and len(coarse.vertices) < 0.5 * len(fine.vertices)
     away = np.linalg.norm(coarse.vertices - CENTRE, axis=1)
     if kind != "gaussians":

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 from console import UserError
 from console.progress_protocol import Report
-from scenepack.exports.field import Corners, Frame
+from scenepack.exports.field import Corners, Frame, Keep
 from scenepack.pack import Pack
 from viewer.core.files import FileRequest, kind_of
 from viewer.core.state import OpenScene
@@ -33,7 +33,7 @@ SUFFIXES: dict[Kind, tuple[str, ...]] = {
 }
 FACES = {100_000: "100,000", 500_000: "500,000", 0: "All"}  # triangles of a mesh, at most
 SPACINGS = {0.5: "Dense", 1.0: "Usual", 2.0: "Sparse"}  # of points, in voxels
-KEPT: dict[str | float, str] = {"all": "All", 0.001: "Large", "largest": "Largest"}  # components of the surface
+KEPT: dict[Keep, str] = {"all": "All", 0.001: "Large", "largest": "Largest"}  # components of the surface
 LEVELS = (0.02, 0.9)  # of opacity, that the slider has
 
 
@@ -68,7 +68,7 @@ class ExportPlan:
     level: float = 0.15
     faces: int = 500_000  # a key of FACES, as the next two of SPACINGS and KEPT
     spacing: float = 1.0
-    keep: str | float = 0.001
+    keep: Keep = 0.001
     smooth: bool = True
     frame: Frame = "placed"
     crop: bool = True
@@ -91,8 +91,10 @@ class ExportPlan:
         from scenepack.exports.scene import Export
 
         assert self.kind != "page"
-        faces, cropped = self.faces or None, crop if self.crop else None
-        export = Export(self.kind, level=self.level, keep=self.keep, faces=faces, spacing=self.spacing, crop=cropped)
+        cropped = crop if self.crop else None
+        export = Export(
+            self.kind, level=self.level, keep=self.keep, faces=self.faces, spacing=self.spacing, crop=cropped
+        )
         return export if self.smooth else replace(export, smooth=0)
 
 
