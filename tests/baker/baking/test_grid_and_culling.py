@@ -7,15 +7,15 @@ import pytest
 
 from baker.baking import bake as baking
 from baker.baking.config import BakeConfig
-from baker.baking.culling import content_box
 from baker.baking.grid import make_grid
 from baker.baking.supersample import Sampler, supersample
 from baker.baking.work_folder import WorkFolder
 from console import Notice
 from scenepack import Pack
-from scenepack.blocks import dense_from_pack, fill_atlas, restore_padding
-from tests.baker.analytic import COLOUR, DENSITY, FEATURES, RADIUS, ball, culled, nothing
-from tests.scenepack.random_packs import BLENDER_FRAME
+from scenepack.blocks import fill_atlas, restore_padding
+from tests.baker.analytic import COLOUR, DENSITY, FEATURES, RADIUS, ball, culled
+from tests.scenepack.helpers import same_pack
+from tests.scenepack.volumes import BLENDER_FRAME, dense_of, features_of
 
 pytestmark = pytest.mark.usefixtures("hardly_optimised")
 
@@ -31,19 +31,10 @@ def test_the_grid_covers_its_box_with_whole_blocks_and_stays_centred() -> None:
     np.testing.assert_allclose(grid.min_xyz + far, [2.0, 1.0, 0.1], atol=1e-9)
 
 
-@pytest.mark.slow
-def test_the_content_box_fits_the_ball_within_a_probe_cell() -> None:
-    box = content_box(ball, LOW, HIGH, 120, BLENDER_FRAME)
-    assert box is not None
-    cell = 3.0 / 120
-    assert np.all(np.abs(box[0] + RADIUS) < 2.5 * cell) and np.all(np.abs(box[1] - RADIUS) < 2.5 * cell)
-    assert content_box(nothing, LOW, HIGH, 64, BLENDER_FRAME) is None
-
-
 def test_culling_keeps_the_shell_of_an_opaque_ball_and_drops_air_and_the_hidden_middle(dataset) -> None:
     grid = make_grid(LOW * 0.7, HIGH * 0.7, 360, 30, BLENDER_FRAME)  # 12 blocks a side; the ball's radius is 4.6 blocks
     culling = culled(ball, grid, dataset)
-    centres = (np.stack(np.indices((12, 12, 12)), -1) + 0.5) * 30 * grid.voxel_size + grid.min_xyz[0]
+    centres = (np.moveaxis(np.indices((12, 12, 12)), 0, -1) + 0.5) * 30 * grid.voxel_size + grid.min_xyz[0]
     distance, diagonal = np.linalg.norm(centres, axis=-1), 30 * grid.voxel_size * np.sqrt(3) / 2
     assert not culling.kept[distance > RADIUS + diagonal].any(), "air is dropped"
     middle = distance < RADIUS - 2.2 * diagonal
@@ -74,19 +65,18 @@ def test_a_grid_of_more_macroblocks_than_cards_hold_is_made_coarser(scene, datas
     work.remove()
 
 
-def baked(culling, grid, work=None) -> Pack:
+def baked(culling, grid, work=None, field=ball, on_share=lambda share: None) -> Pack:
     """What supersample gives, as a pack of its own."""
-    atlas = fill_atlas(supersample(Sampler(ball, grid, culling), work=work), culling.kept, grid.block_size)
+    atlas = fill_atlas(supersample(Sampler(field, grid, culling), on_share, work), culling.kept, grid.block_size)
     pack = Pack(grid.voxel_size, grid.min_xyz, grid.size, grid.block_size, *atlas, None, BLENDER_FRAME)
-    for part in atlas[1:]:
+    for part in (pack.atlas_rgba, features_of(pack)):
         restore_padding(part, pack.atlas_indices, pack.block_size)
     return pack
 
 
 def test_supersampled_voxels_are_premultiplied_rounded_and_antialiased(dataset) -> None:
     grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, BLENDER_FRAME)
-    rgba, features = dense_from_pack(baked(culled(ball, grid, dataset), grid))
-    assert features is not None
+    rgba, features = dense_of(baked(culled(ball, grid, dataset), grid))
     alpha = rgba[..., 3].astype(float) / 255
     full = 1 - np.exp(-DENSITY * grid.voxel_size)
     solid = alpha > 0.999 * full - 0.5 / 255
@@ -145,15 +135,10 @@ def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, t
         reported.clear()
         work = WorkFolder(tmp_path / "work", {"bake": 1})
         try:
-            culling = culled(mortal, grid, dataset, work)
-            blocks = supersample(Sampler(mortal, grid, culling), reported.append, work)
-            last = fill_atlas(blocks, culling.kept, 30)
+            last = baked(culled(mortal, grid, dataset, work), grid, work, mortal, reported.append)
         except KeyboardInterrupt:
             pass
         work.close()
     assert times >= 3
     assert 0 < reported[0] < reported[-1] == 1.0  # the first progress counts what was made before
-    assert np.array_equal(last[0], whole.atlas_indices)
-    for part, expected in zip(last[1:], (whole.atlas_rgba, whole.atlas_features), strict=True):
-        restore_padding(part, whole.atlas_indices, whole.block_size)
-        assert np.array_equal(part, expected)
+    assert same_pack(last, whole)

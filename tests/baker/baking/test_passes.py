@@ -15,6 +15,7 @@ from baker.baking.passes import passes_of, with_views_between
 from console.progress import progress
 from scenepack.blocks import dense_from_pack
 from tests.scenepack.random_packs import random_pack
+from tests.scenepack.volumes import features_of
 from tests.stored_runs import SCENE, STORED
 from training.dataset import RayDataset
 from training.run import load_run
@@ -44,7 +45,7 @@ def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(scene, da
     monkeypatch.setattr(passes, "joint_tune", tune)
     with pytest.raises(HandedOver):
         baking.bake(run, BakeConfig(preset=preset))
-    ids = np.arange(0, dataset.count, 7, dtype=np.int32)
+    ids = jnp.arange(0, dataset.count, 7)
     shown = np.asarray(dataset.in_average_look(gains).colours_at(ids))
     assert np.abs(shown - np.asarray(dataset.colours_at(ids))).max() > 0.1
     assert len(seen) == 1 and np.array_equal(np.asarray(seen[0].colours_at(ids)), shown)
@@ -52,15 +53,14 @@ def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(scene, da
 
 def test_scaled_features_say_the_same_to_the_view_mlp(dataset: RayDataset) -> None:
     pack = random_pack(np.random.default_rng(0))
-    assert pack.atlas_features is not None and pack.view_mlp is not None
-    before, weights = pack.atlas_features.astype(float), pack.view_mlp.weights[0][-4:]
+    values = features_of(pack).astype(float)
     with progress("", 1.0, quiet=True) as bar:
         scaled = passes.with_scaled_features(passes.Voxels(pack, dataset, BakeConfig()), bar).pack
-    assert scaled.atlas_features is not None and scaled.view_mlp is not None
-    now = scaled.view_mlp.weights[0]
-    assert scaled.atlas_features.max() <= 64 and np.array_equal(now[:-4], pack.view_mlp.weights[0][:-4])
+    assert scaled.view_mlp is not None and pack.view_mlp is not None
+    before, now = pack.view_mlp.weights[0], scaled.view_mlp.weights[0]
+    assert features_of(scaled).max() <= 64 and np.array_equal(now[:-4], before[:-4])
     rounding = 0.5 * np.abs(now[-4:]).sum(axis=0) + 1e-3
-    assert np.all(np.abs(scaled.atlas_features @ now[-4:] - before @ weights) <= rounding)
+    assert np.all(np.abs(features_of(scaled) @ now[-4:] - values @ before[-4:]) <= rounding)
 
 
 def test_a_bake_says_how_it_was_made_and_of_the_papers_nothing_is_emptied(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,32 +79,21 @@ def test_a_bake_says_how_it_was_made_and_of_the_papers_nothing_is_emptied(monkey
 # Views midway between photographs
 
 
-def test_photographs_come_first_and_each_has_a_view_between(dataset: RayDataset) -> None:
-    views = with_views_between(dataset)
-    assert dataset.views < views.views <= 2 * dataset.views and views.count == views.views * 48 * 48
+def test_photographs_come_first_and_each_has_a_wider_view_midway_to_another(dataset: RayDataset) -> None:
+    views, pixels = with_views_between(dataset), 48 * 48
+    assert dataset.views < views.views <= 2 * dataset.views and views.count == views.views * pixels
     ids = jnp.arange(0, dataset.count, 97)
     for ours, theirs in zip(views.geometry_at(ids), dataset.geometry_at(ids), strict=True):
         np.testing.assert_array_equal(ours, theirs)
     poses = np.asarray(views.world_T_camera, np.float64)
-    turns, given = poses[dataset.views :, :, :3], poses[: dataset.views]
-    np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), np.broadcast_to(np.eye(3), turns.shape), atol=1e-6)
+    given = poses[: dataset.views]
     for pose in poses[dataset.views :]:
         middle = 0.5 * (given[:, None, :, 3] + given[None, :, :, 3])
         i, j = np.unravel_index(np.linalg.norm(middle - pose[:, 3], axis=-1).argmin(), (len(given), len(given)))
         np.testing.assert_allclose(pose[:, 3], middle[i, j], atol=1e-6)
-        both = [Rotation.from_matrix(given[k, :, :3]) for k in (i, j)]
-        here = Rotation.from_matrix(pose[:, :3])
-        apart = [(here.inv() * other).magnitude() for other in both]
-        assert apart[0] == pytest.approx(apart[1], abs=1e-4), "turned as much from the one as from the other"
-        assert sum(apart) == pytest.approx((both[0].inv() * both[1]).magnitude(), abs=1e-4)
-
-
-def test_a_view_between_shows_more_on_every_side_than_a_photograph(dataset: RayDataset) -> None:
-    views, pixels = with_views_between(dataset), 48 * 48
-
-    def widest(view: int) -> float:
-        """The largest angle between rays of a view, as a cosine."""
-        at = np.asarray(views.geometry_at(view * pixels + jnp.array([0, 47, pixels - 48, pixels - 1])).directions)
-        return float((at @ at.T).min())
-
-    assert widest(views.views - 1) < widest(0) - 0.1
+        one, here, other = (Rotation.from_matrix(turn[:, :3]) for turn in (given[i], pose, given[j]))
+        apart = [(here.inv() * one).magnitude(), (here.inv() * other).magnitude()]
+        assert apart == pytest.approx(2 * [0.5 * (one.inv() * other).magnitude()], abs=1e-4), "turned half of the way"
+    corners = pixels * np.array([[0], [views.views - 1]]) + [0, 47, pixels - 48, pixels - 1]
+    photograph, between = (np.asarray(views.geometry_at(jnp.asarray(ids)).directions) for ids in corners)
+    assert (between @ between.T).min() < (photograph @ photograph.T).min() - 0.1
