@@ -16,6 +16,7 @@ from training.multires.state import Box
 
 SHAPE = (9, 11, 14)  # z, y, x
 ORIGIN, VOXEL = np.array([-0.3, 0.2, 1.0]), 0.1
+NEAR = 0.6
 
 
 def cells_of_grid(present: np.ndarray) -> Cells:
@@ -34,17 +35,18 @@ def random_rays(count: int, seed: int = 0) -> Rays:
     directions = target - origins
     directions[: count // 8] = np.eye(3)[rng.integers(0, 3, count // 8)]
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    f32 = [jnp.asarray(a, jnp.float32) for a in (origins, directions, directions)]
-    return Rays(*f32, jnp.zeros(count), jnp.full(count, 10.0))
+    origins, directions = (jnp.asarray(a, jnp.float32) for a in (origins, directions))
+    return Rays(origins, directions, directions, jnp.zeros(count), jnp.full(count, 10.0))
 
 
 @pytest.mark.parametrize("samples", [4096, 100])
 def test_the_march_lists_every_sample_with_support_and_says_which_rays_did_not_fit(samples: int) -> None:
-    cells, rays = cells_of_grid(np.random.default_rng(0).random(SHAPE) < 0.15), random_rays(256)
-    grid_rays = to_grid(cells.box, rays)
+    cells = cells_of_grid(np.random.default_rng(0).random(SHAPE) < 0.15)
+    grid_rays = to_grid(cells.box, random_rays(256)._replace(near=jnp.full(256, NEAR)))
     phase = jnp.asarray(np.random.default_rng(3).random(256), jnp.float32)
     found = march(cells, grid_rays, phase, MarchSizes(8, 2048, samples, 40), 1.0)
     start, end = np.asarray(grid_rays.start), np.asarray(grid_rays.end)
+    assert start.min() == pytest.approx(NEAR / VOXEL), "none begins nearer than near"
     listed = [[] for _ in range(256)]
     for ray, t in zip(np.asarray(found.ray)[found.valid], np.asarray(found.t)[found.valid], strict=True):
         listed[ray].append(float(t))

@@ -1,5 +1,6 @@
 """Where voxels lie, and which macroblocks are dropped."""
 
+from contextlib import suppress
 from types import SimpleNamespace
 
 import numpy as np
@@ -134,10 +135,8 @@ def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, t
         asked, limit = 0, 2_500_000 + 10 * times  # points before the next kill
         reported.clear()
         work = WorkFolder(tmp_path / "work", {"bake": 1})
-        try:
+        with suppress(KeyboardInterrupt):
             last = baked(culled(mortal, grid, dataset, work), grid, work, mortal, reported.append)
-        except KeyboardInterrupt:
-            pass
         work.close()
     assert times >= 3
     assert 0 < reported[0] < reported[-1] == 1.0  # the first progress counts what was made before
