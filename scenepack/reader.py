@@ -39,7 +39,7 @@ from scenepack.params import parse_params
 from scenepack.piece_files import PieceFiles, png_channels
 
 OnProgress = Callable[[int, int], None]
-OnPreview = Callable[[Pack], None]
+OnPreview = Callable[[Pack], object]
 
 
 def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: OnPreview | None = None) -> Pack:

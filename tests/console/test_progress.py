@@ -37,7 +37,7 @@ def test_a_terminal_gets_a_bar(capsys: pytest.CaptureFixture[str], monkeypatch: 
     monkeypatch.setenv("TERM", "xterm")
     with progress("[b]baking", 4) as bar:
         bar.update(2, "half")
-        bar.advance(2, "done")
+        bar.advance(2)
     assert bar.done == 4 and "[b]baking" in capsys.readouterr().err
 
 

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -79,7 +80,7 @@ def test_a_file_that_cannot_be_written_does_not_stop_the_work(tmp_path: Path, mo
 @pytest.mark.parametrize("set_", [True, False])
 def test_the_end_of_standard_input_is_ctrl_c_where_it_is_asked_for(set_: bool) -> None:
     env = {**os.environ, **({"SNERG_ENDS_WITH_STDIN": "1"} if set_ else {})}
-    pipes = {name: subprocess.PIPE for name in ("stdin", "stdout", "stderr")}
+    pipes: Any = {name: subprocess.PIPE for name in ("stdin", "stdout", "stderr")}
     with subprocess.Popen([sys.executable, "-c", WAITS], env=env, **pipes) as child:
         assert child.stdout is not None and child.stdin is not None and child.stderr is not None
         assert child.stdout.readline() == b"ready\n"

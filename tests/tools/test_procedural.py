@@ -13,5 +13,5 @@ def test_the_program_writes_each_arrangement(name, tmp_path):
     procedural(tmp_path / "a", scene=name, size=16, views=2, subpixels=1)
     assert {split: len(views) for split, views in load_scene(tmp_path / "a").splits.items()} == {"train": 2, "test": 2}
     procedural(tmp_path / "b", size=16, views=2, subpixels=1)
-    drawn = [load_scene(tmp_path / folder).splits["train"][0].load() for folder in "ab"]
-    assert not np.array_equal(*drawn), "it is not the demo's"
+    one, other = (load_scene(tmp_path / folder).splits["train"][0].load() for folder in "ab")
+    assert not np.array_equal(one, other), "it is not the demo's"

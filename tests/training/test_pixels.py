@@ -97,7 +97,7 @@ def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_ha
     ids = np.random.default_rng(0).integers(0, thin.count, 200).astype(np.int32)
     view, rest = ids // (48 * 10), ids % (48 * 10)
     there = (view * 48 * 48 + rest // 48 * 5 * 48 + rest % 48).astype(np.int32)
-    (rays, colours), (expected, truth) = thin.rays_at(ids), whole.rays_at(there)
+    (rays, colours), (expected, truth) = thin.rays_at(jnp.asarray(ids)), whole.rays_at(jnp.asarray(there))
     for found, wanted in zip((*rays, colours), (*expected, truth), strict=True):
         np.testing.assert_array_equal(np.asarray(found), np.asarray(wanted))
 

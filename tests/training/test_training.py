@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -169,7 +170,7 @@ def test_two_processes_do_not_train_into_one_run(there: bool, unbroken: Path, pr
         shutil.copytree(unbroken, run)
     before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
     words = [str(procedural_path), "--out", str(run), *(["--resume"] if there else ["--preset", "tiny"])]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     child = subprocess.Popen([sys.executable, "-c", HOLDING, str(run)], cwd=ROOT, text=True, **pipes)
     try:
         assert child.stdout is not None and child.stdout.readline() == "held\n"

@@ -1,6 +1,6 @@
 """Fuzzes for as long as one likes: `python -m tools.fuzz --minutes 10 --seed 3 --only packs`.
 
-What breaks is made smaller and kept under tests/fuzz/findings, one for each cause; the exit status is then 1. The same seed
+What breaks is made smaller and kept in tests/fuzz/findings.jsonl, one for each cause; the exit status is then 1. The same seed
 draws the same files.
 """
 
@@ -63,8 +63,9 @@ class Campaign:
             self.causes[cause] += outcome.kind == FINDING
         if new:
             recipe = smaller(recipe, lambda fewer: worker.outcome(fewer).key == outcome.key)
-            place = keep(recipe, outcome.key, outcome.line).name if self.kept else str(recipe)
-            print(f"{recipe['subject']} {number}: {outcome.key}: {outcome.line}\n    {place}", flush=True)
+            if self.kept:
+                keep(recipe, outcome.key, outcome.line)
+            print(f"{recipe['subject']} {number}: {outcome.key}: {outcome.line}\n    {recipe}", flush=True)
 
     def table(self) -> str:
         """Counts by class, as a table in Markdown."""

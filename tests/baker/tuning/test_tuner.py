@@ -73,7 +73,7 @@ def test_gradients_are_finite_differences_of_the_loss_as_if_nothing_were_rounded
     weight = 1 - before[2] if style == "by opacity" else np.ones(CHUNK)
 
     def loss(sums: tuple[np.ndarray, np.ndarray, np.ndarray], mlp: ViewMlp | None) -> float:
-        off = weight[:, None] * (shown(pack, sums, mlp, rays, dataset.background) - rays.target)
+        off = weight[:, None] * (shown(replace(pack, view_mlp=mlp), sums, rays, dataset.background) - rays.target)
         return np.square(off).sum() / np.square(weight).sum()
 
     def difference(of: Callable[[float], float], h: float = 1e-5) -> float:
