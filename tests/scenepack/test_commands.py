@@ -22,6 +22,7 @@ from tests.messages import without_progress
 from tests.scenepack.helpers import read_image, same_pack, small_pack, write_image, written
 from tests.scenepack.random_packs import packs
 from tests.scenepack.test_placement import UP, sloping_pack
+from tests.scenepack.volumes import features_of
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -115,7 +116,7 @@ def found(pack: Pack, rule: str) -> Finding:
 
 def spoiled(pack: Pack, part: str = "rgba") -> tuple[Pack, np.ndarray]:
     """A copy whose atlas may be written, and that atlas."""
-    atlas = (pack.atlas_rgba if part == "rgba" else pack.atlas_features).copy()  # type: ignore[union-attr]
+    atlas = (pack.atlas_rgba if part == "rgba" else features_of(pack)).copy()
     return replace(pack, **{f"atlas_{part}": atlas}), atlas
 
 
@@ -201,11 +202,3 @@ def test_edit_never_replaces_the_pack_itself(tmp_path: Path, run: Run) -> None:
     folder = written(tmp_path / "pack")
     status, _, err = run("edit", folder, "--out", folder, "--keep-largest")
     assert status == 2 and "would replace the pack that is edited" in err and same_pack(load_pack(folder), small_pack())
-
-
-def test_indices_outside_of_the_atlas_are_an_error() -> None:
-    pack = small_pack()
-    indices = pack.atlas_indices.copy()
-    indices[tuple(np.argwhere(pack.occupied)[0])] = (200, 0, 0)
-    findings = check_pack(replace(pack, atlas_indices=indices))
-    assert [f.severity for f in findings] == ["error"] and findings[0].figures["outside"] == 1

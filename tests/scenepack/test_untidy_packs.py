@@ -16,6 +16,7 @@ from PIL import Image
 from baker.commands.pack import main as snerg_pack
 from scenepack import Pack, PackWarning, load_pack, save_pack
 from tests.scenepack.helpers import edit_json, read_image, read_json, same_pack, small_pack, write_image, written
+from tests.scenepack.volumes import features_of
 
 
 def opened(folder: Path, *lines: str) -> Pack:
@@ -111,8 +112,7 @@ def test_images_that_an_optimiser_repacked_are_read(tmp_path: Path, mode: str) -
     with Image.open(folder / "feature_000.png") as image:
         expected = np.asarray(image.convert("RGBA"))
     pack = opened(folder, "feature_000.png is")
-    assert pack.atlas_features is not None
-    np.testing.assert_array_equal(pack.atlas_features[:4].reshape(expected.shape), expected)
+    np.testing.assert_array_equal(features_of(pack)[:4].reshape(expected.shape), expected)
 
 
 # Scenes of other programs are refused by name, in one line
