@@ -84,9 +84,9 @@ class Worker:
         while True:
             if select.select([child.stdout], [], [], LOOK_EVERY)[0]:
                 return child.stdout.readline()
-            used, stopped = _processor_seconds(child.pid), _is_stopped(child.pid)
-            waited += 0.0 if stopped else LOOK_EVERY  # counted, not measured: we may have been stopped ourselves
-            idle = 0.0 if used > last or stopped else idle + LOOK_EVERY
+            used = _processor_seconds(child.pid)
+            waited += LOOK_EVERY  # counted, not measured: we may have been stopped ourselves
+            idle = 0.0 if used > last else idle + LOOK_EVERY
             last = used
             if used - first > seconds or idle > seconds or waited > patience:
                 return None
@@ -109,13 +109,6 @@ class Worker:
             self._child.stdout.close()  # type: ignore[union-attr]
             self._complaints.close()
         self._child = None
-
-
-def _is_stopped(process: int) -> bool:
-    try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
-    except OSError:
-        return False
 
 
 def _processor_seconds(process: int) -> float:

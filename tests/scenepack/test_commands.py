@@ -202,3 +202,11 @@ def test_edit_never_replaces_the_pack_itself(tmp_path: Path, run: Run) -> None:
     folder = written(tmp_path / "pack")
     status, _, err = run("edit", folder, "--out", folder, "--keep-largest")
     assert status == 2 and "would replace the pack that is edited" in err and same_pack(load_pack(folder), small_pack())
+
+
+def test_indices_outside_of_the_atlas_are_an_error() -> None:
+    pack = small_pack()
+    indices = pack.atlas_indices.copy()
+    indices[tuple(np.argwhere(pack.occupied)[0])] = (200, 0, 0)
+    findings = check_pack(replace(pack, atlas_indices=indices))
+    assert [f.severity for f in findings] == ["error"] and findings[0].figures["outside"] == 1

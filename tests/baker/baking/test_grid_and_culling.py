@@ -1,8 +1,11 @@
 """Where voxels lie, and which macroblocks are dropped."""
 
+import re
 from contextlib import suppress
 from types import SimpleNamespace
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -11,16 +14,20 @@ from baker.baking.config import BakeConfig
 from baker.baking.grid import make_grid
 from baker.baking.supersample import Sampler, supersample
 from baker.baking.work_folder import WorkFolder
+from baker.tuning import marcher
+from baker.tuning.pruning import arriving_transmittance
 from console import Notice
 from scenepack import Pack
 from scenepack.blocks import fill_atlas, restore_padding
 from tests.baker.analytic import COLOUR, DENSITY, FEATURES, RADIUS, ball, culled
 from tests.scenepack.helpers import same_pack
 from tests.scenepack.volumes import BLENDER_FRAME, dense_of, features_of
+from training.dataset import RayDataset
 
 pytestmark = pytest.mark.usefixtures("hardly_optimised")
 
 LOW, HIGH = np.full(3, -1.5), np.full(3, 1.5)
+GRID = make_grid(0.6 * LOW, 0.6 * HIGH, 60, 30, BLENDER_FRAME)
 
 
 def test_the_grid_covers_its_box_with_whole_blocks_and_stays_centred() -> None:
@@ -76,10 +83,9 @@ def baked(culling, grid, work=None, field=ball, on_share=lambda share: None) -> 
 
 
 def test_supersampled_voxels_are_premultiplied_rounded_and_antialiased(dataset) -> None:
-    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, BLENDER_FRAME)
-    rgba, features = dense_of(baked(culled(ball, grid, dataset), grid))
+    rgba, features = dense_of(baked(culled(ball, GRID, dataset), GRID))
     alpha = rgba[..., 3].astype(float) / 255
-    full = 1 - np.exp(-DENSITY * grid.voxel_size)
+    full = 1 - np.exp(-DENSITY * GRID.voxel_size)
     solid = alpha > 0.999 * full - 0.5 / 255
     assert solid.any()
     np.testing.assert_allclose(rgba[solid][:, :3], np.round(255 * COLOUR * full) * np.ones((solid.sum(), 1)), atol=1)
@@ -88,28 +94,27 @@ def test_supersampled_voxels_are_premultiplied_rounded_and_antialiased(dataset) 
     assert edge.any(), "the border of the ball is averaged, not a staircase"
     np.testing.assert_allclose(rgba[edge][:, :3] / 255, alpha[edge][:, None] * COLOUR, atol=1.01 / 255)
     centres = np.argwhere(solid) + 0.5 - 30
-    assert np.linalg.norm(centres * grid.voxel_size, axis=1).max() < RADIUS, "voxels lie where the ball is"
+    assert np.linalg.norm(centres * GRID.voxel_size, axis=1).max() < RADIUS, "voxels lie where the ball is"
 
 
 @pytest.mark.slow
 def test_a_field_no_finer_than_the_grid_is_asked_once_a_voxel_and_stays_as_sharp_as_it_is(dataset) -> None:
     """What the paper's samples average out of an MLP, a field that is smooth within its cells never had."""
-    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, BLENDER_FRAME)
-    culling, asked = culled(ball, grid, dataset), []
+    culling, asked = culled(ball, GRID, dataset), []
 
     def ramp(points: np.ndarray):
         asked.append(points)
         return ball(points)._replace(density=60 * (1 + np.sin(points[:, 0] * 40)))  # type: ignore[arg-type]
 
-    blocks = dict(supersample(Sampler(ramp, grid, culling, np.full(3, grid.voxel_size))))
+    blocks = dict(supersample(Sampler(ramp, GRID, culling, np.full(3, GRID.voxel_size))))
     points = np.concatenate(asked)
-    voxels = (points @ grid.worldspace_T_opengl[:3, :3] - grid.min_xyz) / grid.voxel_size
+    voxels = (points @ GRID.worldspace_T_opengl[:3, :3] - GRID.min_xyz) / GRID.voxel_size
     np.testing.assert_allclose(voxels % 1, 0.5, atol=1e-3)
     assert len(np.unique(np.floor(voxels), axis=0)) == len(voxels), "each once"
     place, content = next(iter(blocks.items()))
     z, y, x = np.nonzero(content[..., 3])
-    centres = grid.training_points(np.stack([x, y, z], -1) + 0.5 + np.array(place)[::-1] * 30)
-    alpha = 1 - np.exp(-ramp(centres).density * grid.voxel_size)
+    centres = GRID.training_points(np.stack([x, y, z], -1) + 0.5 + np.array(place)[::-1] * 30)
+    alpha = 1 - np.exp(-ramp(centres).density * GRID.voxel_size)
     np.testing.assert_allclose(content[z, y, x, 3], 255 * alpha, atol=0.51)
 
 
@@ -141,3 +146,35 @@ def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, t
     assert times >= 3
     assert 0 < reported[0] < reported[-1] == 1.0  # the first progress counts what was made before
     assert same_pack(last, whole)
+
+
+# Geometry is computed in float32 on every card: products ask for the highest precision, where NVIDIA's default is TF32. It is
+# read in the programs themselves, so that no card is needed.
+
+
+def precisions(program: str) -> list[str]:
+    """Of each product of a program (StableHLO text): the precision asked of its first operand."""
+    products = re.findall(r"stablehlo\.dot_general.*", program)
+    return [(re.search(r"precision = \[(\w+), \w+\]", product) or [product, "DEFAULT"])[1] for product in products]
+
+
+def test_the_products_that_make_training_rays_ask_for_the_highest_precision(dataset: RayDataset) -> None:
+    rays_at = jax.jit(lambda dataset, ids: dataset.rays_at(ids))
+    assert precisions(rays_at.lower(dataset, jnp.arange(8, dtype=jnp.int32)).as_text()) == ["HIGHEST"]
+
+
+def test_so_do_those_of_culling_and_pruning(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    programs, function = [], marcher._in_grid
+
+    def recorded(*arguments):
+        programs.append(function.lower(*arguments).as_text())
+        return function(*arguments)
+
+    monkeypatch.setattr(marcher, "_in_grid", recorded)
+    culling = culled(ball, GRID, dataset)
+    first = len(programs)
+    arriving_transmittance(baked(culling, GRID), dataset, 0)
+    assert len(programs) > first > 0
+    for program in programs:
+        assert len(precisions(program)) >= 3, "rays are made, and moved into the grid's frame"
+        assert set(precisions(program)) == {"HIGHEST"}

@@ -37,6 +37,12 @@ def pack(request: pytest.FixtureRequest) -> Pack:
 
 
 @pytest.fixture(scope="module")
+def dataset(scene: Scene) -> RayDataset:
+    """Rays that begin within what the packs hold."""
+    return make_dataset(replace(scene, near=3.8))
+
+
+@pytest.fixture(scope="module")
 def marcher(pack: Pack, dataset: RayDataset) -> PackMarcher:
     return PackMarcher(pack, dataset)
 

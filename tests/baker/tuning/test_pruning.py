@@ -147,6 +147,16 @@ def test_only_what_little_light_reaches_changes_and_no_alpha_does(pack: Pack) ->
     assert np.any(after[shown] != before[shown], axis=-1).mean() > 0.5
 
 
+def test_a_hidden_voxel_has_the_counts_of_the_one_before_it_as_far_as_its_alpha_allows(pack: Pack) -> None:
+    after, features = dense_of(follow_neighbours(pack, light(pack, hidden=True), STEPS, HIDDEN[0]))
+    row, own = after[:, :, :-1], after[:, :, 1:]
+    seen = (row[..., 3] > 0) & (own[..., 3] > 0)
+    expected = np.minimum(-(row[seen][:, :3].astype(int) // -STEPS.colour) * STEPS.colour, own[seen][:, 3:])
+    assert seen.any() and np.array_equal(own[seen][:, :3], expected)
+    expected = np.minimum(-(features[:, :, :-1][seen].astype(int) // -STEPS.feature) * STEPS.feature, own[seen][:, 3:])
+    assert np.array_equal(features[:, :, 1:][seen], expected)
+
+
 @pytest.mark.parametrize("steps", [EXACT, STEPS])
 def test_values_stay_in_their_steps_below_alpha_and_padding_follows(steps: Steps) -> None:
     pack = pack_of()

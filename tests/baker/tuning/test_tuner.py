@@ -104,6 +104,14 @@ def test_gradients_are_finite_differences_of_the_loss_as_if_nothing_were_rounded
         assert scale > 0 and abs((own * step).sum() - difference(of)) < 0.01 * scale
 
 
+def test_a_move_too_small_to_change_a_byte_has_a_gradient_all_the_same(dataset: RayDataset) -> None:
+    pack = pack_of()
+    tuner, ids = tuner_of(copied(pack), dataset)
+    tuner.update(drawn(ids, tuner), np.full(9, 1e-5, np.float32), 0)
+    assert tuner.delta.any() and np.array_equal(tuner.tables.rgba, pack.atlas_rgba.reshape(-1, 4))
+    assert np.mean(np.any(tuner.first != 0, axis=1)) > 0.2
+
+
 # --- cells, and what is stored ---
 
 
