@@ -102,11 +102,8 @@ class Worker:
 
     def _end(self) -> None:
         if self._child is not None:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(self._child.pid, signal.SIGKILL)
-            self._child.wait()
-            self._child.stdin.close()  # type: ignore[union-attr]
-            self._child.stdout.close()  # type: ignore[union-attr]
+            with self._child as child, contextlib.suppress(ProcessLookupError):  # waits for it, and closes its pipes
+                os.killpg(child.pid, signal.SIGKILL)
             self._complaints.close()
         self._child = None
 

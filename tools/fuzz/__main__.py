@@ -11,7 +11,6 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 
 from tests.fuzz.child import FINDING, OPENED, REFUSED, Outcome
@@ -30,17 +29,14 @@ class Campaign:
         self.counts: Counter[tuple[str, str]] = Counter()
         self.causes: Counter[str] = Counter()
         self._lock = threading.Lock()
-        self._rest = {source.subject: self._numbers(most) for source in self.sources}
-
-    def _numbers(self, most: int | None) -> Iterator[int]:
-        return iter(range(most)) if most is not None else itertools.count()
+        numbers = itertools.count if most is None else lambda: iter(range(most))
+        self._rest = {source.subject: numbers() for source in self.sources}
 
     def work(self) -> None:
         """Goes on until the time or the recipes are used up; any number of threads may."""
         for source in self.sources:
-            share = time.monotonic() + (self.until - time.monotonic()) / (
-                len(self.sources) - self.sources.index(source)
-            )
+            left = len(self.sources) - self.sources.index(source)
+            share = time.monotonic() + (self.until - time.monotonic()) / left
             with Worker(source.subject, self.bases) as worker:
                 while time.monotonic() < share:
                     with self._lock:
