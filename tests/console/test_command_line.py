@@ -251,12 +251,12 @@ FAILING = (
 by_scripts = pytest.mark.skipif(os.name == "nt", reason="fake programs are shell scripts")
 
 
-def fake(folder: Path, name: str, status: int = 0) -> Path:
+def fake_zenity(folder: Path) -> Path:
     """A program on PATH that notes how it was called; where that is noted."""
-    folder.mkdir(exist_ok=True)
-    said = folder / f"{name}.said"
-    (folder / name).write_text(f'#!/bin/sh\nfor word in "$@"; do echo "$word"; done > "{said}"\nexit {status}\n')
-    (folder / name).chmod(0o755)
+    folder.mkdir()
+    said = folder / "said"
+    (folder / "zenity").write_text(f'#!/bin/sh\nfor word in "$@"; do echo "$word"; done > "{said}"\n')
+    (folder / "zenity").chmod(0o755)
     return said
 
 
@@ -282,7 +282,7 @@ def fail(tmp_path: Path, error: str = "UserError('no OpenGL', remedy='install it
 
 @by_scripts
 def test_failures_and_bugs_are_shown_in_a_box(tmp_path: Path) -> None:
-    said = fake(tmp_path / "bin", "zenity")
+    said = fake_zenity(tmp_path / "bin")
     assert fail(tmp_path).returncode == 2
     assert "--error" in said.read_text() and "--text=no OpenGL; install it" in said.read_text()
     assert "snerg-view: no OpenGL; install it" in (tmp_path / "log").read_text()
@@ -301,6 +301,6 @@ def test_where_there_is_nothing_a_file_on_the_desktop_tells_it(tmp_path: Path) -
 @by_scripts
 @pytest.mark.parametrize("streams", [{"stderr": subprocess.PIPE}, {"display": ""}])
 def test_nothing_is_shown_where_somebody_reads_or_nobody_is_there(tmp_path: Path, streams: dict) -> None:
-    said = fake(tmp_path / "bin", "zenity")
+    said = fake_zenity(tmp_path / "bin")
     assert fail(tmp_path, **streams).returncode == 2
     assert not said.exists()

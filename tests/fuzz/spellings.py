@@ -194,6 +194,5 @@ def trial(seed: int, folder: Path) -> str:
     random = Random(seed)
     cameras = true_cameras(random)
     stems = write_scene(folder, cameras, random)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         return differs(load_scene(folder), cameras, stems)

@@ -10,6 +10,7 @@ import contextlib
 import json
 import os
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,7 +20,6 @@ from types import TracebackType
 from typing import Any
 
 from tests.fuzz.child import FINDING, ROOT, Outcome
-from tests.fuzz.trees import clear
 
 SECONDS = 20.0  # of the processor, or without doing anything
 PATIENCE = 120.0  # at most, however busy the machine
@@ -44,7 +44,7 @@ class Worker:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._end()
-        clear(self.place)
+        shutil.rmtree(self.place, ignore_errors=True)
 
     def outcome(self, recipe: dict[str, Any]) -> Outcome:
         """What comes of a recipe; a finding, too, where the child hangs or dies of it."""

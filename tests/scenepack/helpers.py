@@ -72,8 +72,8 @@ def same_pack(a: Pack, b: Pack) -> bool:
     """Whether every field but params is equal."""
 
     def same(x: Any, y: Any) -> bool:
-        if isinstance(x, ViewMlp) and isinstance(y, ViewMlp):
-            return all(map(same, x.weights + x.biases, y.weights + y.biases))
+        if isinstance(x, ViewMlp):
+            return isinstance(y, ViewMlp) and all(map(same, x.weights + x.biases, y.weights + y.biases))
         return np.array_equal(x, y) and getattr(x, "dtype", None) == getattr(y, "dtype", None)
 
     return all(same(getattr(a, field.name), getattr(b, field.name)) for field in fields(a) if field.name != "params")

@@ -45,8 +45,7 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize("name", ["pack", "pack.zip"])
 def test_voxels_survive_and_empty_ones_stay_exactly_empty(codec: str, pack: Pack, tmp_path: Path, name: str) -> None:
     save_pack(pack, tmp_path / name, codec=codec)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         back = load_pack(tmp_path / name)
     if codec in LOSSLESS:
         assert same_pack(back, pack)

@@ -1,7 +1,6 @@
 """snerg-pack: what it prints, what it writes, and its exit status."""
 
 import json
-import sys
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from rich.console import Console
 
-from baker.commands import pack as commands
+from baker.commands.pack import main as snerg_pack
 from scenepack import Finding, Pack, check_pack, load_pack, open_pack, report, save_pack
 from scenepack.blocks import block_copy
 from scenepack.editing import Voxels, without
@@ -28,10 +27,9 @@ Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
     def call(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["snerg-pack", *map(str, words)])
-        status = commands.main()
+        status = snerg_pack([*map(str, words)])
         out, err = capsys.readouterr()
         return status, out, "".join(f"{line}\n" for line in without_progress(err))
 

@@ -8,7 +8,6 @@ import shutil
 import struct
 import tracemalloc
 import warnings
-import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,13 +22,14 @@ from baker.commands.pack import main as snerg_pack
 from console import UserError
 from scenepack import Pack, PackWarning, load_pack, save_pack
 from tests.fuzz.png import png_chunks, png_of
+from tests.fuzz.trees import write_tree, zipped
 from tests.scenepack.helpers import edit_json, read_image, read_json, same_pack, small_pack, write_image, written
 from tests.scenepack.volumes import features_of
 
 
 def require_refusal(path: Path, *words: str) -> None:
-    with pytest.raises(UserError) as caught, warnings.catch_warnings():
-        warnings.simplefilter("error")  # what is refused has nothing else to say
+    # what is refused has nothing else to say
+    with pytest.raises(UserError) as caught, warnings.catch_warnings(action="error"):
         load_pack(path)
     line = str(caught.value)
     assert "\n" not in line and len(line) < 500
@@ -183,8 +183,7 @@ def test_a_pack_for_which_memory_is_too_small_is_refused_with_both_sizes(tmp_pat
 
 def opened(folder: Path, *lines: str) -> Pack:
     """Loads; expects exactly one warning line for each of `lines`, holding it."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         pack = load_pack(folder)
     warned = [str(w.message) for w in caught]
     assert all(issubclass(w.category, PackWarning) for w in caught)
@@ -313,16 +312,10 @@ def as_pack(params: dict[str, Any]) -> dict[str, bytes]:
 )
 def test_what_other_programs_wrote_is_named(file, content, name, tmp_path, refused):
     path = tmp_path / file
-    if isinstance(content, bytes):
-        path.write_bytes(content)
-    elif path.suffix == ".zip":
-        with zipfile.ZipFile(path, "w") as archive:
-            for inner, data in content.items():
-                archive.writestr(inner, data)
+    if isinstance(content, dict) and path.suffix != ".zip":
+        write_tree(content, path)
     else:
-        path.mkdir()
-        for inner, data in content.items():
-            (path / inner).write_bytes(data)
+        path.write_bytes(zipped(content) if isinstance(content, dict) else content)
     line = refused(snerg_pack, "info", path)
     assert f" {name} " in line and "snerg opens SNeRG packs" in line and "snerg-make" in line
 

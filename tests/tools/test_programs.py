@@ -32,16 +32,12 @@ def folder(tmp_path: Path, shapes: Pack) -> Path:
     return path
 
 
-def read(out: Path) -> dict:
-    return json.loads((out / "report.json").read_text())["parts"]
-
-
 def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(folder, ndc_shapes, tmp_path):
     out, other = tmp_path / "card", tmp_path / "packs" / "fern" / "pack"
     save_pack(ndc_shapes, other)
     words = ["--out", str(out), "--only", "--pack", str(folder), str(other), *SHORT, "--train-minutes", "0.1"]
     assert card_report.main(words) == 0
-    parts = read(out)
+    parts = json.loads((out / "report.json").read_text())["parts"]
     assert {name: facts["status"] for name, facts in parts.items()} == {
         "device": "done",
         "golden pictures": "done",
@@ -81,7 +77,7 @@ def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(folder, tmp_
     words = ["--out", str(out), "--only", "--pack", str(folder), *SHORT, "--train-minutes", "0"]
     assert card_report.main(words) == 2
     assert "1 of 3 parts failed" in without_progress(capsys.readouterr().err)[-1]
-    parts = read(out)
+    parts = json.loads((out / "report.json").read_text())["parts"]
     assert parts["device"]["status"] == "failed" and "broken" in parts["device"]["traceback"]
     assert parts["pack shapes"]["status"] == "done" and "the driver is moody" in (out / "report.md").read_text()
 

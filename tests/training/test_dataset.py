@@ -95,8 +95,7 @@ def test_a_blender_scene_without_alpha_is_told_to_be_trained_with_its_background
     pixels = np.ones((camera.height, camera.width, 4), np.float32)
     pixels[0, 0, 3] = 1.0 if opaque else 0.0
     scene = scene_of(camera, kind="blender", splits={"train": (Photograph("only", camera, lambda: pixels),)})
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         make_dataset(scene)
     assert [str(warning.message) for warning in caught if issubclass(warning.category, Notice)] == (
         ["here: the pictures have no alpha; what is behind the object counts as part of the scene and is trained and "

@@ -84,7 +84,7 @@ def steady(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
               "fov", "sparsity_weight", "paper_is_masked", "at"}  # fmt: skip
     if isinstance(value, dict):
         for key, inner in value.items():
-            if key not in others:
+            if key not in others and not key.startswith("foggy"):  # the same field once more
                 yield from steady(inner, f"{name}/{key}")
     elif isinstance(value, list):
         for i, inner in enumerate(value):

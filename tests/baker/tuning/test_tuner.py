@@ -25,8 +25,6 @@ from training.dataset import RayDataset
 
 SAMPLES = 32_768
 RATES = np.array([*[4e-3] * 3, 0.03, *[4e-3] * 4, 1e-3], np.float32)
-COARSE = Steps(4, 16)
-ALL_COARSE = Steps(4, 16, 4)
 JOINT = JointConfig(passes=2, samples=SAMPLES, rate=20.0, density_rate=0.3, head_rate=1e-2)
 pytestmark = pytest.mark.usefixtures("hardly_optimised")
 
@@ -115,7 +113,7 @@ def test_a_move_too_small_to_change_a_byte_has_a_gradient_all_the_same(dataset: 
 # --- cells, and what is stored ---
 
 
-@pytest.mark.parametrize("steps", [EXACT, COARSE, ALL_COARSE])
+@pytest.mark.parametrize("steps", [EXACT, Steps(4, 16), Steps(4, 16, 4)])
 def test_what_has_moved_is_stored_by_the_formulas_in_every_copy_and_never_appears_or_vanishes(dataset, steps):
     pack = pack_of(4, whole_blocks=True)
     tuner = Tuner(copied(pack), dataset, 4)

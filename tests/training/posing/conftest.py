@@ -51,8 +51,7 @@ def write_photographs(folder: Path, count: int = COUNT) -> dict[str, Camera]:
 
 def load_quietly(scene: Path, *, masks: bool = False) -> Scene:
     """The scene as seen from all around."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         return load_scene(scene, spherify=True, masks=masks)
 
 
@@ -68,7 +67,6 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
     Image.fromarray(texture(105)[:192, :256].astype(np.uint8)).save(photographs / STRANGER, quality=95)
     source = find_source(photographs)
     assert source is not None
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         scene = find_poses(source, folder / "out")
     return Found(source, given, scene, [str(warning.message) for warning in caught if warning.category is Notice])

@@ -23,7 +23,6 @@ TURNS = {
     turns: np.array([c << 16, s << 16, 0, -s << 16, c << 16, 0, x << 16, y << 16, 1 << 30], ">i4")
     for turns, (c, s, x, y) in {1: (0, 1, HEIGHT, 0), 2: (-1, 0, WIDTH, HEIGHT), 3: (0, -1, 0, WIDTH)}.items()
 }
-PORTRAIT = TURNS[1]
 # Suffix, FFmpeg's muxer, codec, and options of the muxer.
 CONTAINERS = [
     (".mp4", "mp4", "libx264", {}), (".mov", "mov", "mpeg4", {}), (".webm", "webm", "libvpx", {}),
@@ -110,7 +109,7 @@ def test_the_sharpest_frame_of_each_interval_is_taken(tmp_path: Path):
 
 
 def test_a_glimpse_of_a_film_counts_its_frames_and_shows_some_of_them_in_their_order(tmp_path: Path):
-    film = write_film(tmp_path / "walk.mp4", frames_of_film(), [100 * i for i in range(24)], matrix=PORTRAIT)
+    film = write_film(tmp_path / "walk.mp4", frames_of_film(), [100 * i for i in range(24)], matrix=TURNS[1])
     counts: list[int] = []
     shown: list[tuple[float, tuple[int, int]]] = []
     count, seconds = films.glimpse(film, 6, 8, counts.append, lambda _, at, picture: shown.append((at, picture.size)))
