@@ -44,7 +44,7 @@ from scenepack.params import parse_params
 from scenepack.piece_files import AtlasPiece, cut, in_threads, png_channels, read_settings
 
 OnProgress = Callable[[int, int], None]
-OnPreview = Callable[[Pack], None]
+OnPreview = Callable[[Pack], object]
 
 
 def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: OnPreview | None = None) -> Pack:

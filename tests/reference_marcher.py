@@ -66,6 +66,21 @@ def render_reference(
         origins = (pixel_origins(camera) - pack.min_xyz) / pack.voxel_size
         first = near / pack.voxel_size
     rgb, features, transmittance, samples = march(pack, origins, directions, first, crop)
+    diffuse, shaded, features, transmittance = shade(pack, rgb, features, transmittance, viewdirs, background)
+    size = (camera.height, camera.width)
+    return ReferencePicture(
+        np.clip(shaded, 0, 1).reshape(*size, 3),
+        np.clip(diffuse, 0, 1).reshape(*size, 3),
+        features.reshape(*size, 4),
+        (1.0 - transmittance).reshape(size),
+        samples.reshape(size),
+    )
+
+
+def shade(
+    pack: Pack, rgb: np.ndarray, features: np.ndarray, transmittance: np.ndarray, viewdirs: np.ndarray, background
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Of what R rays accumulated: the colour [R, 3] before and with the view MLP, features [R, 4] and transmittance [R]."""
     if pack.ndc:
         alpha = 1.0 - transmittance
         gain = np.minimum(1.0, UNPREMULTIPLY_GAIN * alpha) / np.where(alpha > 0, alpha, 1.0)
@@ -75,14 +90,7 @@ def render_reference(
     if pack.view_mlp is not None:
         hit = transmittance <= TRANSMITTANCE_SHADED
         shaded[hit] += view_residual(pack.view_mlp, viewdirs[hit], diffuse[hit], features[hit])
-    size = (camera.height, camera.width)
-    return ReferencePicture(
-        np.clip(shaded, 0, 1).reshape(*size, 3),
-        np.clip(diffuse, 0, 1).reshape(*size, 3),
-        features.reshape(*size, 4),
-        (1.0 - transmittance).reshape(size),
-        samples.reshape(size),
-    )
+    return diffuse, shaded, features, transmittance
 
 
 def pixel_directions(camera: ViewCamera) -> np.ndarray:

@@ -67,14 +67,10 @@ def watch_it_open(path: Path) -> None:
 
 
 def _arrived(window: Window) -> bool:
-    scene, canvas = window.app.scene, window.canvas
-    return (
-        scene is not None
-        and scene.whole
-        and canvas.renderer is not None
-        and not canvas.renderer.arriving
-        and (canvas.renderer.pack is scene.pack)
-    )
+    scene, renderer = window.app.scene, window.canvas.renderer
+    if scene is None or renderer is None:
+        return False
+    return scene.whole and not renderer.arriving and renderer.pack is scene.pack
 
 
 if __name__ == "__main__":

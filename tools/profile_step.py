@@ -52,28 +52,6 @@ class Times(NamedTuple):
     cpu: float
 
 
-class Stopwatch:
-    """Laps by name: rounds of (wall, CPU) milliseconds."""
-
-    def __init__(self) -> None:
-        self.laps: dict[str, list[Times]] = {}
-        self.start()
-
-    def start(self) -> None:
-        """Begins a lap."""
-        self._wall, self._cpu = time.perf_counter(), time.process_time()
-
-    def lap(self, name: str) -> None:
-        """Ends the lap, under this name, and begins the next."""
-        wall, cpu = time.perf_counter() - self._wall, time.process_time() - self._cpu
-        self.laps.setdefault(name, []).append(Times(1000 * wall, 1000 * cpu))
-        self.start()
-
-    def medians(self) -> dict[str, Times]:
-        """Of each name, over the rounds."""
-        return {name: Times(*(float(v) for v in np.median(laps, axis=0))) for name, laps in self.laps.items()}
-
-
 @dataclass(frozen=True)
 class Profile:
     """engine: its name. parts: medians of each part, by its name. samples: of a step. by_cpu: CPU time tells what a part costs,
@@ -178,17 +156,18 @@ def profile(
     """Times `rounds` rounds at a state, which goes on from there. step: how many steps were done before."""
     import jax
 
-    watch, samples = Stopwatch(), []
-    rays = 0
+    laps: dict[str, list[np.ndarray]] = {}  # by part: wall and CPU time of each round, ms
+    samples, rays = [], 0
     for turn in range(rounds + 1):
         at = step + turn
         left: Any = None
-        watch.start()
+        begun = np.array([time.perf_counter(), time.process_time()])
         for name, left in steps_in_parts(method.engine, state, at, min(at / max(method.config.steps, 1), 1.0)):
             jax.block_until_ready(left)
-            watch.lap(name)
-        if not turn:  # the first compiles
-            watch = Stopwatch()
+            now = np.array([time.perf_counter(), time.process_time()])
+            if turn:  # the first compiles
+                laps.setdefault(name, []).append(1000 * (now - begun))
+            begun = now
         samples.append(float(left["samples"]))
         rays = int(left["rays"])
         on_share((turn + 1) / (rounds + 1))
@@ -199,7 +178,8 @@ def profile(
     }  # fmt: skip
     engine = "fused" if method.config.engine == "fused" else "jax"
     middle = sorted(samples)[len(samples) // 2]
-    return Profile(engine, watch.medians(), middle, cores, jax.default_backend() == "cpu", facts)
+    parts = {name: Times(*np.median(each, axis=0).tolist()) for name, each in laps.items()}
+    return Profile(engine, parts, middle, cores, jax.default_backend() == "cpu", facts)
 
 
 def profile_step(

@@ -6,7 +6,6 @@ machines are not equally busy all the time; the medians are plotted, scaled by t
 Notation: opacity is that of one voxel inside of a surface, which is SHELL voxels thick at every resolution.
 """
 
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -132,8 +131,6 @@ def in_words(result: Figures) -> Iterator[str]:
             )
 
 
-# --- `python -m tools.scaling --out FOLDER`: how frame time grows with resolution, picture size ---
-
 DESCRIPTION = "Plots frame time against grid resolution, picture size and opacity, on carved scenes."
 
 
@@ -142,7 +139,6 @@ def scaling(
     frames: int = 12,
     resolutions: str = "256,512,750,1000",
     sizes: str = "100,200,400,800",
-    redraw: bool = False,
 ) -> None:
     """Plots frame time against grid resolution, picture size and opacity, on carved scenes.
 
@@ -151,14 +147,9 @@ def scaling(
         frames: Number of frames of the orbit that measures each point.
         resolutions: Voxels per side, separated by commas. 1000 takes about 4 GB of memory.
         sizes: Width and height of the pictures in pixels, separated by commas.
-        redraw: Draw the plots from the scaling.json that is there, and measure nothing.
     """
     require_plots()
     check_results(folder=out)
-    figures = out / "scaling.json"
-    if redraw:
-        _draw(out, _read(figures))
-        return
     if frames < 1:
         raise UserError("needs at least one frame", where="--frames", found=frames)
     sides = [int(n) for n in parse_numbers(resolutions, resolutions.count(",") + 1, "--resolutions")]
@@ -166,22 +157,11 @@ def scaling(
     if min(sides) < BLOCK_SIZE or min(pixels) < 1:
         raise UserError("is too small", where="--resolutions" if min(sides) < BLOCK_SIZE else "--sizes")
     result = measured(sides, pixels, frames)
-    write_json(figures, result)
-    _draw(out, result)
-    for line in in_words(result):
-        print(line)
-
-
-def _draw(out: Path, result: Figures) -> None:
+    write_json(out / "scaling.json", result)
     for what, plot in plots_of(result).items():
         draw_plots(out / f"scaling-{what}.png", [plot], (600, 340))
-
-
-def _read(file: Path) -> Figures:
-    try:
-        return json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise UserError("cannot be read", where=file, found=error, remedy="measure first, without --redraw") from error
+    for line in in_words(result):
+        print(line)
 
 
 if __name__ == "__main__":

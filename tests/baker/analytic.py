@@ -21,12 +21,6 @@ def ball(points: np.ndarray) -> FieldOutput:
     return FieldOutput(inside * DENSITY, ones * COLOUR, ones * FEATURES)  # type: ignore[arg-type]
 
 
-def nothing(points: np.ndarray) -> FieldOutput:
-    """An empty field."""
-    field = ball(points)
-    return field._replace(density=np.zeros(len(points)))  # type: ignore[arg-type]
-
-
 def culled(field: FieldQuery, grid: BakeGrid, dataset: RayDataset, work: WorkFolder | None = None) -> Culling:
     """What of a grid is worth storing, by both tests."""
 

@@ -109,21 +109,17 @@ def writers(target: Path, count: int = 1, *more: str) -> Iterator[list[subproces
         yield children
 
 
-def go_on(child: subprocess.Popen[str]) -> str:
-    assert child.stdin is not None and child.stdout is not None
-    child.stdin.write("\n")
-    child.stdin.flush()
-    return child.stdout.readline().strip()
+def go_on(*children: subprocess.Popen[str]) -> list[str]:
+    """Lets all of them go on, and only then hears what each says."""
+    for child in children:
+        assert child.stdin is not None
+        print(file=child.stdin, flush=True)
+    return [child.stdout.readline().strip() for child in children if child.stdout is not None]
 
 
 def test_of_several_that_begin_in_one_moment_one_writes(tmp_path: Path) -> None:
     with writers(tmp_path / "film.mp4", 4) as children:
-        for child in children:
-            assert child.stdin is not None
-            child.stdin.write("\n")
-        for child in children:
-            child.stdin.flush()  # type: ignore[union-attr]
-        said = [child.stdout.readline().strip() for child in children]  # type: ignore[union-attr]
+        said = go_on(*children)
         assert sorted(said) == ["another process is writing it"] * 3 + ["writes"]
         go_on(children[said.index("writes")])
     assert (tmp_path / "film.mp4").read_text() == "theirs"
@@ -133,7 +129,7 @@ def test_of_several_that_begin_in_one_moment_one_writes(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_one_that_is_killed_stands_in_nobodys_way(tmp_path: Path) -> None:
     with writers(tmp_path / "film.mp4") as (child,):
-        assert go_on(child) == "writes"
+        assert go_on(child) == ["writes"]
         with pytest.raises(OSError, match="another process is writing it"):
             reserved(tmp_path / "film.mp4", alone=True).__enter__()
         with replacing(tmp_path / "film.mp4") as new:  # what is written in a moment asks nobody
@@ -156,7 +152,7 @@ def test_a_command_says_that_another_one_writes_there(tmp_path, out, command, wo
     line = [*words.format(pack=tmp_path / "source").split(), "--out", str(tmp_path / "new" / out)]
     (tmp_path / "new").mkdir()
     with writers(tmp_path / "new" / out, 1, *([] if "." in out else ["folder"])) as (child,):
-        assert go_on(child) == "writes"
+        assert go_on(child) == ["writes"]
         error = refused(command, *line)
         assert out in error and "another process is writing it" in error
     assert command(line) == 0

@@ -1,4 +1,4 @@
-"""run_command: arguments in, exit status out, one line on stderr."""
+"""run_command: arguments in, exit status out, one line on stderr, or a box where nobody reads what is printed."""
 
 import errno
 import os
@@ -237,3 +237,70 @@ def test_names_that_are_not_utf8_are_printed(tmp_path: Path) -> None:
     script = script.replace('os.write(1, b"noise")', "None")
     done = ran(["-c", script, str(tmp_path / "out")], "")
     assert (done.returncode, done.stdout) == (0, "a\N{REPLACEMENT CHARACTER}b \N{REPLACEMENT CHARACTER}\n"), done.stderr
+
+
+# Failures are shown in a box where nobody reads what is printed, and only there
+
+ROOT = Path(__file__).parents[2]
+FAILING = (
+    "import sys; from console import UserError, run_command; from console.desktop import tell_if_unseen\n"
+    "def work() -> None:\n    raise {error}\n"
+    "sys.exit(run_command(work, prog='snerg-view', args=[], on_failure=tell_if_unseen))"
+)
+
+by_scripts = pytest.mark.skipif(os.name == "nt", reason="fake programs are shell scripts")
+
+
+def fake_zenity(folder: Path) -> Path:
+    """A program on PATH that notes how it was called; where that is noted."""
+    folder.mkdir()
+    said = folder / "said"
+    (folder / "zenity").write_text(f'#!/bin/sh\nfor word in "$@"; do echo "$word"; done > "{said}"\n')
+    (folder / "zenity").chmod(0o755)
+    return said
+
+
+def fail(tmp_path: Path, error: str = "UserError('no OpenGL', remedy='install it')", display: str = ":99", **streams):
+    """Runs a command that fails as a desktop starts it: without a terminal, stderr in a log."""
+    environment = {
+        "PATH": f"{tmp_path / 'bin'}:/bin",
+        "HOME": str(tmp_path),
+        "DISPLAY": display,
+        "PYTHONPATH": str(ROOT),
+    }
+    with open(tmp_path / "log", "wb") as log:
+        return subprocess.run(
+            [sys.executable, "-c", FAILING.format(error=error)],
+            env={name: value for name, value in environment.items() if value},
+            cwd=tmp_path,
+            timeout=120,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            **{"stderr": log, **streams},
+        )
+
+
+@by_scripts
+def test_failures_and_bugs_are_shown_in_a_box(tmp_path: Path) -> None:
+    said = fake_zenity(tmp_path / "bin")
+    assert fail(tmp_path).returncode == 2
+    assert "--error" in said.read_text() and "--text=no OpenGL; install it" in said.read_text()
+    assert "snerg-view: no OpenGL; install it" in (tmp_path / "log").read_text()
+    assert fail(tmp_path, "KeyError('depths')").returncode == 1
+    assert "This is a bug in snerg: KeyError: 'depths'" in said.read_text()
+
+
+@by_scripts
+def test_where_there_is_nothing_a_file_on_the_desktop_tells_it(tmp_path: Path) -> None:
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "Desktop").mkdir()
+    assert fail(tmp_path).returncode == 2
+    assert (tmp_path / "Desktop" / "snerg-view did not start.txt").read_text() == "no OpenGL; install it\n"
+
+
+@by_scripts
+@pytest.mark.parametrize("streams", [{"stderr": subprocess.PIPE}, {"display": ""}])
+def test_nothing_is_shown_where_somebody_reads_or_nobody_is_there(tmp_path: Path, streams: dict) -> None:
+    said = fake_zenity(tmp_path / "bin")
+    assert fail(tmp_path, **streams).returncode == 2
+    assert not said.exists()

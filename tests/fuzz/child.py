@@ -10,6 +10,7 @@ import json
 import os
 import re
 import resource
+import shutil
 import sys
 import traceback
 import warnings
@@ -20,7 +21,7 @@ from typing import Any
 from console import Notice, UserError, refusal
 from console.errors import missing_extra
 from tests.fuzz.mutations import apply
-from tests.fuzz.trees import ARCHIVE, Tree, clear, read_tree, write_tree
+from tests.fuzz.trees import ARCHIVE, Tree, read_tree, write_tree
 from tests.fuzz.words import Unfit, require_words
 
 ROOT = Path(__file__).parents[2]
@@ -59,8 +60,7 @@ class Subject:
         _forget_peak()
         before = _status("VmRSS")
         try:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
+            with warnings.catch_warnings(record=True, action="always") as caught:
                 found = self._opened(path, recipe["base"])
             found = found if found.kind == FINDING else _of_warnings(caught) or found
             if self.trespasses:
@@ -69,11 +69,11 @@ class Subject:
                 return Outcome(FINDING, "memory", f"{(_status('VmHWM') - before) >> 20} MiB")
             return found
         finally:
-            clear(self.place / "here")
+            shutil.rmtree(self.place / "here", ignore_errors=True)
 
     def _written(self, recipe: dict[str, Any]) -> Path:
         folder = self.place / "here"
-        clear(folder)
+        shutil.rmtree(folder, ignore_errors=True)
         tree = apply(self.trees[recipe["base"]], recipe["steps"])
         archive = tree.pop(ARCHIVE, None)
         write_tree(tree, folder / "subject")

@@ -4,7 +4,6 @@ A recipe is JSON: {"subject": "packs", "base": "avif", "steps": [["cut", "rgb_00
 finding is a recipe with "found", what was wrong.
 """
 
-import hashlib
 import importlib
 import json
 from collections.abc import Callable
@@ -16,7 +15,7 @@ from tests.fuzz.trees import Tree, read_tree
 from tools.fuzz.proposals import propose
 
 SUBJECTS = ("packs", "scenes", "settings", "runs")
-FINDINGS = Path(__file__).parent / "findings"
+FINDINGS = Path(__file__).parent / "findings.jsonl"
 ARCHIVED = 0.35  # of packs
 
 Recipe = dict[str, Any]
@@ -62,14 +61,12 @@ def smaller(recipe: Recipe, same: Callable[[Recipe], bool]) -> Recipe:
     return recipe
 
 
-def keep(recipe: Recipe, key: str, line: str) -> Path:
-    """Writes a finding, to be done again by tests/fuzz/test_fuzz.py."""
-    digest = hashlib.sha256(json.dumps(recipe["steps"]).encode()).hexdigest()[:8]
-    file = FINDINGS / f"{recipe['subject']}-{recipe['base']}-{digest}.json"
-    file.write_text(json.dumps({**recipe, "found": f"{key}: {line}"[:300]}, indent=1) + "\n", encoding="utf-8")
-    return file
+def keep(recipe: Recipe, key: str, line: str) -> None:
+    """Adds a finding to those that tests/fuzz/test_fuzz.py does again."""
+    with open(FINDINGS, "a", encoding="utf-8") as file:
+        file.write(json.dumps({**recipe, "found": f"{key}: {line}"[:300]}) + "\n")
 
 
-def findings() -> list[Path]:
+def findings() -> list[Recipe]:
     """All that were kept."""
-    return sorted(FINDINGS.glob("*.json"))
+    return [json.loads(line) for line in FINDINGS.read_text(encoding="utf-8").splitlines()]

@@ -23,8 +23,9 @@ from viewer.features.preferences import preferences
 
 BASES = ("preferences", "path", "older-path", "pose", "session", "marks")
 FILE = "file.json"
-VIEW = Bookmark("The door", (0.0, 1.0, 4.0), (0.0, 0.0, 0.0))
-ANNOTATIONS = Annotations(Scale(2.0, "m"), (Measurement("line", ((0.0,) * 3, (1.0, 2.0, 3.0))),), (VIEW,))
+LOW, HIGH = (0.0, 0.0, 0.0), (1.0, 2.0, 3.0)
+VIEW = Bookmark("The door", (0.0, 1.0, 4.0), LOW)
+ANNOTATIONS = Annotations(Scale(2.0, "m"), (Measurement("line", (LOW, HIGH)),), (VIEW,))
 MOST_SECONDS = 1e6
 
 
@@ -33,7 +34,7 @@ def write_base(name: str, folder: Path) -> None:
     folder.mkdir(parents=True)
     file = folder / FILE
     pose = np.eye(4)
-    pose[:3, 3] = 1.0, 2.0, 3.0
+    pose[:3, 3] = HIGH
     if name == "preferences":
         app = App()
         app.preferences.recent, app.interface.moved = ["/a", "/b"], ["view"]
@@ -47,7 +48,7 @@ def write_base(name: str, folder: Path) -> None:
     elif name == "pose":
         file.write_text(pose_to_text(pose, 40.0))
     elif name == "session":
-        seen = Seen(folder / "pack", VIEW, crop=((0.0,) * 3, (1.0,) * 3), annotations=ANNOTATIONS)
+        seen = Seen(folder / "pack", VIEW, crop=(LOW, HIGH), annotations=ANNOTATIONS)
         save_session(Session((seen,)), file)
     else:
         file.write_text(json.dumps(annotations_to_json(ANNOTATIONS)))

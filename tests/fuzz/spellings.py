@@ -12,6 +12,7 @@ from random import Random
 import numpy as np
 from PIL import Image
 
+from tools.pose_error import similarity
 from training.scenes import load_scene
 from training.scenes.poses import look_at
 from training.scenes.scene import Camera, Photograph, Scene, camera_rays
@@ -175,10 +176,8 @@ def differs(scene: Scene, cameras: list[Camera], stems: list[str]) -> str:
         return f"photographs {sorted(found)}"
     ours = [found[stem] for stem in stems]
     P, Q = (np.stack([camera.world_T_camera for camera in each]) for each in (cameras, ours))
-    turn = Q[0, :3, :3] @ P[0, :3, :3].T
-    (a, b) = (each[:, :3, 3] - each[:, :3, 3].mean(0) for each in (P, Q))
-    scale = np.linalg.norm(b) / np.linalg.norm(a)
-    error = float(np.abs(b / scale - a @ turn.T).max() / np.linalg.norm(a))
+    scale, turn, offset = similarity(P[:, :3, 3], Q[:, :3, 3])
+    error = float(np.abs(scale * P[:, :3, 3] @ turn.T + offset - Q[:, :3, 3]).max() / np.ptp(Q[:, :3, 3]))
     for camera, other in zip(cameras, ours, strict=True):
         mine, theirs = (camera_rays(each, *PIXELS)[1] for each in (camera, other))
         error = max(error, float(np.abs(theirs - mine @ turn.T).max()))
@@ -195,6 +194,5 @@ def trial(seed: int, folder: Path) -> str:
     random = Random(seed)
     cameras = true_cameras(random)
     stems = write_scene(folder, cameras, random)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         return differs(load_scene(folder), cameras, stems)

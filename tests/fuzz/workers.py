@@ -10,6 +10,7 @@ import contextlib
 import json
 import os
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,7 +20,6 @@ from types import TracebackType
 from typing import Any
 
 from tests.fuzz.child import FINDING, ROOT, Outcome
-from tests.fuzz.trees import clear
 
 SECONDS = 20.0  # of the processor, or without doing anything
 PATIENCE = 120.0  # at most, however busy the machine
@@ -44,7 +44,7 @@ class Worker:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._end()
-        clear(self.place)
+        shutil.rmtree(self.place, ignore_errors=True)
 
     def outcome(self, recipe: dict[str, Any]) -> Outcome:
         """What comes of a recipe; a finding, too, where the child hangs or dies of it."""
@@ -84,9 +84,9 @@ class Worker:
         while True:
             if select.select([child.stdout], [], [], LOOK_EVERY)[0]:
                 return child.stdout.readline()
-            used, stopped = _processor_seconds(child.pid), _is_stopped(child.pid)
-            waited += 0.0 if stopped else LOOK_EVERY  # counted, not measured: we may have been stopped ourselves
-            idle = 0.0 if used > last or stopped else idle + LOOK_EVERY
+            used = _processor_seconds(child.pid)
+            waited += LOOK_EVERY  # counted, not measured: we may have been stopped ourselves
+            idle = 0.0 if used > last else idle + LOOK_EVERY
             last = used
             if used - first > seconds or idle > seconds or waited > patience:
                 return None
@@ -102,20 +102,10 @@ class Worker:
 
     def _end(self) -> None:
         if self._child is not None:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(self._child.pid, signal.SIGKILL)
-            self._child.wait()
-            self._child.stdin.close()  # type: ignore[union-attr]
-            self._child.stdout.close()  # type: ignore[union-attr]
+            with self._child as child, contextlib.suppress(ProcessLookupError):  # waits for it, and closes its pipes
+                os.killpg(child.pid, signal.SIGKILL)
             self._complaints.close()
         self._child = None
-
-
-def _is_stopped(process: int) -> bool:
-    try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
-    except OSError:
-        return False
 
 
 def _processor_seconds(process: int) -> float:

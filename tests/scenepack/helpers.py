@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import imagecodecs
 import numpy as np
 import pytest
 
-from scenepack import Pack, save_pack
+from scenepack import Pack, ViewMlp, save_pack
 from tests.scenepack.random_packs import random_pack
 from tests.scenepack.volumes import atlas_from_dense
 
@@ -70,17 +70,13 @@ def write_image(file: Path, pixels: np.ndarray) -> None:
 
 def same_pack(a: Pack, b: Pack) -> bool:
     """Whether every field but params is equal."""
-    if (a.atlas_features is None) != (b.atlas_features is None) or (a.view_mlp is None) != (b.view_mlp is None):
-        return False
-    arrays = [(a.atlas_rgba, b.atlas_rgba), (a.atlas_indices, b.atlas_indices), (a.min_xyz, b.min_xyz)]
-    arrays += [(a.worldspace_T_opengl, b.worldspace_T_opengl)]
-    if a.atlas_features is not None and b.atlas_features is not None:
-        arrays.append((a.atlas_features, b.atlas_features))
-    if a.view_mlp is not None and b.view_mlp is not None:
-        arrays += zip(a.view_mlp.weights + a.view_mlp.biases, b.view_mlp.weights + b.view_mlp.biases, strict=True)
-    names = ("voxel_size", "grid_size", "block_size", "ndc", "input_width", "input_height", "input_focal")
-    plain = all(getattr(a, name) == getattr(b, name) for name in names)
-    return plain and all(np.array_equal(x, y) and x.dtype == y.dtype for x, y in arrays)
+
+    def same(x: Any, y: Any) -> bool:
+        if isinstance(x, ViewMlp):
+            return isinstance(y, ViewMlp) and all(map(same, x.weights + x.biases, y.weights + y.biases))
+        return np.array_equal(x, y) and getattr(x, "dtype", None) == getattr(y, "dtype", None)
+
+    return all(same(getattr(a, field.name), getattr(b, field.name)) for field in fields(a) if field.name != "params")
 
 
 def real_pack() -> Path:

@@ -6,6 +6,7 @@ block size.
 """
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
@@ -126,16 +127,11 @@ def packs(
 ) -> st.SearchStrategy[Pack]:
     """Hypothesis strategy over random_pack. ndc: None draws it."""
 
-    def build(seed: int, block_size: int, blocks: tuple[int, int, int], **options: object) -> Pack:
+    def build(seed: int, block_size: int, blocks: tuple[int, int, int], **options: Any) -> Pack:
         # A macroblock of 30 has ten times the voxels of one of 14; keep examples cheap.
         limit = max_blocks if block_size < 20 else 2
         x, y, z = (min(n, limit) for n in blocks)
-        return random_pack(
-            np.random.default_rng(seed),
-            block_size=block_size,
-            grid_blocks=(x, y, z),
-            **options,  # type: ignore[arg-type]
-        )
+        return random_pack(np.random.default_rng(seed), block_size=block_size, grid_blocks=(x, y, z), **options)
 
     counts = st.integers(1, max_blocks)
     return st.builds(

@@ -18,6 +18,7 @@ from scenepack.coarse import coarse_pack, factor_for
 from scenepack.codecs import CODECS
 from scenepack.piece_files import follows_grid
 from tests.scenepack.helpers import edit_json, images, read_json, same_pack, small_pack, smooth_pack, written
+from tests.scenepack.volumes import features_of
 from tests.viewer.conftest import toy_pack
 
 LOSSLESS = {"png", "webp"}
@@ -44,19 +45,17 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize("name", ["pack", "pack.zip"])
 def test_voxels_survive_and_empty_ones_stay_exactly_empty(codec: str, pack: Pack, tmp_path: Path, name: str) -> None:
     save_pack(pack, tmp_path / name, codec=codec)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         back = load_pack(tmp_path / name)
-    assert pack.atlas_features is not None and back.atlas_features is not None
     if codec in LOSSLESS:
         assert same_pack(back, pack)
         return
-    used = pack.atlas_rgba[..., 3] > 0
+    used, features = pack.atlas_rgba[..., 3] > 0, features_of(back)
     assert np.array_equal(back.atlas_rgba[..., 3] > 0, used), "what was empty, and nothing else"
-    assert not back.atlas_rgba[~used].any() and not back.atlas_features[~used].any()
+    assert not back.atlas_rgba[~used].any() and not features[~used].any()
     error = np.abs(back.atlas_rgba[..., 3].astype(int) - pack.atlas_rgba[..., 3])[used]
     assert error.mean() <= MOST_ALPHA_ERROR
-    for got, put in ((back.atlas_rgba, pack.atlas_rgba), (back.atlas_features, pack.atlas_features)):
+    for got, put in ((back.atlas_rgba, pack.atlas_rgba), (features, features_of(pack))):
         assert psnr(got[used], put[used]) >= LEAST_PSNR
     assert same_pack(replace(back, atlas_rgba=pack.atlas_rgba, atlas_features=pack.atlas_features), pack)
 
@@ -102,13 +101,12 @@ def test_more_quality_is_more_bytes_and_less_error(codec: str, pack: Pack, tmp_p
 
 
 def test_features_in_few_levels_are_coded_as_much_finer(codec: str, pack: Pack, tmp_path: Path) -> None:
-    features, errors = pack.atlas_features, []
-    assert features is not None and features.max() > 128
+    features, errors = features_of(pack), []
+    assert features.max() > 128
     for scale in (1, 4):  # bakes store a quarter (baker.baking.passes)
         save_pack(replace(pack, atlas_features=features // scale), tmp_path / "pack", codec=codec)
-        stored = load_pack(tmp_path / "pack").atlas_features
-        assert stored is not None
-        errors.append(float(np.sqrt(np.mean((scale * stored.astype(float) - scale * (features // scale)) ** 2))))
+        stored = features_of(load_pack(tmp_path / "pack")).astype(float)
+        errors.append(float(np.sqrt(np.mean((scale * stored - scale * (features // scale)) ** 2))))
     assert errors[1] <= 2 * errors[0], "2.2 to 3.8 times as large where steps are as coarse"
 
 
@@ -181,13 +179,12 @@ def test_converting_in_place_replaces_the_pack_and_with_a_lossy_codec_only_by_fo
 def in_steps(pack: Pack, colour: int, feature: int, opacity: int = 1) -> Pack:
     """The pack with values rounded to steps, at most alpha."""
     alpha = np.minimum(-(pack.atlas_rgba[..., 3:].astype(int) // -opacity) * opacity, 255).astype(np.uint8)
-    assert pack.atlas_features is not None
 
     def rounded(values: np.ndarray, step: int) -> np.ndarray:
         return np.minimum(np.rint(values / step) * step, alpha).astype(np.uint8)
 
     rgba = np.concatenate([rounded(pack.atlas_rgba[..., :3], colour), alpha], axis=-1)
-    return replace(pack, atlas_rgba=rgba, atlas_features=rounded(pack.atlas_features, feature))
+    return replace(pack, atlas_rgba=rgba, atlas_features=rounded(features_of(pack), feature))
 
 
 @pytest.mark.parametrize("steps", [(4, 16), (4, 1), (1, 16), (3, 100), (4, 16, 4), (1, 1, 7)])

@@ -1,7 +1,6 @@
 """snerg-pack: what it prints, what it writes, and its exit status."""
 
 import json
-import sys
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from rich.console import Console
 
-from baker.commands import pack as commands
+from baker.commands.pack import main as snerg_pack
 from scenepack import Finding, Pack, check_pack, load_pack, open_pack, report, save_pack
 from scenepack.blocks import block_copy
 from scenepack.editing import Voxels, without
@@ -22,15 +21,15 @@ from tests.messages import without_progress
 from tests.scenepack.helpers import read_image, same_pack, small_pack, write_image, written
 from tests.scenepack.random_packs import packs
 from tests.scenepack.test_placement import UP, sloping_pack
+from tests.scenepack.volumes import features_of
 
 Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
     def call(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["snerg-pack", *map(str, words)])
-        status = commands.main()
+        status = snerg_pack([*map(str, words)])
         out, err = capsys.readouterr()
         return status, out, "".join(f"{line}\n" for line in without_progress(err))
 
@@ -115,7 +114,7 @@ def found(pack: Pack, rule: str) -> Finding:
 
 def spoiled(pack: Pack, part: str = "rgba") -> tuple[Pack, np.ndarray]:
     """A copy whose atlas may be written, and that atlas."""
-    atlas = (pack.atlas_rgba if part == "rgba" else pack.atlas_features).copy()  # type: ignore[union-attr]
+    atlas = (pack.atlas_rgba if part == "rgba" else features_of(pack)).copy()
     return replace(pack, **{f"atlas_{part}": atlas}), atlas
 
 

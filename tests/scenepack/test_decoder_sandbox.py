@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from console import UserError
 from scenepack import load_pack, save_pack
 from scenepack.codecs import decoder_sandbox
 from tests.scenepack.helpers import small_pack
+from tests.viewer.waiting import until
 
 ROOT = Path(__file__).parents[2]
 HANGS, CRASHES = "while True: pass", "os.kill(os.getpid(), signal.SIGSEGV)"
@@ -60,13 +60,6 @@ def decoder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callabl
     decoder_sandbox._end_idle()
 
 
-def waits_for(condition: Callable[[], bool]) -> None:
-    until = time.monotonic() + 120
-    while not condition():
-        assert time.monotonic() < until
-        time.sleep(0.01)
-
-
 def is_gone(process: Path) -> bool:
     status = Path(f"/proc/{process.read_text()}/stat")
     return not status.exists() or status.read_text().rpartition(")")[2].split()[0] == "Z"
@@ -94,7 +87,7 @@ def test_ctrl_c_ends_a_decoder_that_hangs(pack: Path, tmp_path: Path) -> None:
     words = [sys.executable, "-c", INTERRUPTED, str(pack), SPOILT.format(began=str(began), lines=HANGS)]
     process = subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True)
     try:
-        waits_for(lambda: began.exists() and bool(began.read_text()))
+        until(lambda: began.exists() and bool(began.read_text()))
         process.send_signal(signal.SIGINT)
         _, words_said = process.communicate(timeout=120)  # far below a decoder's patience here
     finally:
@@ -116,7 +109,7 @@ while not (os.path.exists({str(began)!r}) and os.path.getsize({str(began)!r})): 
     code = INTERRUPTED.rsplit("load_pack(", 1)[0] + ends
     words = [sys.executable, "-c", code, str(pack), SPOILT.format(began=str(began), lines=HANGS)]
     assert subprocess.run(words, cwd=ROOT, timeout=120).returncode == 0
-    waits_for(lambda: is_gone(began))
+    until(lambda: is_gone(began))
 
 
 def test_decoders_are_used_again_and_those_that_were_killed_are_replaced(tmp_path: Path) -> None:
@@ -128,5 +121,5 @@ def test_decoders_are_used_again_and_those_that_were_killed_are_replaced(tmp_pat
     assert {process.pid for process in decoder_sandbox._idle} & {process.pid for process in kept}
     for process in decoder_sandbox._idle:
         os.kill(process.pid, signal.SIGKILL)  # as a machine does that runs out of memory
-    waits_for(lambda: not any(process.poll() is None for process in decoder_sandbox._idle))
+    until(lambda: not any(process.poll() is None for process in decoder_sandbox._idle))
     load_pack(tmp_path / "pack")

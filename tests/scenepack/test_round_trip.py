@@ -98,11 +98,7 @@ def test_packs_that_break_their_own_rules_are_not_written(tmp_path: Path) -> Non
 def test_putting_a_pack_together_and_cutting_it_again_gives_the_same_atlas(pack: Pack) -> None:
     rgba, features = dense_from_pack(pack)
     again = atlas_from_dense(rgba, features, pack.block_size, pack.occupied, atlas_blocks=pack.atlas_blocks)
-    np.testing.assert_array_equal(again[0], pack.atlas_indices)
-    np.testing.assert_array_equal(again[1], pack.atlas_rgba)
-    assert (again[2] is None) == (pack.atlas_features is None)
-    if again[2] is not None:
-        np.testing.assert_array_equal(again[2], pack.atlas_features)
+    np.testing.assert_equal(again, (pack.atlas_indices, pack.atlas_rgba, pack.atlas_features))
 
 
 def test_a_volume_is_read_one_macroblock_at_a_time_and_never_outside_of_the_grid() -> None:

@@ -4,7 +4,14 @@ from typing import Any
 
 import numpy as np
 
-from scenepack.blocks import Triple, atlas_layout, atlas_shape, choose_atlas_blocks, grid_block_counts
+from scenepack.blocks import (
+    Triple,
+    atlas_layout,
+    atlas_shape,
+    choose_atlas_blocks,
+    dense_from_pack,
+    grid_block_counts,
+)
 from scenepack.pack import Pack, ViewMlp
 
 BLENDER_FRAME = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)
@@ -76,6 +83,19 @@ def cube_pack(
 ) -> Pack:  # fmt: skip
     """The pack of a cube of voxels over [-1, 1]^3: rgba [z, y, x, 4], premultiplied; features likewise."""
     return pack_of_cube(len(rgba), block_size, atlas_from_dense(rgba, features, block_size), view_mlp, frame, **camera)
+
+
+def features_of(pack: Pack) -> np.ndarray:
+    """Its features' atlas, which it must have."""
+    assert pack.atlas_features is not None
+    return pack.atlas_features
+
+
+def dense_of(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
+    """dense_from_pack of a pack that has features."""
+    rgba, features = dense_from_pack(pack)
+    assert features is not None
+    return rgba, features
 
 
 def centres(side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

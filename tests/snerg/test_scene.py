@@ -11,7 +11,6 @@ from types import ModuleType, SimpleNamespace
 import moderngl
 import numpy as np
 import pytest
-import trimesh
 
 import snerg
 from console import UserError
@@ -22,6 +21,7 @@ from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.opengl import current_context
 
+trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: the extra dev")
 SIZE = (48, 36)
 EYE, TARGET = (1.4, 0.9, 2.2), (0.0, -0.2, 0.0)
 

@@ -1,5 +1,13 @@
-"""One device, and two processes of two devices each: the same losses, and one set of files."""
+"""One device, and two processes of two devices each: the same losses, and one set of files.
 
+python -m tests.training.test_many_devices SCENE OUT ONE [COORDINATOR PROCESSES PROCESS_ID]
+
+trains the paper's method for 50 steps on the devices that this process finds; OUT/run becomes the run. ONE is the OUT of the
+process of one device, which leaves there what the others take from there: states/K.npz, its state before step K, for each K of
+SHARED. Each OUT gets after/K.npz: the state, and the loss, that step K makes of that.
+"""
+
+import dataclasses
 import json
 import os
 import socket
@@ -7,11 +15,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
-from tests.training.train_both import SHARED
 from training.checkpoints import list_checkpoints, read_checkpoint
+from training.config import TINY, TrainConfig
+from training.devices import is_writer, join_processes
+from training.method import Method
 
 pytestmark = pytest.mark.slow
 
@@ -19,12 +30,26 @@ ROOT = Path(__file__).parents[2]
 # Of the largest value of an array. Measured on an AMD EPYC, also without FMA and with other kernels of oneDNN: at most 2e-6.
 A_STEPS_ROUNDING = 2e-5
 
+# NeRF's endless last interval makes a ray opaque or clear by the sign of one density: the last bit of a sum would show.
+CONFIG = dataclasses.replace(
+    TINY, batch_size=128, steps=50, log_every=1, checkpoint_every=25, validate_every=0,
+    nerf=dataclasses.replace(TINY.nerf, depth=2, width=16, skip_after=0, coarse_samples=8, fine_samples=8, warmup_steps=5,
+                             last_interval=0.5),
+)  # fmt: skip
+SHARED = (0, 1, 2, 3, 4, 25, 40)
+
 
 def start(scene: Path, out: Path, *more: str, devices: int = 1) -> subprocess.Popen[str]:
     environment = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
     environment |= {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
-    line = [sys.executable, "-m", "tests.training.train_both", str(scene), str(out), str(out.parent / "one"), *more]
+    line = [
+        sys.executable,
+        "-m",
+        "tests.training.test_many_devices",
+        *map(str, (scene, out, out.parent / "one")),
+        *more,
+    ]
     return subprocess.Popen(line, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True)
 
 
@@ -80,3 +105,39 @@ def test_two_processes_leave_the_files_of_one(trained: dict[str, Path]) -> None:
     assert description["provenance"]["processes"] == 2 and description["provenance"]["device"].startswith("4 x")
     (_, ours), (_, theirs) = (read_checkpoint(list_checkpoints(run / "checkpoints")[-1][1]) for run in (two, one))
     assert {n: a.shape for n, a in ours.items()} == {n: a.shape for n, a in theirs.items()}
+
+
+def leave_states(method: Method, config: TrainConfig, folder: Path) -> None:
+    """Writes states/."""
+    folder.mkdir()
+    state = method.start(jax.random.PRNGKey(config.seed))
+    for step in range(max(SHARED) + 1):
+        if step in SHARED:
+            np.savez(folder / f"{step}.npz", **method.save(state))  # type: ignore[arg-type]
+        state, _ = method.step(state, step)
+
+
+def take_shared_steps(method: Method, states: Path, out: Path) -> None:
+    """Writes after/."""
+    for step in SHARED:
+        with np.load(states / f"{step}.npz") as arrays:
+            state, metrics = method.step(method.restore(dict(arrays)), step)
+        after, loss = method.save(state), float(metrics["loss"])
+        if is_writer():
+            out.mkdir(exist_ok=True)
+            np.savez(out / f"{step}.npz", loss=loss, **after)  # type: ignore[arg-type]
+
+
+def main(scene: str, out: str, one: str, coordinator: str = "", processes: str = "1", process_id: str = "0") -> None:
+    if coordinator:
+        join_processes(coordinator, int(processes), int(process_id))
+    from training.loop import train
+
+    method = train(scene, Path(out) / "run", CONFIG).method
+    if out == one:
+        leave_states(method, CONFIG, Path(out) / "states")
+    take_shared_steps(method, Path(one) / "states", Path(out) / "after")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

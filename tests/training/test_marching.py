@@ -34,8 +34,8 @@ def random_rays(count: int, seed: int = 0) -> Rays:
     directions = target - origins
     directions[: count // 8] = np.eye(3)[rng.integers(0, 3, count // 8)]
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    f32 = [jnp.asarray(a, jnp.float32) for a in (origins, directions, directions)]
-    return Rays(*f32, jnp.zeros(count), jnp.full(count, 10.0))
+    origins, directions = (jnp.asarray(a, jnp.float32) for a in (origins, directions))
+    return Rays(origins, directions, directions, jnp.zeros(count), jnp.full(count, 10.0))
 
 
 @pytest.mark.parametrize("samples", [4096, 100])
@@ -60,15 +60,6 @@ def test_the_march_lists_every_sample_with_support_and_says_which_rays_did_not_f
     assert int(found.complete.sum()) > 20
 
 
-class KnownRays(NamedTuple):
-    """Stands in for the dataset that makes the rays."""
-
-    rays: Rays
-
-    def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
-        return Rays(*(array[ids] for array in self.rays))
-
-
 def test_each_ray_is_done_once_and_in_order_however_few_fit() -> None:
     capacity = iter([3, 8, 1, 5, 2, 8, 8, 8])
     asked: list[np.ndarray] = []
@@ -83,6 +74,15 @@ def test_each_ray_is_done_once_and_in_order_however_few_fit() -> None:
         done += output[: end - start].tolist()
     assert done == list(range(0, 210, 10))
     assert all(len(places) == 8 and places.max() <= 20 for places in asked), "one size, so one compilation"
+
+
+class KnownRays(NamedTuple):
+    """Stands in for the dataset that makes the rays."""
+
+    rays: Rays
+
+    def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
+        return Rays(*(array[ids] for array in self.rays))
 
 
 def test_rays_in_a_turned_grid_meet_what_they_met_and_begin_where_they_did() -> None:

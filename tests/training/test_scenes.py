@@ -135,7 +135,7 @@ def test_what_is_up_becomes_z_and_all_else_turns_along(tmp_path: Path) -> None:
     np.testing.assert_allclose(turn @ [0, 0, 1], np.array(up) / np.linalg.norm(up), atol=1e-12)
     eyes = [[one.camera.world_T_camera[:3, 3] for one in everyone(scene)] for scene in (before, after)]
     np.testing.assert_allclose(eyes[1], eyes[0] @ turn, atol=1e-9)
-    points = sparse_points(before).places, sparse_points(after).places
+    points = [cloud.places for cloud in map(sparse_points, (before, after)) if cloud is not None]
     np.testing.assert_allclose(points[1], points[0] @ turn, atol=1e-9)
     inside = ((points[1] > after.aabb[0]) & (points[1] < after.aabb[1])).all(-1)
     assert inside.mean() > 0.95, "the box is that of the points as they lie now"

@@ -1,4 +1,4 @@
-"""Runs: resumed, interrupted, damaged, diverged; and the command around them."""
+"""Runs: resumed, interrupted, damaged, diverged; the command around them; checkpoints that do not fit; and presets."""
 
 import dataclasses
 import errno
@@ -8,25 +8,40 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, get_args
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from console import UserError
+from baker.commands.make import main as snerg_make
+from console import Notice, UserError
 from console.progress import Progress
 from console.progress_protocol import PROGRESS, read_report
 from tests.compiling import as_users_have_it
-from training.checkpoints import to_arrays
+from tests.stored_runs import SCENE, STORED
+from training.checkpoints import (
+    from_arrays,
+    list_checkpoints,
+    read_checkpoint,
+    read_newest_checkpoint,
+    to_arrays,
+    write_checkpoint,
+)
 from training.commands.train import main
-from training.config import TINY
+from training.config import PRESETS as CONFIGS
+from training.config import TINY, from_json
 from training.loop import train
 from training.multires.config import MultiresConfig
 from training.multires.jax_engine import JaxEngine
 from training.nerf.method import NerfMethod
 from training.recorder import Recorder, read_metrics
 from training.run import load_run, read_description
+from training.scenes.presets import PRESETS, BakeablePreset, PresetName, voxels_for
+from training.speed import whole_runs
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -169,7 +184,7 @@ def test_two_processes_do_not_train_into_one_run(there: bool, unbroken: Path, pr
         shutil.copytree(unbroken, run)
     before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
     words = [str(procedural_path), "--out", str(run), *(["--resume"] if there else ["--preset", "tiny"])]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     child = subprocess.Popen([sys.executable, "-c", HOLDING, str(run)], cwd=ROOT, text=True, **pipes)
     try:
         assert child.stdout is not None and child.stdout.readline() == "held\n"
@@ -214,3 +229,126 @@ def test_a_run_whose_photographs_are_gone_says_so(unbroken: Path, tmp_path: Path
     with pytest.raises(UserError, match=r"gone: no such folder \(found .*/gone\).*--scene FOLDER"):
         load_run(moved)
     assert load_run(moved, scene_path=json.loads((unbroken / "config.json").read_text())["scene"]).step
+
+
+# Checkpoints that are damaged or do not fit, and runs in which links lead elsewhere
+
+ARRAYS = {"weight": np.arange(12, dtype=np.float32).reshape(3, 4), "count": np.array(7, np.int32)}
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty"])
+def test_a_damaged_checkpoint_is_passed_over_with_a_warning(tmp_path: Path, damage: str):
+    write_checkpoint(tmp_path, 10, ARRAYS)
+    path = write_checkpoint(tmp_path, 20, ARRAYS)
+    data = bytearray(path.read_bytes())
+    if damage == "flip":
+        data[-3] ^= 0x40
+    path.write_bytes({"cut": data[: len(data) // 2], "flip": data, "empty": b""}[damage])
+    with pytest.warns(Notice, match=r"step_00000020.*damaged.*before"):
+        step, _ = read_newest_checkpoint(tmp_path)
+    assert step == 10
+
+
+def test_no_checkpoint_and_no_readable_one_are_errors_with_a_remedy(tmp_path: Path):
+    with pytest.raises(UserError, match="no checkpoint"):
+        read_newest_checkpoint(tmp_path)
+    write_checkpoint(tmp_path, 10, ARRAYS).write_bytes(b"nonsense")
+    with pytest.warns(Notice), pytest.raises(UserError, match="can be read"):
+        read_newest_checkpoint(tmp_path)
+
+
+def test_a_writer_killed_at_any_moment_leaves_a_readable_checkpoint(tmp_path: Path):
+    code = (
+        "import sys, numpy as np; from pathlib import Path; from training.checkpoints import write_checkpoint\n"
+        "for step in range(1, 10**6):\n"
+        "    write_checkpoint(Path(sys.argv[1]), step, {'a': np.full(400_000, step, np.float32)})\n"
+    )
+    for round_, delay in enumerate((0.02, 0.05, 0.09)):
+        folder = tmp_path / str(round_)
+        writer = subprocess.Popen([sys.executable, "-c", code, str(folder)])
+        while not list_checkpoints(folder):
+            time.sleep(0.005)
+        time.sleep(delay)
+        writer.send_signal(signal.SIGKILL)
+        writer.wait()
+        for step, path in list_checkpoints(folder):
+            read, arrays = read_checkpoint(path)
+            assert read == step and (arrays["a"] == step).all()
+
+
+def test_arrays_of_another_shape_or_a_missing_one_are_refused():
+    template = {"a": jnp.ones((2, 2))}
+    with pytest.raises(UserError, match=r'"a" does not fit.*\[2, 2\].*\[3\]'):
+        from_arrays(template, {"a": np.ones(3, np.float32)})
+    with pytest.raises(UserError, match=r'"a" does not fit.*found none'):
+        from_arrays(template, {})
+
+
+# Going on with somebody else's run writes into that run, and nowhere else
+
+
+@pytest.mark.parametrize("name", ["metrics.jsonl", "curves.png", "validation/latest.png", "config.json"])
+@pytest.mark.parametrize("kind", ["link", "pipe"])
+def test_a_link_or_a_pipe_in_the_place_of_a_file_is_refused(name, kind, tmp_path, capsys):
+    run, mine = Path(shutil.copytree(STORED / "multires", tmp_path / "run")), tmp_path / "mine.txt"
+    mine.write_bytes((run / name).read_bytes() if name == "config.json" else b"mine")
+    before = mine.read_bytes()
+    file = run / name
+    file.parent.mkdir(exist_ok=True)
+    file.unlink(missing_ok=True)
+    file.symlink_to(mine) if kind == "link" else os.mkfifo(file)
+    assert main([str(SCENE), "--out", str(run), "--resume"]) == 2
+    assert file.name in capsys.readouterr().err or name == "config.json"
+    assert mine.read_bytes() == before
+
+
+# Presets: one table of names, which commands, trainer and viewer share; and settings that make no sense
+
+
+def test_every_name_has_settings_and_says_what_it_is_for() -> None:
+    assert set(get_args(PresetName)) == set(PRESETS) == set(CONFIGS)
+    assert all(preset.about for preset in PRESETS.values())
+
+
+def test_those_that_snerg_make_offers_are_those_that_a_pack_can_hold() -> None:
+    bakeable = {
+        n for n, config in CONFIGS.items() if config.method == "multires" or config.nerf.view in ("deferred", "none")
+    }
+    assert set(get_args(BakeablePreset)) == bakeable
+
+
+@pytest.mark.parametrize(("command", "kind"), [(snerg_make, BakeablePreset), (main, PresetName)])
+def test_help_explains_every_preset(command, kind, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    assert command(["--help"]) == 0
+    help_text = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    for name in get_args(kind):
+        assert f"{name} ({PRESETS[name].about})" in help_text
+
+
+def test_packs_are_about_as_fine_as_photographs_and_twice_as_fine_where_half_a_side_is_the_surroundings() -> None:
+    assert [voxels_for(pixels) for pixels in (200, 400, 504, 640, 800, 4000)] == [512, 512, 630, 800, 1000, 1000]
+    assert [voxels_for(pixels, contracted=True) for pixels in (128, 256, 512)] == [512, 640, 1000]
+
+
+def test_larger_photographs_take_more_of_both_until_the_field_is_as_fine_as_it_gets() -> None:
+    runs = whole_runs([100, 250, 800, 1600])["quick"]
+    for key in ("samples", "disk"):
+        assert runs[100][key] <= runs[250][key] < runs[800][key] == runs[1600][key]
+    assert runs[100]["disk"] < runs[250]["disk"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("batch_size", -1), ("log_every", 0), ("seed", 10**20), ("steps", -5), ("minutes", float("nan")), ("nerf.width", 0),
+     ("multires.occupancy", 0), ("multires.view_octaves", -1), ("multires.steps_from", [0.1, float("nan")]),
+     ("nerf.first_rate", -1.0), ("checkpoint_every", 0), ("nerf.depth", 2.5), ("method", "magic")],
+)  # fmt: skip
+def test_settings_that_make_no_sense_are_refused_by_name(name: str, value: object) -> None:
+    document = dataclasses.asdict(TINY)
+    inner = document
+    for part in name.split(".")[:-1]:
+        inner = inner[part]
+    inner[name.split(".")[-1]] = value
+    with pytest.raises(UserError, match=name.split(".")[-1].replace("_", ".")):
+        from_json(type(TINY), document, "config.json")

@@ -1,10 +1,9 @@
 """`python -m tools.card --out DIR`: measures all figures of a graphics card, and writes a report (docs/card.md)."""
 
 import os
-import shlex
 import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -54,28 +53,6 @@ def scene_at_hand(given: Path | None) -> Path | None:
     return given
 
 
-def drawing_parts(out: Path, packs: Mapping[str, Path], sizes: Sizes) -> list[Part]:
-    """The parts that need OpenGL alone."""
-    parts = [Part("device", lambda _: device()), Part("golden pictures", partial(golden, out))]
-    for name, path in packs.items():
-
-        def figures(_: object, path: Path = path, name: str = name) -> dict:
-            return pack_figures(path, name, out, sizes)
-
-        parts.append(Part(f"pack {name}", figures, LEAST_PACK_S))
-    return parts
-
-
-def training_parts(training: Training, curve_preset: str, step_preset: str, minutes: float) -> list[Part]:
-    """The parts that train. minutes: of the PSNR over time of `curve_preset`."""
-    return [
-        Part("jax", training.devices),
-        Part(f"curve of {curve_preset}", partial(training.curve_of, curve_preset, minutes)),
-        Part(f"step of {step_preset}", partial(training.step_of, step_preset), LEAST_TRAINING_S),
-        Part(f"step of {curve_preset}, in parts", partial(training.parts_of_step, curve_preset), LEAST_TRAINING_S),
-    ]
-
-
 def card_report(
     out: Path,
     pack: tuple[Path, ...] = (),
@@ -89,11 +66,8 @@ def card_report(
     train_minutes: float = 6.0,
     curve_preset: str = "full",
     step_preset: str = "paper",
-    curve_options: str = "",
-    step_options: str = "",
     processor_too: bool = False,
     minutes: float = 20.0,
-    keep_runs: bool = False,
 ) -> None:
     """Measures everything that this repository wants to know of a graphics card, and writes a report.
 
@@ -110,15 +84,12 @@ def card_report(
         train_minutes: Minutes of training for the curve. 0 leaves all training out.
         curve_preset: Preset whose PSNR over time is measured.
         step_preset: Preset whose step is timed.
-        curve_options: Further options of snerg-train for --curve-preset, in one word.
-        step_options: Further options of snerg-train for --step-preset, in one word.
         processor_too: Train even if JAX sees no graphics card.
         minutes: Begin nothing after this many minutes.
-        keep_runs: Keep the runs of the training, in the folder work.
     """
-    for option, value, least in (("--frames", frames, 1), ("--views", views, 1), ("--downscale", downscale, 1)):
-        if value < least:
-            raise UserError("is too small", where=option, expected=f"at least {least}", found=value)
+    for option, value in (("--frames", frames), ("--views", views), ("--downscale", downscale)):
+        if value < 1:
+            raise UserError("is too small", where=option, expected="at least 1", found=value)
     if minutes <= 0 or not 0 <= train_minutes <= minutes:
         raise UserError(
             "do not fit together", where="--minutes and --train-minutes", expected="0 <= --train-minutes <= --minutes"
@@ -132,17 +103,22 @@ def card_report(
     out.mkdir(parents=True, exist_ok=True)
     runs = out / "work"
     shutil.rmtree(runs, ignore_errors=True)  # of a report that was interrupted
-    parts = drawing_parts(out, packs_at_hand(pack, only=only), sizes)
+    parts = [Part("device", lambda _: device()), Part("golden pictures", partial(golden, out))]
+    for name, path in packs_at_hand(pack, only=only).items():
+        parts.append(Part(f"pack {name}", partial(pack_figures, path, name, out, sizes), LEAST_PACK_S))
     if train_minutes > 0:
         found = scene_at_hand(scene)
-        options = {curve_preset: shlex.split(curve_options), step_preset: shlex.split(step_options)}
-        training = Training(out, found and found.resolve(), downscale, processor_too, options)
-        parts += training_parts(training, curve_preset, step_preset, train_minutes)
+        training = Training(out, found and found.resolve(), downscale, processor_too)
+        parts += [
+            Part("jax", training.devices),
+            Part(f"curve of {curve_preset}", partial(training.curve_of, curve_preset, train_minutes)),
+            Part(f"step of {step_preset}", partial(training.step_of, step_preset), LEAST_TRAINING_S),
+            Part(f"step of {curve_preset}, in parts", partial(training.parts_of_step, curve_preset), LEAST_TRAINING_S),
+        ]
     try:
         report = run_parts(parts, out, minutes)
     finally:
-        if not keep_runs:
-            shutil.rmtree(runs, ignore_errors=True)
+        shutil.rmtree(runs, ignore_errors=True)
     write_result(out / "report.md", page(report))
     print(out / "report.md")
     failed = [name for name, facts in report["parts"].items() if facts["status"] == "failed"]

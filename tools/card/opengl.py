@@ -17,7 +17,7 @@ from PIL import Image
 
 from console.atomic import replacing
 from scenepack import Pack, load_pack
-from tools.card.parts import Facts
+from tools.card.parts import Budget, Facts
 from viewer.benchmark.frames import Contender, mean_watts, measure, power_readings, sustained
 from viewer.benchmark.protocols import flight, protocol_for
 from viewer.rendering.camera import ViewCamera
@@ -87,8 +87,8 @@ def card_facts(renderer: str) -> dict[str, Any]:
     except Exception:  # no package, or no driver: each has errors of its own
         return {}
     asked: dict[str, Callable[[], Any]] = {
-        "name": lambda: _text(pynvml.nvmlDeviceGetName(card)),
-        "driver": lambda: _text(pynvml.nvmlSystemGetDriverVersion()),
+        "name": lambda: str(pynvml.nvmlDeviceGetName(card)),
+        "driver": lambda: str(pynvml.nvmlSystemGetDriverVersion()),
         "bytes": lambda: int(pynvml.nvmlDeviceGetMemoryInfo(card).total),
         "watts_allowed": lambda: pynvml.nvmlDeviceGetEnforcedPowerLimit(card) / 1000.0,
         "mhz": lambda: int(pynvml.nvmlDeviceGetMaxClockInfo(card, pynvml.NVML_CLOCK_GRAPHICS)),
@@ -101,10 +101,6 @@ def card_facts(renderer: str) -> dict[str, Any]:
     return facts
 
 
-def _text(value: Any) -> str:
-    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
-
-
 def _version(name: str) -> str:
     try:
         return version(name)
@@ -112,7 +108,7 @@ def _version(name: str) -> str:
         return ""
 
 
-def pack_figures(path: Path, name: str, out: Path, sizes: Sizes) -> Facts:
+def pack_figures(path: Path, name: str, out: Path, sizes: Sizes, _: Budget) -> Facts:
     """Exactness, frame times, power and a picture of one pack, out/NAME.png."""
     pack = load_pack(path)
     protocol = protocol_for(pack)

@@ -23,14 +23,13 @@ class Skipped(Exception):
 class Budget:
     """The time that is left of `minutes`."""
 
-    def __init__(self, minutes: float, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
-        self._end = clock() + 60.0 * minutes
+    def __init__(self, minutes: float) -> None:
+        self._end = time.monotonic() + 60.0 * minutes
 
     @property
     def left(self) -> float:
         """Seconds; 0 where none are left."""
-        return max(self._end - self._clock(), 0.0)
+        return max(self._end - time.monotonic(), 0.0)
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,7 @@ def jax_devices(out: Path, budget: Budget, *, processor_too: bool) -> Facts:
 
 @dataclass
 class Training:
-    """Trains a scene with a preset after another. scene: None renders one. options: words for snerg-train, by preset.
+    """Trains a scene with a preset after another. scene: None renders one.
 
     processor_too: also where JAX sees no graphics card.
     """
@@ -98,7 +98,6 @@ class Training:
     scene: Path | None
     downscale: int
     processor_too: bool
-    options: dict[str, list[str]]
     available: bool = False
 
     def devices(self, budget: Budget) -> Facts:
@@ -127,7 +126,7 @@ class Training:
 
         scene, run = self._scene(budget), self._run(preset, what)
         command = ["-m", "training.commands.train", str(scene), "--out", str(run), "--preset", preset]
-        command += ["--downscale", str(self.downscale), *words, *self.options.get(preset, [])]
+        command += ["--downscale", str(self.downscale), *words]
         ended = run_child(command, self.out / f"{preset}-{what}.log", min(seconds, budget.left))
         records = read_metrics(run / "metrics.jsonl")
         if not records:

@@ -1,6 +1,6 @@
 """Fuzzes for as long as one likes: `python -m tools.fuzz --minutes 10 --seed 3 --only packs`.
 
-What breaks is made smaller and kept under tests/fuzz/findings, one for each cause; the exit status is then 1. The same seed
+What breaks is made smaller and kept in tests/fuzz/findings.jsonl, one for each cause; the exit status is then 1. The same seed
 draws the same files.
 """
 
@@ -11,7 +11,6 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 
 from tests.fuzz.child import FINDING, OPENED, REFUSED, Outcome
@@ -30,17 +29,14 @@ class Campaign:
         self.counts: Counter[tuple[str, str]] = Counter()
         self.causes: Counter[str] = Counter()
         self._lock = threading.Lock()
-        self._rest = {source.subject: self._numbers(most) for source in self.sources}
-
-    def _numbers(self, most: int | None) -> Iterator[int]:
-        return iter(range(most)) if most is not None else itertools.count()
+        numbers = itertools.count if most is None else lambda: iter(range(most))
+        self._rest = {source.subject: numbers() for source in self.sources}
 
     def work(self) -> None:
         """Goes on until the time or the recipes are used up; any number of threads may."""
         for source in self.sources:
-            share = time.monotonic() + (self.until - time.monotonic()) / (
-                len(self.sources) - self.sources.index(source)
-            )
+            left = len(self.sources) - self.sources.index(source)
+            share = time.monotonic() + (self.until - time.monotonic()) / left
             with Worker(source.subject, self.bases) as worker:
                 while time.monotonic() < share:
                     with self._lock:
@@ -63,8 +59,9 @@ class Campaign:
             self.causes[cause] += outcome.kind == FINDING
         if new:
             recipe = smaller(recipe, lambda fewer: worker.outcome(fewer).key == outcome.key)
-            place = keep(recipe, outcome.key, outcome.line).name if self.kept else str(recipe)
-            print(f"{recipe['subject']} {number}: {outcome.key}: {outcome.line}\n    {place}", flush=True)
+            if self.kept:
+                keep(recipe, outcome.key, outcome.line)
+            print(f"{recipe['subject']} {number}: {outcome.key}: {outcome.line}\n    {recipe}", flush=True)
 
     def table(self) -> str:
         """Counts by class, as a table in Markdown."""

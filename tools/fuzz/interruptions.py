@@ -106,16 +106,8 @@ def campaign(names: list[str], times: int, disks: int, seed: int) -> tuple[str, 
             with small_disk(disk) as mounted:
                 count = disks if mounted else 0
                 fits = Counter(writer.fill(disk, int(moments.uniform(0, 1.1) * size)) for _ in range(count))
-            found: list[int | str] = [
-                sum(kills.values()),
-                kills["finished"],
-                kills["old"],
-                kills["new"],
-                count,
-                fits["refused"],
-            ]
-            if writer.older is None:
-                found[2] = found[3] = "–"
+            outputs = [kills["old"], kills["new"]] if writer.older is not None else ["–", "–"]
+            found = [sum(kills.values()), kills["finished"], *outputs, count, fits["refused"]]
             rows.append(f"| {writer.name} | {' | '.join(map(str, found))} | {len(writer.problems)} |")
             print(rows[-1], *writer.problems, sep="\n", flush=True)
             problems += writer.problems

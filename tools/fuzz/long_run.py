@@ -25,9 +25,7 @@ from tools.fuzz.memory import resident, with_steady_memory
 
 WARM_UP = 4  # laps: programs are compiled, pools filled, arenas taken
 FEWEST = 4  # laps after these
-TOLERATED = (
-    0.03  # of what was held after the warm-up: allocators keep some memory for later, in steps that come at any time
-)
+TOLERATED = 0.03  # of what was held after the warm-up: allocators keep memory for later, in steps that come at any time
 SAVING = ["--checkpoint-every", "20", "--validate-every", "20"]
 TRAININGS = (  # one of each method, as long as there is something to bake
     ["--preset", "tiny", "--batch-size", "64", "--steps", "40", *SAVING],

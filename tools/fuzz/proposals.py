@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import struct
 from collections.abc import Callable, Iterator
+from math import prod
 from pathlib import PurePosixPath
 from random import Random
 from typing import Any
@@ -51,9 +52,9 @@ def _claim(random: Random) -> Step:
 
 def _of_archive(random: Random, tree: Tree) -> Step:
     data = zipped(tree)
-    return (
-        _of_fields(random, ARCHIVE, data, archive(data)) if random.random() < 0.7 else _of_bytes(random, ARCHIVE, data)
-    )
+    if random.random() < 0.7:
+        return _of_fields(random, ARCHIVE, data, archive(data))
+    return _of_bytes(random, ARCHIVE, data)
 
 
 def _of_file(random: Random, tree: Tree) -> Step:
@@ -174,9 +175,7 @@ def _of_tensors(random: Random, file: str, data: bytes) -> Step:
             if step[0] == "json set"
             else ["cut", file, random.randrange(len(data))]
         )
-    size = 1
-    for side in shape:
-        size *= side
+    size = prod(shape)
     reshapes = [[-1], [1, size], [size, 1], [], [0, *shape], [*reversed(shape)], [1, *shape]]
     place = random.randrange(max(size, 1))
     return random.choice([

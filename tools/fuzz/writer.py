@@ -90,18 +90,14 @@ class Writer:
         """Ends it after that share of its usual time: "finished", or the output that is there: "old", "new", "begun"."""
         old = self._prepare(place)
         child = self.start(place / self.out)
-        self.wait(child, moment)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.wait(moment * self.seconds)
         finished = child.poll() is not None
         self.end(child)
         child.communicate()
         found = self._found(place, old, f"killed after {moment:.2f} of its time")
         self._must_end_well(place, f"killed after {moment:.2f} of its time")
         return "finished" if finished else found
-
-    def wait(self, child: subprocess.Popen[str], moment: float) -> None:
-        """Until that share of its usual time is over, or it has ended."""
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            child.wait(moment * self.seconds)
 
     def fill(self, place: Path, free: int) -> str:
         """Runs it where so many bytes are free: "refused" in one line, or "new" where they were enough."""

@@ -1,25 +1,33 @@
 """Where voxels lie, and which macroblocks are dropped."""
 
+import re
+from contextlib import suppress
 from types import SimpleNamespace
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from baker.baking import bake as baking
 from baker.baking.config import BakeConfig
-from baker.baking.culling import content_box
 from baker.baking.grid import make_grid
 from baker.baking.supersample import Sampler, supersample
 from baker.baking.work_folder import WorkFolder
+from baker.tuning import marcher
+from baker.tuning.pruning import arriving_transmittance
 from console import Notice
 from scenepack import Pack
-from scenepack.blocks import dense_from_pack, fill_atlas, restore_padding
-from tests.baker.analytic import COLOUR, DENSITY, FEATURES, RADIUS, ball, culled, nothing
-from tests.scenepack.random_packs import BLENDER_FRAME
+from scenepack.blocks import fill_atlas, restore_padding
+from tests.baker.analytic import COLOUR, DENSITY, FEATURES, RADIUS, ball, culled
+from tests.scenepack.helpers import same_pack
+from tests.scenepack.volumes import BLENDER_FRAME, dense_of, features_of
+from training.dataset import RayDataset
 
 pytestmark = pytest.mark.usefixtures("hardly_optimised")
 
 LOW, HIGH = np.full(3, -1.5), np.full(3, 1.5)
+GRID = make_grid(0.6 * LOW, 0.6 * HIGH, 60, 30, BLENDER_FRAME)
 
 
 def test_the_grid_covers_its_box_with_whole_blocks_and_stays_centred() -> None:
@@ -31,19 +39,10 @@ def test_the_grid_covers_its_box_with_whole_blocks_and_stays_centred() -> None:
     np.testing.assert_allclose(grid.min_xyz + far, [2.0, 1.0, 0.1], atol=1e-9)
 
 
-@pytest.mark.slow
-def test_the_content_box_fits_the_ball_within_a_probe_cell() -> None:
-    box = content_box(ball, LOW, HIGH, 120, BLENDER_FRAME)
-    assert box is not None
-    cell = 3.0 / 120
-    assert np.all(np.abs(box[0] + RADIUS) < 2.5 * cell) and np.all(np.abs(box[1] - RADIUS) < 2.5 * cell)
-    assert content_box(nothing, LOW, HIGH, 64, BLENDER_FRAME) is None
-
-
 def test_culling_keeps_the_shell_of_an_opaque_ball_and_drops_air_and_the_hidden_middle(dataset) -> None:
     grid = make_grid(LOW * 0.7, HIGH * 0.7, 360, 30, BLENDER_FRAME)  # 12 blocks a side; the ball's radius is 4.6 blocks
     culling = culled(ball, grid, dataset)
-    centres = (np.stack(np.indices((12, 12, 12)), -1) + 0.5) * 30 * grid.voxel_size + grid.min_xyz[0]
+    centres = (np.moveaxis(np.indices((12, 12, 12)), 0, -1) + 0.5) * 30 * grid.voxel_size + grid.min_xyz[0]
     distance, diagonal = np.linalg.norm(centres, axis=-1), 30 * grid.voxel_size * np.sqrt(3) / 2
     assert not culling.kept[distance > RADIUS + diagonal].any(), "air is dropped"
     middle = distance < RADIUS - 2.2 * diagonal
@@ -74,21 +73,19 @@ def test_a_grid_of_more_macroblocks_than_cards_hold_is_made_coarser(scene, datas
     work.remove()
 
 
-def baked(culling, grid, work=None) -> Pack:
+def baked(culling, grid, work=None, field=ball, on_share=lambda share: None) -> Pack:
     """What supersample gives, as a pack of its own."""
-    atlas = fill_atlas(supersample(Sampler(ball, grid, culling), work=work), culling.kept, grid.block_size)
+    atlas = fill_atlas(supersample(Sampler(field, grid, culling), on_share, work), culling.kept, grid.block_size)
     pack = Pack(grid.voxel_size, grid.min_xyz, grid.size, grid.block_size, *atlas, None, BLENDER_FRAME)
-    for part in atlas[1:]:
+    for part in (pack.atlas_rgba, features_of(pack)):
         restore_padding(part, pack.atlas_indices, pack.block_size)
     return pack
 
 
 def test_supersampled_voxels_are_premultiplied_rounded_and_antialiased(dataset) -> None:
-    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, BLENDER_FRAME)
-    rgba, features = dense_from_pack(baked(culled(ball, grid, dataset), grid))
-    assert features is not None
+    rgba, features = dense_of(baked(culled(ball, GRID, dataset), GRID))
     alpha = rgba[..., 3].astype(float) / 255
-    full = 1 - np.exp(-DENSITY * grid.voxel_size)
+    full = 1 - np.exp(-DENSITY * GRID.voxel_size)
     solid = alpha > 0.999 * full - 0.5 / 255
     assert solid.any()
     np.testing.assert_allclose(rgba[solid][:, :3], np.round(255 * COLOUR * full) * np.ones((solid.sum(), 1)), atol=1)
@@ -97,28 +94,27 @@ def test_supersampled_voxels_are_premultiplied_rounded_and_antialiased(dataset) 
     assert edge.any(), "the border of the ball is averaged, not a staircase"
     np.testing.assert_allclose(rgba[edge][:, :3] / 255, alpha[edge][:, None] * COLOUR, atol=1.01 / 255)
     centres = np.argwhere(solid) + 0.5 - 30
-    assert np.linalg.norm(centres * grid.voxel_size, axis=1).max() < RADIUS, "voxels lie where the ball is"
+    assert np.linalg.norm(centres * GRID.voxel_size, axis=1).max() < RADIUS, "voxels lie where the ball is"
 
 
 @pytest.mark.slow
 def test_a_field_no_finer_than_the_grid_is_asked_once_a_voxel_and_stays_as_sharp_as_it_is(dataset) -> None:
     """What the paper's samples average out of an MLP, a field that is smooth within its cells never had."""
-    grid = make_grid(np.full(3, -0.9), np.full(3, 0.9), 60, 30, BLENDER_FRAME)
-    culling, asked = culled(ball, grid, dataset), []
+    culling, asked = culled(ball, GRID, dataset), []
 
     def ramp(points: np.ndarray):
         asked.append(points)
         return ball(points)._replace(density=60 * (1 + np.sin(points[:, 0] * 40)))  # type: ignore[arg-type]
 
-    blocks = dict(supersample(Sampler(ramp, grid, culling, np.full(3, grid.voxel_size))))
+    blocks = dict(supersample(Sampler(ramp, GRID, culling, np.full(3, GRID.voxel_size))))
     points = np.concatenate(asked)
-    voxels = (points @ grid.worldspace_T_opengl[:3, :3] - grid.min_xyz) / grid.voxel_size
+    voxels = (points @ GRID.worldspace_T_opengl[:3, :3] - GRID.min_xyz) / GRID.voxel_size
     np.testing.assert_allclose(voxels % 1, 0.5, atol=1e-3)
     assert len(np.unique(np.floor(voxels), axis=0)) == len(voxels), "each once"
     place, content = next(iter(blocks.items()))
     z, y, x = np.nonzero(content[..., 3])
-    centres = grid.training_points(np.stack([x, y, z], -1) + 0.5 + np.array(place)[::-1] * 30)
-    alpha = 1 - np.exp(-ramp(centres).density * grid.voxel_size)
+    centres = GRID.training_points(np.stack([x, y, z], -1) + 0.5 + np.array(place)[::-1] * 30)
+    alpha = 1 - np.exp(-ramp(centres).density * GRID.voxel_size)
     np.testing.assert_allclose(content[z, y, x, 3], 255 * alpha, atol=0.51)
 
 
@@ -144,16 +140,41 @@ def test_a_bake_that_was_killed_goes_on_and_ends_with_the_same_voxels(dataset, t
         asked, limit = 0, 2_500_000 + 10 * times  # points before the next kill
         reported.clear()
         work = WorkFolder(tmp_path / "work", {"bake": 1})
-        try:
-            culling = culled(mortal, grid, dataset, work)
-            blocks = supersample(Sampler(mortal, grid, culling), reported.append, work)
-            last = fill_atlas(blocks, culling.kept, 30)
-        except KeyboardInterrupt:
-            pass
+        with suppress(KeyboardInterrupt):
+            last = baked(culled(mortal, grid, dataset, work), grid, work, mortal, reported.append)
         work.close()
     assert times >= 3
     assert 0 < reported[0] < reported[-1] == 1.0  # the first progress counts what was made before
-    assert np.array_equal(last[0], whole.atlas_indices)
-    for part, expected in zip(last[1:], (whole.atlas_rgba, whole.atlas_features), strict=True):
-        restore_padding(part, whole.atlas_indices, whole.block_size)
-        assert np.array_equal(part, expected)
+    assert same_pack(last, whole)
+
+
+# Geometry is computed in float32 on every card: products ask for the highest precision, where NVIDIA's default is TF32. It is
+# read in the programs themselves, so that no card is needed.
+
+
+def precisions(program: str) -> list[str]:
+    """Of each product of a program (StableHLO text): the precision asked of its first operand."""
+    products = re.findall(r"stablehlo\.dot_general.*", program)
+    return [(re.search(r"precision = \[(\w+), \w+\]", product) or [product, "DEFAULT"])[1] for product in products]
+
+
+def test_the_products_that_make_training_rays_ask_for_the_highest_precision(dataset: RayDataset) -> None:
+    rays_at = jax.jit(lambda dataset, ids: dataset.rays_at(ids))
+    assert precisions(rays_at.lower(dataset, jnp.arange(8, dtype=jnp.int32)).as_text()) == ["HIGHEST"]
+
+
+def test_so_do_those_of_culling_and_pruning(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    programs, function = [], marcher._in_grid
+
+    def recorded(*arguments):
+        programs.append(function.lower(*arguments).as_text())
+        return function(*arguments)
+
+    monkeypatch.setattr(marcher, "_in_grid", recorded)
+    culling = culled(ball, GRID, dataset)
+    first = len(programs)
+    arriving_transmittance(baked(culling, GRID), dataset, 0)
+    assert len(programs) > first > 0
+    for program in programs:
+        assert len(precisions(program)) >= 3, "rays are made, and moved into the grid's frame"
+        assert set(precisions(program)) == {"HIGHEST"}

@@ -54,7 +54,7 @@ def test_masked_by_alpha_what_lies_outside_of_the_subject_does_not_count(scene, 
 def test_a_picture_of_another_exposure_has_a_second_figure_and_the_first_is_not_flattered(scene, monkeypatch):
     def dimmed(right: np.ndarray) -> np.ndarray:
         subject = (right < 1).any(-1, keepdims=True)  # the background is nobody's photograph
-        return np.where(subject, right * np.float32([0.8, 0.7, 0.75]) + np.float32(0.02), right)
+        return np.where(subject, right * np.array([0.8, 0.7, 0.75], np.float32) + np.float32(0.02), right)
 
     monkeypatch.setattr(evaluation, "shown_by", showing(scene, lambda name: 48, dimmed))
     scores = evaluate(Path("pack"), scene, "test", by_alpha=True)

@@ -34,6 +34,7 @@ from tests.scenepack.random_packs import random_pack
 from tests.stored_runs import SCENE, STORED
 from training.config import PRESETS
 from training.run import Run
+from training.scenes.presets import PresetName
 
 RECORD = STORED.parent / "report.json"
 # Of tuning, so that the tests are quick, and their figures hardly depend on the processor. Tests of its own look at it.
@@ -74,20 +75,22 @@ def rows_of(table: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {row["row"]: row for row in table["rows"]}
 
 
-def steady(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """The figures and texts of a document that depend on neither the machine nor the folder, by their places."""
-    machines = {"seconds", "stages", "ms_mean", "ms_std", "ms_p50", "fps", "encode_s", "decode_s", "renderer", "clock", "watts",
-                "fps_per_watt", "command", "run", "scene", "out", "made", "notices", "lpips", "alpha_histogram",
-                "figures"}  # fmt: skip
+def steady(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
+    """The figures of a document that depend on neither the machine nor the folder, by their places; not the paper's, nor what
+    was asked for.
+    """
+    others = {"seconds", "stages", "ms_mean", "ms_std", "ms_p50", "fps", "encode_s", "decode_s", "watts", "fps_per_watt", "lpips",
+              "alpha_histogram", "figures", "views", "paper", "release", "about", "default", "width", "height", "frames",
+              "fov", "sparsity_weight", "paper_is_masked", "at"}  # fmt: skip
     if isinstance(value, dict):
         for key, inner in value.items():
-            if key not in machines:
+            if key not in others and not key.startswith("foggy"):  # the same field once more
                 yield from steady(inner, f"{name}/{key}")
     elif isinstance(value, list):
         for i, inner in enumerate(value):
             place = inner["row"] if isinstance(inner, dict) and "row" in inner else i
             yield from steady(inner, f"{name}/{place}")
-    else:
+    elif isinstance(value, int | float):
         yield name, value
 
 
@@ -99,12 +102,8 @@ def test_the_tables_are_made_again_as_they_were_recorded(out: Path) -> None:
     recorded = json.loads(RECORD.read_text())
     assert list(made) == list(recorded), "every table, row and figure"
     for name, value in recorded.items():
-        if (isinstance(value, float) and name.rsplit("/", 1)[-1] in ("psnr", "psnr_against_pack")) or "/views/" in name:
-            assert made[name] == pytest.approx(value, abs=0.1), name
-        elif isinstance(value, int | float) and not isinstance(value, bool):
-            assert made[name] == pytest.approx(value, rel=0.03, abs=0.005), name  # bytes, counts, SSIM, shares
-        else:
-            assert made[name] == value, name
+        rel, most = (0.0, 0.1) if "psnr" in name else (0.03, 0.005)  # of bytes, counts, SSIM, shares
+        assert made[name] == pytest.approx(value, rel=rel, abs=most), name
 
 
 @pytest.mark.slow
@@ -117,19 +116,14 @@ def test_every_row_of_the_paper_is_there_measured_or_with_the_command_that_would
         lacks = name in ("jaxnerf-plus", "tinyview", "deferred", "diffuse")
         assert ("command" in quality[name]) == lacks == ("psnr" not in quality[name]), name
     assert "--preset tinyview" in quality["tinyview"]["command"] and "--baselines" in quality["tinyview"]["command"]
-    storage, performance = rows_of(tables["storage"]), rows_of(tables["performance"])
-    assert {"float", "no-sparsity", "png", "jpeg", "h264", "jaxnerf-plus", "jaxnerf"} < set(storage)
-    assert {"ours", "no-mlp", "no-sparsity", "mlp-per-sample", "paper-marcher", "paper"} == set(performance)
-    assert all(row["ms_p50"] > 0 and row["gpu_bytes"] > 0 for row in performance.values())
-    assert (tables["performance"]["distance"], tables["performance"]["distance_from"]) == (4.0311, "paper")
-    assert [(row["resolution"], row["sparsity"]) for row in tables["resolution"]["rows"]] == [
-        (46, True), (46, False), (40, True), (40, False),
-    ]  # fmt: skip
+    assert {"jaxnerf-plus", "jaxnerf"} < set(rows_of(tables["storage"]))
+    assert all(row["ms_p50"] > 0 for row in tables["performance"]["rows"])
 
 
 def test_fields_of_any_size_make_a_ladder_around_a_run_of_theirs() -> None:
     small = {"width": 128, "coarse_samples": 63, "fine_samples": 126}
-    rows = {"deferred": small, "tinyview": small, "jaxnerf": {"width": 64, "coarse_samples": 21, "fine_samples": 42}}
+    tiny = {"width": 64, "coarse_samples": 21, "fine_samples": 42}
+    rows: dict[PresetName, dict[str, int]] = {"deferred": small, "tinyview": small, "jaxnerf": tiny}
     configs = {name: replace(PRESETS[name], nerf=replace(PRESETS[name].nerf, **sizes)) for name, sizes in rows.items()}
     large = size_of_rows(configs["deferred"])
     assert {name: row_of(config, large) for name, config in configs.items()} == {name: name for name in rows}

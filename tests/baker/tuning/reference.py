@@ -9,9 +9,8 @@ import numpy as np
 from baker.tuning.marcher import pack_rays
 from scenepack import Pack
 from scenepack.blocks import block_copy, dense_from_pack
-from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP, UNPREMULTIPLY_GAIN
-from scenepack.pack import ViewMlp
-from tests.reference_marcher import fetch, march, view_residual
+from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
+from tests.reference_marcher import fetch, march, shade
 from tests.scenepack.random_packs import random_pack, random_view_mlp
 from training.dataset import RayDataset
 
@@ -105,16 +104,6 @@ def accumulated(pack: Pack, rays: VoxelRays) -> tuple[np.ndarray, np.ndarray, np
     return march(pack, rays.origins, rays.directions, rays.first)[:3]
 
 
-def shown(
-    pack: Pack, sums: tuple[np.ndarray, np.ndarray, np.ndarray], mlp: ViewMlp | None, rays: VoxelRays, background
-) -> np.ndarray:
+def shown(pack: Pack, sums: tuple[np.ndarray, np.ndarray, np.ndarray], rays: VoxelRays, background) -> np.ndarray:
     """[R, 3] what the viewer makes of accumulated rays, not above 1."""
-    colour, features, behind = sums
-    if pack.ndc:
-        alpha = 1 - behind
-        gain = np.minimum(1, UNPREMULTIPLY_GAIN * alpha) / np.maximum(alpha, 1e-6)
-        colour, features, behind = colour * gain[:, None], features * gain[:, None], 1 - alpha * gain
-    rgb = colour + behind[:, None] * np.asarray(background)
-    if mlp is not None:
-        rgb = rgb + view_residual(mlp, rays.viewdirs, rgb, features) * (behind <= TRANSMITTANCE_SHADED)[:, None]
-    return np.minimum(rgb, 1)
+    return np.minimum(shade(pack, *sums, rays.viewdirs, background)[1], 1)

@@ -15,9 +15,8 @@ from scenepack.piece_files import follows_grid
 from tests.baker.analytic import RADIUS, ball, culled
 from tests.baker.baking.test_grid_and_culling import baked
 from tests.baker.tuning.reference import pack_of
-from tests.scenepack.random_packs import BLENDER_FRAME
 from tests.scenepack.test_codecs import in_steps
-from tests.scenepack.volumes import atlas_from_dense
+from tests.scenepack.volumes import BLENDER_FRAME, atlas_from_dense, cube_pack, dense_of, features_of
 from training.dataset import RayDataset
 from training.scenes import Scene
 
@@ -48,8 +47,7 @@ def test_haze_and_the_hidden_middle_go_and_what_cameras_see_stays(dataset) -> No
     pack, distance = hazy_ball(dataset)
     before = dense_from_pack(pack)[0]
     thinner, figures = emptied(pack, dataset, 0.02)
-    after, features = dense_from_pack(thinner)
-    assert features is not None
+    after, features = dense_of(thinner)
     stays = after[..., 3] > 0
     assert np.all(after[stays] >= before[stays]), "what stays is as it was, or denser"
     assert not features[~stays].any() and not after[~stays].any()
@@ -90,9 +88,9 @@ def fine_ball(side: int) -> tuple[Pack, np.ndarray]:
     axis = (np.arange(side) + 0.5 - side / 2) * voxel
     distance = np.sqrt(axis[:, None, None] ** 2 + axis[:, None] ** 2 + axis**2)
     rgba = np.where(distance[..., None] < RADIUS, np.array([200, 100, 50, 255], np.uint8), np.uint8(0))
-    atlas = atlas_from_dense(rgba, np.zeros_like(rgba), 14)
-    low = np.full(3, -side / 2 * voxel)
-    pack = Pack(voxel, low, (side, side, side), 14, *atlas, None, BLENDER_FRAME)
+    pack = replace(
+        cube_pack(rgba, 14, features=np.zeros_like(rgba)), voxel_size=voxel, min_xyz=np.full(3, -side / 2 * voxel)
+    )
     return pack, np.argwhere((distance < RADIUS) & (distance > RADIUS - 0.9 * voxel))
 
 
@@ -139,8 +137,8 @@ def light(pack: Pack, *, hidden: bool) -> np.ndarray:
 
 def test_only_what_little_light_reaches_changes_and_no_alpha_does(pack: Pack) -> None:
     half = light(pack, hidden=False)
-    before, of_features = (volume.copy() for volume in dense_from_pack(pack))
-    after, features = dense_from_pack(follow_neighbours(pack, half, STEPS, HIDDEN[0]))
+    before, of_features = (volume.copy() for volume in dense_of(pack))
+    after, features = dense_of(follow_neighbours(pack, half, STEPS, HIDDEN[0]))
     middle = pack.occupied.shape[2] * pack.block_size // 2
     lit = np.broadcast_to(np.arange(before.shape[2]) >= middle, before.shape[:3])
     assert np.array_equal(after[lit], before[lit]) and np.array_equal(features[lit], of_features[lit])
@@ -150,7 +148,7 @@ def test_only_what_little_light_reaches_changes_and_no_alpha_does(pack: Pack) ->
 
 
 def test_a_hidden_voxel_has_the_counts_of_the_one_before_it_as_far_as_its_alpha_allows(pack: Pack) -> None:
-    after, features = dense_from_pack(follow_neighbours(pack, light(pack, hidden=True), STEPS, HIDDEN[0]))
+    after, features = dense_of(follow_neighbours(pack, light(pack, hidden=True), STEPS, HIDDEN[0]))
     row, own = after[:, :, :-1], after[:, :, 1:]
     seen = (row[..., 3] > 0) & (own[..., 3] > 0)
     expected = np.minimum(-(row[seen][:, :3].astype(int) // -STEPS.colour) * STEPS.colour, own[seen][:, 3:])
@@ -165,11 +163,10 @@ def test_values_stay_in_their_steps_below_alpha_and_padding_follows(steps: Steps
     if steps != EXACT:
         pack = in_steps(pack, steps.colour, steps.feature, steps.alpha)
     smooth = follow_neighbours(pack, light(pack, hidden=True), steps, HIDDEN[0])
-    assert smooth.atlas_features is not None
-    assert np.all(smooth.atlas_rgba[..., :3] <= smooth.atlas_rgba[..., 3:])
-    assert np.all(smooth.atlas_features <= smooth.atlas_rgba[..., 3:])
-    assert steps == EXACT or steps_of(smooth.atlas_rgba, smooth.atlas_features) == steps
-    assert all(follows_grid(smooth, part) for part in (smooth.atlas_rgba, smooth.atlas_features))
+    rgba, features = smooth.atlas_rgba, features_of(smooth)
+    assert np.all(rgba[..., :3] <= rgba[..., 3:]) and np.all(features <= rgba[..., 3:])
+    assert steps == EXACT or steps_of(rgba, features) == steps
+    assert follows_grid(smooth, rgba) and follows_grid(smooth, features)
 
 
 def test_it_takes_fewer_bytes(pack: Pack, tmp_path) -> None:

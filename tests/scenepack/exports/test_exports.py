@@ -2,7 +2,6 @@
 
 import json
 import struct
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -314,11 +313,3 @@ def test_coarser_voxels_make_fewer_of_it_in_the_same_place(alone: Pack, kind, mo
         outward = (coarse.normals * (coarse.vertices - CENTRE)).sum(axis=1)
         assert (outward > 0).mean() > 0.99
     assert away.max() < RADIUS + 2 * VOXEL
-
-
-def test_whoever_is_told_of_the_progress_may_stop_it(alone: Pack) -> None:
-    def stop(share: float, note: str) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        preview_geometry(alone, replace(Export("mesh"), level=0.5), stop)

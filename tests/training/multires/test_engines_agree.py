@@ -64,7 +64,7 @@ class Trained:
         engine = JaxEngine(self.method.dataset, self.method.settings, 0)
         cells, maps, decay, levels, _ = engine._derived(dataclasses.replace(state, kept={}))
         arrays = b.origins, b.directions, b.begins, b.start, b.end, b.length, b.length
-        rays = GridRays(*(jnp.asarray(a) for a in arrays))
+        rays = GridRays._make([*map(jnp.asarray, arrays), None])
         segments = 4 * state.codes.shape[0]
         sizes = MarchSizes(segments, ROOM, ROOM, segments * 4)
         samples = march(cells, rays, jnp.asarray(b.phase), sizes, state.step_cells)  # type: ignore[arg-type]
@@ -97,7 +97,7 @@ def trained(request: pytest.FixtureRequest, procedural_path: Path, tmp_path_fact
     if request.param == "forward":
         path = write_llff(tmp_path_factory.mktemp("forward") / "scene", forward())
     elif request.param != "object":
-        lens = {"k1": 0.05, "k2": -0.01, "p1": 0.002, "p2": -0.003}
+        lens: Any = {"k1": 0.05, "k2": -0.01, "p1": 0.002, "p2": -0.003}
         path = write_transforms(tmp_path_factory.mktemp(request.param) / "scene", circle(), **lens)
     unbounded = request.param == "unbounded"
     config = dataclasses.replace(CONFIG, multires=HASHED) if unbounded else CONFIG

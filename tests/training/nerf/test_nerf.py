@@ -1,6 +1,7 @@
 """The paper's field and method: its structure, and that it learns."""
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ from training.nerf import model
 from training.nerf.method import NerfMethod
 from training.nerf.model import draw_perturbation, init_nerf, render_rays
 from training.scenes import Scene
+from training.scenes.presets import PresetName
 
 
 def parameters(config: NerfConfig) -> model.NerfParams:
@@ -44,7 +46,7 @@ def nerf_head(width: int) -> int:
         ("jaxnerf", TRUNK_256 + 256 * 1 + 1 + nerf_head(256)),
     ],
 )
-def test_presets_of_the_papers_tables_have_the_parameters_counted_by_hand(preset: str, of_one_model: int):
+def test_presets_of_the_papers_tables_have_the_parameters_counted_by_hand(preset: PresetName, of_one_model: int):
     leaves = jax.tree.leaves(parameters(PRESETS[preset].nerf))
     assert sum(leaf.size for leaf in leaves) == 2 * of_one_model
 
@@ -66,7 +68,8 @@ def test_every_preset_learns_and_gradients_reach_every_parameter(procedural_scen
     for step in range(40):
         state, metrics = method.step(state, step)
         losses.append(float(metrics["loss"]))
-    assert np.mean(losses[-10:]) < 0.7 * np.mean(losses[:5]) and method._update._cache_size() == 1
+    update: Any = method._update
+    assert np.mean(losses[-10:]) < 0.7 * np.mean(losses[:5]) and update._cache_size() == 1
     picture = method.render(state, dataset.view_rays(procedural_scene.splits["test"][0].camera))
     assert np.isfinite(np.asarray(picture.rgb)).all() and picture.features.shape[-1] == 4
     assert (method.view_mlp(state) is not None) == (view == "deferred")
@@ -83,7 +86,8 @@ def test_slices_of_a_batch_give_the_gradient_of_the_whole(procedural_scene: Scen
     rays, target = dataset.batch(jax.random.key(1), 32)
     whole = dataclasses.replace(TINY, batch_size=32)
     sliced = dataclasses.replace(whole, nerf=dataclasses.replace(TINY.nerf, gradient_rays=8))
-    params, noise = jax.random.normal(jax.random.key(2), (3, 3)), jax.random.uniform(jax.random.key(3), (32, 1))
+    params: Any = jax.random.normal(jax.random.key(2), (3, 3))
+    noise: Any = jax.random.uniform(jax.random.key(3), (32, 1))
     expected, metrics = NerfMethod(whole, dataset)._gradient(params, rays, target, noise)
     gradient, means = NerfMethod(sliced, dataset)._gradient(params, rays, target, noise)
     np.testing.assert_allclose(gradient, expected, rtol=0, atol=1e-5 * np.abs(expected).max())

@@ -1,6 +1,7 @@
 """Photographs of the room as different cameras write them, and the scene that comes of them, found once for all tests."""
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,39 +32,26 @@ class Found:
 def write_photographs(folder: Path, count: int = COUNT) -> dict[str, Camera]:
     """Photographs as cameras, phones and scanners write them. The cameras by the names that the pictures get in a scene."""
     folder.mkdir(parents=True, exist_ok=True)
-    given = cameras(count)
-    names = []
-    for i, camera in enumerate(given):
-        picture = Image.fromarray(photograph(camera))
-        name = f"p{i}.jpg"
-        if i == SIDEWAYS:  # held upright: pixels are stored turned by 90° counter-clockwise, and EXIF says so
-            exif = Image.Exif()
-            exif[0x0112] = 6
-            picture.transpose(Image.Transpose.ROTATE_90).save(folder / name, quality=95, exif=exif)
-        elif i == 2:
-            name = "p2.png"
-            Image.fromarray(np.asarray(picture.convert("L")).astype(np.uint16) * 257).save(folder / name)
-        elif i == 3:
-            name = "p3.tif"
-            picture.convert("CMYK").save(folder / name)
-        elif i == 4:
-            name = "p 4.JPG"
-            picture.save(folder / name, quality=95)
-        elif i == 5:
-            name = "p5.webp"
-            picture.save(folder / name, quality=95)
-        elif i == SMALLER:
-            picture.resize((192, 144), Image.Resampling.BOX).save(folder / name, quality=95)
-        else:
-            picture.save(folder / name, quality=95)
-        names.append(name.replace(" ", "_").split(".")[0])
-    return dict(zip(names, given, strict=True))
+    given, exif = {}, Image.Exif()
+    exif[0x0112] = 6
+    # SIDEWAYS, it was held upright: pixels are stored turned by 90° counter-clockwise, and EXIF says so
+    written: dict[int, Callable[[Image.Image], Image.Image]] = {
+        SIDEWAYS: lambda picture: picture.transpose(Image.Transpose.ROTATE_90),
+        2: lambda picture: Image.fromarray(np.asarray(picture.convert("L")).astype(np.uint16) * 257),
+        3: lambda picture: picture.convert("CMYK"),
+        SMALLER: lambda picture: picture.resize((192, 144), Image.Resampling.BOX),
+    }
+    for i, camera in enumerate(cameras(count)):
+        name = {2: "p2.png", 3: "p3.tif", 4: "p 4.JPG", 5: "p5.webp"}.get(i, f"p{i}.jpg")
+        picture = written.get(i, lambda picture: picture)(Image.fromarray(photograph(camera)))
+        picture.save(folder / name, quality=95, exif=exif if i == SIDEWAYS else b"")
+        given[name.replace(" ", "_").split(".")[0]] = camera
+    return given
 
 
 def load_quietly(scene: Path, *, masks: bool = False) -> Scene:
     """The scene as seen from all around."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         return load_scene(scene, spherify=True, masks=masks)
 
 
@@ -79,7 +67,6 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
     Image.fromarray(texture(105)[:192, :256].astype(np.uint8)).save(photographs / STRANGER, quality=95)
     source = find_source(photographs)
     assert source is not None
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         scene = find_poses(source, folder / "out")
     return Found(source, given, scene, [str(warning.message) for warning in caught if warning.category is Notice])

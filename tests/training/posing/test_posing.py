@@ -101,8 +101,7 @@ def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(found
 
     asked.clear()
     stage = "never"
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         scene = find_poses(found.source, tmp_path / "out")
     assert asked[:2] == [("features", COUNT + 1), ("matches", (COUNT + 1) * COUNT / 2)]  # all of which are kept
     first, second = load_quietly(found.scene), load_quietly(scene)

@@ -11,6 +11,7 @@ from PIL import Image
 
 from tests.training.reconstructions import FLIP, LENSES, SIZE, ball, write_colmap
 from tests.training.test_captures import circle
+from training.dataset import make_dataset
 from training.scenes.colmap_files import read_reconstruction
 from training.scenes.lens import (
     EQUIRECTANGULAR,
@@ -82,8 +83,6 @@ def test_the_compiled_engine_casts_the_same_rays(model: str):
 
 
 def test_where_a_lens_shows_nothing_rays_end_at_once_in_training_and_in_evaluation():
-    from training.dataset import make_dataset
-
     lens = MODELS["OPENCV_FISHEYE"].lens({"k1": -0.2})  # the picture ends at 1.29 from the axis, with 0.86
     camera = Camera(np.eye(4), 40, 40, 20.0, 20.0, 20.0, 20.0, lens)
     y, x = np.mgrid[:40, :40] + 0.5

@@ -6,6 +6,7 @@ import shutil
 import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import imagecodecs
 import numpy as np
@@ -60,7 +61,7 @@ def write_tiff(path: Path, values: np.ndarray, *, photometric: int = 2, extra: i
     return path
 
 
-def write(path: Path, data: bytes) -> Path:
+def write(path: Path, data: bytes | bytearray) -> Path:
     path.write_bytes(data)
     return path
 
@@ -155,7 +156,8 @@ def test_pictures_are_upright_as_exif_says_or_as_stored(tmp_path: Path, suffix: 
     exif = Image.Exif()
     exif[0x0112] = orientation
     path = tmp_path / f"a.{suffix}"
-    blocks.save(path, exif=exif, **({"quality": 98} if suffix in ("jpg", "avif") else {}))
+    options: Any = {"quality": 98} if suffix in ("jpg", "avif") else {}
+    blocks.save(path, exif=exif, **options)
     with Image.open(path) as image:
         upright = np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
     assert np.array_equal(decoded(path), upright)
@@ -222,7 +224,9 @@ def of_palette(hidden: Sequence[int], shown: Sequence[int], **options: int) -> I
 
 
 def of_alpha(colour: Sequence[int], alpha: np.ndarray = WHITE) -> Image.Image:
-    return Image.fromarray(np.dstack([np.broadcast_to(np.uint8(colour), (HEIGHT, WIDTH, len(colour))), alpha]))
+    return Image.fromarray(
+        np.dstack([np.broadcast_to(np.array(colour, np.uint8), (HEIGHT, WIDTH, len(colour))), alpha])
+    )
 
 
 PHOTO = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3)).astype(np.uint8)
@@ -250,7 +254,7 @@ MASKS: dict[str, Callable[[], Image.Image]] = {
     "palette, black and dark blue": lambda: of_palette((0, 0, 0), (0, 0, 30)),
     "palette, purple and yellow": lambda: of_palette((68, 1, 84), (253, 231, 37)),
     "palette, transparent": lambda: of_palette((255, 255, 255), (255, 255, 255), transparency=0),
-    "coloured objects": lambda: Image.fromarray(PHOTO // 2 * SHOWN[..., None] + np.uint8([0, 40, 0]) * SHOWN[..., None]),
+    "coloured objects": lambda: Image.fromarray((PHOTO // 2 + np.array([0, 40, 0], np.uint8)) * SHOWN[..., None]),
 }  # fmt: skip
 
 

@@ -6,6 +6,7 @@ Deterministic by seed. shapes: what there is, as a signed distance field; light:
 import itertools
 
 import numpy as np
+from scipy.ndimage import uniform_filter
 
 from tools.procedural.island.light import rows_of
 from tools.procedural.island.shapes import BOAT_AT, COTTAGE_AT, JETTY_AT, SPAN, TOWER_AT, WATER, Island, ground, rough
@@ -27,9 +28,8 @@ def height_map() -> np.ndarray:
     x, y = np.meshgrid(at, at)
     coarse = np.array([[rough(2.2 * b + 9, 2.2 * a, 0.5) for b in at[::8]] for a in at[::8]])
     fine = np.array([[rough(7 * b, 7 * a, 4.5) for b in at[::4]] for a in at[::4]])
-    coarse = np.kron(coarse, np.ones((8, 8)))
-    coarse = _blurred(coarse, 8)
-    fine = _blurred(np.kron(fine, np.ones((4, 4))), 4)
+    coarse = uniform_filter(np.kron(coarse, np.ones((8, 8))), 16, mode="nearest", origin=-1)
+    fine = uniform_filter(np.kron(fine, np.ones((4, 4))), 8, mode="nearest", origin=-1)
     away = np.hypot((x - 0.06) / 1.02, (y - 0.08) / 0.98) + 0.34 * (coarse - 0.5)
     north_east = smooth(-0.45, 0.55, (x + 0.9 * y) / 1.35 + 0.5 * (coarse - 0.5))
     shelf = WATER - 0.17 + 0.17 * smooth(1.05, 0.62, away)
@@ -40,18 +40,6 @@ def height_map() -> np.ndarray:
         level = heights[int((cy + SPAN) / (2 * SPAN) * (HEIGHTS - 1)), int((cx + SPAN) / (2 * SPAN) * (HEIGHTS - 1))]
         heights += (level - heights) * smooth(1.35 * radius, radius * 0.85, np.hypot(x - cx, y - cy))
     return heights.astype(np.float32)
-
-
-def _blurred(values: np.ndarray, width: int) -> np.ndarray:
-    for axis in range(2):
-        padded = np.pad(values, [(width, width) if a == axis else (0, 0) for a in range(2)], mode="edge")
-        sums = np.cumsum(padded, axis=axis)
-        high, low = (
-            np.take(sums, range(2 * width, sums.shape[axis]), axis),
-            np.take(sums, range(sums.shape[axis] - 2 * width), axis),
-        )
-        values = (high - low) / (2 * width)
-    return values
 
 
 def make_island(seed: int = 0) -> Island:
