@@ -81,10 +81,6 @@ class PackFiles:
     opened: Callable[[str], IO[bytes]]
     close: Callable[[], None] = lambda: None
 
-    def inode(self) -> int | None:
-        """Of the folder, which another takes the place of where the pack is replaced; None for a .zip, which is open."""
-        return self.path.stat().st_ino if self.path.is_dir() else None
-
     def where(self, name: str) -> str:
         """A file for messages."""
         return f"{self.path}: {name}"

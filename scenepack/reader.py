@@ -52,13 +52,22 @@ def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: 
 
     on_progress(done, total) is called in this thread after each of `total` pieces, and on_preview(pack) a few times
     before the end, with the same scene in coarser voxels (scenepack.coarse). Raises UserError where the pack cannot be opened;
-    warns with PackWarning where it is untidy.
+    warns with PackWarning where it is untidy. A folder that is replaced meanwhile is read anew.
     """
-    with open_pack(path) as reader:
-        before, pack = reader.files.inode(), reader.read(on_progress, on_preview)
-        if reader.files.inode() != before:  # a folder, of whose files some are the new ones
-            raise UserError("was replaced while it was read", where=path, remedy="open it again")
-    return pack
+    path = Path(path)
+    for _ in range(3):
+        before = _identity(path)
+        try:
+            with open_pack(path) as reader:
+                pack = reader.read(on_progress, on_preview)
+        except UserError:
+            if before is None or _identity(path) == before:
+                raise
+        else:
+            if _identity(path) == before:
+                return pack
+    remedy = "wait until the other program has finished writing it"
+    raise UserError("keeps changing while it is read", where=path, remedy=remedy)
 
 
 def open_pack(path: Path) -> PackReader:
@@ -66,6 +75,14 @@ def open_pack(path: Path) -> PackReader:
     path = Path(path)
     recover_interrupted_write(path)
     return PackReader(open_files(path))
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
 
 
 class PackReader:
