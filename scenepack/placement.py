@@ -185,7 +185,7 @@ def ground_plane(pack: Pack, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             best, most = (a[index], normals[index]), counts[index]
     if best is None:
         raise nothing
-    at, normal = best
+    (at, normal), inside, spread = best, points, np.zeros(3)
     for _ in range(FITS):
         inside = points[np.abs((points - at) @ normal) <= thick]
         at = inside.mean(axis=0)

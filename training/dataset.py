@@ -187,7 +187,7 @@ class RayDataset:
         """Rays through the centres of pixels: column x [N], row y [N] of photograph `view` [N]; jittable."""
         fx, fy, cx, cy = jnp.moveaxis(self.intrinsics[view], -1, 0)
         a, b = (x + 0.5 - cx) / fx, (y + 0.5 - cy) / fy
-        in_camera = jnp.stack([a, -b, -jnp.ones_like(a)], axis=-1)
+        in_camera, shown = jnp.stack([a, -b, -jnp.ones_like(a)], axis=-1), jnp.ones_like(a, bool)
         if self.facts.distorted:
             lens = jnp.moveaxis(self.distortion[view], -1, 0)
             a, b, shown = LENS.undistort(a, b, lens, NEWTON_STEPS)
@@ -199,8 +199,7 @@ class RayDataset:
         if self.facts.ndc_camera is not None:
             origins, directions = ndc_rays(origins, directions, *self.facts.ndc_camera, xp=jnp)
         near, far = (jnp.full(origins.shape[:-1], t, jnp.float32) for t in (self.near, self.far))
-        near = jnp.where(shown, near, far) if self.facts.distorted else near
-        return Rays(origins, directions, viewdirs, near, far)
+        return Rays(origins, directions, viewdirs, jnp.where(shown, near, far), far)
 
     def view_rays(self, camera: Camera) -> Rays:
         """Rays [H W] of every pixel of any camera, row by row, for evaluation (float64 geometry on the host)."""

@@ -42,7 +42,8 @@ class Cells(NamedTuple):
     corners: np.ndarray  # int64 [slots, 3]: grid voxel (x, y, z) of the first voxel of each macroblock's copy
 
     @property
-    def count(self) -> int:
+    def occupied(self) -> int:
+        """How many cells have a voxel with alpha."""
         return len(self.first) - 2
 
 

@@ -63,7 +63,7 @@ class Tuner:
         self.marcher = PackMarcher(self.pack, dataset)
         self.tables = self.marcher.tables
         self.cells = cells_of(pack, self.tables, cell)
-        count = self.cells.count + 1
+        count = self.cells.occupied + 1
         self.delta, self.first, self.second, self.slopes = (np.zeros((count, 8), np.float32) for _ in range(4))
         self.met = np.zeros(count, np.uint8)
         self.sums = np.zeros((-(-count // PART), 2, 8))  # see baker.tuning.cells.move_moments
@@ -76,7 +76,7 @@ class Tuner:
     def round_to(self, steps: Steps) -> None:
         """Stores everything in multiples of `steps`, now and after each update."""
         self.steps = steps.channels
-        self._store(self.delta, np.arange(1, self.cells.count + 1, dtype=np.int32))
+        self._store(self.delta, np.arange(1, self.cells.occupied + 1, dtype=np.int32))
 
     def fill(self, ids: np.ndarray, samples: int, seed: int) -> None:
         """Sets `rays`, so that a step on such rays takes about so many samples."""
@@ -134,7 +134,7 @@ class Tuner:
         self.workers.share_range(
             self.rays, CHUNK, lambda _, low, high: cells.slope_chunk(*parts, low // CHUNK, low, high, self.work)
         )
-        ends = np.linspace(1, self.cells.count + 1, self.workers.count + 1).astype(np.int64)
+        ends = np.linspace(1, self.cells.occupied + 1, self.workers.count + 1).astype(np.int64)
         sums = self.work, self.slopes, self.met
         self.workers.share(self.workers.count, lambda _, part: cells.add_slopes(*sums, ends[part], ends[part + 1]))
 
@@ -142,7 +142,7 @@ class Tuner:
         """A step of Adam on the cells that were met, stored."""
         moments = self.slopes, self.met, self.first, self.second, self.sums
         self.workers.share_range(
-            self.cells.count + 1, PART, lambda _, low, high: cells.move_moments(*moments, low // PART, low, high)
+            self.cells.occupied + 1, PART, lambda _, low, high: cells.move_moments(*moments, low // PART, low, high)
         )
         total, ever = self.sums.sum(0)
         floor = np.sqrt(total / np.maximum(ever, 1)).astype(np.float32)

@@ -37,13 +37,16 @@ def _plan(width: float, name: float, details: float, speed: float, buttons: int)
     # From everything to the least; the first of which the name has enough space.
     steps = [(True, True, True, buttons), (False, True, True, buttons), (False, False, True, buttons)]
     steps += [(False, False, False, shown) for shown in range(buttons, LEAST_BUTTONS - 1, -1)]
-    for with_details, with_word, with_speed, shown in steps:
+
+    def left(with_details: bool, with_word: bool, with_speed: bool, shown: int) -> float:
+        """For the scene's name."""
         fixed = MARK + WORD * with_word + NAME_GAP * (name > 0) + STEP * (shown + (shown < buttons)) + EDGE
         fixed += GAP * (with_details and details > 0) + GAP * (1 + (with_speed and speed > 0))
-        left = width - px(fixed) - details * with_details - speed * with_speed
-        if left >= min(name, px(NAME if with_speed else SHORTEST_NAME)):
-            break
-    return max(0.0, min(name, left)), with_details, with_word, with_speed, shown
+        return width - px(fixed) - details * with_details - speed * with_speed
+
+    suffices = (step for step in steps if left(*step) >= min(name, px(NAME if step[2] else SHORTEST_NAME)))
+    chosen = next(suffices, steps[-1])
+    return max(0.0, min(name, left(*chosen))), *chosen
 
 
 def show(app: App, box: Box) -> None:

@@ -66,7 +66,7 @@ def test_gradients_are_finite_differences_of_the_loss_as_if_nothing_were_rounded
     assert tuner.work.whole.all()
     slopes, head_slopes = slopes_of(tuner)
     cells, rays = cells_of_atlas(pack, tuner.cells.side), voxel_rays(pack, dataset, some)
-    assert cells.max() == tuner.cells.count and not slopes[0].any()
+    assert cells.max() == tuner.cells.occupied and not slopes[0].any()
     before = accumulated(pack, rays)
     weight = 1 - before[2] if style == "by opacity" else np.ones(CHUNK)
 
