@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,8 +16,6 @@ from tests.viewer.offscreen_ui import draw_unseen
 from tests.viewer.window.living import SIZE, pump
 from viewer.app.application import App
 from viewer.window.window import Window
-
-CLIENT = Path(__file__).with_name("x11_client.py")
 
 
 @pytest.fixture
@@ -78,19 +75,3 @@ def window(start_page: Window, pack: Pack, pack_folder: Path) -> Window:
     start_page.app.show(pack, pack_folder)
     start_page.draw_frames(3)
     return start_page
-
-
-@pytest.fixture
-def other_client(display: str, start_page: Window) -> Callable[..., None]:
-    """Another program on our display (x11_client.py): other_client("drop", path), while the window lives on."""
-
-    def call(what: str, *words: object) -> None:
-        window = str(glfw.get_x11_window(start_page.handle))
-        command = [sys.executable, str(CLIENT), what, window, *(str(word) for word in words)]
-        client = subprocess.Popen(command, env={**os.environ, "DISPLAY": display}, stderr=subprocess.PIPE, text=True)
-        while client.poll() is None:
-            pump(start_page, 0.05)
-        assert client.returncode == 0, client.stderr and client.stderr.read()
-        pump(start_page, 0.1)
-
-    return call

@@ -4,6 +4,7 @@ Not collected by itself: test_window.py runs it in a process of its own, because
 is opened while another test's EGL context is current in the same thread.
 """
 
+import os
 import sys
 import time
 
@@ -66,9 +67,10 @@ def test_an_idle_window_sleeps(window):
     assert spent / passed < 0.02
 
 
-def test_a_pack_that_another_program_drops_is_opened(window, other_client, tmp_path):
+def test_a_pack_that_is_dropped_is_opened(window, tmp_path):
     save_pack(toy_pack(view_mlp=False), tmp_path / "a dröpped päck")
-    other_client("drop", tmp_path / "a dröpped päck")
+    heard = glfw.set_drop_callback(window.handle, None)
+    heard(window.handle, 1, [os.fsencode(tmp_path / "a dröpped päck")])  # as GLFW's C code does
     wait(window, lambda: window.app.loading is None)
     assert window.app.scene.name == "a dröpped päck" and window.app.scene.pack.view_mlp is None
     assert not window.app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
@@ -122,16 +124,13 @@ def test_the_arrow_keys_turn_slide_and_fly(window, xdotool, act):
         assert np.argmax(np.abs(way)) == axis and np.sign(way[axis]) == sign, arrow
 
 
-def test_closing_asks_while_a_scene_is_made_and_leaves_no_child(window, other_client, tmp_path, monkeypatch):
+def test_closing_asks_while_a_scene_is_made_and_leaves_no_child(window, tmp_path, monkeypatch):
     app = window.app
     monkeypatch.setattr(Plan, "command", lambda plan: [sys.executable, str(FAKE), "wait", str(tmp_path)])
     app.making.plan = Plan("scene", tmp_path / "photographs", tmp_path)
     app.making.start(app)
     wait(window, (tmp_path / "pid").exists)
-    other_client("close")
-    pump(window)
-    assert glfw.window_should_close(window.handle)  # the loop answers that with a question
-    app.messages.dialogs.clear()
+    glfw.set_window_should_close(window.handle, True)  # the cross; the loop answers it with a question
     ask = app.making.ask_to_quit
 
     def answer(app: App) -> None:
