@@ -15,16 +15,17 @@ from viewer.app.application import App
 from viewer.app.commands import COMMANDS
 from viewer.features.display.display import modes_for
 from viewer.features.opening import opening as loading_module
+from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import MODES
 
 
-class FakeCanvas:
+class FakeCanvas(Canvas):
     """Remembers what it was told to show. refuse: a reason to refuse packs."""
 
-    gpu_bytes, renderer, refines = 0, None, False
+    gpu_bytes = gpu_bytes_by_use = refines = property(lambda self: 0)
 
     def __init__(self, refuse: str = "") -> None:
-        self.shown, self.refuse = [], refuse
+        self.shown, self.refuse, self.renderer = [], refuse, None
 
     def show(self, pack):
         if self.refuse:
@@ -35,7 +36,7 @@ class FakeCanvas:
         self.shown[-1] = pack
 
     def show_other(self, pack):
-        self.other = pack
+        pass
 
     def snapshot(self, camera, settings):
         return np.full((camera.height, camera.width, 3), 40, np.uint8)

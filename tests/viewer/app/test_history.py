@@ -17,7 +17,7 @@ STEPS = st.lists(st.sampled_from(["orbit", "crop", "near", "home", "move", "mark
 
 
 def state(app: App) -> tuple:
-    rig, annotations = app.scene.rig, app.annotations.current
+    rig, annotations = app.open_scene.rig, app.annotations.current
     assert rig.table.placed == annotations.placement.rotation
     return rig.goal, rig.table, annotations, app.settings.crop, app.settings.near
 
@@ -29,8 +29,8 @@ def test_moves_cuts_marks_and_the_near_plane_are_undone_in_turn(steps):
     states = [state(app)]
     for i, step in enumerate(steps):
         if step == "orbit":
-            app.scene.rig.remember()
-            app.scene.rig.orbit(0.01 * (i + 1), 0.0)
+            app.open_scene.rig.remember()
+            app.open_scene.rig.orbit(0.01 * (i + 1), 0.0)
         elif step == "crop":
             app.cut(crop=((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5 + 0.01 * i)))
         elif step == "near":
@@ -43,17 +43,17 @@ def test_moves_cuts_marks_and_the_near_plane_are_undone_in_turn(steps):
         elif step == "home":
             app.run("home")
         else:
-            app.scene.rig.remember()
+            app.open_scene.rig.remember()
         if state(app) != states[-1]:
             states.append(state(app))
     for expected in reversed(states[:-1]):
         app.run("undo")
         assert state(app) == expected
-    assert not app.scene.rig.history.undo()
+    assert not app.open_scene.rig.history.undo()
     for expected in states[1:]:
         app.run("redo")
         assert state(app) == expected
-    assert not app.scene.rig.history.redo()
+    assert not app.open_scene.rig.history.redo()
 
 
 def test_a_history_is_bounded_and_forgets_what_was_undone_after_something_new():

@@ -275,7 +275,7 @@ def test_two_systems_are_compared_under_their_own_marchers_and_against_photograp
 
 def test_a_pack_in_another_grid_frame_is_seen_by_the_same_cameras(turned_folder: str) -> None:
     """Without its frame, it would be seen from behind."""
-    pack, turned = shapes_pack(diffuse=True), load_pack(turned_folder)
+    pack, turned = shapes_pack(diffuse=True), load_pack(Path(turned_folder))
     camera = ViewCamera.orbit(pack, 35.0, 28.0, 2.9, size=(48, 36))
     with OffscreenRenderer(pack) as ours, OffscreenRenderer(turned, ctx=ours.ctx) as theirs:
         expected = ours.render(camera).astype(int)

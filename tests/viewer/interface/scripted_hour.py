@@ -59,8 +59,9 @@ class Hour:
         self.random, self.folder, self.ctx = random.Random(seed), folder, ctx
         survey.MEASURES = False
         self.app = App()
-        self.app.making.start = lambda host: self.app.making.dismiss()
-        self.app.making.check_photographs = lambda host: None
+        making: Any = self.app.making
+        making.start = lambda host: making.dismiss()
+        making.check_photographs = lambda host: None
         self.ui = OffscreenUi(ctx, self.app, size=SIZES[0])
         self.done: Counter[str] = Counter()
         self.found: list[str] = []

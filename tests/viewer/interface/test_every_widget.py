@@ -15,7 +15,7 @@ from tests.viewer.conftest import toy_pack
 from tests.viewer.interface.places import PLACES, WITHOUT_SCENE, Scenes, child
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.scenes import photographed
-from tests.viewer.waiting import until
+from tests.viewer.waiting import there, until
 from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
 from viewer.app.application import App
 from viewer.core import tasks
@@ -39,8 +39,9 @@ def scenes(tmp_path_factory) -> Iterator[Scenes]:
     (folder / "scene" / "masks").mkdir()  # there is one more thing to choose
     save_pack(pack, folder / "toy")
     plan = Plan("scene", folder / "scene", folder / "scene-snerg", survey=Survey(folder / "scene"))
-    until(lambda: plan.survey.finished)
-    plan.survey.forward = True
+    survey_read = there(plan.survey)
+    until(lambda: survey_read.finished)
+    survey_read.forward = True
     release, read = threading.Event(), opening.load_pack
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "CommandProcess", lambda *_: child())

@@ -9,7 +9,7 @@ from imgui_bundle import imgui
 
 from tests.viewer.interface.places import PLACES, Scenes
 from tests.viewer.offscreen_ui import OffscreenUi
-from tests.viewer.waiting import until
+from tests.viewer.waiting import there, until
 from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
 from viewer.core import widgets
@@ -31,7 +31,7 @@ def opening(app: App, scenes: Scenes) -> None:
 
 def exporting(app: App, scenes: Scenes) -> None:
     app.exporting.ask(app)
-    until(lambda: app.exporting.tick(app) or not app.exporting.preview.working)
+    until(lambda: app.exporting.tick(app) or not there(app.exporting.preview).working)
 
 
 failure, question, saving = PLACES["failure"], PLACES["question"], PLACES["path to save"]
@@ -41,7 +41,7 @@ making, baking = PLACES["make a scene"], PLACES["bake a run"]
 @pytest.fixture
 def scenes(pack, pack_folder, procedural_path) -> Scenes:
     plan = Plan("scene", procedural_path, pack_folder.parent / "out", survey=Survey(procedural_path))
-    until(lambda: plan.survey.finished)
+    until(lambda: there(plan.survey).finished)
     return Scenes(pack, pack, pack_folder, procedural_path, plan, threading.Event())
 
 

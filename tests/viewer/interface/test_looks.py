@@ -7,12 +7,13 @@ import pytest
 
 from tests.reference_marcher import render_reference
 from tests.viewer.offscreen_ui import OffscreenUi
+from tests.viewer.waiting import there
 from viewer.core import theme
 from viewer.features.display.display import backdrop
 from viewer.features.preferences.preferences import apply_preferences, current_preferences, load, save
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import RenderSettings
+from viewer.rendering.settings import Mode, RenderSettings
 
 GROUNDS = ("base", "panel", "card", "control")
 INKS = ("text", "muted", "faint", "accent", "good", "warn", "bad")
@@ -73,7 +74,7 @@ def test_the_theme_and_the_size_change_at_once_and_are_remembered(offscreen, app
 @pytest.mark.parametrize("style", ["gradient", "checker"])
 def test_a_backdrop_is_put_behind_by_opacity_after_all_shading(ctx, pack, style):
     camera = ViewCamera.orbit(pack, 35, 28, 2.9, fov_degrees=42, size=(60, 44))
-    behind_it = backdrop(style, "dark")
+    behind_it = there(backdrop(style, "dark"))
     y, x = (np.mgrid[:44, :60] + 0.5 - np.array([22, 30])[:, None, None]) / 44
     first, second = np.array(behind_it.first), np.array(behind_it.second)
     share = y + 0.5 if style == "gradient" else (np.floor(40 * x) + np.floor(40 * y)) % 2
@@ -83,7 +84,8 @@ def test_a_backdrop_is_put_behind_by_opacity_after_all_shading(ctx, pack, style)
     opaque = through[..., 0] < 1e-3
     assert opaque.any()
     with OffscreenRenderer(pack, ctx=ctx) as renderer:
-        for mode, colour in (("normal", reference.rgb), ("diffuse", reference.diffuse)):
+        colours: dict[Mode, np.ndarray] = {"normal": reference.rgb, "diffuse": reference.diffuse}
+        for mode, colour in colours.items():
             shown = renderer.render_float(camera, RenderSettings(mode=mode, backdrop=behind_it))
             plain = renderer.render_float(camera, RenderSettings(mode=mode))
             expected = np.clip(colour + through * (behind - 1.0), 0, 1)
@@ -91,7 +93,7 @@ def test_a_backdrop_is_put_behind_by_opacity_after_all_shading(ctx, pack, style)
             assert off.mean() < (0.005 if style == "gradient" else 0.04)  # squares' edges run through centres of pixels
             assert np.abs(shown - plain)[opaque].max() < 2 / 255
         alpha = [renderer.render(camera, RenderSettings(mode="alpha", backdrop=each)) for each in (None, behind_it)]
-        assert np.array_equal(*alpha)
+        assert np.array_equal(alpha[0], alpha[1])
 
 
 def test_the_backdrop_goes_with_the_theme_and_a_plain_colour_ends_it(app):

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.golden_variants import GOLDEN
 from tests.viewer.rendering.pictures import compare_with_golden, flip
 from tests.viewer.scenes import photographed
-from tests.viewer.waiting import until
+from tests.viewer.waiting import there, until
 from tools.procedural import write_procedural_scene
 from viewer.core.annotations import Annotations, Measurement, Scale
 from viewer.core.log import LogLine
@@ -189,7 +190,7 @@ def photographs(tmp_path_factory) -> Path:
 def plan_of(scene: Path) -> Plan:
     """How the scene would be made, with folders that are the same everywhere."""
     plan = Plan("scene", scene, Path("/scenes/still-snerg"), survey=Survey(scene))
-    until(lambda: plan.survey.finished)
+    until(lambda: there(plan.survey).finished)
     return plan
 
 
@@ -221,7 +222,7 @@ def test_the_question_what_to_export_looks_as_before_with_a_preview_that_turns(u
 
 
 def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
-    child = SimpleNamespace(stopping=False, poll=lambda: None, report=lambda: None, end=lambda seconds: None)
+    child: Any = SimpleNamespace(stopping=False, poll=lambda: None, report=lambda: None, end=lambda seconds: None)
     job = app.making.job = MakeJob(plan_of(photographs), child)
     job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training", seconds_left=270.0)
     job.figures = [float(21 + 6 * (1 - np.exp(-i / 8)) + 0.3 * np.sin(3 * i)) for i in range(30)]

@@ -17,7 +17,7 @@ from tests.scenepack.random_packs import packs, random_pack
 from tests.viewer.rendering.pictures import assert_exact, assert_same_picture
 from training.scenes.lens import MODELS
 from viewer.rendering.camera import ViewCamera, is_mirrored
-from viewer.rendering.settings import RenderSettings
+from viewer.rendering.settings import Mode, RenderSettings
 
 SIZE = (40, 30)
 LENSES = {
@@ -28,7 +28,9 @@ LENSES = {
     ),
     "opencv": (0.09, -0.03, 0.004, -0.006),
 }
-FEW = settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck), print_blob=True)
+FEW = settings(
+    max_examples=4, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large], print_blob=True
+)
 
 
 def random_camera(rng: np.random.Generator, pack: Pack) -> ViewCamera:
@@ -115,7 +117,7 @@ def test_diffuse_features_and_alpha_modes_show_what_the_reference_accumulates(re
     camera = forward_facing_camera(np.random.default_rng(3)) if ndc else ViewCamera.orbit(pack, 40, size=SIZE)
     reference = render_reference(pack, camera)
     renderer = offscreen(pack)
-    expected = {
+    expected: dict[Mode, np.ndarray] = {
         "diffuse": reference.diffuse,
         "features": reference.features[..., :3],
         "alpha": np.repeat(reference.alpha[..., None], 3, axis=2),

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 
@@ -12,11 +13,10 @@ from viewer.rendering.opengl import DRIVER_CHOICES, OVERRIDE, opengl_refusal
 OLD = "OpenGL 2.1 Mesa 20.0, drawn by Mesa Intel 965GM"
 
 
-def message_of(version: str, complaint: str = "", platform: str = "linux", monkeypatch=None, **options) -> str:
-    monkeypatch.setattr(sys, "platform", platform)
+@pytest.fixture(autouse=True)
+def no_driver_is_chosen(monkeypatch) -> None:
     for name in (OVERRIDE, *DRIVER_CHOICES):
         monkeypatch.delenv(name, raising=False)
-    return str(opengl_refusal(version, complaint, **options))
 
 
 @pytest.mark.parametrize(
@@ -32,14 +32,15 @@ def message_of(version: str, complaint: str = "", platform: str = "linux", monke
     ],
 )
 def test_what_is_there_what_is_needed_and_what_to_do(version, complaint, platform, words, monkeypatch) -> None:
-    line = message_of(version, complaint, platform, monkeypatch)
+    monkeypatch.setattr(sys, "platform", platform)
+    line = str(opengl_refusal(version, complaint))
     assert all(word in line for word in [*words, "OpenGL 3.3 or later"]), line
     assert "\n" not in line
 
 
 @pytest.mark.parametrize("name", DRIVER_CHOICES)
 def test_a_variable_that_chooses_the_driver_is_named_with_its_value(name, monkeypatch) -> None:
-    message_of("", "", "linux", monkeypatch)
+    monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv(name, "1")
     line = str(opengl_refusal("", "GLX: Failed to create context", window=True))
     assert f"{name}=1 is set" in line and f"unset {name}" in line and "install a graphics driver" in line
@@ -47,7 +48,7 @@ def test_a_variable_that_chooses_the_driver_is_named_with_its_value(name, monkey
 
 @pytest.mark.parametrize("command", ["view", "render"])
 def test_no_driver_is_told_with_what_to_install(display, pack_folder, tmp_path, command) -> None:
-    nowhere = {"LIBGL_DRIVERS_PATH": str(tmp_path), "GALLIUM_DRIVER": "none"}
+    nowhere: dict[str, Any] = {"LIBGL_DRIVERS_PATH": str(tmp_path), "GALLIUM_DRIVER": "none"}
     if command == "view":
         done = run_view(pack_folder, DISPLAY=display, **nowhere)
     else:

@@ -12,7 +12,7 @@ from viewer.rendering.shader_source import assemble, compile_program, glsl_float
 
 def test_numbers_survive_the_way_into_a_shader_and_nothing_else_does() -> None:
     for value in (0.0, -1.5, 1e-30, 3.4e38, 1 / 3, np.float32(0.1), 255, True):
-        text = glsl_float(value)
+        text = glsl_float(value)  # type: ignore[arg-type]  (NumPy's scalars are numbers, too)
         assert np.float32(text) == np.float32(value) and any(mark in text for mark in ".e")
     for value in (float("nan"), float("inf"), "1.0); discard; (", "0; }"):
         with pytest.raises(ValueError):

@@ -18,7 +18,6 @@ from tests.viewer.rendering.shapes import surroundings_pack
 from tests.viewer.web.browser import Browser
 from viewer.core import annotations as notes
 from viewer.core.annotations import KEY, Annotations, Bookmark, annotations_to_json
-from viewer.core.files import demo_pack
 from viewer.web.description import PageContent
 from viewer.web.page import scene_page
 
@@ -67,8 +66,8 @@ def test_the_page_without_its_pack_is_small() -> None:
 
 
 @pytest.mark.slow
-def test_the_demos_page_is_small() -> None:
-    assert len(scene_page(load_pack(demo_pack()), PageContent("demo"))) < MOST_OF_DEMO
+def test_the_demos_page_is_small(demo: Path) -> None:
+    assert len(scene_page(load_pack(demo), PageContent("demo"))) < MOST_OF_DEMO
 
 
 def test_the_policy_allows_the_pages_own_script_and_nothing_from_elsewhere(shapes: Pack) -> None:

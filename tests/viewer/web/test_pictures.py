@@ -10,11 +10,10 @@ from tests.viewer.rendering.golden_variants import PACKS, camera_for
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.web.conftest import page_picture
 from viewer.core.annotations import KEY, Annotations, annotations_to_json
-from viewer.core.files import demo_pack
 from viewer.features.display.display import backdrop
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import Look, RenderSettings
+from viewer.rendering.settings import Look, Mode, RenderSettings
 from viewer.web.description import MODES
 
 SIZE = (160, 120)
@@ -30,8 +29,8 @@ def assert_same(page: np.ndarray, desktop: np.ndarray, what: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_demo_looks_the_same_from_four_cameras(show) -> None:
-    pack = load_pack(demo_pack())
+def test_the_demo_looks_the_same_from_four_cameras(show, demo) -> None:
+    pack = load_pack(demo)
     browser = show(pack)
     assert not browser.problems
     with OffscreenRenderer(pack) as desktop:
@@ -45,7 +44,9 @@ def test_the_demo_looks_the_same_from_four_cameras(show) -> None:
 def test_every_mode_of_every_kind_of_pack_looks_the_same(name: str, show) -> None:
     pack = shapes_pack(diffuse=True) if name == "diffuse" else PACKS[name]()
     browser, camera = show(pack), camera_for(pack).resized(*SIZE)
-    modes = [mode for mode in MODES if pack.view_mlp is not None or mode not in ("features", "view-dependent")]
+    modes: list[Mode] = [
+        mode for mode in MODES if pack.view_mlp is not None or mode not in ("features", "view-dependent")
+    ]
     assert browser.evaluate("Object.keys(snerg.scene.shaders.modes)") == modes
     gradient = backdrop("gradient", "dark")
     cases = [

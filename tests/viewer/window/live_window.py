@@ -7,6 +7,7 @@ is opened while another test's EGL context is current in the same thread.
 import os
 import sys
 import time
+from typing import Any
 
 import glfw
 import numpy as np
@@ -69,7 +70,8 @@ def test_an_idle_window_sleeps(window):
 
 def test_a_pack_that_is_dropped_is_opened(window, tmp_path):
     save_pack(toy_pack(view_mlp=False), tmp_path / "a dröpped päck")
-    heard = glfw.set_drop_callback(window.handle, None)
+    glfw_untyped: Any = glfw  # the stub has the C signatures
+    heard = glfw_untyped.set_drop_callback(window.handle, None)
     heard(window.handle, 1, [os.fsencode(tmp_path / "a dröpped päck")])  # as GLFW's C code does
     wait(window, lambda: window.app.loading is None)
     assert window.app.scene.name == "a dröpped päck" and window.app.scene.pack.view_mlp is None
@@ -90,7 +92,7 @@ def test_f11_fills_the_screen_and_gives_it_back(window, xdotool):
 
 def moved(window: Window, xdotool, keycode: int | str) -> np.ndarray:
     """How the flying camera moves, along its own axes, while a key is held."""
-    rig = window.app.scene.rig
+    rig = window.app.open_scene.rig
     before, rotation = rig.goal.eye(rig.table), rig.goal.rotation(rig.table)
     xdotool("keydown", keycode)
     wait(window, lambda: np.linalg.norm(rig.goal.eye(rig.table) - before) > 0.02 * rig.radius)

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from tests.viewer.conftest import installed
-from tests.viewer.waiting import until
+from tests.viewer.waiting import there, until
 
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0
@@ -27,7 +27,7 @@ def run_view(*words: object, cwd: Path = ROOT, **environment: str) -> subprocess
     return subprocess.run(command, env=kept | environment, cwd=cwd, capture_output=True, text=True, timeout=180)
 
 
-def picture_of_view(folder: Path, *words: object, **environment: str) -> np.ndarray:
+def picture_of_view(folder: Path, *words: object, **environment: Any) -> np.ndarray:
     """The window after a few frames of snerg-view, int [500, 800, 3]. folder: for the file."""
     picture = folder / "window.png"
     done = run_view(*words, "--frames", 5, "--screenshot", picture, "--size", "800x500", **environment)
@@ -74,7 +74,7 @@ class RunningViewer:
         """Its X window, once it is there to be seen."""
 
         def found() -> str:
-            assert self.process.poll() is None, self.process.stderr.read()  # type: ignore[union-attr]
+            assert self.process.poll() is None, self.errors()
             return self.xdotool("search", "--onlyvisible", "--pid", self.process.pid)
 
         return until(found).split()[0]
@@ -89,6 +89,10 @@ class RunningViewer:
         """Clicks the rail's icon of that place, 0 the uppermost."""
         self.click(-RAIL_X, RAIL_TOP + RAIL_STEP * place)
 
+    def errors(self) -> str:
+        """What is left of its stderr, once it has ended."""
+        return there(self.process.stderr).read()
+
     def signal(self, number: int) -> int:
         """Sends a signal; the exit status."""
         self.process.send_signal(number)
@@ -101,4 +105,4 @@ class RunningViewer:
         if self.process.poll() is None:
             self.process.kill()
         self.process.wait(PATIENCE_S)
-        self.process.stderr.close()  # type: ignore[union-attr]
+        there(self.process.stderr).close()

@@ -27,7 +27,7 @@ def app(request, pack, ndc_pack) -> App:
 
 def place(app: App, azimuth: float, up: str = "y") -> np.ndarray:
     """Puts the camera somewhere, at once; where it is then."""
-    rig = app.scene.rig
+    rig = app.open_scene.rig
     if up != rig.table.up:
         rig.set_up(up)
     start = 180.0 if rig.bounded else 0.0
@@ -37,8 +37,8 @@ def place(app: App, azimuth: float, up: str = "y") -> np.ndarray:
 
 
 def arrived(app: App) -> np.ndarray:
-    app.scene.rig.shown = app.scene.rig.goal
-    return app.scene.rig.matrix
+    app.open_scene.rig.shown = app.open_scene.rig.goal
+    return app.open_scene.rig.matrix
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orth
     monkeypatch.setattr(bookmarks, "PAUSE_S", 0.0)
     app = App()
     app.show(pack, Path("toy"))
-    rig = app.scene.rig
+    rig = app.open_scene.rig
     for point in (BALL, (0.5, 0.39, 0.0)):
         app.bookmarks.add(app, point)
     rig.set_orthographic(orthographic)
@@ -139,8 +139,8 @@ def ui(offscreen, pack, pack_folder):
     app.interface.page = ""
     ui = offscreen(app, pack, pack_folder, size=(900, 640))
     for turn in (0.0, 0.3, 0.3, 0.3):
-        app.scene.rig.orbit(turn, 0.0)
-        app.scene.rig.shown = app.scene.rig.goal
+        app.open_scene.rig.orbit(turn, 0.0)
+        app.open_scene.rig.shown = app.open_scene.rig.goal
         app.run("bookmark")
     app.interface.page = "bookmarks"
     return ui

@@ -28,7 +28,7 @@ CAMERA = ViewCamera.look_at((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_degrees=40.0, 
 
 def discs(picture: np.ndarray) -> list[bool]:
     """Whether the rim of a disc is around each of the three places."""
-    rim = (np.abs(picture.astype(int) - RIM[:3]) < 60).all(axis=2)
+    rim = np.abs(picture.astype(int) - RIM[:3]).max(axis=2) < 60
     pixels, _ = project(CAMERA, np.array([NEAR.point, FAR.point, BEHIND.point]))
     return [bool(rim[int(y) - 10 : int(y) + 10, int(x) - 10 : int(x) + 10].sum() > 8) for x, y in pixels]
 

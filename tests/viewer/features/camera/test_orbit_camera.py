@@ -1,12 +1,13 @@
 """What hands do to the camera."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
 from scenepack import Pack
 from scenepack.blocks import dense_from_pack
@@ -27,9 +28,9 @@ def toy(ndc: bool = False) -> Pack:
     return toy_pack(ndc=ndc)
 
 
-def pixel_of(camera: ViewCamera, point: Sequence[float]) -> tuple[float, float]:
+def pixel_of(camera: ViewCamera, point: ArrayLike) -> tuple[float, float]:
     """Where `camera` sees a point of the grid frame."""
-    x, y = project(camera, np.array([point]))[0][0]
+    x, y = project(camera, np.atleast_2d(point))[0][0]
     return float(x), float(y)
 
 

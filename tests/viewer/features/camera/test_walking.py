@@ -26,7 +26,7 @@ PLATE = -0.65  # its upper side
 def walker(app: App) -> App:
     """On foot in the toy, with eyes 0.2 above the ground."""
     app.show(toy_pack(), Path("toy"))
-    app.walking.eye_height_m = 0.2 / metre_of(app.scene.pack, app.scene.rig, Scale())
+    app.walking.eye_height_m = 0.2 / metre_of(app.open_scene.pack, app.open_scene.rig, Scale())
     app.run("walk")
     settle(app)
     return app
@@ -35,18 +35,18 @@ def walker(app: App) -> App:
 def settle(app: App, seconds: float = 2.0, ahead: float = 0.0) -> None:
     for _ in range(round(30 * seconds)):
         if ahead:
-            app.scene.rig.fly(0.0, 0.0, ahead, 1 / 30)
+            app.open_scene.rig.fly(0.0, 0.0, ahead, 1 / 30)
         app.tick(1 / 30)
 
 
 def eye(app: App) -> np.ndarray:
-    return app.scene.rig.goal.eye(app.scene.rig.table)
+    return app.open_scene.rig.goal.eye(app.open_scene.rig.table)
 
 
 def put(app: App, x: float, z: float, y: float = PLATE + 0.2, azimuth: float = 0.0) -> None:
     """At azimuth 0 it looks towards -z."""
-    app.scene.rig.stand_at(np.array([x, y, z]), replace(app.scene.rig.goal, azimuth=azimuth, elevation=0.0))
-    app.scene.rig.shown = app.scene.rig.goal
+    app.open_scene.rig.stand_at(np.array([x, y, z]), replace(app.open_scene.rig.goal, azimuth=azimuth, elevation=0.0))
+    app.open_scene.rig.shown = app.open_scene.rig.goal
 
 
 def test_from_outside_the_walk_begins_before_what_is_seen_and_level(walker):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.viewer.waiting import there
 from viewer.features.display import panel as display_panel
 from viewer.rendering.camera import rays_through
 
@@ -16,7 +17,7 @@ def ui(known_pack, offscreen, app, pack_folder):
 
 def test_the_numbers_of_the_depths_are_distances(ui, app):
     app.set(mode="depth")
-    legend = display_panel.legend_of(app)
+    legend = there(display_panel.legend_of(app))
     near, far = float(legend.low), float(legend.high)
     camera = app.camera()
     shades = ui.canvas.raw(camera, replace(app.settings, mode="depth"))[..., 0]
@@ -32,7 +33,7 @@ def test_the_numbers_of_the_depths_are_distances(ui, app):
 @pytest.mark.parametrize("mode", ["samples", "jumps"])
 def test_the_costs_have_a_scale_that_follows_the_slider(ui, app, mode):
     app.set(mode=mode, cost_scale=32.0)
-    legend = display_panel.legend_of(app)
+    legend = there(display_panel.legend_of(app))
     assert (legend.low, legend.middle, legend.high) == ("0", "16", "≥ 32") and "ray" in legend.unit
     counted = ui.canvas.raw(app.camera(), replace(app.settings, mode="normal", counts=True))
     shown = ui.canvas.raw(app.camera(), app.settings)[..., :3]

@@ -15,10 +15,9 @@ from PIL import Image
 from console import UserError
 from scenepack import load_pack
 from tests.viewer.app.test_application import FakeCanvas
-from tests.viewer.waiting import live, until
+from tests.viewer.waiting import live, there, until
 from viewer.app.application import App
 from viewer.commands.view import View
-from viewer.core.files import demo_pack
 from viewer.core.pose import Pose, Turntable
 from viewer.features.film import filming as filming_module
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
@@ -122,7 +121,7 @@ def test_a_kiosk_plays_what_there_is_without_an_end(pack, ndc_pack, tmp_path, sh
     app.show(ndc_pack if shown == "forward-facing" else pack, tmp_path)
     if shown == "bookmarks":
         for azimuth in (0, 90):
-            app.scene.rig.look_along(azimuth, 0)
+            app.open_scene.rig.look_along(azimuth, 0)
             app.bookmarks.add(app)
     elif shown == "path":
         app.filming.path = CameraPath(keyframes([Pose(azimuth=a) for a in (0, 20, 40)]))
@@ -131,7 +130,7 @@ def test_a_kiosk_plays_what_there_is_without_an_end(pack, ndc_pack, tmp_path, sh
     expected = {"turn": (8, 40.0), "bookmarks": (2, 16.0), "path": (3, 4.5), "forward-facing": (8, 40.0)}[shown]
     assert app.filming.playing and path.closed and (len(path.keyframes), path.duration) == expected
     app.tick(2.5 * path.duration)
-    assert app.filming.playing and app.scene.rig.held is not None
+    assert app.filming.playing and app.open_scene.rig.held is not None
 
 
 @needs_video
@@ -153,7 +152,7 @@ def test_an_animation_shows_the_pictures_for_their_time_and_repeats(tmp_path, su
     pictures = [np.rint(255 * wave).astype(np.uint8) for wave in waves]
     write_film(tmp_path / f"film{suffix}", pictures, 20)
     with Image.open(tmp_path / f"film{suffix}") as film:
-        assert film.size == (63, 45) and film.n_frames == 12 and film.info["loop"] == 0
+        assert film.size == (63, 45) and getattr(film, "n_frames", 1) == 12 and film.info["loop"] == 0
         for i, picture in enumerate(pictures):
             film.seek(i)
             off = np.abs(np.asarray(film.convert("RGB")).astype(int) - picture)
@@ -165,7 +164,7 @@ def test_a_cancelled_export_leaves_nothing(filming_app, tmp_path):
     for name in ("frames", *(["film.mp4"] if films_possible() else [])):
         app.run("turntable")
         app.filming.film(app, tmp_path / "out" / name)
-        app.filming.export.step(0.0)
+        there(app.filming.export).step(0.0)
         app.filming.cancel(app)
         assert app.filming.export is None and not list((tmp_path / "out").iterdir())
 
@@ -202,8 +201,8 @@ def pictures_in(path: Path) -> list[np.ndarray]:
         return [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
 
 
-def test_tiles_of_any_size_make_the_same_pixels_also_where_the_lens_is_off_the_middle(ctx, tmp_path):
-    pack = load_pack(demo_pack())
+def test_tiles_of_any_size_make_the_same_pixels_also_where_the_lens_is_off_the_middle(ctx, demo, tmp_path):
+    pack = load_pack(demo)
     canvas = Canvas(ctx)
     try:
         canvas.show(pack)

@@ -10,7 +10,7 @@ from PIL import Image
 
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.test_depth_of_field import CAMERA, FAR_BAR, bars, edge_widths
-from tests.viewer.waiting import live
+from tests.viewer.waiting import live, there
 from viewer.app.application import App
 from viewer.core.pose import Pose
 from viewer.features.film.filming import Filming
@@ -32,7 +32,7 @@ def saved(ui: OffscreenUi, path: Path) -> Path:
 
 def test_a_still_is_blurred_and_a_click_chooses_the_focus(offscreen, app: App, tmp_path: Path) -> None:
     ui = offscreen(app, bars(), Path("bars"), size=(1000, 700))
-    rig, filming = app.scene.rig, app.filming
+    rig, filming = app.open_scene.rig, app.filming
     rig.goal = rig.shown = Pose((-0.3, 0.0, 0.0), 0.0, 0.0, 3.0)
     rig.fov = 40.0
     app.interface.page = "film"
@@ -72,7 +72,7 @@ def test_a_view_is_saved_in_several_modes_without_background_and_as_exr(ui: Offs
     file = exr.File(str(saved(ui, tmp_path / "view.exr")), separate_channels=True)
     assert set(file.channels()) == {"R", "G", "B", "A", "Z", "N.X", "N.Y", "N.Z"}
     depth = file.channels()["Z"].pixels
-    assert 0.3 < np.median(depth[depth > 0]) / app.scene.rig.goal.distance < 1.5
+    assert 0.3 < np.median(depth[depth > 0]) / app.open_scene.rig.goal.distance < 1.5
 
 
 def test_a_view_is_saved_as_a_360_picture(ui: OffscreenUi, app: App, tmp_path: Path) -> None:
@@ -81,7 +81,7 @@ def test_a_view_is_saved_as_a_360_picture(ui: OffscreenUi, app: App, tmp_path: P
     ui.press("##panorama")
     assert app.filming.size == (4096, 2048)
     app.filming.set_size(128, 2048)
-    around = app.scene.rig.camera((128, 64)).as_panorama((128, 64))
+    around = app.open_scene.rig.camera((128, 64)).as_panorama((128, 64))
     picture = np.asarray(Image.open(saved(ui, tmp_path / "around.png")))
     assert np.array_equal(picture, ui.canvas.snapshot(around, app.settings))
     ui.press("##panorama")
@@ -93,7 +93,7 @@ def test_colours_are_changed_in_one_step_and_saved_pictures_have_them(ui: Offscr
     (slider,) = ui.widgets("##exposure")
     (x, y), right = slider.at, slider.rect[2]
     ui.drag([(x, y), (0.5 * (x + right), y), (right - 9, y)])
-    look = app.annotations.current.look
+    look = there(app.annotations.current.look)
     assert look.exposure > 0.5 and app.settings.look is None
     assert np.asarray(Image.open(saved(ui, tmp_path / "bright.png"))).mean() > before.mean() + 1
     app.run("undo")

@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from tests.training.posing.conftest import COUNT, write_photographs
 from tests.training.reconstructions import ball, write_colmap
 from tests.training.test_captures import circle
 from tests.viewer.app.test_application import FakeCanvas
-from tests.viewer.waiting import live, until
+from tests.viewer.waiting import live, there, until
 from tools.procedural import write_procedural_scene
 from training.config import PRESETS
 from training.posing import find
@@ -31,22 +31,23 @@ from viewer.features.making.panel import what_it_needs
 from viewer.features.making.survey import Survey
 
 
-def dropped(path: Path) -> App:
-    """An app whose dialog asks about `path`, once the survey of its photographs is finished."""
+def dropped(path: Path) -> tuple[App, Plan, Survey]:
+    """An app whose dialog asks about `path`; how it would be made; the survey of its photographs, which is finished."""
     app = App(canvas=FakeCanvas())
     app.drop([path])
-    until(lambda: app.making.plan.survey.finished)
-    return app
+    plan = there(app.making.plan)
+    survey = there(plan.survey)
+    until(lambda: survey.finished)
+    return app, plan, survey
 
 
 def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
-    app = dropped(scene)
-    plan = app.making.plan
+    app, plan, found = dropped(scene)
     assert plan.subject == "scene" and plan.out == scene.parent / "still-snerg"
-    assert plan.survey.text.startswith("5 photographs of 24 × 24") and "Blender" in plan.survey.text
+    assert found.text.startswith("5 photographs of 24 × 24") and "Blender" in found.text
     assert plan.problem() is None
     plan.downscale, plan.preset = 2, "full"
-    assert plan.survey.size("full", 2) == (12, 12)
+    assert found.size("full", 2) == (12, 12)
     assert plan.typed() == f"snerg-make {scene} --out {plan.out} --preset full --downscale 2"
     assert "--no-view" in plan.command()
     app.making.dismiss()
@@ -74,15 +75,15 @@ def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monk
 
 def test_a_broken_scene_is_told_before_anything_is_begun(tmp_path):
     (tmp_path / "transforms_train.json").write_text('{"frames": []}')
-    app = dropped(tmp_path)
-    assert str(tmp_path) in app.making.plan.problem()
+    app, plan, _ = dropped(tmp_path)
+    assert str(tmp_path) in there(plan.problem())
     app.making.start(app)
     assert app.making.job is None and app.making.plan is not None
 
 
 def test_the_viewer_alone_says_what_is_missing(scene, monkeypatch, tmp_path):
     monkeypatch.setattr(survey.importlib.util, "find_spec", lambda name: None)
-    assert "pip install 'snerg[train]'" in Plan("scene", scene, tmp_path).problem()
+    assert "pip install 'snerg[train]'" in there(Plan("scene", scene, tmp_path).problem())
 
 
 def photographs(folder: Path, count: int = 8) -> Path:
@@ -95,11 +96,10 @@ def photographs(folder: Path, count: int = 8) -> Path:
 
 def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
     folder = photographs(tmp_path / "shed")
-    app = dropped(folder)
-    plan = app.making.plan
+    app, plan, found = dropped(folder)
     assert not app.messages.dialogs and plan.problem() is None
-    assert plan.survey.text.startswith("8 photographs of 1200 × 900. Nothing says where the camera stood")
-    assert plan.survey.size("quick", None) == (240, 180) and plan.survey.size("full", 2) == (600, 450)
+    assert found.text.startswith("8 photographs of 1200 × 900. Nothing says where the camera stood")
+    assert found.size("quick", None) == (240, 180) and found.size("full", 2) == (600, 450)
     assert plan.stages == ("Poses", "Training", "Baking") and plan.out == tmp_path / "shed-snerg"
     assert plan.typed() == f"snerg-make {folder} --out {plan.out} --preset normal"
 
@@ -124,14 +124,13 @@ def test_bare_photographs_are_shown_with_what_is_set_aside_and_the_time_it_takes
 def test_a_film_is_asked_about_and_too_few_photographs_are_refused(tmp_path):
     film = tmp_path / "walk.MOV"
     film.write_bytes(bytes(3_000_000))
-    app = dropped(film)
-    plan = app.making.plan
-    assert plan.survey.text.startswith("A film of 3 MB")
+    app, plan, found = dropped(film)
+    assert found.text.startswith("A film of 3 MB")
     assert plan.out == tmp_path / "walk-snerg" and plan.command()[4] == str(film)
-    if plan.survey.preview is not None:
-        live(app, lambda: not plan.survey.busy)
-        assert "not a film that can be read" in plan.problem()
-    assert "at least 8, found 2" in dropped(photographs(tmp_path / "shed", 2)).making.plan.problem()
+    if found.preview is not None:
+        live(app, lambda: not found.busy)
+        assert "not a film that can be read" in there(plan.problem())
+    assert "at least 8, found 2" in there(dropped(photographs(tmp_path / "shed", 2))[1].problem())
 
 
 def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
@@ -141,31 +140,31 @@ def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
     (folder / "run" / "checkpoints" / "step_00001000.safetensors").touch()
     app = App(canvas=FakeCanvas())
     app.drop([folder])
-    plan = app.making.plan
+    plan = there(app.making.plan)
     assert (plan.subject, plan.source, plan.out) == ("scene", scene, folder)
     assert "at step 1,000 of 6,000" in plan.attempt_text() and plan.problem() is None
     app.drop([folder / "run"])
-    assert app.making.plan.subject == "run" and app.making.plan.out == folder / "pack"
+    run = there(app.making.plan)
+    assert run.subject == "run" and run.out == folder / "pack"
     (folder / "run" / "checkpoints" / "step_00006000.safetensors").touch()
     assert "It is baked" in Plan.of("run", folder).attempt_text()
     other = Plan("scene", tmp_path / "elsewhere", folder)
-    assert "another scene" in other.problem()
+    assert "another scene" in there(other.problem())
 
 
-@pytest.mark.parametrize("there", [True, False])
-def test_found_poses_are_gone_on_with_where_the_folder_of_the_results_is_dropped(tmp_path, there):
+@pytest.mark.parametrize("known", [True, False])
+def test_found_poses_are_gone_on_with_where_the_folder_of_the_results_is_dropped(tmp_path, known):
     assert (POSED, REPORT) == (find.SCENE, find.REPORT)
     folder = photographs(tmp_path / "shed")
     out = tmp_path / "shed-snerg"
     write_colmap(out / "scene", circle(10), ball())
-    (out / "scene" / "poses.json").write_text(json.dumps({"photographs": str(folder if there else tmp_path / "gone")}))
-    app = dropped(out)
-    plan = app.making.plan
+    (out / "scene" / "poses.json").write_text(json.dumps({"photographs": str(folder if known else tmp_path / "gone")}))
+    app, plan, _ = dropped(out)
     assert not app.messages.dialogs and plan.out == out and plan.problem() is None
-    assert plan.source == (folder if there else out / "scene") and plan.posed == out / "scene"
-    assert ("camera poses in this folder are used" in plan.attempt_text()) == there
+    assert plan.source == (folder if known else out / "scene") and plan.posed == out / "scene"
+    assert ("camera poses in this folder are used" in plan.attempt_text()) == known
     app.drop([out / "scene"])
-    assert app.making.plan.source == out / "scene", "a scene like any other"
+    assert there(app.making.plan).source == out / "scene", "a scene like any other"
     app.making.dismiss()
 
 
@@ -178,7 +177,7 @@ def test_a_folder_that_cannot_be_written_is_told_before_anything_begins(offscree
     ui.key(imgui.Key.enter)
     plan = app.making.plan
     assert app.making.job is None and plan is not None and not app.messages.dialogs
-    assert f"{(tmp_path / place).parent} cannot be written" in plan.place_problem
+    assert f"{(tmp_path / place).parent} cannot be written" in there(plan.place_problem)
     plan.choose(tmp_path / "elsewhere" / "pack")
     assert plan.place_problem is None and not (tmp_path / "elsewhere").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
@@ -190,7 +189,7 @@ def test_cut_out_is_on_where_there_is_a_mask_for_each_photograph(tmp_path):
         mask = scene / "masks" / picture.relative_to(scene / "images")
         mask.parent.mkdir(parents=True, exist_ok=True)
         Image.new("L", Image.open(picture).size, 255).save(mask)
-    plan = dropped(scene).making.plan
+    _, plan, _ = dropped(scene)
     assert plan.masked and plan.cut_out and "--masks" in plan.command()
     plan.masks = False
     assert "--masks" not in plan.command()
@@ -226,6 +225,8 @@ def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_
     ],
 )
 def test_the_dialog_says_what_is_known(seconds, finished, line):
-    known = SimpleNamespace(seconds=lambda *_: seconds, disk=lambda *_: 0.51e9, finished=finished)
-    assert what_it_needs(SimpleNamespace(preset="quick", survey=SimpleNamespace(time=known)), 200).startswith(line)
-    assert what_it_needs(SimpleNamespace(preset="quick", survey=SimpleNamespace(time=None)), 200) == ""
+    known: Any = SimpleNamespace(seconds=lambda *_: seconds, disk=lambda *_: 0.51e9, finished=finished)
+    plan: Any = SimpleNamespace(preset="quick", survey=SimpleNamespace(time=known))
+    assert what_it_needs(plan, 200).startswith(line)
+    plan.survey.time = None
+    assert what_it_needs(plan, 200) == ""

@@ -16,11 +16,16 @@ from scenepack import save_pack
 from tests.training.posing.rooms import cameras, photograph
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.features.making.conftest import FAKE, ROOT
-from tests.viewer.waiting import live, until
+from tests.viewer.waiting import live, there, until
 from viewer.app.application import App
 from viewer.features.making import survey
 from viewer.features.making.make_job import preview_title
 from viewer.features.making.survey import result_lines
+
+
+def stage_of(app: App) -> str:
+    report = there(app.making.job).report
+    return "" if report is None else report.stage
 
 
 def gone(pid: int) -> bool:
@@ -115,15 +120,14 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
 
     def begin(steps: int) -> None:
         app.drop([scene])
-        plan = app.making.plan
+        plan = there(app.making.plan)
         plan.choose(tmp_path / "made")
         plan.preset, plan.steps, plan.resolution = "tiny", steps, 32
         app.making.start(app)
 
     begin(100_000)
     try:
-        job = app.making.job
-        live(app, lambda: app.making.job is None or (job.report and job.report.stage == "training"), 300)
+        live(app, lambda: app.making.job is None or stage_of(app) == "training", 300)
         app.making.stop(app)  # while its first step is being compiled
         live(app, lambda: app.making.job is None, 300)
         assert not app.messages.dialogs and "was stopped" in app.messages.toast
@@ -132,7 +136,7 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
         live(app, lambda: app.making.job is None and app.loading is None, 300)
     finally:
         app.making.end()
-    assert not app.messages.dialogs and app.scene.path == tmp_path / "made" / "pack"
+    assert not app.messages.dialogs and app.open_scene.path == tmp_path / "made" / "pack"
 
 
 # What is trained so far is shown as it comes, with the camera where the hands put it, and never in place of something else
@@ -150,7 +154,8 @@ def write(tmp_path, pack):
 
 
 def came(app: App, steps: int) -> bool:
-    return app.making.job.preview is not None and f" {steps:,} " in preview_title(app.making.job.preview)
+    preview = there(app.making.job).preview
+    return preview is not None and f" {steps:,} " in preview_title(preview)
 
 
 def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_camera_stays(making, write, tmp_path):
@@ -159,22 +164,22 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_c
     assert app.scene is None
     write(1200)
     live(app, lambda: came(app, 1200))
-    assert app.scene.name == "photographs: preview after 1,200 steps" and app.making.training_preview_shown(app)
+    assert app.open_scene.name == "photographs: preview after 1,200 steps" and app.making.training_preview_shown(app)
     assert app.canvas.shown == [app.making.job.preview] and app.preferences.recent == []
-    untouched = app.scene.rig.goal
-    app.scene.rig.orbit(80.0, 15.0)
-    chosen, fov = app.scene.rig.goal, app.fov
+    untouched = app.open_scene.rig.goal
+    app.open_scene.rig.orbit(80.0, 15.0)
+    chosen, fov = app.open_scene.rig.goal, app.fov
     assert chosen != untouched
     live(app, lambda: app.scene.rig.shown == app.scene.rig.goal)
     write(2400)
     live(app, lambda: came(app, 2400))
-    assert app.scene.name.endswith("2,400 steps") and app.scene.pack is app.making.job.preview
-    assert app.scene.rig.goal == app.scene.rig.shown == chosen
+    assert app.open_scene.name.endswith("2,400 steps") and app.open_scene.pack is app.making.job.preview
+    assert app.open_scene.rig.goal == app.open_scene.rig.shown == chosen
     assert app.canvas.shown == [app.making.job.preview], "refined in place: nothing is blank in between"
     (tmp_path / "go").touch()
     live(app, lambda: app.making.job is None and app.loading is None)
-    assert app.scene.path == tmp_path / "pack" and not app.messages.dialogs
-    assert app.scene.rig.goal == chosen and app.fov == fov
+    assert app.open_scene.path == tmp_path / "pack" and not app.messages.dialogs
+    assert app.open_scene.rig.goal == chosen and app.fov == fov
 
 
 def test_a_scene_that_is_open_is_not_taken_away(making, write, pack, pack_folder):
@@ -208,7 +213,7 @@ def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         picture.save(tmp_path / "shed" / f"p{i}.png")
     app = App(canvas=FakeCanvas())
     app.drop([tmp_path / "shed"])
-    live(app, lambda: app.making.plan.survey.finished)
+    live(app, lambda: there(there(app.making.plan).survey).finished)
     yield app
     app.making.end()
 
@@ -219,7 +224,7 @@ def test_a_check_shows_its_progress_and_then_what_it_found(asked: App, tmp_path:
     check = making.check
     assert check is not None and check.running and making.busy
     live(asked, lambda: check.report is not None)
-    assert check.report.stage == "check"
+    assert there(check.report).stage == "check"
     live(asked, lambda: not check.running)
     assert not check.error and check.result is not None
     assert list(check.result["differently_exposed"]) == [f"p{DARK}.png"] and not check.result["set_aside"]
@@ -237,8 +242,9 @@ def test_a_check_shows_its_progress_and_then_what_it_found(asked: App, tmp_path:
 
 def test_a_check_whose_dialog_is_closed_is_stopped_and_leaves_nothing(asked: App, tmp_path: Path):
     asked.making.check_photographs(asked)
-    pid = asked.making.check.child._child.pid
-    live(asked, lambda: asked.making.check.report is not None)
+    check = there(asked.making.check)
+    live(asked, lambda: check.report is not None)
+    pid = check.child._child.pid
     asked.making.dismiss()  # which stops it first
     assert asked.making.check is None
     live(asked, lambda: gone(pid) and not list((tmp_path / "temporary").glob("snerg-ch*")))
@@ -248,9 +254,9 @@ def test_a_check_whose_dialog_is_closed_is_stopped_and_leaves_nothing(asked: App
 def test_a_check_that_fails_says_why_in_one_line(asked: App, tmp_path: Path):
     shutil.rmtree(tmp_path / "shed")
     asked.making.check_photographs(asked)
-    live(asked, lambda: not asked.making.check.running)
-    assert asked.making.check.result is None
-    assert asked.making.check.error.startswith(f"{tmp_path / 'shed'}: no such file or folder")
+    check = there(asked.making.check)
+    live(asked, lambda: not check.running)
+    assert check.result is None and check.error.startswith(f"{tmp_path / 'shed'}: no such file or folder")
 
 
 def test_names_beyond_the_first_few_are_counted():

@@ -12,7 +12,7 @@ from scenepack import Pack, load_pack, save_pack
 from scenepack.placement import NOT_MOVED
 from tests.viewer.conftest import toy_pack
 from tests.viewer.core.test_annotations import ANNOTATIONS, LINE, VIEW
-from tests.viewer.waiting import until
+from tests.viewer.waiting import there, until
 from viewer.app.application import App
 from viewer.core.annotations import Annotations, Scale
 from viewer.features.crop import crop
@@ -38,12 +38,12 @@ def arranged(packs: list[Path]) -> App:
     app = App()
     for i, path in enumerate(packs):
         app.show(load_pack(path), path)
-        rig = app.scene.rig
+        rig = app.open_scene.rig
         rig.orbit(0.2 + 0.3 * i, 0.1)
         rig.shown = rig.goal
         rig.fov = 30.0 + i
-    app.scene.rig.set_orthographic(True)
-    app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.ones(3)), near=0.25)
+    app.open_scene.rig.set_orthographic(True)
+    app.set(crop=crop.placed(app.open_scene.pack, np.zeros(3), np.ones(3)), near=0.25)
     app.annotations.current = ANNOTATIONS
     app.interface.page = "measure"
     return app
@@ -59,25 +59,25 @@ def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
     moved = packs[0].parent.rename(tmp_path / "moved")
     app = App()
     app.run("open")
-    app.open_prompt.type(str(moved / file.name))
+    there(app.open_prompt).type(str(moved / file.name))
     choose(app)
     settle(app)
     assert not app.messages.dialogs
-    assert app.scene.path == moved / "third" and app.interface.page == "measure"
+    assert app.open_scene.path == moved / "third" and app.interface.page == "measure"
     assert [scene.name for scene in app.open_packs.packs] == ["first", "second"]
-    assert np.allclose(app.scene.rig.matrix, before.scene.rig.matrix, atol=1e-9)
-    assert app.scene.rig.orthographic and app.scene.rig.fov == before.scene.rig.fov
-    assert np.allclose(app.settings.crop, before.settings.crop) and app.settings.near == 0.25
+    assert np.allclose(app.open_scene.rig.matrix, before.open_scene.rig.matrix, atol=1e-9)
+    assert app.open_scene.rig.orthographic and app.open_scene.rig.fov == before.open_scene.rig.fov
+    assert np.allclose(there(app.settings.crop), there(before.settings.crop)) and app.settings.near == 0.25
     assert app.annotations.current == ANNOTATIONS
     for _ in range(2):
         before.open_packs.switch(before, 1)
         app.open_packs.switch(app, 1)
-        assert app.scene.name == before.scene.name
-        assert np.allclose(app.scene.rig.matrix, before.scene.rig.matrix, atol=1e-9)
+        assert app.open_scene.name == before.open_scene.name
+        assert np.allclose(app.open_scene.rig.matrix, before.open_scene.rig.matrix, atol=1e-9)
 
 
 def test_marks_are_added_and_none_is_lost():
-    moved = NOT_MOVED.levelled((0.1, 0.9, 0.0), (0.0, 0.0, 0.0))
+    moved = NOT_MOVED.levelled(np.array([0.1, 0.9, 0.0]), np.zeros(3))
     own = Annotations(Scale(3.0, "ft"), (LINE,), (replace(VIEW, name="Mine"),), placement=moved)
     both = joined(own, ANNOTATIONS)
     assert both.scale == own.scale and both.placement == moved and both.measurements == ANNOTATIONS.measurements
@@ -99,7 +99,7 @@ def test_a_bad_file_is_one_clear_line_and_changes_nothing(packs: list[Path], tmp
     app = App()
     app.show(load_pack(packs[0]), packs[0])
     app.drop([file])
-    assert len(app.messages.dialogs) == 1 and app.scene.path == packs[0] and app.loading is None
+    assert len(app.messages.dialogs) == 1 and app.open_scene.path == packs[0] and app.loading is None
 
 
 def test_a_pack_that_is_gone_is_told_and_those_before_it_stay_open(packs: list[Path], tmp_path: Path):
@@ -121,9 +121,9 @@ def test_the_last_session_is_kept_and_offered(packs: list[Path], tmp_path: Path,
     assert app.sessions.last is None
     monkeypatch.setattr(session, "REST_S", 0.05)
     until(lambda: app.tick(0.01) or file.exists())
-    app.scene.rig.orbit(0.4, 0.0)
-    app.scene.rig.shown = app.scene.rig.goal
-    here = app.scene.rig.matrix
+    app.open_scene.rig.orbit(0.4, 0.0)
+    app.open_scene.rig.shown = app.open_scene.rig.goal
+    here = app.open_scene.rig.matrix
     app.sessions.finish(app)
     app.annotations.close_pack()
     again = App()
@@ -131,7 +131,7 @@ def test_the_last_session_is_kept_and_offered(packs: list[Path], tmp_path: Path,
     assert again.sessions.last is not None and again.sessions.last.title == "third, first and 1 more"
     again.run("last-session")
     settle(again)
-    assert np.allclose(again.scene.rig.matrix, here, atol=1e-9)
+    assert np.allclose(again.open_scene.rig.matrix, here, atol=1e-9)
     again.sessions.finish(again)
     assert load_session(file).title == "third, first and 1 more"
     packs[2].rename(tmp_path / "gone")

@@ -34,7 +34,7 @@ def slope(tmp_path: Path) -> Path:
 def ui(offscreen, app: App, slope: Path):
     app.annotations.folder = slope.parent / "user"
     ui = offscreen(app, load_pack(slope), slope, size=(1280, 800))
-    rig = app.scene.rig
+    rig = app.open_scene.rig
     rig.goal = rig.shown = Pose((0.0, -0.4, 0.2), 20.0, 40.0, 3.5)
     app.interface.page = placing.PAGE
     ui.settle()
@@ -143,7 +143,10 @@ def test_the_pack_keeps_it_and_pages_and_pictures_follow(ui, app, slope, tmp_pat
     assert np.allclose(placed_T_grid(pack), moved)
     again = App()
     again.show(pack, slope)
-    assert np.allclose(again.scene.rig.table.axes[1], UP) and again.scene.rig.goal == again.scene.rig.home_pose
+    assert (
+        np.allclose(again.open_scene.rig.table.axes[1], UP)
+        and again.open_scene.rig.goal == again.open_scene.rig.home_pose
+    )
     # snerg-render: the same picture from the same place, named in either frame, level in each
     eye, target = np.array([1.5, 1.2, 2.0]), np.array([0.0, -0.3, 0.0])
     up = np.linalg.inv(moved[:3, :3]) @ [0.0, 1.0, 0.0]
