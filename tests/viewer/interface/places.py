@@ -61,7 +61,7 @@ Prepare = Callable[[App, Scenes], object]
 
 def _start(app: App, scenes: Scenes) -> None:
     app.demo = scenes.path
-    app.sessions.last = Session((Seen(scenes.path, Bookmark("A scene", (0.0, 0.0, 3.0), (0.0, 0.0, 0.0))),))
+    app.sessions.last = Session((Seen(scenes.path, Bookmark("toy", (0.0, 0.0, 3.0), (0.0, 0.0, 0.0))),))
     app.preferences.recent = [str(scenes.path), str(scenes.photographs)]
 
 
@@ -157,7 +157,10 @@ def _scaling(app: App, scenes: Scenes) -> None:
 
 
 def _bookmarked(app: App, scenes: Scenes) -> None:
-    for name, command in (("A view with a name that is longer than the list is wide", "front"), ("Above", "top")):
+    for name, command in (
+        ("toy from before, with a name that is longer than the list", "front"),
+        ("toy from above", "top"),
+    ):
         app.run(command)
         app.open_scene.rig.shown = app.open_scene.rig.goal
         app.run("bookmark")
@@ -194,6 +197,9 @@ PLACES: dict[str, Prepare] = {
     "compare, two packs": _page("compare", _compare),
     "film, a path": _page("film", _film),
     "film, an export": _page("film", _film, lambda app, scenes: app.filming.film(app, scenes.path.parent / "film")),
+    "film, a lens": _page("film", lambda app, _: setattr(app.filming, "aperture", 0.1)),
+    "keys": lambda app, _: app.run("help"),
+    "open": lambda app, _: app.run("open"),
     "a page that floats": lambda app, _: app.interface.moved.append("camera"),
     "opening": lambda app, scenes: app.open(scenes.path),
     "export the scene": _page("film", _near, _crop, lambda app, _: app.exporting.ask(app)),
@@ -213,7 +219,7 @@ PLACES: dict[str, Prepare] = {
     "making, from the start page": lambda app, scenes: (_start(app, scenes), _job(app, scenes)),
     "review": _review,
     "failure": lambda app, _: app.messages.fail("It cannot be opened", "the file is no pack " * 9),
-    "question": lambda app, _: app.messages.fail("Still being made", "Quitting stops it.", buttons=BUTTONS),
+    "question": lambda app, _: app.messages.fail("toy is still being made", "Quitting stops it.", buttons=BUTTONS),
     "path to open": _ask_for("open"),
     "path to save": _ask_for("save"),
     "make a scene": _plan("scene"),

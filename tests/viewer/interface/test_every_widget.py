@@ -4,53 +4,21 @@ The buttons are found, not listed: tests.viewer.window.widgets_seen sees each wi
 scrolled to with the wheel.
 """
 
-import threading
 from collections.abc import Iterator
 
 import pytest
 from imgui_bundle import imgui
 
-from scenepack import save_pack
-from tests.viewer.conftest import toy_pack
-from tests.viewer.interface.places import PLACES, WITHOUT_SCENE, Scenes, child
+from tests.viewer.interface.places import PLACES, WITHOUT_SCENE, Scenes
 from tests.viewer.offscreen_ui import OffscreenUi
-from tests.viewer.scenes import photographed
-from tests.viewer.waiting import there, until
 from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
 from viewer.app.application import App
-from viewer.core import tasks
-from viewer.features.making import make_plan, making, survey
-from viewer.features.making.make_plan import Plan
-from viewer.features.making.survey import Survey
-from viewer.features.opening import opening
 from viewer.interface.layout import NARROW
 from viewer.rendering.offscreen import create_context
 
 pytestmark = pytest.mark.slow
 SIZES = ((480, 360), (800, 600))
 Name = tuple[str, str]  # window, label
-
-
-@pytest.fixture(scope="module")
-def scenes(tmp_path_factory) -> Iterator[Scenes]:
-    """What is opened; whatever would start a program, or take its time, stands still."""
-    folder = tmp_path_factory.mktemp("clicks")
-    pack = photographed(toy_pack(), folder / "scene", 4)
-    (folder / "scene" / "masks").mkdir()  # there is one more thing to choose
-    save_pack(pack, folder / "toy")
-    plan = Plan("scene", folder / "scene", folder / "scene-snerg", survey=Survey(folder / "scene"))
-    survey_read = there(plan.survey)
-    until(lambda: survey_read.finished)
-    survey_read.forward = True
-    release, read = threading.Event(), opening.load_pack
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(making, "CommandProcess", lambda *_: child())
-        patch.setattr(tasks, "CommandProcess", lambda *_: child())
-        patch.setattr(survey.webbrowser, "open", lambda address: True)
-        patch.setattr(make_plan, "trainer_missing", lambda: False)
-        patch.setattr(opening, "load_pack", lambda path, **options: (release.wait(60), read(path, **options))[1])
-        yield Scenes(pack, toy_pack(seed=1), folder / "toy", folder / "scene", plan, release)
-        release.set()
 
 
 class Hand:

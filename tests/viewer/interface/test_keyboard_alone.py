@@ -1,7 +1,6 @@
 """Every dialog can be opened, gone through and answered without a mouse."""
 
 import random
-import threading
 from pathlib import Path
 
 import pytest
@@ -14,8 +13,6 @@ from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
 from viewer.core import widgets
 from viewer.core.widgets import in_front
-from viewer.features.making.make_plan import Plan
-from viewer.features.making.survey import Survey
 
 WIDGETS = ("button", "invisible_button", "selectable", "checkbox", "slider_float", "slider_int", "input_text",
            "input_text_with_hint", "begin_combo")  # fmt: skip
@@ -36,13 +33,6 @@ def exporting(app: App, scenes: Scenes) -> None:
 
 failure, question, saving = PLACES["failure"], PLACES["question"], PLACES["path to save"]
 making, baking = PLACES["make a scene"], PLACES["bake a run"]
-
-
-@pytest.fixture
-def scenes(pack, pack_folder, procedural_path) -> Scenes:
-    plan = Plan("scene", procedural_path, pack_folder.parent / "out", survey=Survey(procedural_path))
-    until(lambda: there(plan.survey).finished)
-    return Scenes(pack, pack, pack_folder, procedural_path, plan, threading.Event())
 
 
 @pytest.fixture
