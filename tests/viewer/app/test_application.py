@@ -54,15 +54,6 @@ def finish_loading(app: App) -> None:
     live(app, lambda: app.loading is None)
 
 
-def test_a_card_too_small_is_a_dialog_and_the_old_scene_stays(open_app, pack_folder):
-    old = open_app.scene
-    open_app.canvas.refuse = "the graphics driver has no room for the rgba texture"
-    open_app.open(pack_folder)
-    finish_loading(open_app)
-    assert open_app.scene is old
-    assert "no room" in open_app.messages.dialogs[0].text
-
-
 def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
     go_on = threading.Event()
 

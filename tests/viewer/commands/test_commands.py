@@ -211,18 +211,27 @@ def test_a_folder_gets_a_file_for_each_mode_of_each_view_or_one_exr_for_each_vie
 # snerg-bench
 
 
-def test_the_benchmarks_json_is_what_scripts_expect(folder: str, tmp_path: Path) -> None:
-    out = tmp_path / "bench.json"
-    words = ["--frames", "4", "--compare", "paper", "--ablations", "--json", str(out), *SMALL]
+def test_the_benchmarks_json_is_what_scripts_expect_and_it_comes_as_a_table_and_a_plot(
+    folder: str, tmp_path: Path
+) -> None:
+    new = tmp_path / "new"
+    words = ["--frames", "4", "--compare", "paper", "--ablations", "--dense-pack", folder, *SMALL]
+    for option, name in (("--json", "bench.json"), ("--markdown", "bench.md"), ("--plot", "bench.png")):
+        words += [option, str(new / name)]
     assert bench.main([folder, *words]) == 0
-    result = json.loads(out.read_text())
+    result = json.loads((new / "bench.json").read_text())
     promised = {"renderer", "width", "height", "frames", "ms_mean", "ms_std", "ms_p50", "ms_p95", "fps", "gpu_bytes"}
     assert promised | {"watts", "compare"} <= set(result)
     assert (result["width"], result["height"], result["frames"]) == (48, 36, 4)
     compare = result["compare"]
     assert compare["ratio"] == pytest.approx(compare["paper"]["ms_p50"] / result["ms_p50"])
     assert 15 < compare["psnr"] < 60 and result["gpu_bytes"] > 0
-    assert len(result["ablations"]) == 3
+    assert len(result["ablations"]) == 4
+    table = [line for line in (new / "bench.md").read_text().splitlines() if line.startswith("|")]
+    assert "p99" in table[0] and len({line.count("|") for line in table}) == 1
+    rows = "exact", "paper", "exact, no view MLP", "exact, view MLP at every sample", "no skipping: every sample"
+    assert [line.split("|")[1].strip() for line in table[2:]] == [*rows, "exact, no sparsity loss"]
+    assert picture(new / "bench.png").shape[:2] == (540, 1080) and len(list(new.iterdir())) == 3
 
 
 @pytest.fixture(scope="module")
@@ -298,20 +307,6 @@ def test_systems_that_cannot_be_compared_are_refused_in_one_line(folder, ndc_fol
     words = [places.get(word, word) for word in words]
     assert bench.main([folder, *words, "--frames", "1", "--json", str(tmp_path / "a.json"), *SMALL]) == 2
     assert len(without_progress(capsys.readouterr().err)) == 1 and not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_the_benchmarks_table_is_written_as_markdown_and_its_times_as_a_plot(folder: str, tmp_path: Path) -> None:
-    words = ["--frames", "4", "--compare", "paper", "--ablations", "--dense-pack", folder, *SMALL]
-    out, plot, figures = tmp_path / "new" / "bench.md", tmp_path / "new" / "bench.png", tmp_path / "bench.json"
-    assert bench.main([folder, *words, "--markdown", str(out), "--plot", str(plot), "--json", str(figures)]) == 0
-    table = [line for line in out.read_text().splitlines() if line.startswith("|")]
-    assert "p99" in table[0] and len({line.count("|") for line in table}) == 1
-    rows = "exact", "paper", "exact, no view MLP", "exact, view MLP at every sample", "no skipping: every sample"
-    assert [line.split("|")[1].strip() for line in table[2:]] == [*rows, "exact, no sparsity loss"]
-    assert "exact, no sparsity loss" in json.loads(figures.read_text())["ablations"]
-    assert picture(plot).shape[:2] == (540, 1080)
-    assert sorted(path.name for path in out.parent.iterdir()) == ["bench.md", "bench.png"]
 
 
 @pytest.mark.slow

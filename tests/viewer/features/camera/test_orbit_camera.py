@@ -199,14 +199,3 @@ def test_without_perspective_the_pivot_keeps_its_size_and_moving_closer_only_enl
     rig.home()
     assert not rig.orthographic
     assert rig.history.undo() and rig.orthographic
-
-
-@pytest.mark.parametrize(("axis", "angles"), [((1, 0, 0), (90, 0)), ((0, 1, 0), (0, 90)), ((0, 0, -1), (180, 0))])
-def test_an_axis_is_looked_along_and_from_the_other_side_the_second_time(rig, axis, angles):
-    axis = np.array(axis, float)
-    rig.look_from(axis)
-    assert (rig.goal.azimuth % 360, rig.goal.elevation) == pytest.approx(angles)
-    np.testing.assert_allclose(rig.goal.rotation(rig.table)[:, 2], axis, atol=1e-9)
-    rig.shown = rig.goal
-    rig.look_from(axis)
-    np.testing.assert_allclose(rig.goal.rotation(rig.table)[:, 2], -axis, atol=1e-9)

@@ -61,13 +61,6 @@ def test_on_a_face_a_point_lies_on_it_from_any_side(block: Pack, azimuth: float,
     assert faces >= 1
 
 
-def test_beside_the_block_there_is_nothing(block: Pack) -> None:
-    camera = ViewCamera.orbit(block, 20, 20, size=SIZE)
-    assert surface_at(block, camera, RenderSettings(), 3.0, 3.0) is None
-    away = ViewCamera.look_at((0, 0, 4), (0, 0, 8), size=SIZE)
-    assert surface_at(block, away, RenderSettings(), 400.0, 300.0) is None
-
-
 def test_crop_and_near_plane_hide_what_they_hide_in_the_picture(block: Pack) -> None:
     camera = ViewCamera.look_at((0.0, 0.0, 4.0), (0.0, -0.4, 0.0), size=SIZE)
     hit = surface_at(block, camera, RenderSettings(), 400.0, 300.0)

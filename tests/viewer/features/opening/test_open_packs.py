@@ -8,7 +8,9 @@ import pytest
 
 from console import UserError
 from scenepack.editing import Selection
+from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.conftest import toy_pack
+from tests.viewer.waiting import live
 from viewer.app.commands import COMMANDS
 from viewer.core.state import Edits
 from viewer.features.opening import opening as open_packs_module
@@ -60,14 +62,12 @@ def test_a_pack_comes_back_with_its_camera_cuts_and_path(three):
     assert rig.history.undo() and three.settings.crop is None  # what is undone is this pack's
 
 
-def test_what_the_card_refuses_changes_nothing(three, monkeypatch):
-    class Full:
-        def show(self, pack) -> None:
-            raise UserError("there is no room")
-
-    three.canvas = Full()
+def test_what_the_card_refuses_changes_nothing(three, pack_folder):
+    three.canvas = FakeCanvas("there is no room")
     three.run("next-pack")
-    three.canvas = None
+    assert names(three) == "cab" and "no room" in three.messages.dialogs.pop().text
+    three.open(pack_folder)
+    live(three, lambda: three.loading is None)
     assert names(three) == "cab" and "no room" in three.messages.dialogs[0].text
 
 
