@@ -12,8 +12,8 @@ from PIL import Image
 
 from tests.viewer.conftest import installed
 from tests.viewer.screen import SCREEN
+from tests.viewer.window.conftest import pump, wait
 from tests.viewer.window.live_window import AXES, moved
-from tests.viewer.window.living import pump, wait
 from viewer.core.pose import shortest_turn
 from viewer.features.film import filming
 

@@ -17,7 +17,7 @@ from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.features.making.conftest import FAKE
 from tests.viewer.screen import SCREEN
-from tests.viewer.window.living import SIZE, pump, wait
+from tests.viewer.window.conftest import SIZE, pump, wait
 from viewer.app.application import App
 from viewer.features.making.make_plan import Plan
 from viewer.window.window import Window
