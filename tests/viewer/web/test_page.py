@@ -24,6 +24,7 @@ from scenepack.pack import Pack
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.waiting import until
 from tests.viewer.web.browser import Browser
+from tests.viewer.web.conftest import served
 from viewer.commands import view
 from viewer.core import annotations as notes
 from viewer.core.annotations import KEY, Annotations, Bookmark, annotations_to_json
@@ -175,12 +176,8 @@ FILES = {INDEX: PAGE, "scene-42.bin": b"data"}
 
 @pytest.fixture
 def server() -> Iterator[PageServer]:
-    with PageServer(FILES, "127.0.0.1", 0) as one:
-        thread = threading.Thread(target=one.serve_forever, kwargs={"poll_interval": 0.05})
-        thread.start()
+    with served(FILES) as one:
         yield one
-        one.shutdown()
-        thread.join()
 
 
 def ask(server: PageServer, path: str, method: str = "GET", tag: str = "") -> tuple[int, bytes, dict[str, str]]:

@@ -3,9 +3,8 @@
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from scenepack.pack import Pack
 from tests.viewer.rendering.golden_variants import PACKS, camera_for
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.web.browser import Browser
-from tests.viewer.web.conftest import page_picture
+from tests.viewer.web.conftest import page_picture, served
 from viewer.core.annotations import KEY, Annotations, annotations_to_json
 from viewer.features.display.display import backdrop
 from viewer.rendering.camera import ViewCamera
@@ -98,29 +97,18 @@ def levels() -> Iterator[None]:
         yield
 
 
-class Host(ThreadingHTTPServer):
-    """A static web server for a folder. Names with `held` in them wait for `release`; with `gone`, they are not found."""
+class Files(dict[str, bytes]):
+    """Of a folder, by name. asked: in this order. One whose name is `held` waits for `release`."""
 
     def __init__(self, folder: Path) -> None:
-        super().__init__(("127.0.0.1", 0), partial(Files, directory=str(folder)))
-        self.held, self.gone, self.release = "\0", "\0", threading.Event()
-        self.asked: list[str] = []
+        super().__init__({path.name: path.read_bytes() for path in folder.iterdir()})
+        self.held, self.release, self.asked = "", threading.Event(), []
 
-
-class Files(SimpleHTTPRequestHandler):
-    server: Host  # pyright: ignore[reportIncompatibleVariableOverride]
-
-    def do_GET(self) -> None:
-        self.server.asked.append(self.path)
-        if self.server.held in self.path:
-            self.server.release.wait(120)
-        if self.server.gone in self.path:
-            self.send_error(404)
-        else:
-            super().do_GET()
-
-    def log_message(self, format: str, *args: object) -> None:
-        pass
+    def get(self, key: str, default: Any = None) -> Any:
+        self.asked.append(key)
+        if key == self.held:
+            self.release.wait(120)
+        return super().get(key, default)
 
 
 @pytest.fixture(scope="module")
@@ -132,44 +120,33 @@ def folder(levels: None, shapes: Pack, tmp_path_factory: pytest.TempPathFactory)
     return parent / "site"
 
 
-@pytest.fixture
-def host(folder: Path) -> Iterator[Host]:
-    with Host(folder) as server:
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
-        thread.start()
-        yield server
-        server.release.set()
-        server.shutdown()
-        thread.join()
-
-
 def desktop(pack: Pack, camera: ViewCamera) -> np.ndarray:
     with OffscreenRenderer(pack) as renderer:
         return renderer.render(camera)
 
 
 @pytest.mark.slow
-def test_a_folder_on_a_static_server_shows_a_coarse_picture_before_the_rest_is_there(browser, host, shapes):
+def test_a_folder_on_a_server_shows_a_coarse_picture_first_and_stays_at_it_where_the_rest_is_not_there(
+    browser, folder, shapes
+):
     browser.resize(*SIZE)
-    host.held = "scene-42"
-    browser.open(f"http://127.0.0.1:{host.server_address[1]}/")
-    browser.until("snerg.level && snerg.resting")
-    camera = ViewCamera.orbit(shapes, 205, 22, size=SIZE)
-    assert browser.evaluate(LEVEL) == 21 and "half resolution" in browser.evaluate(FACTS)
-    assert_same(page_picture(browser, camera), desktop(half_resolution(shapes), camera), "coarse")
-    host.release.set()
-    browser.evaluate("snerg.ready.then(() => true)")
-    assert browser.evaluate(LEVEL) == 42 and browser.evaluate(FACTS) == "42 × 42 × 42 voxels"
-    assert_same(page_picture(browser, camera), desktop(shapes, camera), "whole")
-    assert [name.partition("?")[0] for name in host.asked if "bin" in name] == ["/scene-21.bin", "/scene-42.bin"]
-
-
-@pytest.mark.slow
-def test_what_the_server_lacks_is_told_and_the_coarse_picture_stays(browser: Browser, host: Host) -> None:
-    host.gone = "scene-42"
-    browser.open(f"http://127.0.0.1:{host.server_address[1]}/")
-    browser.evaluate("snerg.ready.then(() => true)")
-    assert browser.evaluate(LEVEL) == 21 and "the server answers 404" in browser.evaluate(FACTS)
+    files = Files(folder)
+    files.held = "scene-42.bin"
+    with served(files) as server:
+        browser.open(server.address)
+        browser.until("snerg.level && snerg.resting")
+        camera = ViewCamera.orbit(shapes, 205, 22, size=SIZE)
+        assert browser.evaluate(LEVEL) == 21 and "half resolution" in browser.evaluate(FACTS)
+        assert_same(page_picture(browser, camera), desktop(half_resolution(shapes), camera), "coarse")
+        files.release.set()
+        browser.evaluate("snerg.ready.then(() => true)")
+        assert browser.evaluate(LEVEL) == 42 and browser.evaluate(FACTS) == "42 × 42 × 42 voxels"
+        assert_same(page_picture(browser, camera), desktop(shapes, camera), "whole")
+        assert files.asked == ["index.html", "scene-21.bin", "scene-42.bin"]
+        del files["scene-42.bin"]
+        browser.open(server.address)
+        browser.evaluate("snerg.ready.then(() => true)")
+        assert browser.evaluate(LEVEL) == 21 and "the server answers 404" in browser.evaluate(FACTS)
 
 
 @pytest.mark.slow
