@@ -25,10 +25,9 @@ SMALL = ["--size", "48x36"]
 
 
 @pytest.fixture(scope="module")
-def ndc_folder(tmp_path_factory: pytest.TempPathFactory, ndc_shapes: Pack) -> str:
-    path = tmp_path_factory.mktemp("packs") / "ndc"
-    save_pack(ndc_shapes, path)
-    return str(path)
+def ndc_folder(folder: str, ndc_shapes: Pack) -> str:
+    save_pack(ndc_shapes, Path(folder).with_name("ndc"))
+    return str(Path(folder).with_name("ndc"))
 
 
 def picture(path: Path) -> np.ndarray:

@@ -11,7 +11,6 @@ import sys
 import threading
 import zlib
 from collections.abc import Callable, Iterator
-from html.parser import HTMLParser
 from http.client import HTTPConnection
 from pathlib import Path
 
@@ -44,16 +43,9 @@ HOSTILE = (
 )
 
 
-class Tags(HTMLParser):
-    """The tags of a page, in order."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, tuple[tuple[str, str | None], ...]]] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, tuple((name, value) for name, value in attrs if name != "content")))
+def tags(html: bytes) -> list[bytes]:
+    """Of a page, in order, without their contents and hashes."""
+    return re.findall(rb"<[a-z!/][^>]*>", re.sub(rb'content="[^"]*"', b"", html))
 
 
 def described(html: bytes) -> dict:
@@ -100,7 +92,7 @@ def test_text_of_a_pack_adds_no_markup_and_no_shader(shapes: Pack) -> None:
     plain = scene_page(shapes, PageContent("x"))
     for text in HOSTILE:
         html = scene_page(with_texts(shapes, text), PageContent(text))
-        assert Tags(html.decode()).tags == Tags(plain.decode()).tags, text
+        assert tags(html) == tags(plain), text
         assert described(html)["shaders"] == described(plain)["shaders"], text
         assert [view["fov"] for view in described(html)["camera"]["bookmarks"]] == [40], text
 

@@ -15,16 +15,22 @@ from PIL import Image
 from tests.viewer.conftest import installed
 from tests.viewer.waiting import there, until
 
+VIEW = [sys.executable, "-m", "viewer.commands.view"]
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0
 RAIL_X, RAIL_TOP, RAIL_STEP = 25, 78, 42  # of the icons: from the right edge, from the top, from one to the next
 
 
+def without_display() -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+
+
 def run_view(*words: object, cwd: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
     """Runs snerg-view to its end, without a display but for what `environment` says."""
-    kept = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    command = [sys.executable, "-m", "viewer.commands.view", *(str(word) for word in words)]
-    return subprocess.run(command, env=kept | environment, cwd=cwd, capture_output=True, text=True, timeout=180)
+    command = [*VIEW, *map(str, words)]
+    return subprocess.run(
+        command, env=without_display() | environment, cwd=cwd, capture_output=True, text=True, timeout=180
+    )
 
 
 def picture_of_view(folder: Path, *words: object, **environment: Any) -> np.ndarray:
@@ -42,12 +48,10 @@ class RunningViewer:
         self.tool = installed("xdotool")
         self.home, self.display = home, display
         home.mkdir(parents=True, exist_ok=True)
-        kept = {name: value for name, value in os.environ.items() if name != "WAYLAND_DISPLAY"}
-        own = {"XDG_CONFIG_HOME": str(home), "XDG_STATE_HOME": str(home / "state")}
-        self.environment = {**kept, "DISPLAY": display, **own, **environment}
-        command = command or [sys.executable, "-m", "viewer.commands.view"]
+        own = {"DISPLAY": display, "XDG_CONFIG_HOME": str(home), "XDG_STATE_HOME": str(home / "state")}
+        self.environment = without_display() | own | environment
         self.process = subprocess.Popen(
-            [*command, *(str(word) for word in words)],
+            [*(command or VIEW), *map(str, words)],
             env=self.environment,
             stderr=subprocess.PIPE,
             stdin=subprocess.DEVNULL,
