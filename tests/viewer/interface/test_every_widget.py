@@ -113,7 +113,7 @@ class Hand:
             self.ui.io.add_mouse_pos_event(*self.scroll_to(name).at)
             self.settle()  # what appears under the mouse may move it
             each, open_before = self.scroll_to(name), self.popup
-            self.watch.forget()
+            self.watch.pressed.clear()
             self.ui.click(*each.at)
             if name in self.watch.pressed:
                 return
