@@ -73,7 +73,7 @@ def test_a_resolution_that_is_not_dynamic_draws_everything():
 
 # The adaptive resolution over a flight through a scene, in which each frame takes what its view costs
 
-# The mean cost of a ray at each quarter of a second of tests/viewer/rendering/flights.py through shapes_pack(), as the shader
+# The mean cost of a ray at each quarter of a second of the flight of tools/fly_window.py through shapes_pack(), as the shader
 # counts: samples fetched, and jumps at a third of one.
 COSTS = np.array([
     1.05, 1.38, 1.71, 2.49, 3.22, 3.63, 4.13, 5.1, 6.75, 8.03, 10.32, 11.97, 13.64, 13.85, 13.75, 13.21, 14.06,
