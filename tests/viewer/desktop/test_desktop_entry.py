@@ -80,10 +80,9 @@ def test_icon_and_types_are_xml_and_packs_are_told_by_their_first_bytes(data, de
         assert (data / "mime" / "magic").read_bytes().count(b"application/x-snerg-pack") == 1
 
 
-def test_a_folder_that_cannot_be_written_is_one_line_and_status_2(data, capsys):
+def test_a_folder_that_cannot_be_written_is_one_line_and_status_2(data, refused):
     data.write_text("a file")
-    assert main(["--register"]) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    refused(main, "--register")
 
 
 def test_the_command_starts_this_viewer():

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from imgui_bundle import imgui
-from PIL import Image
 
 from console import UserError
 from scenepack import load_pack, save_pack
+from tests.viewer.commands.test_commands import picture, rendered
 from tests.viewer.rendering.test_depth_of_field import FAR_BAR, NEAR_BAR, bars
 from tests.viewer.waiting import live
 from viewer.app.application import App
@@ -158,8 +158,8 @@ def test_each_view_has_its_own_picture_and_a_click_on_it_goes_there(ui):
     corners, window = [np.rint(row.rect).astype(int) for row in rows], ui.picture().astype(float)
     pictures = [window[y0 + 6 : y1 - 6, x0 + 10 : x0 + 64] for x0, y0, _, y1 in corners]
     assert len(pictures) == 4
-    for picture in pictures:
-        assert picture.std(axis=(0, 1)).max() > 20  # something of the toy
+    for each in pictures:
+        assert each.std(axis=(0, 1)).max() > 20  # something of the toy
     assert all(np.abs(a - b).max() > 60 for i, a in enumerate(pictures) for b in pictures[:i])
     ui.click(*rows[1].at)
     ui.settle()
@@ -230,16 +230,12 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_places_that_are_seen_are_numbered_and_titled_and_the_rest_is_as_it_was(folder: Path, tmp_path: Path) -> None:
-    def rendered(name: str, *more: str) -> Path:
-        assert render.main([str(folder), "--out", str(tmp_path / name), *WORDS, *more]) == 0
-        return tmp_path / name
-
-    plain, places = (np.asarray(Image.open(rendered(*words))) for words in (("a.png",), ("b.png", "--places")))
+    plain, places = (picture(rendered(folder, tmp_path / "a.png", *WORDS, *more)) for more in ((), ("--places",)))
     assert discs(places) == [True, True, False] and discs(plain) == [False] * 3
     changed = (plain != places).any(axis=2)
     assert 200 < changed.sum() < 0.25 * changed.size
-    layers = rendered("layers", "--places", "--mode", "rgb,depth")
-    rgb, depth = (np.asarray(Image.open(layers / f"view_{mode}.png")) for mode in ("rgb", "depth"))
+    layers = rendered(folder, tmp_path / "layers", *WORDS, "--places", "--mode", "rgb,depth")
+    rgb, depth = (picture(layers / f"view_{mode}.png") for mode in ("rgb", "depth"))
     assert discs(rgb) == [True, True, False] and discs(depth) == [False] * 3
 
 
@@ -251,13 +247,12 @@ def test_a_film_and_a_saved_view_of_the_window_have_them_where_that_is_wanted(of
         app.filming.annotated = wanted
         app.filming.still(app, tmp_path / "a.png", CAMERA)
         live(app, lambda: app.filming.export is None)
-        assert discs(np.asarray(Image.open(tmp_path / "a.png"))) == [wanted, wanted, False]
+        assert discs(picture(tmp_path / "a.png")) == [wanted, wanted, False]
 
 
-def test_a_transparent_picture_has_none(folder: Path, tmp_path: Path, capsys) -> None:
-    words = ["--out", str(tmp_path / "a.png"), *WORDS, "--places", "--background", "transparent"]
-    assert render.main([str(folder), *words]) == 2
-    assert "--places" in capsys.readouterr().err
+def test_a_transparent_picture_has_none(folder: Path, tmp_path: Path, refused) -> None:
+    words = ["--out", tmp_path / "a.png", *WORDS, "--places", "--background", "transparent"]
+    assert "--places" in refused(render.main, folder, *words)
 
 
 def test_titles_stay_within_the_picture_and_are_cut_where_they_are_long() -> None:
