@@ -7,13 +7,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import glfw
-import numpy as np
 import pytest
 from imgui_bundle import imgui
 
 from scenepack import Pack
 from tests.viewer.conftest import installed
-from tests.viewer.offscreen_ui import draw_unseen
 from viewer.app.application import App
 from viewer.window.window import Window
 
@@ -61,17 +59,8 @@ def opened(display: str) -> Iterator[Window]:
 
 
 @pytest.fixture
-def start_page(opened: Window, monkeypatch: pytest.MonkeyPatch) -> Iterator[Window]:
+def start_page(opened: Window) -> Iterator[Window]:
     """The window with a new app, at its start page; what is being made ends with it."""
-    whole, screenshot = imgui.backends.opengl3_render_draw_data, Window.screenshot
-
-    def looked_at(window: Window) -> np.ndarray:
-        with pytest.MonkeyPatch.context() as meanwhile:
-            meanwhile.setattr(imgui.backends, "opengl3_render_draw_data", whole)
-            return screenshot(window)
-
-    monkeypatch.setattr(imgui.backends, "opengl3_render_draw_data", draw_unseen)  # but where a screenshot is taken
-    monkeypatch.setattr(Window, "screenshot", looked_at)
     imgui.set_current_context(opened.ui.context)
     opened.canvas.show(None)
     app = App(canvas=opened.canvas)
