@@ -126,10 +126,8 @@ def _checking(app: App, scenes: Scenes) -> None:
 
 
 def _compare(app: App, scenes: Scenes) -> None:
-    canvas = there(app.canvas)
-    app.canvas = None if canvas.other is not None else canvas
     app.compare_with(scenes.other, scenes.path)
-    app.canvas, app.comparison.how = canvas, "difference"
+    app.comparison.how = "difference"
 
 
 def _stand_in(app: App, scenes: Scenes) -> None:

@@ -45,17 +45,14 @@ class Hand:
         if self.popup:
             imgui.internal.close_popup_to_level(0, False)
         imgui.internal.clear_active_id()
-        app = ui.app = App()
+        app = ui.app = App(canvas=ui.canvas)
         app.resolution.rest_scale = 0.1  # what the picture looks like is tested elsewhere
         app.interface.layout_reset = True
         ui.resize(*size)
         if place in WITHOUT_SCENE:
             ui.canvas.show(None)
         else:
-            if ui.canvas.renderer is None or ui.canvas.renderer.pack is not self.scenes.pack:
-                ui.canvas.show(self.scenes.pack)
-            app.show(self.scenes.pack, self.scenes.path)  # without a canvas, for the card has it
-        app.canvas = ui.canvas
+            app.show(self.scenes.pack, self.scenes.path)
         self.ui.frames(2)  # the usual layout is there before a page is moved out of it
         PLACES[place](app, self.scenes)
         self.settle()
