@@ -39,6 +39,12 @@ def rendered(pack: object, out: Path, *words: object) -> Path:
     return out
 
 
+def benched(pack: object, out: Path, *words: object) -> dict:
+    """What snerg-bench writes as JSON."""
+    assert bench.main([str(word) for word in (pack, "--json", out, *SMALL, *words)]) == 0
+    return json.loads(out.read_text())
+
+
 def test_one_picture_from_a_pose_with_negative_numbers(folder: str, tmp_path: Path) -> None:
     pose = ["--eye", "-2,1,-2", "--target", "0,-0.2,0", "--up", "0,1,0", "--fov", "45"]
     out = rendered(folder, tmp_path / "deep" / "one.png", *pose, *SMALL)
@@ -90,10 +96,8 @@ def test_the_surroundings_of_a_contracted_pack_can_be_left_out(tmp_path: Path) -
         picture(rendered(pack, tmp_path / "a.png", *words, *SMALL)) for words in ((), ("--no-surroundings",))
     )
     assert (inner == 255).all(axis=2).mean() > 0.3 and (whole == 255).all(axis=2).mean() < 0.01
-    figures = tmp_path / "figures.json"
-    words = ["--frames", "2", "--no-surroundings", "--compare", "paper", "--json", str(figures)]
-    assert bench.main([pack, *words, *SMALL]) == 0
-    assert 15 < json.loads(figures.read_text())["compare"]["psnr"] < 60
+    figures = benched(pack, tmp_path / "figures.json", "--frames", 2, "--no-surroundings", "--compare", "paper")
+    assert 15 < figures["compare"]["psnr"] < 60
 
 
 def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(folder: str, tmp_path: Path) -> None:
@@ -204,11 +208,8 @@ def test_the_benchmarks_json_is_what_scripts_expect_and_it_comes_as_a_table_and_
     folder: str, tmp_path: Path
 ) -> None:
     new = tmp_path / "new"
-    words = ["--frames", "4", "--compare", "paper", "--ablations", "--dense-pack", folder, *SMALL]
-    for option, name in (("--json", "bench.json"), ("--markdown", "bench.md"), ("--plot", "bench.png")):
-        words += [option, str(new / name)]
-    assert bench.main([folder, *words]) == 0
-    result = json.loads((new / "bench.json").read_text())
+    words = ["--frames", 4, "--compare", "paper", "--ablations", "--dense-pack", folder]
+    result = benched(folder, new / "a.json", *words, "--markdown", new / "bench.md", "--plot", new / "bench.png")
     promised = {"renderer", "width", "height", "frames", "ms_mean", "ms_std", "ms_p50", "ms_p95", "fps", "gpu_bytes"}
     assert promised | {"watts", "compare"} <= set(result)
     assert (result["width"], result["height"], result["frames"]) == (48, 36, 4)
@@ -253,9 +254,8 @@ def test_two_systems_are_compared_under_their_own_marchers_and_against_photograp
     folder, turned_folder, scene, tmp_path
 ):
     out, table = tmp_path / "bench.json", tmp_path / "bench.md"
-    words = [folder, "--against", turned_folder, "--scene", scene, "--frames", "3", "--json", str(out), *SMALL]
-    assert bench.main([*words, "--markdown", str(table)]) == 0
-    result = json.loads(out.read_text())
+    words = ["--against", turned_folder, "--scene", scene, "--frames", 3]
+    result = benched(folder, out, *words, "--markdown", table)
     assert "compare" not in result and "ablations" not in result
     against, shown = result["against"], result["photographs"]
     assert against["systems"] == ["shapes, exact", "turned, paper"]
@@ -265,8 +265,7 @@ def test_two_systems_are_compared_under_their_own_marchers_and_against_photograp
     assert 30 < shown["psnr"] < 40  # the noise; the photographs were made from this pack
     assert 10 < against["psnr"] < shown["psnr"] - 2
     assert "as fast as turned, paper" in table.read_text() and "2 photographs" in table.read_text()
-    assert bench.main([*words, "--algorithms", "brute,exact"]) == 0
-    again = json.loads(out.read_text())
+    again = benched(folder, out, *words, "--algorithms", "brute,exact")
     assert again["against"]["systems"] == ["shapes, brute", "turned, exact"]
     assert again["photographs"]["psnr"] == pytest.approx(shown["psnr"], abs=0.05)
 
@@ -289,12 +288,14 @@ def test_a_pack_in_another_grid_frame_is_seen_by_the_same_cameras(turned_folder:
         ["--against", "PACK", "--algorithms", "exact"],
         ["--against", "NDC"],
         ["--scene", "SCENE", "--split", "val"],
+        ["--protocol", "forward-facing"],
+        ["--frames", "0"],
     ],
 )
 def test_systems_that_cannot_be_compared_are_refused_in_one_line(folder, ndc_folder, scene, tmp_path, refused, words):
     places = {"PACK": folder, "NDC": ndc_folder, "SCENE": scene}
     words = [places.get(word, word) for word in words]
-    refused(bench.main, folder, *words, "--frames", 1, "--json", tmp_path / "a.json", *SMALL)
+    refused(bench.main, folder, "--frames", 1, *words, "--json", tmp_path / "a.json", *SMALL)
     assert not list(tmp_path.iterdir())
 
 
@@ -321,10 +322,6 @@ def test_a_context_that_is_lost_is_one_line(folder, tmp_path, monkeypatch, refus
     assert "was lost" in refused(render.main, folder, "--out", tmp_path / "a.png", *SMALL)
 
 
-def test_the_protocol_follows_the_pack_and_a_wrong_one_is_refused(ndc_folder: str, folder: str, tmp_path: Path) -> None:
-    out = tmp_path / "bench.json"
-    assert bench.main([ndc_folder, "--frames", "2", "--json", str(out), *SMALL]) == 0
-    assert json.loads(out.read_text())["protocol"] == "forward-facing"
-    assert bench.main([ndc_folder, "--protocol", "synthetic"]) == 2
-    assert bench.main([folder, "--protocol", "forward-facing"]) == 2
-    assert bench.main([folder, "--frames", "0"]) == 2
+def test_the_protocol_follows_the_pack_and_a_wrong_one_is_refused(ndc_folder: str, tmp_path: Path, refused) -> None:
+    assert benched(ndc_folder, tmp_path / "bench.json", "--frames", 2)["protocol"] == "forward-facing"
+    refused(bench.main, ndc_folder, "--protocol", "synthetic")
