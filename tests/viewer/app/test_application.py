@@ -2,6 +2,7 @@
 
 import json
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -148,7 +149,19 @@ def test_repairs_are_reported_once_and_stay_in_the_log(pack, pack_folder, tmp_pa
 
 
 PACK = toy_pack()
-STEPS = st.lists(st.sampled_from(["orbit", "crop", "near", "home", "move", "mark", "nothing"]), min_size=1, max_size=12)
+STEPS: dict[str, Callable[[App, int], object]] = {
+    "orbit": lambda app, i: (app.open_scene.rig.remember(), app.open_scene.rig.orbit(0.01 * (i + 1), 0.0)),
+    "crop": lambda app, i: app.cut(crop=((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5 + 0.01 * i))),
+    "near": lambda app, i: app.cut(near=0.1 * (i + 1)),
+    "move": lambda app, i: placing.change(app, app.annotations.current.placement.with_angles(20.0 + i, 10.0, 0.0)),
+    "mark": lambda app, i: app.annotations.change(app, replace(app.annotations.current, bookmarks=(mark(i),))),
+    "home": lambda app, i: app.run("home"),
+    "nothing": lambda app, i: app.open_scene.rig.remember(),
+}
+
+
+def mark(i: int) -> Bookmark:
+    return Bookmark(f"{i}", (0.0, 1.0, 4.0), (0.0, 0.0, 0.0))
 
 
 def state(app: App) -> tuple:
@@ -157,28 +170,13 @@ def state(app: App) -> tuple:
     return rig.goal, rig.table, annotations, app.settings.crop, app.settings.near
 
 
-@given(STEPS)
+@given(st.lists(st.sampled_from(list(STEPS)), min_size=1, max_size=12))
 def test_moves_cuts_marks_and_the_near_plane_are_undone_in_turn(steps):
     app = App()
     app.show(PACK, Path("toy"))
     states = [state(app)]
     for i, step in enumerate(steps):
-        if step == "orbit":
-            app.open_scene.rig.remember()
-            app.open_scene.rig.orbit(0.01 * (i + 1), 0.0)
-        elif step == "crop":
-            app.cut(crop=((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5 + 0.01 * i)))
-        elif step == "near":
-            app.cut(near=0.1 * (i + 1))
-        elif step == "move":
-            placing.change(app, app.annotations.current.placement.with_angles(20.0 + i, 10.0, 0.0))
-        elif step == "mark":
-            mark = Bookmark(f"{i}", (0.0, 1.0, 4.0), (0.0, 0.0, 0.0))
-            app.annotations.change(app, replace(app.annotations.current, bookmarks=(mark,)))
-        elif step == "home":
-            app.run("home")
-        else:
-            app.open_scene.rig.remember()
+        STEPS[step](app, i)
         if state(app) != states[-1]:
             states.append(state(app))
     for expected in reversed(states[:-1]):
