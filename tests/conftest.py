@@ -14,6 +14,7 @@ from hypothesis import settings
 
 from tests.compiling import as_users_have_it, compile_once_and_quickly
 from tests.messages import without_progress
+from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from training.libraries import release_freed_memory
 
 settings.register_profile("busy machine", deadline=None, max_examples=50)  # how long one takes says nothing there
@@ -126,20 +127,14 @@ def procedural_scene(procedural_path: Path):
 
 @pytest.fixture(scope="session")
 def shapes():
-    from tests.viewer.rendering.shapes import shapes_pack
-
     return shapes_pack()
 
 
 @pytest.fixture(scope="session")
 def ndc_shapes():
-    from tests.viewer.rendering.shapes import shapes_pack
-
     return shapes_pack(ndc=True)
 
 
 @pytest.fixture(scope="session")
 def surroundings():
-    from tests.viewer.rendering.shapes import surroundings_pack
-
     return surroundings_pack()

@@ -1,4 +1,4 @@
-"""`python -m tools.fly_window [PACK] [FPS]`: plays the path of tests/viewer/rendering/flights.py in a real window
+"""`python -m tools.fly_window [PACK] [FPS]`: flies around and through a pack in a real window
 and prints how well frames held their target by the real clock. A figure for a quiet machine; nothing is asserted.
 """
 
@@ -7,13 +7,35 @@ from pathlib import Path
 
 import numpy as np
 
-from scenepack import load_pack
-from tests.viewer.rendering.flights import flight
+from scenepack import Pack, load_pack
 from viewer.app.application import App
+from viewer.features.film.camera_path import CameraPath, Keyframe
+from viewer.rendering.camera import ViewCamera
 from viewer.rendering.dynamic_resolution import DynamicResolution
 from viewer.window.window import Window
 
 DEMO = Path(__file__).parents[1] / "viewer" / "demo" / "demo.zip"
+# azimuth and elevation in degrees, distance from the middle in half sides of the grid, seconds to the next
+STOPS = (
+    (0, 25, 6.0, 1.5),
+    (60, 20, 3.0, 1.0),
+    (110, 15, 1.6, 1.0),
+    (150, 10, 0.7, 1.0),
+    (200, 35, 0.35, 0.8),
+    (260, 20, 1.2, 1.2),
+    (330, 40, 4.0, 1.5),
+    (360, 25, 6.0, 1.0),
+)
+
+
+def flight(pack: Pack) -> CameraPath:
+    """Around and through `pack`: far away, close by, through the middle, and out again, with views of very different cost."""
+    half = 0.5 * float(np.max(pack.max_xyz - pack.min_xyz))
+    keys = []
+    for azimuth, elevation, distance, seconds in STOPS:
+        camera = ViewCamera.orbit(pack, azimuth, elevation, distance * half, 45.0)
+        keys.append(Keyframe(camera.grid_T_camera, 45.0, seconds))
+    return CameraPath(keys)
 
 
 class Noting(DynamicResolution):

@@ -14,7 +14,9 @@ from tests.scenepack.volumes import BLENDER_FRAME, NDC_FRAME, cube_pack
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.scenes import photographed
 from tests.viewer.screen import NoScreen, virtual_screen
+from tests.viewer.waiting import there
 from viewer.app.application import App
+from viewer.core.files import demo_pack
 from viewer.features.making import survey
 from viewer.rendering.offscreen import create_context
 
@@ -49,10 +51,9 @@ def toy_pack(*, ndc: bool = False, view_mlp: bool = True, seed: int = 0) -> Pack
     features = np.where(rgba[..., 3:] > 0, rng.integers(40, 200, (1, 1, 1, 4)), 0).astype(np.uint8)
     mlp = None
     if view_mlp:
-        shapes = ((34, 16), (16, 16), (16, 3))
-        weights = tuple(rng.normal(0, 0.3, shape).astype(np.float32) for shape in shapes)
-        biases = tuple(np.full(shape[1], b, np.float32) for shape, b in zip(shapes, (0, 0, -2), strict=True))
-        mlp = ViewMlp(weights, biases)
+        first, second, third = (rng.normal(0, 0.3, shape).astype(np.float32) for shape in ((34, 16), (16, 16), (16, 3)))
+        biases = np.zeros(16, np.float32), np.zeros(16, np.float32), np.full(3, -2, np.float32)
+        mlp = ViewMlp((first, second, third), biases)
     camera = {"ndc": True, "input_width": 400.0, "input_height": 300.0, "input_focal": 350.0} if ndc else {}
     return cube_pack(rgba, BLOCK, NDC_FRAME if ndc else BLENDER_FRAME, features if view_mlp else None, mlp, **camera)
 
@@ -84,6 +85,12 @@ def known_pack(tmp_path_factory: pytest.TempPathFactory, pack: Pack) -> Pack:
 def nothing_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     """No dialog trains something to see how long that takes here, but for tests that ask for it."""
     monkeypatch.setattr(survey, "MEASURES", False)
+
+
+@pytest.fixture(scope="session")
+def demo() -> Path:
+    """The bundled pack."""
+    return there(demo_pack())
 
 
 @pytest.fixture

@@ -2,11 +2,18 @@
 
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from viewer.app.application import App
 
 LONGEST_S = 120.0
+T = TypeVar("T")
+
+
+def there(thing: T | None) -> T:
+    """What is there, and not None."""
+    assert thing is not None
+    return thing
 
 
 def until(happened: Callable[[], Any], longest_s: float = LONGEST_S) -> Any:

@@ -28,7 +28,7 @@ class MultiresConfig:
     occupancy_threshold: float | None = None
     """Optical depth over 1/512 of the cube from which a cell is occupied."""
     finest_from: float = 0.25
-    """When the finest level joins, and others of more than half its cells, as a fraction of all steps: coarse levels generalise."""
+    """When the finest level joins, and others of more than half its cells, as a fraction of all steps: coarse ones generalise."""
     samples_per_step: int | None = None
     """Samples per step, without those in empty space. The number of rays adapts to it. None: from 32,768 for small photographs
     to 131,072 for those of 512 pixels and more, in contracted space of 1,024."""

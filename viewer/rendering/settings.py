@@ -9,7 +9,7 @@ Mode = Literal[
     "normal", "diffuse", "features", "view-dependent", "alpha", "depth", "normals", "samples", "jumps", "macroblocks", "atlas",
 ]  # fmt: skip
 Marcher = Literal["exact", "paper", "brute"]
-MODES: tuple[str, ...] = get_args(Mode)
+MODES: tuple[Mode, ...] = get_args(Mode)
 MOST_SAMPLES = 16  # along each side of a pixel
 LENS_RAYS = (4, 4096)  # of an aperture, least and most
 MARCHERS: tuple[str, ...] = get_args(Marcher)

@@ -38,12 +38,12 @@ from viewer.rendering.gpu_scene import (
     tightest_atlas,
 )
 from viewer.rendering.ray_frame import RayFrame
-from viewer.rendering.settings import Look, RenderSettings
+from viewer.rendering.settings import Look, Mode, RenderSettings
 from viewer.rendering.shader_source import assemble_es, define_lines, glsl_vec3
 from viewer.rendering.skip_grid import skip_grid_of
 from viewer.web.atlas_stream import BLOCKS_A_CHUNK, FilmedPiece, compressed_chunks, films_of, has_copied_padding
 
-MODES = ("normal", "diffuse", "features", "view-dependent", "depth", "normals")
+MODES: tuple[Mode, ...] = ("normal", "diffuse", "features", "view-dependent", "depth", "normals")
 SIDES = (512, 1024, 2048)  # voxels of a 3D texture; the smallest that holds the pack, for small devices take less
 COARSE = 1 << 22  # voxels of an atlas; larger ones are halved for the first picture, until they are not
 LONGEST_TITLE, LONGEST_CREDITS = 120, 400  # characters

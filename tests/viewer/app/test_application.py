@@ -2,10 +2,14 @@
 
 import json
 import threading
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from console import UserError
 from scenepack import save_pack
@@ -13,19 +17,23 @@ from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import live, until
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS
+from viewer.core.annotations import Bookmark
+from viewer.core.pose import DEPTH, History
 from viewer.core.tasks import Cancelled
 from viewer.features.display.display import modes_for
 from viewer.features.opening import opening as loading_module
+from viewer.features.placing import placing
+from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import MODES
 
 
-class FakeCanvas:
+class FakeCanvas(Canvas):
     """Remembers what it was told to show. refuse: a reason to refuse packs."""
 
-    gpu_bytes, renderer, refines = 0, None, False
+    gpu_bytes = gpu_bytes_by_use = refines = property(lambda self: 0)
 
     def __init__(self, refuse: str = "") -> None:
-        self.shown, self.refuse = [], refuse
+        self.shown, self.refuse, self.renderer = [], refuse, None
 
     def show(self, pack):
         if self.refuse:
@@ -36,7 +44,7 @@ class FakeCanvas:
         self.shown[-1] = pack
 
     def show_other(self, pack):
-        self.other = pack
+        pass
 
     def snapshot(self, camera, settings):
         return np.full((camera.height, camera.width, 3), 40, np.uint8)
@@ -52,15 +60,6 @@ def open_app(pack, pack_folder) -> App:
 def finish_loading(app: App) -> None:
     assert app.loading is not None
     live(app, lambda: app.loading is None)
-
-
-def test_a_card_too_small_is_a_dialog_and_the_old_scene_stays(open_app, pack_folder):
-    old = open_app.scene
-    open_app.canvas.refuse = "the graphics driver has no room for the rgba texture"
-    open_app.open(pack_folder)
-    finish_loading(open_app)
-    assert open_app.scene is old
-    assert "no room" in open_app.messages.dialogs[0].text
 
 
 def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
@@ -147,3 +146,64 @@ def test_repairs_are_reported_once_and_stay_in_the_log(pack, pack_folder, tmp_pa
     (untidy / "scene_params.json").write_text(json.dumps({**params, "atlas_blocks_x": 99}))
     again = opened(app, untidy)
     assert "feature_000.png" not in again and again  # only what is new
+
+
+# One history: whatever was changed last is undone first, and nothing else
+
+
+PACK = toy_pack()
+STEPS: dict[str, Callable[[App, int], object]] = {
+    "orbit": lambda app, i: (app.open_scene.rig.remember(), app.open_scene.rig.orbit(0.01 * (i + 1), 0.0)),
+    "crop": lambda app, i: app.cut(crop=((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5 + 0.01 * i))),
+    "near": lambda app, i: app.cut(near=0.1 * (i + 1)),
+    "move": lambda app, i: placing.change(app, app.annotations.current.placement.with_angles(20.0 + i, 10.0, 0.0)),
+    "mark": lambda app, i: app.annotations.change(app, replace(app.annotations.current, bookmarks=(mark(i),))),
+    "home": lambda app, i: app.run("home"),
+    "nothing": lambda app, i: app.open_scene.rig.remember(),
+}
+
+
+def mark(i: int) -> Bookmark:
+    return Bookmark(f"{i}", (0.0, 1.0, 4.0), (0.0, 0.0, 0.0))
+
+
+def state(app: App) -> tuple:
+    rig, annotations = app.open_scene.rig, app.annotations.current
+    assert rig.table.placed == annotations.placement.rotation
+    return rig.goal, rig.table, annotations, app.settings.crop, app.settings.near
+
+
+@given(st.lists(st.sampled_from(list(STEPS)), min_size=1, max_size=12))
+def test_moves_cuts_marks_and_the_near_plane_are_undone_in_turn(steps):
+    app = App()
+    app.show(PACK, Path("toy"))
+    states = [state(app)]
+    for i, step in enumerate(steps):
+        STEPS[step](app, i)
+        if state(app) != states[-1]:
+            states.append(state(app))
+    for expected in reversed(states[:-1]):
+        app.run("undo")
+        assert state(app) == expected
+    assert not app.open_scene.rig.history.undo()
+    for expected in states[1:]:
+        app.run("redo")
+        assert state(app) == expected
+    assert not app.open_scene.rig.history.redo()
+
+
+def test_a_history_is_bounded_and_forgets_what_was_undone_after_something_new():
+    value = [0]
+    history = History()
+    history.follow(lambda: value[0], lambda old: value.__setitem__(0, old))
+    for i in range(2 * DEPTH):
+        history.remember()
+        value[0] = i + 1
+    assert history.undo() and value[0] == 2 * DEPTH - 1
+    history.remember()
+    value[0] = -1
+    assert not history.redo()
+    count = 0
+    while history.undo():
+        count += 1
+    assert count <= DEPTH

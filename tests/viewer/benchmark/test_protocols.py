@@ -1,17 +1,16 @@
 """The orbit of snerg-bench is the paper's: at the distance of its photographs, about the origin of the scene."""
 
 import dataclasses
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from scenepack import Pack, save_pack
-from tests.messages import without_progress
 from tests.scenepack.random_packs import BLENDER_FRAME
+from tests.viewer.commands.test_commands import benched
 from viewer.benchmark.protocols import PROTOCOLS, flight, protocol_for
-from viewer.commands.bench import main as snerg_bench
+from viewer.commands import bench
 from viewer.rendering.camera import content_box, orbit_path
 
 
@@ -65,15 +64,11 @@ def test_a_scene_that_was_spherified_is_flown_around_as_the_papers_real_ones(asi
     assert flight(ndc_shapes, "forward-facing", 2).facts["distance"] is None
 
 
-def test_the_json_says_which_distance(aside: Pack, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_json_says_which_distance(aside: Pack, tmp_path: Path, capsys, refused) -> None:
     save_pack(aside, tmp_path / "pack")
-    out = tmp_path / "bench.json"
-    words = [str(tmp_path / "pack"), "--frames", "1", "--size", "24x16", "--json", str(out)]
+    words = [tmp_path / "pack", tmp_path / "bench.json", "--frames", 1]
     for extra, distance, of in (([], 4.0311, "paper"), (["--distance", "3"], 3.0, "given")):
-        assert snerg_bench([*words, *extra]) == 0
-        told_by = json.loads(out.read_text())
+        told_by = benched(*words, *extra)
         assert (told_by["distance"], told_by["distance_from"]) == (distance, of)
         assert f"orbit at {distance:.4g}" in capsys.readouterr().out
-    assert snerg_bench([*words, "--distance", "far"]) == 2
-    [line] = without_progress(capsys.readouterr().err)
-    assert "--distance" in line
+    assert "--distance" in refused(bench.main, words[0], "--distance", "far")

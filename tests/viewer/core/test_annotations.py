@@ -8,11 +8,12 @@ import stat
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from scenepack import Pack, load_pack, save_pack
 from scenepack.placement import NOT_MOVED
-from tests.viewer.waiting import until
+from tests.viewer.waiting import there, until
 from viewer.app.application import App
 from viewer.core.annotations import (
     Annotations,
@@ -92,7 +93,7 @@ def opened(path: Path, user: Path) -> App:
 
 def keep(app: App, annotations: Annotations) -> None:
     app.annotations.change(app, annotations)
-    until(lambda: app.tick(0.01) or app.annotations._autosave.saved == annotations)
+    until(lambda: app.tick(0.01) or there(app.annotations._autosave).saved == annotations)
     app.annotations.close_pack()
 
 
@@ -131,12 +132,12 @@ def test_what_is_not_ours_to_change_is_not_changed(pack: Pack, tmp_path: Path, k
         path.chmod(stat.S_IRUSR | stat.S_IXUSR)
     files = [path] if path.is_file() else sorted(path.iterdir())
     before = [file.read_bytes() for file in files]
-    moved = replace(ANNOTATIONS, placement=NOT_MOVED.levelled((0.1, 0.9, 0.0), (0.0, 0.0, 0.0)))
+    moved = replace(ANNOTATIONS, placement=NOT_MOVED.levelled(np.array([0.1, 0.9, 0.0]), np.zeros(3)))
     keep(opened(path, tmp_path / "user"), moved)
     assert [file.read_bytes() for file in files] == before
     assert len(list((tmp_path / "user").glob("*.json"))) == 1
     again = opened(path.rename(path.with_stem("elsewhere")), tmp_path / "user")
-    assert again.annotations.current == moved and again.scene.rig.table.placed == moved.placement.rotation
+    assert again.annotations.current == moved and again.open_scene.rig.table.placed == moved.placement.rotation
     keep(opened(path.with_stem("elsewhere"), tmp_path / "user"), Annotations())
     assert not list((tmp_path / "user").glob("*.json"))
 
@@ -158,8 +159,8 @@ def test_marks_that_cannot_be_written_are_told_once(own: Path, tmp_path: Path):
     keep_told = []
     for factor in (2.0, 3.0):
         app.annotations.change(app, Annotations(Scale(factor, "m")))
-        until(lambda: app.tick(0.01) or app.annotations._autosave.saved == app.annotations.current)
-        until(lambda: app.tick(0.01) or not app.annotations._autosave.writing)
+        autosave = there(app.annotations._autosave)
+        until(lambda: app.tick(0.01) or (autosave.saved == app.annotations.current and not autosave.writing))  # noqa: B023
         app.tick(0.01)
         keep_told.append(sum("not saved" in line.text for line in app.messages.lines))
     assert keep_told == [1, 1]

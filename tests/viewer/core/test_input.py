@@ -1,5 +1,6 @@
 """Gamepads and 3D mice, with states that are made up: no device is at hand where tests run."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,21 +11,18 @@ from hypothesis import strategies as st
 from viewer.core.input import LEFT_X, LEFT_Y, PUSH_Y, RIGHT_TRIGGER, RIGHT_X, TURN_Z, A, ControllerState, Y, shaped
 from viewer.window.window import controllers_now
 
-NEUTRAL = (0.0, 0.0, 0.0, 0.0, -1.0, -1.0)
+AXES = {"lx": LEFT_X, "ly": LEFT_Y, "rx": RIGHT_X, "rt": RIGHT_TRIGGER, "push_y": PUSH_Y, "turn": TURN_Z}
 
 
-def pad(buttons: tuple[int, ...] = (), **axes: float) -> ControllerState:
-    values = list(NEUTRAL)
-    for name, value in axes.items():
-        values[{"lx": LEFT_X, "ly": LEFT_Y, "rx": RIGHT_X, "rt": RIGHT_TRIGGER}[name]] = value
-    return ControllerState("a pad", tuple(values), tuple(i in buttons for i in range(15)), gamepad=True)
+def device(name: str, neutral: tuple[float, ...], buttons: tuple[int, ...] = (), **axes: float) -> ControllerState:
+    values = list(neutral)
+    for axis, value in axes.items():
+        values[AXES[axis]] = value
+    return ControllerState(name, tuple(values), tuple(i in buttons for i in range(15)), gamepad=name == "a pad")
 
 
-def cap(buttons: tuple[int, ...] = (), **axes: float) -> ControllerState:
-    values = [0.0] * 6
-    for name, value in axes.items():
-        values[{"push_y": PUSH_Y, "turn": TURN_Z}[name]] = value
-    return ControllerState("3Dconnexion SpaceMouse Compact", tuple(values), tuple(i in buttons for i in range(2)))
+pad = partial(device, "a pad", (0.0, 0.0, 0.0, 0.0, -1.0, -1.0))
+cap = partial(device, "3Dconnexion SpaceMouse Compact", (0.0,) * 6)
 
 
 @pytest.fixture

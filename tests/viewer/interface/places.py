@@ -6,15 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any, Literal
 
 import numpy as np
 
 from console.progress_protocol import Report
+from scenepack import Pack
 from scenepack.editing import Selection
 from scenepack.placement import Placement
+from tests.viewer.waiting import there
 from training.scenes.colmap import SparsePoints
 from viewer.app.application import App
-from viewer.core.annotations import Annotations, Bookmark, Measurement, Scale
+from viewer.core.annotations import Annotations, Bookmark, Kind, Measurement, Scale
 from viewer.core.files import FileRequest
 from viewer.core.state import Edits
 from viewer.features.crop import crop
@@ -32,15 +35,15 @@ from viewer.interface.layout import PAGES
 class Scenes:
     """What is opened, and what stands in for work of minutes. plan: of photographs that were looked at."""
 
-    pack: object
-    other: object
+    pack: Pack
+    other: Pack
     path: Path
     photographs: Path
     plan: Plan
     release: threading.Event
 
 
-def child() -> SimpleNamespace:
+def child() -> Any:
     """A process that works on and on."""
     report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training", seconds_left=270.0)
     child = SimpleNamespace(
@@ -52,12 +55,13 @@ def child() -> SimpleNamespace:
     return child
 
 
+KINDS: dict[Kind, int] = {"line": 3, "angle": 3, "point": 1}  # and points of each
 Prepare = Callable[[App, Scenes], object]
 
 
 def _start(app: App, scenes: Scenes) -> None:
     app.demo = scenes.path
-    app.sessions.last = Session((Seen(scenes.path, Bookmark("A scene", (0.0, 0.0, 3.0), (0.0, 0.0, 0.0))),))
+    app.sessions.last = Session((Seen(scenes.path, Bookmark("toy", (0.0, 0.0, 3.0), (0.0, 0.0, 0.0))),))
     app.preferences.recent = [str(scenes.path), str(scenes.photographs)]
 
 
@@ -78,7 +82,7 @@ def _film(app: App, scenes: Scenes) -> None:
 
 
 def _job(app: App, scenes: Scenes) -> None:
-    job = app.making.job = MakeJob(scenes.plan, child())  # type: ignore[arg-type]
+    job = app.making.job = MakeJob(scenes.plan, child())
     job.report, job.figures = job.child.report(), [20.0, 22.0, 23.0]
     job.picture = np.full((64, 128, 3), 99, np.uint8)
 
@@ -86,16 +90,16 @@ def _job(app: App, scenes: Scenes) -> None:
 def _review(app: App, scenes: Scenes) -> None:
     pack = scenes.pack
     low, high = crop.whole(pack)
-    boxes = {"subject": np.array([low, high]), "room": np.array([low, high])}
-    scene = SimpleNamespace(splits={"train": range(4)}, aabb=boxes["subject"])
+    boxes: Any = {"subject": np.array([low, high]), "room": np.array([low, high])}
+    scene: Any = SimpleNamespace(splits={"train": range(4)}, aabb=boxes["subject"])
     points = SparsePoints(np.zeros((99, 3)), np.zeros((99, 3), np.uint8), np.ones(99))
-    app.making.sparse_preview = SparsePreview(pack, scene, points, "forward", boxes)  # type: ignore[arg-type]
+    app.making.sparse_preview = SparsePreview(pack, scene, points, "forward", boxes)
     app.making.review = Review(scenes.plan, app.making.sparse_preview)
     app.making.review.hold()
     app.making.choose_kind(app, "room")
 
 
-def _plan(subject: str, attempt: object = None) -> Prepare:
+def _plan(subject: str, attempt: dict | None = None) -> Prepare:
     def prepare(app: App, scenes: Scenes) -> None:
         if subject == "run":
             app.making.plan = Plan("run", scenes.path.parent / "run", scenes.path.parent / "baked")
@@ -122,9 +126,8 @@ def _checking(app: App, scenes: Scenes) -> None:
 
 
 def _compare(app: App, scenes: Scenes) -> None:
-    canvas, app.canvas = app.canvas, None if app.canvas.other is not None else app.canvas
     app.compare_with(scenes.other, scenes.path)
-    app.canvas, app.comparison.how = canvas, "difference"
+    app.comparison.how = "difference"
 
 
 def _stand_in(app: App, scenes: Scenes) -> None:
@@ -137,12 +140,12 @@ def _near(app: App, scenes: Scenes) -> None:
 
 
 def _crop(app: App, scenes: Scenes) -> None:
-    app.set(crop=crop.placed(app.scene.pack, np.zeros(3), np.full(3, 1.2)))
+    app.set(crop=crop.placed(app.open_scene.pack, np.zeros(3), np.full(3, 1.2)))
 
 
 def _measured(app: App, scenes: Scenes) -> None:
     points = ((0.0, 0.1, 0.3), (0.3, 0.1, 0.0), (0.0, -0.5, 0.3))
-    measurements = tuple(Measurement(kind, points[:count]) for kind, count in (("line", 3), ("angle", 3), ("point", 1)))
+    measurements = tuple(Measurement(kind, points[:count]) for kind, count in KINDS.items())
     app.annotations.current = Annotations(Scale(2.0, "m"), measurements)
     app.measure_tool.selected = 0
 
@@ -152,19 +155,22 @@ def _scaling(app: App, scenes: Scenes) -> None:
 
 
 def _bookmarked(app: App, scenes: Scenes) -> None:
-    for name, command in (("A view with a name that is longer than the list is wide", "front"), ("Above", "top")):
+    for name, command in (
+        ("toy from before, with a name that is longer than the list", "front"),
+        ("toy from above", "top"),
+    ):
         app.run(command)
-        app.scene.rig.shown = app.scene.rig.goal
+        app.open_scene.rig.shown = app.open_scene.rig.goal
         app.run("bookmark")
-        app.bookmarks.edit(app, app.bookmarks.selected, name=name)
+        app.bookmarks.edit(app, there(app.bookmarks.selected), name=name)
 
 
 def _erased(app: App, scenes: Scenes) -> None:
-    one = Selection({0: np.eye(1, app.scene.pack.block_size**3 // 8, dtype=np.uint8)[0]})
-    app.scene.edits, app.erasing.tool = Edits(one, one), "brush"
+    one = Selection({0: np.eye(1, app.open_scene.pack.block_size**3 // 8, dtype=np.uint8)[0]})
+    app.open_scene.edits, app.erasing.tool = Edits(one, one), "brush"
 
 
-def _ask_for(kind: str) -> Prepare:
+def _ask_for(kind: Literal["open", "save"]) -> Prepare:
     return lambda app, scenes: setattr(app, "file_request", FileRequest("Choose", kind, lambda path: None))
 
 
@@ -175,7 +181,7 @@ PLACES: dict[str, Prepare] = {
     **{page.id: _page(page.id) for page in PAGES},
     "view, costs": _page("view", lambda app, _: app.set(mode="samples")),
     "view, colours changed": _page("view", lambda app, _: set_look(app, exposure=0.5)),
-    "camera, flying": _page("camera", _near, lambda app, _: app.scene.rig.navigate("fly")),
+    "camera, flying": _page("camera", _near, lambda app, _: app.open_scene.rig.navigate("fly")),
     "camera, walking": _page("camera", _near, lambda app, _: app.run("walk")),
     "crop, a box": _page("crop", _near, _crop),
     "erase, something of it": _page("erase", _near, _crop, _erased),
@@ -189,6 +195,9 @@ PLACES: dict[str, Prepare] = {
     "compare, two packs": _page("compare", _compare),
     "film, a path": _page("film", _film),
     "film, an export": _page("film", _film, lambda app, scenes: app.filming.film(app, scenes.path.parent / "film")),
+    "film, a lens": _page("film", lambda app, _: setattr(app.filming, "aperture", 0.1)),
+    "keys": lambda app, _: app.run("help"),
+    "open": lambda app, _: app.run("open"),
     "a page that floats": lambda app, _: app.interface.moved.append("camera"),
     "opening": lambda app, scenes: app.open(scenes.path),
     "export the scene": _page("film", _near, _crop, lambda app, _: app.exporting.ask(app)),
@@ -197,18 +206,18 @@ PLACES: dict[str, Prepare] = {
     "a scene that is shared": lambda app, scenes: setattr(
         app.sharing,
         "server",
-        Server(child(), scenes.path.parent / "no such folder", name="toy", address="http://127.0.0.1:9/x/"),  # type: ignore[arg-type]
+        Server(child(), scenes.path.parent / "no such folder", name="toy", address="http://127.0.0.1:9/x/"),
     ),
     "a scene that is being exported": lambda app, scenes: setattr(
         app.exporting,
         "writing",
-        Writing(child(), scenes.path.parent / "no such folder", file=scenes.path.parent / "mesh.glb"),  # type: ignore[arg-type]
+        Writing(child(), scenes.path.parent / "no such folder", file=scenes.path.parent / "mesh.glb"),
     ),
     "making": _job,
     "making, from the start page": lambda app, scenes: (_start(app, scenes), _job(app, scenes)),
     "review": _review,
     "failure": lambda app, _: app.messages.fail("It cannot be opened", "the file is no pack " * 9),
-    "question": lambda app, _: app.messages.fail("Still being made", "Quitting stops it.", buttons=BUTTONS),
+    "question": lambda app, _: app.messages.fail("toy is still being made", "Quitting stops it.", buttons=BUTTONS),
     "path to open": _ask_for("open"),
     "path to save": _ask_for("save"),
     "make a scene": _plan("scene"),

@@ -43,6 +43,7 @@ KEYS = [key for key in PLACES if key not in (imgui.Key.f11,)]
 MODIFIERS = ((), (), (), (imgui.Key.mod_ctrl,), (imgui.Key.mod_shift,), (imgui.Key.mod_ctrl, imgui.Key.mod_shift))
 OFF_LIMITS = ("quit", "quit-unsaved", "stop-and-quit", "full-screen", "make-again", "share")
 TEXTS = ("lego", "0", "12", "-3.5", "päck 日本", "x" * 40)
+DIALOG_BUTTONS = (("OK", ""), ("Home", "home"))
 BUGS = ("This is a bug", "Traceback", "object at 0x")
 ROUND = 250  # events from one measurement of memory to the next
 WARM_UP = 2  # rounds
@@ -59,17 +60,36 @@ class Hour:
         self.random, self.folder, self.ctx = random.Random(seed), folder, ctx
         survey.MEASURES = False
         self.app = App()
-        self.app.making.start = lambda host: self.app.making.dismiss()
-        self.app.making.check_photographs = lambda host: None
+        making: Any = self.app.making
+        making.start = lambda host: making.dismiss()
+        making.check_photographs = lambda host: None
         self.ui = OffscreenUi(ctx, self.app, size=SIZES[0])
         self.done: Counter[str] = Counter()
         self.found: list[str] = []
         self.packs = self._prepare()
-        self.events: list[tuple[int, Callable[[], None]]] = [
-            (20, self.click), (8, self.drag), (4, self.wheel), (14, self.key), (10, self.command), (8, self.page),
-            (2, self.resize), (4, self.open), (2, self.drop), (2, self.paste), (3, self.type), (3, self.photograph),
-            (2, self.compare), (3, self.export), (2, self.look), (3, self.controller), (1, self.dialog), (4, self.wait),
-        ]  # fmt: skip
+        pick, ui, app = self.random.choice, self.ui, self.app
+        others = [self.folder / name for name in ("scene", "broken", "notes.txt", "gone")]
+        commands = [name for name in COMMANDS if name not in OFF_LIMITS]
+        self.events: dict[str, tuple[int, Callable[[], object]]] = {  # by name: how often, and what
+            "click": (20, lambda: ui.click(*self.place(), pick((0, 0, 0, 1, 2)))),
+            "drag": (8, lambda: ui.drag([self.place(), self.place()], pick((0, 0, 1, 2)))),
+            "wheel": (4, lambda: ui.wheel(self.random.uniform(-3, 3), *self.place())),
+            "key": (14, lambda: ui.key(*pick(MODIFIERS), pick(KEYS))),
+            "command": (10, lambda: app.run(pick(commands))),
+            "page": (8, lambda: app.interface.opens(pick(PAGES).id)),
+            "resize": (2, lambda: ui.resize(*pick(SIZES))),
+            "open": (4, lambda: app.open(pick(self.packs))),
+            "drop": (2, lambda: app.drop([pick([*self.packs, *others])])),
+            "paste": (2, self.paste),
+            "type": (3, lambda: ui.io.add_input_characters_utf8(pick((*TEXTS, f"{self.folder}/")))),
+            "photograph": (3, self.photograph),
+            "compare": (2, lambda: app.open(pick(self.packs[:2]), other=True)),
+            "export": (3, self.export),
+            "look": (2, self.look),
+            "controller": (3, self.controller),
+            "dialog": (1, lambda: app.messages.fail("Something failed", "in plain words", buttons=DIALOG_BUTTONS)),
+            "wait": (4, self.wait),
+        }
         self.close_all()
 
     def _prepare(self) -> list[Path]:
@@ -89,41 +109,9 @@ class Hour:
         width, height = self.ui.size
         return self.random.uniform(0, width), self.random.uniform(0, height)
 
-    def click(self) -> None:
-        self.ui.click(*self.place(), self.random.choice((0, 0, 0, 1, 2)))
-
-    def drag(self) -> None:
-        self.ui.drag([self.place(), self.place()], self.random.choice((0, 0, 1, 2)))
-
-    def wheel(self) -> None:
-        self.ui.wheel(self.random.uniform(-3, 3), *self.place())
-
-    def key(self) -> None:
-        self.ui.key(*self.random.choice(MODIFIERS), self.random.choice(KEYS))
-
-    def command(self) -> None:
-        self.app.run(self.random.choice([name for name in COMMANDS if name not in OFF_LIMITS]))
-
-    def page(self) -> None:
-        self.app.interface.opens(self.random.choice(PAGES).id)
-
-    def resize(self) -> None:
-        self.ui.resize(*self.random.choice(SIZES))
-
-    def open(self) -> None:
-        self.app.open(self.random.choice(self.packs))
-
-    def drop(self) -> None:
-        others = [self.folder / name for name in ("scene", "broken", "notes.txt", "gone")]
-        self.app.drop([self.random.choice([*self.packs, *others])])
-
     def paste(self) -> None:
         self.app.clipboard.text = self.random.choice([str(self.random.choice(self.packs)), *TEXTS])
         self.app.run("paste")
-
-    def type(self) -> None:
-        self.ui.io.add_input_characters_utf8(self.random.choice((*TEXTS, f"{self.folder}/")))
-        self.ui.frame()
 
     def photograph(self) -> None:
         gallery = self.app.gallery
@@ -131,9 +119,6 @@ class Hour:
         if self.app.scene is not None and gallery.photographs.shots:
             self.app.run(self.random.choice(("next-photo", "last-photo")))
         self.app.comparison.how = self.random.choice(("wipe", "flip", "difference"))
-
-    def compare(self) -> None:
-        self.app.open(self.random.choice(self.packs[:2]), other=True)
 
     def export(self) -> None:
         app = self.app
@@ -167,9 +152,6 @@ class Hour:
             self.app.controllers.update(self.app, [state], 1 / 60)
             self.ui.frame()
 
-    def dialog(self) -> None:
-        self.app.messages.fail("Something failed", "in plain words", buttons=(("OK", ""), ("Home", "home")))
-
     def wait(self) -> None:
         end = time.monotonic() + 20
         self.ui.frames(60)
@@ -180,9 +162,8 @@ class Hour:
 
     def step(self) -> None:
         """One event, and what must hold behind it."""
-        event = self.random.choices([each for _, each in self.events], [weight for weight, _ in self.events])[0]
-        name = event.__name__
-        event()
+        (name,) = self.random.choices(list(self.events), [weight for weight, _ in self.events.values()])
+        self.events[name][1]()
         self.ui.frame()
         self.done[name] += 1
         if self.ctx.error != "GL_NO_ERROR":

@@ -1,18 +1,21 @@
-"""Themes that can be read, an interface of any size, and what stands behind a scene."""
+"""Themes that can be read, an interface of any size, what stands behind a scene, and what legends say about its colours."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.reference_marcher import render_reference
 from tests.viewer.offscreen_ui import OffscreenUi
+from tests.viewer.waiting import there
 from viewer.core import theme
+from viewer.features.display import panel as display_panel
 from viewer.features.display.display import backdrop
 from viewer.features.preferences.preferences import apply_preferences, current_preferences, load, save
-from viewer.rendering.camera import ViewCamera
+from viewer.rendering.camera import ViewCamera, rays_through
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import RenderSettings
+from viewer.rendering.settings import Mode, RenderSettings
 
 GROUNDS = ("base", "panel", "card", "control")
 INKS = ("text", "muted", "faint", "accent", "good", "warn", "bad")
@@ -73,7 +76,7 @@ def test_the_theme_and_the_size_change_at_once_and_are_remembered(offscreen, app
 @pytest.mark.parametrize("style", ["gradient", "checker"])
 def test_a_backdrop_is_put_behind_by_opacity_after_all_shading(ctx, pack, style):
     camera = ViewCamera.orbit(pack, 35, 28, 2.9, fov_degrees=42, size=(60, 44))
-    behind_it = backdrop(style, "dark")
+    behind_it = there(backdrop(style, "dark"))
     y, x = (np.mgrid[:44, :60] + 0.5 - np.array([22, 30])[:, None, None]) / 44
     first, second = np.array(behind_it.first), np.array(behind_it.second)
     share = y + 0.5 if style == "gradient" else (np.floor(40 * x) + np.floor(40 * y)) % 2
@@ -83,7 +86,8 @@ def test_a_backdrop_is_put_behind_by_opacity_after_all_shading(ctx, pack, style)
     opaque = through[..., 0] < 1e-3
     assert opaque.any()
     with OffscreenRenderer(pack, ctx=ctx) as renderer:
-        for mode, colour in (("normal", reference.rgb), ("diffuse", reference.diffuse)):
+        colours: dict[Mode, np.ndarray] = {"normal": reference.rgb, "diffuse": reference.diffuse}
+        for mode, colour in colours.items():
             shown = renderer.render_float(camera, RenderSettings(mode=mode, backdrop=behind_it))
             plain = renderer.render_float(camera, RenderSettings(mode=mode))
             expected = np.clip(colour + through * (behind - 1.0), 0, 1)
@@ -91,7 +95,7 @@ def test_a_backdrop_is_put_behind_by_opacity_after_all_shading(ctx, pack, style)
             assert off.mean() < (0.005 if style == "gradient" else 0.04)  # squares' edges run through centres of pixels
             assert np.abs(shown - plain)[opaque].max() < 2 / 255
         alpha = [renderer.render(camera, RenderSettings(mode="alpha", backdrop=each)) for each in (None, behind_it)]
-        assert np.array_equal(*alpha)
+        assert np.array_equal(alpha[0], alpha[1])
 
 
 def test_the_backdrop_goes_with_the_theme_and_a_plain_colour_ends_it(app):
@@ -103,3 +107,40 @@ def test_the_backdrop_goes_with_the_theme_and_a_plain_colour_ends_it(app):
     assert app.settings.backdrop != dark and app.settings.backdrop.style == "gradient"
     app.set_backdrop("plain")
     assert app.settings.backdrop is None
+
+
+# What legends say about colours is what the picture shows
+
+
+@pytest.fixture
+def ui(known_pack, offscreen, app, pack_folder):
+    return offscreen(app, known_pack, pack_folder, size=(900, 640))
+
+
+def test_the_numbers_of_the_depths_are_distances(ui, app):
+    app.set(mode="depth")
+    legend = there(display_panel.legend_of(app))
+    near, far = float(legend.low), float(legend.high)
+    camera = app.camera()
+    shades = ui.canvas.raw(camera, replace(app.settings, mode="depth"))[..., 0]
+    opacity = ui.canvas.raw(camera, replace(app.settings, mode="alpha"))[..., 0]
+    y, x = np.argwhere(opacity > 0.999)[::400].T
+    rays = rays_through(camera, np.stack([x + 0.5, y + 0.5], axis=1))  # one unit deep
+    distances = ui.canvas.depth(camera, app.settings)[y, x] * np.linalg.norm(rays, axis=1)
+    by_legend = near + (1 - shades[y, x] / opacity[y, x]) * (far - near)  # white is near
+    assert len(x) > 20 and np.abs(by_legend - distances).max() < 0.02
+    assert float(legend.middle) == pytest.approx((near + far) / 2, abs=0.01) and "units" in legend.unit
+
+
+@pytest.mark.parametrize("mode", ["samples", "jumps"])
+def test_the_costs_have_a_scale_that_follows_the_slider(ui, app, mode):
+    app.set(mode=mode, cost_scale=32.0)
+    legend = there(display_panel.legend_of(app))
+    assert (legend.low, legend.middle, legend.high) == ("0", "16", "≥ 32") and "ray" in legend.unit
+    counted = ui.canvas.raw(app.camera(), replace(app.settings, mode="normal", counts=True))
+    shown = ui.canvas.raw(app.camera(), app.settings)[..., :3]
+    count = counted[..., 0 if mode == "samples" else 1]
+    stops = np.array(legend.stops)
+    x = np.clip(count / 32.0, 0, 1) * (len(stops) - 1)
+    wanted = np.stack([np.interp(x, np.arange(len(stops)), stops[:, i]) for i in range(3)], axis=-1)
+    assert count.max() > 3 and np.abs(shown - wanted).mean() < 2e-3

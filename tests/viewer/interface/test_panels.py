@@ -25,18 +25,6 @@ def ui(offscreen, app, pack, pack_folder):
     return offscreen(app, pack, pack_folder)
 
 
-def test_the_window_shows_the_same_pixels_as_the_offscreen_renderer(ui, app, pack):
-    app.resolution.rest_scale = 1.0
-    app.touch()
-    ui.settle()
-    expected = ui.canvas.snapshot(app.camera(), app.settings)
-    shown = ui.scene_picture()
-    assert shown.shape == expected.shape
-    # Tiles round rays a little differently, so that a few pixels may fall on the other side of a rounding.
-    difference = np.abs(shown.astype(int) - expected.astype(int))
-    assert (difference > 1).mean() < 1e-3
-
-
 def test_a_drag_turns_a_right_drag_slides_the_wheel_comes_nearer_but_not_over_a_panel(ui, app):
     rig = app.scene.rig
     start = rig.goal
@@ -58,12 +46,8 @@ def test_a_drag_turns_a_right_drag_slides_the_wheel_comes_nearer_but_not_over_a_
 
 def test_a_double_click_turns_about_what_is_seen(ui, app):
     before = app.scene.rig.goal.pivot
-    ui.io.add_mouse_pos_event(*(float(v) for v in (app.viewport.width / 2, app.viewport.y + app.viewport.height / 2)))
     for _ in range(2):
-        ui.io.add_mouse_button_event(0, True)
-        ui.frame()
-        ui.io.add_mouse_button_event(0, False)
-        ui.frame()
+        ui.click(app.viewport.width / 2, app.viewport.y + app.viewport.height / 2)
     pivot = np.asarray(app.scene.rig.goal.pivot)
     assert tuple(pivot) != before
     assert np.all(np.abs(pivot) < 1.05)  # on the toy, which fills -1 … 1
@@ -101,6 +85,9 @@ def test_a_click_on_an_axis_looks_along_it_and_a_drag_of_the_gizmo_orbits(ui, ap
         ui.click(float(x), float(y))
         assert (rig.goal.azimuth % 360, rig.goal.elevation) == pytest.approx(angles)
     start = rig.goal
+    rig.shown = start
+    rig.look_from(np.array([0.0, 1.0, 0.0]))  # once more: from the other side
+    assert rig.goal.elevation == pytest.approx(-90) and rig.history.undo()
     assert rig.history.undo() and rig.goal == rig.home_pose  # a click is one step
     ui.drag([(x, y), (x - 30, y + 10), (x - 60, y + 20)])
     assert rig.goal.azimuth != rig.home_pose.azimuth and rig.goal.pivot == start.pivot
@@ -212,9 +199,7 @@ def test_a_layout_is_remembered_comes_back_and_is_reset(ui, app, offscreen, tmp_
 # Overlays in windows of every size: nothing is out of reach
 
 
-@pytest.mark.parametrize(
-    ("size", "scale"), [((1280, 800), 2.0), ((960, 720), 1.5), ((480, 360), 1.0), ((800, 600), 1.0)]
-)
+@pytest.mark.parametrize(("size", "scale"), [((1280, 800), 2.0), ((480, 360), 1.0)])
 def test_the_last_row_of_the_keys_can_be_reached(offscreen, app, pack, pack_folder, size, scale):
     ui = offscreen(app, pack, pack_folder, size=size, scale=scale)
     app.interface.help_shown = True

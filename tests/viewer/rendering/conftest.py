@@ -33,13 +33,11 @@ def offscreen(ctx: moderngl.Context) -> Iterator[Callable[[Pack], OffscreenRende
 
     def make(pack: Pack) -> OffscreenRenderer:
         if not last or last[0].pack is not pack:
-            end()
+            while last:
+                last.pop().release()
             last.append(OffscreenRenderer(pack, ctx=ctx))
         return last[0]
 
-    def end() -> None:
-        while last:
-            last.pop().release()
-
     yield make
-    end()
+    while last:
+        last.pop().release()

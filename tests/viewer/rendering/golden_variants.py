@@ -28,7 +28,7 @@ PACKS: dict[str, Callable[[], Pack]] = {
 }
 # By the picture's name: which of PACKS, and how it is drawn.
 VARIANTS: dict[str, tuple[str, RenderSettings]] = {
-    **{mode: ("shapes", RenderSettings(mode=mode, cost_scale=24)) for mode in MODES},  # type: ignore[arg-type]
+    **{mode: ("shapes", RenderSettings(mode=mode, cost_scale=24)) for mode in MODES},
     "paper": ("shapes", RenderSettings(marcher="paper")),
     "view-mlp-per-sample": ("shapes", RenderSettings(view_mlp_per_sample=True)),
     "crop": ("shapes", RenderSettings(crop=((-0.9, -0.7, -1.0), (0.3, 1.0, 0.2)), background=(0.1, 0.1, 0.15))),

@@ -8,8 +8,7 @@ import pytest
 
 from scenepack import Pack, save_pack
 from tests.scenepack.volumes import cube_pack
-from tests.viewer.commands.test_commands import picture
-from viewer.commands import render
+from tests.viewer.commands.test_commands import picture, rendered
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import Aperture, RenderSettings
@@ -79,7 +78,6 @@ def test_the_command_focuses_on_the_middle_or_at_a_distance(tmp_path: Path) -> N
     words = ["--eye", "-0.3,0,3", "--target", "-0.3,0,0", "--size", "240x120", "--aperture", "0.4"]
     pictures = {}
     for name, more in (("middle", []), ("far", ["--focus", str(3.0 - FAR_BAR)])):
-        out = tmp_path / f"{name}.png"
-        assert render.main([str(tmp_path / "bars"), "--out", str(out), *words, *more]) == 0
-        pictures[name] = picture(out)[60, :, 0] / 255.0
+        seen = picture(rendered(tmp_path / "bars", tmp_path / f"{name}.png", *words, *more))
+        pictures[name] = seen[60, :, 0] / 255.0
     assert edge_widths(pictures["middle"])[0] < edge_widths(pictures["far"])[0] - 3

@@ -5,12 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenepack.pack import Pack
-from tests.viewer.rendering.flights import flight
-from viewer.core.pose import view_camera
 from viewer.rendering.dynamic_resolution import HEADROOM, LATE, SMALLEST_SCALE, DynamicResolution, tiles
-from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import RenderSettings
 
 FULL = 1280 * 800  # pixels of the picture at scale 1
 
@@ -76,37 +71,24 @@ def test_a_resolution_that_is_not_dynamic_draws_everything():
     assert resolution.moving_scale == 0.5
 
 
-# The adaptive resolution over a flight through a scene: a camera path is played, and each frame takes what its view costs
+# The adaptive resolution over a flight through a scene, in which each frame takes what its view costs
 
-COUNTED = (24, 15)  # pixels of the picture whose rays are counted
-SECONDS_APART = 0.05  # of the views that are counted; costs in between are on the line between two
-
-
-@pytest.fixture(scope="module")
-def costs(shapes: Pack, ctx) -> tuple[np.ndarray, np.ndarray]:
-    """Times (s) along the flight, and the mean cost of a ray there: samples fetched, and jumps at a third of one."""
-    path, settings = flight(shapes), RenderSettings(counts=True)
-    times = np.arange(0.0, path.duration + SECONDS_APART, SECONDS_APART)
-    found = []
-    with OffscreenRenderer(shapes, ctx=ctx) as renderer:
-        for seconds in times:
-            matrix, fov = path.at(float(seconds))
-            counts = renderer.render_float(view_camera(matrix, fov, COUNTED), settings)
-            found.append(float((counts[..., 0] + counts[..., 1] / 3.0).mean()))
-    return times, np.array(found)
+# The mean cost of a ray at each quarter of a second of the flight of tools/fly_window.py through shapes_pack(), as the shader
+# counts: samples fetched, and jumps at a third of one.
+COSTS = np.array([
+    1.05, 1.38, 1.71, 2.49, 3.22, 3.63, 4.13, 5.1, 6.75, 8.03, 10.32, 11.97, 13.64, 13.85, 13.75, 13.21, 14.06,
+    12.25, 10.6, 12.49, 17.04, 14.04, 9.84, 7.1, 4.9, 3.29, 2.64, 2.16, 1.81, 1.49, 1.19, 1.04, 1.05,
+])  # fmt: skip
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.05, 0.1])
 @pytest.mark.parametrize("load", [3.0, 6.0])
 @pytest.mark.parametrize("fps", [30.0, 60.0])
-def test_the_target_is_held_within_a_tenth_over_a_flight(costs, fps, load, noise):
+def test_the_target_is_held_within_a_tenth_over_a_flight(fps, load, noise):
     """load: frames' times that all pixels of a middling view take. Where every pixel is drawn, frames may be quicker."""
-    times, counted = costs
-    assert counted.max() > 8 * counted.min()  # there is something to follow
     resolution = DynamicResolution(target_fps=fps)
     target = resolution.target_ms
-    ms = counted / counted.mean() * load * target
+    times, ms = np.arange(len(COSTS)) / 4, COSTS / COSTS.mean() * load * target
     machine, now = Machine(0.0, 0.15 * target, fixed=0.05 * target, noise=noise), 0.0
     spent, drawn = [], []
     while now < times[-1]:

@@ -2,7 +2,9 @@
 
 import base64
 import io
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,18 @@ from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.web.browser import Browser, executable
 from viewer.rendering.camera import ViewCamera
 from viewer.web.description import PageContent
-from viewer.web.page import scene_page
+from viewer.web.page import PageServer, scene_page
+
+
+@contextmanager
+def served(files: Mapping[str, bytes]) -> Iterator[PageServer]:
+    """A server of files on this computer."""
+    with PageServer(files, "127.0.0.1", 0) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
 
 
 @pytest.fixture(scope="session")

@@ -1,21 +1,30 @@
-"""The page draws what the desktop draws, in every mode, of packs of every kind."""
+"""The page draws what the desktop draws, in every mode, of packs of every kind, and coarsely at first."""
 
+import threading
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from scenepack import load_pack
+from baker.commands import pack as command
+from scenepack import load_pack, save_pack
+from scenepack.pack import Pack
 from tests.viewer.rendering.golden_variants import PACKS, camera_for
 from tests.viewer.rendering.shapes import shapes_pack
-from tests.viewer.web.conftest import page_picture
+from tests.viewer.web.browser import Browser
+from tests.viewer.web.conftest import page_picture, served
 from viewer.core.annotations import KEY, Annotations, annotations_to_json
-from viewer.core.files import demo_pack
 from viewer.features.display.display import backdrop
 from viewer.rendering.camera import ViewCamera
+from viewer.rendering.gpu_scene import half_resolution
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.settings import Look, RenderSettings
-from viewer.web.description import MODES
+from viewer.rendering.settings import Look, Mode, RenderSettings
+from viewer.web import description
+from viewer.web.description import MODES, PageContent, describe
+from viewer.web.page import scene_page
 
 SIZE = (160, 120)
 DIFFERS, SHARE = 2, 0.001  # of 255; of the channels that may differ by more
@@ -30,8 +39,8 @@ def assert_same(page: np.ndarray, desktop: np.ndarray, what: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_demo_looks_the_same_from_four_cameras(show) -> None:
-    pack = load_pack(demo_pack())
+def test_the_demo_looks_the_same_from_four_cameras(show, demo) -> None:
+    pack = load_pack(demo)
     browser = show(pack)
     assert not browser.problems
     with OffscreenRenderer(pack) as desktop:
@@ -45,7 +54,9 @@ def test_the_demo_looks_the_same_from_four_cameras(show) -> None:
 def test_every_mode_of_every_kind_of_pack_looks_the_same(name: str, show) -> None:
     pack = shapes_pack(diffuse=True) if name == "diffuse" else PACKS[name]()
     browser, camera = show(pack), camera_for(pack).resized(*SIZE)
-    modes = [mode for mode in MODES if pack.view_mlp is not None or mode not in ("features", "view-dependent")]
+    modes: list[Mode] = [
+        mode for mode in MODES if pack.view_mlp is not None or mode not in ("features", "view-dependent")
+    ]
     assert browser.evaluate("Object.keys(snerg.scene.shaders.modes)") == modes
     gradient = backdrop("gradient", "dark")
     cases = [
@@ -68,3 +79,119 @@ def test_every_mode_of_every_kind_of_pack_looks_the_same(name: str, show) -> Non
             expected = desktop.render(camera, RenderSettings(mode=mode, look=look))
             assert_same(page, expected, f"{name}, {mode} with a look")
     assert not browser.problems
+
+
+# A coarse picture comes first, from files beside the page, too, and stays where there can be no more
+
+
+LEVEL = "Math.max(...snerg.level.uniforms.grid_size)"
+FACTS = "document.getElementById('facts').textContent"
+
+
+@pytest.fixture(scope="module")
+def levels() -> Iterator[None]:
+    """Even small packs have a coarse level."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(description, "COARSE", 20_000)
+        patch.setattr(description.renderer, "LEAST_HALVED", 42)
+        yield
+
+
+class Files(dict[str, bytes]):
+    """Of a folder, by name. asked: in this order. One whose name is `held` waits for `release`."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__({path.name: path.read_bytes() for path in folder.iterdir()})
+        self.held, self.release, self.asked = "", threading.Event(), []
+
+    def get(self, key: str, default: Any = None) -> Any:
+        self.asked.append(key)
+        if key == self.held:
+            self.release.wait(120)
+        return super().get(key, default)
+
+
+@pytest.fixture(scope="module")
+def folder(levels: None, shapes: Pack, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    parent = tmp_path_factory.mktemp("folder")
+    save_pack(shapes, parent / "shapes")
+    assert command.main(["export", str(parent / "shapes"), "--to", f"{parent / 'site'}/"]) == 0
+    assert sorted(path.name for path in (parent / "site").iterdir()) == ["index.html", "scene-21.bin", "scene-42.bin"]
+    return parent / "site"
+
+
+def desktop(pack: Pack, camera: ViewCamera) -> np.ndarray:
+    with OffscreenRenderer(pack) as renderer:
+        return renderer.render(camera)
+
+
+@pytest.mark.slow
+def test_a_folder_on_a_server_shows_a_coarse_picture_first_and_stays_at_it_where_the_rest_is_not_there(
+    browser, folder, shapes
+):
+    browser.resize(*SIZE)
+    files = Files(folder)
+    files.held = "scene-42.bin"
+    with served(files) as server:
+        browser.open(server.address)
+        browser.until("snerg.level && snerg.resting")
+        camera = ViewCamera.orbit(shapes, 205, 22, size=SIZE)
+        assert browser.evaluate(LEVEL) == 21 and "half resolution" in browser.evaluate(FACTS)
+        assert_same(page_picture(browser, camera), desktop(half_resolution(shapes), camera), "coarse")
+        files.release.set()
+        browser.evaluate("snerg.ready.then(() => true)")
+        assert browser.evaluate(LEVEL) == 42 and browser.evaluate(FACTS) == "42 × 42 × 42 voxels"
+        assert_same(page_picture(browser, camera), desktop(shapes, camera), "whole")
+        assert files.asked == ["index.html", "scene-21.bin", "scene-42.bin"]
+        del files["scene-42.bin"]
+        browser.open(server.address)
+        browser.evaluate("snerg.ready.then(() => true)")
+        assert browser.evaluate(LEVEL) == 21 and "the server answers 404" in browser.evaluate(FACTS)
+
+
+@pytest.mark.slow
+def test_a_folder_opened_from_disk_says_why_it_cannot_be_shown(browser: Browser, folder: Path) -> None:
+    browser.open((folder / "index.html").as_uri())
+    assert "web server" in browser.evaluate("snerg.ready.then(() => '', (error) => error.message)")
+    assert "http.server" in browser.evaluate("document.getElementById('notice').textContent")
+
+
+LACKS = {
+    "takes 63": "const get = WebGL2RenderingContext.prototype.getParameter;"
+    "WebGL2RenderingContext.prototype.getParameter = function (name) { return name === 0x8073 ? LIMIT : get.call(this, name) }",
+    "not enough graphics memory": "const store = WebGL2RenderingContext.prototype.texStorage3D; let full = false;"
+    "WebGL2RenderingContext.prototype.texStorage3D = function (...words) {"
+    "  if (Math.max(...words.slice(3)) > LIMIT) full = true; else store.apply(this, words) };"
+    "const error = WebGL2RenderingContext.prototype.getError;"
+    "WebGL2RenderingContext.prototype.getError = function () {"
+    "  const was = full; full = false; return was ? 0x505 : error.call(this) }",
+    "could not hold more": "const store = WebGL2RenderingContext.prototype.texStorage3D;"
+    "WebGL2RenderingContext.prototype.texStorage3D = function (...words) { store.apply(this, words);"
+    "  if (Math.max(...words.slice(3)) > LIMIT) this.getExtension('WEBGL_lose_context').loseContext() }",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("levels")
+@pytest.mark.parametrize("words", LACKS)
+def test_a_device_that_cannot_hold_the_scene_shows_it_at_half_resolution_and_says_so(words, browser, shapes, tmp_path):
+    file = tmp_path / "scene.html"
+    file.write_bytes(scene_page(shapes, PageContent("x")))
+    about, _ = describe(shapes, PageContent("x"), lambda share: None)
+    coarse, whole = (max(*level["atlas"]["size"], *level["skip_grid"]["size"]) for level in about["levels"])
+    assert coarse < whole
+    browser.resize(*SIZE)
+    with browser.before_scripts(LACKS[words].replace("LIMIT", str(whole - 1))):
+        browser.open(file.as_uri())
+        browser.until(f"globalThis.snerg?.level && {FACTS}.includes('{words.replace('63', str(whole - 1))}')")
+        assert browser.evaluate(LEVEL) == 21 and "Shown at half resolution" in browser.evaluate(FACTS)
+        camera = ViewCamera.orbit(shapes, 205, 22, size=SIZE)
+        assert_same(page_picture(browser, camera), desktop(half_resolution(shapes), camera), words)
+
+
+@pytest.mark.usefixtures("levels")
+def test_progress_of_an_export_goes_from_nothing_to_all_of_it(shapes: Pack) -> None:
+    shares: list[float] = []
+    about, data = describe(shapes, PageContent("x"), shares.append)
+    assert [level["bytes"] for level in about["levels"]] == [len(each) for each in data.values()]
+    assert shares == sorted(shares) and len(shares) > 1 and shares[-1] == pytest.approx(1)

@@ -2,23 +2,37 @@
 
 import os
 import subprocess
-import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import glfw
-import numpy as np
 import pytest
 from imgui_bundle import imgui
 
 from scenepack import Pack
 from tests.viewer.conftest import installed
-from tests.viewer.offscreen_ui import draw_unseen
-from tests.viewer.window.living import SIZE, pump
 from viewer.app.application import App
 from viewer.window.window import Window
 
-CLIENT = Path(__file__).with_name("x11_client.py")
+SIZE = (900, 600)
+PATIENCE_S = 90.0
+
+
+def pump(window: Window, seconds: float = 0.25) -> None:
+    """Lets the window live for a moment."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        window.app.touch(1)
+        window.step()
+
+
+def wait(window: Window, condition: Callable[[], object]) -> None:
+    """Lets the window live until something is so."""
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, [dialog.text for dialog in window.app.messages.dialogs]
+        pump(window, 0.05)
 
 
 @pytest.fixture
@@ -45,17 +59,8 @@ def opened(display: str) -> Iterator[Window]:
 
 
 @pytest.fixture
-def start_page(opened: Window, monkeypatch: pytest.MonkeyPatch) -> Iterator[Window]:
+def start_page(opened: Window) -> Iterator[Window]:
     """The window with a new app, at its start page; what is being made ends with it."""
-    whole, screenshot = imgui.backends.opengl3_render_draw_data, Window.screenshot
-
-    def looked_at(window: Window) -> np.ndarray:
-        with pytest.MonkeyPatch.context() as meanwhile:
-            meanwhile.setattr(imgui.backends, "opengl3_render_draw_data", whole)
-            return screenshot(window)
-
-    monkeypatch.setattr(imgui.backends, "opengl3_render_draw_data", draw_unseen)  # but where a screenshot is taken
-    monkeypatch.setattr(Window, "screenshot", looked_at)
     imgui.set_current_context(opened.ui.context)
     opened.canvas.show(None)
     app = App(canvas=opened.canvas)
@@ -78,19 +83,3 @@ def window(start_page: Window, pack: Pack, pack_folder: Path) -> Window:
     start_page.app.show(pack, pack_folder)
     start_page.draw_frames(3)
     return start_page
-
-
-@pytest.fixture
-def other_client(display: str, start_page: Window) -> Callable[..., None]:
-    """Another program on our display (x11_client.py): other_client("drop", path), while the window lives on."""
-
-    def call(what: str, *words: object) -> None:
-        window = str(glfw.get_x11_window(start_page.handle))
-        command = [sys.executable, str(CLIENT), what, window, *(str(word) for word in words)]
-        client = subprocess.Popen(command, env={**os.environ, "DISPLAY": display}, stderr=subprocess.PIPE, text=True)
-        while client.poll() is None:
-            pump(start_page, 0.05)
-        assert client.returncode == 0, client.stderr and client.stderr.read()
-        pump(start_page, 0.1)
-
-    return call

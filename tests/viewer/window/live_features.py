@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import sys
 import time
 
 import glfw
@@ -11,13 +12,15 @@ from PIL import Image
 
 from tests.viewer.conftest import installed
 from tests.viewer.screen import SCREEN
+from tests.viewer.window.conftest import pump, wait
 from tests.viewer.window.live_window import AXES, moved
-from tests.viewer.window.living import pump, wait
 from viewer.core.pose import shortest_turn
 from viewer.features.film import filming
 
 SLOW_FRAME_S, QUICK = 0.2, 12
 KEYCODE = {"Q": 24, "W": 25, "E": 26, "A": 38, "S": 39, "D": 40, "M": 58, "Z": 52}  # evdev's, by place
+PASTE = """import sys, copykitten; from PIL import Image; pixels, *size = copykitten.paste_image()
+Image.frombytes("RGBA", size, bytes(pixels)).save(sys.argv[1])"""
 NUMBER_BLOCK = {"1": 87, "2": 88, "3": 89, "4": 83, "5": 84, "6": 85, "7": 79, "8": 80, "9": 81}  # evdev's keycodes
 
 
@@ -132,16 +135,16 @@ def test_the_number_block_shows_the_views_that_blender_shows(window, xdotool, ke
     assert not rig.flying and not window.app.messages.dialogs
 
 
-def test_another_program_pastes_the_picture_that_was_copied(window, xdotool, other_client, tmp_path):
-    app = window.app
+def test_another_program_pastes_the_picture_that_was_copied(window, xdotool, display, tmp_path):
+    app, file = window.app, tmp_path / "pasted.png"
     for mode in ("normal", "diffuse"):  # the second takes the place of the first
         app.set(mode=mode)
         pump(window)
         xdotool("key", "ctrl+i")
         wait(window, lambda: app.messages.lines[-1].text == "The picture is on the clipboard")
         app.messages.log("pasted")
-        other_client("paste", tmp_path / "pasted.png")
-        pasted = np.asarray(Image.open(tmp_path / "pasted.png").convert("RGB"))
+        subprocess.run([sys.executable, "-c", PASTE, file], check=True, env={**os.environ, "DISPLAY": display})
+        pasted = np.asarray(Image.open(file).convert("RGB"))
         assert np.array_equal(pasted, window.canvas.snapshot(app.camera(), app.settings))
     assert not app.messages.dialogs
 

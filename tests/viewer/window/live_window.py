@@ -4,8 +4,10 @@ Not collected by itself: test_window.py runs it in a process of its own, because
 is opened while another test's EGL context is current in the same thread.
 """
 
+import os
 import sys
 import time
+from typing import Any
 
 import glfw
 import numpy as np
@@ -15,7 +17,7 @@ from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.features.making.conftest import FAKE
 from tests.viewer.screen import SCREEN
-from tests.viewer.window.living import SIZE, pump, wait
+from tests.viewer.window.conftest import SIZE, pump, wait
 from viewer.app.application import App
 from viewer.features.making.make_plan import Plan
 from viewer.window.window import Window
@@ -66,9 +68,11 @@ def test_an_idle_window_sleeps(window):
     assert spent / passed < 0.02
 
 
-def test_a_pack_that_another_program_drops_is_opened(window, other_client, tmp_path):
+def test_a_pack_that_is_dropped_is_opened(window, tmp_path):
     save_pack(toy_pack(view_mlp=False), tmp_path / "a dröpped päck")
-    other_client("drop", tmp_path / "a dröpped päck")
+    glfw_untyped: Any = glfw  # the stub has the C signatures
+    heard = glfw_untyped.set_drop_callback(window.handle, None)
+    heard(window.handle, 1, [os.fsencode(tmp_path / "a dröpped päck")])  # as GLFW's C code does
     wait(window, lambda: window.app.loading is None)
     assert window.app.scene.name == "a dröpped päck" and window.app.scene.pack.view_mlp is None
     assert not window.app.messages.dialogs and window.ctx.error == "GL_NO_ERROR"
@@ -88,7 +92,7 @@ def test_f11_fills_the_screen_and_gives_it_back(window, xdotool):
 
 def moved(window: Window, xdotool, keycode: int | str) -> np.ndarray:
     """How the flying camera moves, along its own axes, while a key is held."""
-    rig = window.app.scene.rig
+    rig = window.app.open_scene.rig
     before, rotation = rig.goal.eye(rig.table), rig.goal.rotation(rig.table)
     xdotool("keydown", keycode)
     wait(window, lambda: np.linalg.norm(rig.goal.eye(rig.table) - before) > 0.02 * rig.radius)
@@ -122,16 +126,13 @@ def test_the_arrow_keys_turn_slide_and_fly(window, xdotool, act):
         assert np.argmax(np.abs(way)) == axis and np.sign(way[axis]) == sign, arrow
 
 
-def test_closing_asks_while_a_scene_is_made_and_leaves_no_child(window, other_client, tmp_path, monkeypatch):
+def test_closing_asks_while_a_scene_is_made_and_leaves_no_child(window, tmp_path, monkeypatch):
     app = window.app
     monkeypatch.setattr(Plan, "command", lambda plan: [sys.executable, str(FAKE), "wait", str(tmp_path)])
     app.making.plan = Plan("scene", tmp_path / "photographs", tmp_path)
     app.making.start(app)
     wait(window, (tmp_path / "pid").exists)
-    other_client("close")
-    pump(window)
-    assert glfw.window_should_close(window.handle)  # the loop answers that with a question
-    app.messages.dialogs.clear()
+    glfw.set_window_should_close(window.handle, True)  # the cross; the loop answers it with a question
     ask = app.making.ask_to_quit
 
     def answer(app: App) -> None:

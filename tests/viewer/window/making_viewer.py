@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import Any, cast
 
 from viewer.commands import view
 from viewer.features.making.make_plan import Plan
@@ -10,7 +11,7 @@ FAKE = Path(__file__).parents[1] / "features" / "making" / "fake_make.py"
 
 
 def main(folder: Path) -> int:
-    Plan.command = lambda plan: [sys.executable, str(FAKE), "wait", str(folder)]
+    cast(Any, Plan).command = lambda plan: [sys.executable, str(FAKE), "wait", str(folder)]
     start = view.apply_preferences
 
     def use(app, preferences) -> None:

@@ -13,21 +13,27 @@ import numpy as np
 from PIL import Image
 
 from tests.viewer.conftest import installed
-from tests.viewer.waiting import until
+from tests.viewer.waiting import there, until
 
+VIEW = [sys.executable, "-m", "viewer.commands.view"]
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0
 RAIL_X, RAIL_TOP, RAIL_STEP = 25, 78, 42  # of the icons: from the right edge, from the top, from one to the next
 
 
+def without_display() -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+
+
 def run_view(*words: object, cwd: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
     """Runs snerg-view to its end, without a display but for what `environment` says."""
-    kept = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    command = [sys.executable, "-m", "viewer.commands.view", *(str(word) for word in words)]
-    return subprocess.run(command, env=kept | environment, cwd=cwd, capture_output=True, text=True, timeout=180)
+    command = [*VIEW, *map(str, words)]
+    return subprocess.run(
+        command, env=without_display() | environment, cwd=cwd, capture_output=True, text=True, timeout=180
+    )
 
 
-def picture_of_view(folder: Path, *words: object, **environment: str) -> np.ndarray:
+def picture_of_view(folder: Path, *words: object, **environment: Any) -> np.ndarray:
     """The window after a few frames of snerg-view, int [500, 800, 3]. folder: for the file."""
     picture = folder / "window.png"
     done = run_view(*words, "--frames", 5, "--screenshot", picture, "--size", "800x500", **environment)
@@ -42,12 +48,10 @@ class RunningViewer:
         self.tool = installed("xdotool")
         self.home, self.display = home, display
         home.mkdir(parents=True, exist_ok=True)
-        kept = {name: value for name, value in os.environ.items() if name != "WAYLAND_DISPLAY"}
-        own = {"XDG_CONFIG_HOME": str(home), "XDG_STATE_HOME": str(home / "state")}
-        self.environment = {**kept, "DISPLAY": display, **own, **environment}
-        command = command or [sys.executable, "-m", "viewer.commands.view"]
+        own = {"DISPLAY": display, "XDG_CONFIG_HOME": str(home), "XDG_STATE_HOME": str(home / "state")}
+        self.environment = without_display() | own | environment
         self.process = subprocess.Popen(
-            [*command, *(str(word) for word in words)],
+            [*(command or VIEW), *map(str, words)],
             env=self.environment,
             stderr=subprocess.PIPE,
             stdin=subprocess.DEVNULL,
@@ -74,7 +78,7 @@ class RunningViewer:
         """Its X window, once it is there to be seen."""
 
         def found() -> str:
-            assert self.process.poll() is None, self.process.stderr.read()  # type: ignore[union-attr]
+            assert self.process.poll() is None, self.errors()
             return self.xdotool("search", "--onlyvisible", "--pid", self.process.pid)
 
         return until(found).split()[0]
@@ -89,6 +93,10 @@ class RunningViewer:
         """Clicks the rail's icon of that place, 0 the uppermost."""
         self.click(-RAIL_X, RAIL_TOP + RAIL_STEP * place)
 
+    def errors(self) -> str:
+        """What is left of its stderr, once it has ended."""
+        return there(self.process.stderr).read()
+
     def signal(self, number: int) -> int:
         """Sends a signal; the exit status."""
         self.process.send_signal(number)
@@ -101,4 +109,4 @@ class RunningViewer:
         if self.process.poll() is None:
             self.process.kill()
         self.process.wait(PATIENCE_S)
-        self.process.stderr.close()  # type: ignore[union-attr]
+        there(self.process.stderr).close()

@@ -40,7 +40,7 @@ def test_what_was_changed_outlives_kill_9(viewer: RunningViewer, pack_folder: Pa
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_like_quit_and_is_told_in_the_exit_status(viewer: RunningViewer, number: int) -> None:
     assert viewer.signal(number) == 128 + number
-    assert "Traceback" not in viewer.process.stderr.read()
+    assert "Traceback" not in viewer.errors()
     assert viewer.saved["recent"]
 
 
@@ -58,7 +58,7 @@ def test_a_display_that_goes_away_ends_it_and_nothing_is_lost(own_display, tmp_p
         until(lambda: viewer.saved.get("recent"))
         server.kill()
         assert viewer.process.wait(60) == 129
-        errors = viewer.process.stderr.read()
+        errors = viewer.errors()
         assert "the connection to the display is lost" in errors and "Traceback" not in errors
         assert viewer.saved["recent"] == [str(pack_folder)]
 

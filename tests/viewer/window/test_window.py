@@ -17,7 +17,7 @@ from viewer.window.window import NoDisplay, Window, require_display
 
 HERE = Path(__file__).parent
 ALWAYS = ["live_window.py"]
-ALL = ["live_features.py", "live_motion.py"]
+ALL = ["live_features.py"]
 
 
 @pytest.mark.parametrize("scripts", [ALWAYS, pytest.param(ALL, marks=pytest.mark.slow)], ids=["always", "all"])

@@ -72,18 +72,8 @@ class Watch:
 
     def __init__(self) -> None:
         self.seen: dict[tuple[str, str], Seen] = {}
-        self.pressed: set[tuple[str, str]] = set()  # since forget()
+        self.pressed: set[tuple[str, str]] = set()  # until somebody clears it
         self._drawing: dict[tuple[str, str], Seen] = {}
-
-    def forget(self) -> None:
-        """What was pressed before does not count any more."""
-        self.pressed.clear()
-
-    def begin(self) -> None:
-        self._drawing = {}
-
-    def end(self) -> None:
-        self.seen = self._drawing
 
     def note(self, kind: str, label: str, rect: Rect, pressed: bool) -> None:
         window = imgui.internal.get_current_window_read()
@@ -164,11 +154,11 @@ def watch() -> Iterator[Watch]:
 
     def new_frame(_: str, original: Callable) -> None:
         original()
-        seen.begin()
+        seen._drawing = {}
 
     def render(_: str, original: Callable) -> None:
         original()
-        seen.end()
+        seen.seen = seen._drawing
 
     def refuse(name: str, original: Callable, *words: Any, **named: Any) -> Any:
         pytest.fail(f"the click test does not know imgui.{name}: wrap it in {__name__}")

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import unquote, urlsplit
 
-from console import UserError
+from console import Notice, UserError
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
 from training.scenes.sources import FILMS
@@ -56,7 +56,8 @@ class Loading(Task[Pack]):
     def _read(self) -> Pack:
         try:
             with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
+                warnings.simplefilter("ignore")  # Python's own, of what another thread leaves open
+                warnings.simplefilter("always", Notice)
                 pack = load_pack(self.path, on_progress=self._progress, on_preview=self._more_to_see)
                 work_out_ahead(pack)
         except MemoryError as error:

@@ -1,4 +1,4 @@
-"""Bookmarks: views that are come back to, in their order, and flown through as a film."""
+"""Bookmarks: views that are come back to, in their order, and flown through as a film; places, in the window and in pictures."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,12 +8,19 @@ import pytest
 from imgui_bundle import imgui
 
 from console import UserError
+from scenepack import load_pack, save_pack
+from tests.viewer.commands.test_commands import picture, rendered
+from tests.viewer.rendering.test_depth_of_field import FAR_BAR, NEAR_BAR, bars
+from tests.viewer.waiting import live
 from viewer.app.application import App
-from viewer.core.annotations import worded
-from viewer.core.pose import Pose
+from viewer.commands import render
+from viewer.core.annotations import Annotations, Bookmark, worded
+from viewer.core.pose import Pose, project
 from viewer.core.state import Viewport
 from viewer.features.bookmarks import bookmarks
-from viewer.features.bookmarks.bookmarks import pose_of
+from viewer.features.bookmarks.bookmarks import RIM, pose_of, with_places
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.settings import RenderSettings
 
 BALL = (0.0, -0.25, 0.4)  # its front
 
@@ -27,7 +34,7 @@ def app(request, pack, ndc_pack) -> App:
 
 def place(app: App, azimuth: float, up: str = "y") -> np.ndarray:
     """Puts the camera somewhere, at once; where it is then."""
-    rig = app.scene.rig
+    rig = app.open_scene.rig
     if up != rig.table.up:
         rig.set_up(up)
     start = 180.0 if rig.bounded else 0.0
@@ -37,8 +44,8 @@ def place(app: App, azimuth: float, up: str = "y") -> np.ndarray:
 
 
 def arrived(app: App) -> np.ndarray:
-    app.scene.rig.shown = app.scene.rig.goal
-    return app.scene.rig.matrix
+    app.open_scene.rig.shown = app.open_scene.rig.goal
+    return app.open_scene.rig.matrix
 
 
 @pytest.fixture
@@ -75,7 +82,7 @@ def test_places_are_covered_from_behind_and_keep_what_is_said_of_them(pack, orth
     monkeypatch.setattr(bookmarks, "PAUSE_S", 0.0)
     app = App()
     app.show(pack, Path("toy"))
-    rig = app.scene.rig
+    rig = app.open_scene.rig
     for point in (BALL, (0.5, 0.39, 0.0)):
         app.bookmarks.add(app, point)
     rig.set_orthographic(orthographic)
@@ -139,8 +146,8 @@ def ui(offscreen, pack, pack_folder):
     app.interface.page = ""
     ui = offscreen(app, pack, pack_folder, size=(900, 640))
     for turn in (0.0, 0.3, 0.3, 0.3):
-        app.scene.rig.orbit(turn, 0.0)
-        app.scene.rig.shown = app.scene.rig.goal
+        app.open_scene.rig.orbit(turn, 0.0)
+        app.open_scene.rig.shown = app.open_scene.rig.goal
         app.run("bookmark")
     app.interface.page = "bookmarks"
     return ui
@@ -151,8 +158,8 @@ def test_each_view_has_its_own_picture_and_a_click_on_it_goes_there(ui):
     corners, window = [np.rint(row.rect).astype(int) for row in rows], ui.picture().astype(float)
     pictures = [window[y0 + 6 : y1 - 6, x0 + 10 : x0 + 64] for x0, y0, _, y1 in corners]
     assert len(pictures) == 4
-    for picture in pictures:
-        assert picture.std(axis=(0, 1)).max() > 20  # something of the toy
+    for each in pictures:
+        assert each.std(axis=(0, 1)).max() > 20  # something of the toy
     assert all(np.abs(a - b).max() > 60 for i, a in enumerate(pictures) for b in pictures[:i])
     ui.click(*rows[1].at)
     ui.settle()
@@ -190,3 +197,66 @@ def test_a_click_annotates_a_place_and_one_on_its_number_goes_there_unless_it_is
     app.run("annotate")
     ui.key(imgui.Key.escape)
     assert not app.measure_tool.tool
+
+
+# Annotated places in saved pictures: their numbers and titles, where they are seen and only there
+
+
+NEAR = Bookmark("Near bar", (0.0, 0.0, 3.0), (0.0, 0.0, 0.0), point=(-0.3, 0.0, NEAR_BAR + 0.05))
+FAR = Bookmark("Ferne Stange, 遠い棒", (0.0, 0.0, 3.0), (0.0, 0.0, 0.0), point=(0.4, 0.2, FAR_BAR + 0.05))
+BEHIND = Bookmark("Hidden", (0.0, 0.0, 3.0), (0.0, 0.0, 0.0), point=(0.4, -0.3, -0.98))
+VIEW = Bookmark("No place", (0.0, 0.0, 3.0), (0.0, 0.0, 0.0))
+ANNOTATIONS = Annotations(bookmarks=(VIEW, NEAR, FAR, BEHIND))
+WORDS = ["--eye", "0,0,3", "--target", "0,0,0", "--fov", "40", "--size", "240x160"]
+CAMERA = ViewCamera.look_at((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_degrees=40.0, size=(240, 160))
+
+
+def discs(picture: np.ndarray) -> list[bool]:
+    """Whether the rim of a disc is around each of the three places."""
+    rim = np.abs(picture.astype(int) - RIM[:3]).max(axis=2) < 60
+    pixels, _ = project(CAMERA, np.array([NEAR.point, FAR.point, BEHIND.point]))
+    return [bool(rim[int(y) - 10 : int(y) + 10, int(x) - 10 : int(x) + 10].sum() > 8) for x, y in pixels]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    save_pack(bars(), tmp_path / "bars")
+    app = App()
+    app.annotations.folder = tmp_path
+    app.show(load_pack(tmp_path / "bars"), tmp_path / "bars")
+    app.annotations.current = ANNOTATIONS
+    app.annotations.save_now()
+    return tmp_path / "bars"
+
+
+def test_places_that_are_seen_are_numbered_and_titled_and_the_rest_is_as_it_was(folder: Path, tmp_path: Path) -> None:
+    plain, places = (picture(rendered(folder, tmp_path / "a.png", *WORDS, *more)) for more in ((), ("--places",)))
+    assert discs(places) == [True, True, False] and discs(plain) == [False] * 3
+    changed = (plain != places).any(axis=2)
+    assert 200 < changed.sum() < 0.25 * changed.size
+    layers = rendered(folder, tmp_path / "layers", *WORDS, "--places", "--mode", "rgb,depth")
+    rgb, depth = (picture(layers / f"view_{mode}.png") for mode in ("rgb", "depth"))
+    assert discs(rgb) == [True, True, False] and discs(depth) == [False] * 3
+
+
+def test_a_film_and_a_saved_view_of_the_window_have_them_where_that_is_wanted(offscreen, folder, tmp_path):
+    app = App()
+    offscreen(app, load_pack(folder), folder)
+    app.filming.size = (240, 160)
+    for wanted in (False, True):
+        app.filming.annotated = wanted
+        app.filming.still(app, tmp_path / "a.png", CAMERA)
+        live(app, lambda: app.filming.export is None)
+        assert discs(picture(tmp_path / "a.png")) == [wanted, wanted, False]
+
+
+def test_a_transparent_picture_has_none(folder: Path, tmp_path: Path, refused) -> None:
+    words = ["--out", tmp_path / "a.png", *WORDS, "--places", "--background", "transparent"]
+    assert "--places" in refused(render.main, folder, *words)
+
+
+def test_titles_stay_within_the_picture_and_are_cut_where_they_are_long() -> None:
+    long = Annotations(bookmarks=(Bookmark("W" * 100, (0, 0, 3), (0, 0, 0), point=(0.4, 0.2, FAR_BAR + 0.05)),))
+    white = np.full((160, 240, 3), 255, np.uint8)
+    changed = np.argwhere((with_places(white, CAMERA, bars(), RenderSettings(), long) != 255).any(axis=2))
+    assert 40 < np.ptp(changed[:, 1]) < 0.55 * 240

@@ -14,7 +14,7 @@ from console import UserError
 from scenepack import Pack
 from scenepack.exports import scene
 from scenepack.exports.scene import Export
-from tests.viewer.waiting import until
+from tests.viewer.waiting import there, until
 from tests.viewer.web.test_page import described
 from viewer.app.application import App
 from viewer.features.export.exporting import SUFFIXES, ExportPlan, ExportPreview
@@ -61,7 +61,7 @@ def test_the_scene_is_exported_as_a_web_page(shown: App, tmp_path: Path) -> None
 def test_a_failure_is_a_dialog_with_the_commands_own_line(shown: App, tmp_path: Path) -> None:
     shown.set(crop=((5.0, 5.0, 5.0), (6.0, 6.0, 6.0)))
     shown.exporting.begin(shown, tmp_path / "mesh.glb")
-    folder = shown.exporting.writing.folder  # type: ignore[union-attr]
+    folder = there(shown.exporting.writing).folder
     until(lambda: shown.exporting.tick(shown) or shown.exporting.writing is None)
     dialog = shown.messages.dialogs[0]
     assert "mesh.glb was not written" in dialog.title and "nothing to export" in dialog.text
@@ -77,7 +77,7 @@ def test_what_is_no_pack_on_disk_cannot_be_exported(shown: App, pack: Pack, tmp_
 @pytest.mark.parametrize("how", ["cancelled", "the program ends"])
 def test_an_export_that_is_ended_leaves_nothing(shown: App, tmp_path: Path, how: str) -> None:
     shown.exporting.begin(shown, tmp_path / "mesh.glb")
-    child, folder = shown.exporting.writing.child, shown.exporting.writing.folder  # type: ignore[union-attr]
+    writing = there(shown.exporting.writing)
     if how == "cancelled":
         shown.exporting.cancel()
         until(lambda: shown.exporting.tick(shown) or shown.exporting.writing is None)
@@ -85,7 +85,7 @@ def test_an_export_that_is_ended_leaves_nothing(shown: App, tmp_path: Path, how:
     else:
         shown.exporting.end()
     assert not list(tmp_path.iterdir())
-    assert child.poll() is not None and not folder.exists() and shown.exporting.writing is None
+    assert writing.child.poll() is not None and not writing.folder.exists() and shown.exporting.writing is None
 
 
 # The preview of an export follows the choices: the newest one is shown, older ones are given up
@@ -160,9 +160,9 @@ def test_a_preview_is_seen_where_the_pack_is_in_its_colours(ctx, pack, kind, par
 @pytest.mark.slow
 def test_the_scene_is_shared_as_it_is_seen_until_that_is_stopped(app: App, pack: Pack, pack_folder: Path) -> None:
     app.show(pack, pack_folder)
-    assert app.scene is not None
-    app.scene.rig.turn(30, 10)
-    app.scene.rig.shown = app.scene.rig.goal
+    rig = app.open_scene.rig
+    rig.turn(30, 10)
+    rig.shown = goal = rig.goal
     app.filming.turntable(app)
     app.set(crop=((-1.0, -1.0, -1.0), (0.0, 1.0, 1.0)))
     app.sharing.start(app)
@@ -172,9 +172,9 @@ def test_the_scene_is_shared_as_it_is_seen_until_that_is_stopped(app: App, pack:
         until(lambda: app.sharing.tick(app) or server.address != "")
         with urlopen(server.address, timeout=20) as answer:
             page = described(answer.read())
-        assert page["title"] == app.scene.name and page["path"]["frames"]
+        assert page["title"] == app.open_scene.name and page["path"]["frames"]
         assert page["levels"][-1]["box"][1][0] == pytest.approx(0.5 * pack.grid_size[0], abs=1)
-        home, goal = page["camera"]["home"], app.scene.rig.goal
+        home = page["camera"]["home"]
         assert np.isclose(home["azimuth"] % 360, goal.azimuth % 360) and np.isclose(home["elevation"], goal.elevation)
         app.sharing.copy(app)
         assert app.clipboard.text == server.address

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from tests.training.reconstructions import ball, side_by_side, write_colmap
 from tests.training.test_captures import circle
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.features.making.conftest import FAKE, ROOT
-from tests.viewer.waiting import live, until
+from tests.viewer.waiting import live, there, until
 from training.scenes import load_scene
 from training.scenes.colmap import sparse_points
 from training.scenes.sources import Source
@@ -24,7 +25,7 @@ from viewer.core.pose import project
 from viewer.features.making import make_plan
 from viewer.features.making import review as review_module
 from viewer.features.making.make_plan import Plan
-from viewer.features.making.review import Review, SparsePreview, normal_at, read_sparse_preview
+from viewer.features.making.review import Review, normal_at, read_sparse_preview
 
 
 @pytest.fixture(scope="module")
@@ -32,15 +33,9 @@ def posed(tmp_path_factory) -> Path:
     return write_colmap(tmp_path_factory.mktemp("first") / "scene", circle(10), ball(radius=1.0))
 
 
-def look_at(folder: Path, **options: bool) -> SparsePreview:
-    first = read_sparse_preview(folder, **options)
-    assert first is not None
-    return first
-
-
 def test_each_point_is_a_voxel_where_the_cameras_see_it(posed):
-    sparse_preview = look_at(posed)
-    pack, points = sparse_preview.pack, sparse_points(sparse_preview.scene)
+    sparse_preview = there(read_sparse_preview(posed))
+    pack, points = sparse_preview.pack, there(sparse_points(sparse_preview.scene))
     assert len(points.places) == len(sparse_preview.points.places) == 150 and len(sparse_preview.eyes()) == 10
     grid_T_training = np.linalg.inv(pack.worldspace_T_opengl)
     places = points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
@@ -56,32 +51,31 @@ def test_each_point_is_a_voxel_where_the_cameras_see_it(posed):
 
 @pytest.mark.parametrize(("poses", "kind"), [(circle, "subject"), (side_by_side, "forward")])
 def test_the_kind_is_found_and_forward_facing_scenes_are_shown_as_seen_from_outside(poses, kind, tmp_path):
-    sparse_preview = look_at(write_colmap(tmp_path / "scene", poses(), ball()))
+    sparse_preview = there(read_sparse_preview(write_colmap(tmp_path / "scene", poses(), ball())))
     assert sparse_preview.kind == kind and not sparse_preview.scene.ndc and not sparse_preview.pack.ndc
-    as_it_is = look_at(tmp_path / "scene", spherify=True)
-    assert as_it_is.kind in ("subject", "room")
+    assert there(read_sparse_preview(tmp_path / "scene", spherify=True)).kind in ("subject", "room")
 
 
 def reviewed(posed: Path) -> tuple[App, Review]:
     app = App(canvas=FakeCanvas())
-    app.making.sparse_preview = look_at(posed)
-    app.making.review = Review(Plan("scene", posed, posed.parent / "out"), app.making.sparse_preview)
+    app.making.sparse_preview = there(read_sparse_preview(posed))
+    app.making.review = review = Review(Plan("scene", posed, posed.parent / "out"), app.making.sparse_preview)
     app.making.show_points(app)
-    return app, app.making.review
+    return app, review
 
 
 def test_the_box_that_was_dragged_is_trained_and_faces_that_were_not_stay_the_readers(posed):
     app, review = reviewed(posed)
-    given = review.sparse_preview.scene.aabb
-    assert app.gallery.frusta and app.scene.pack is review.sparse_preview.pack
+    given = there(review.sparse_preview.scene.aabb)
+    assert app.gallery.frusta and app.open_scene.pack is review.sparse_preview.pack
     assert review.seconds_left is not None and review.decided(app.settings.crop).aabb is None
     review.show_box(app)
     assert review.seconds_left is None and review.decided(app.settings.crop).aabb is None  # seen, and left as it was
-    (x0, y0, z0), (x1, y1, z1) = app.settings.crop
+    (x0, y0, z0), (x1, y1, z1) = there(app.settings.crop)
     app.set(crop=((x0, y0, z0), (x1, 0.5 * y1, z1)))  # the grid's y is up, and so is the training frame's z
     plan = review.decided(app.settings.crop)
     expected = [*given[0], given[1, 0], given[1, 1], 0.5 * y1]
-    assert np.allclose(plan.aabb, expected, atol=2e-3)
+    assert np.allclose(there(plan.aabb), expected, atol=2e-3)
     words = plan.command()
     assert words[words.index("--aabb") + 1].count(",") == 5 and "--poses-only" not in words
 
@@ -99,7 +93,7 @@ def test_what_a_scene_is_taken_for_decides_its_box_and_its_frame(tmp_path):
 
 
 @pytest.fixture
-def bare(monkeypatch, tmp_path, posed) -> App:
+def bare(monkeypatch, tmp_path, posed) -> Iterator[App]:
     """An app that finds the poses of bare photographs: a stand-in has them at once, and trains for as long as it is let."""
     photographs = tmp_path / "shed"
     write_colmap(tmp_path / "out" / "scene", circle(10), ball())
@@ -122,7 +116,7 @@ def bare(monkeypatch, tmp_path, posed) -> App:
 def test_the_points_are_shown_and_training_begins_by_itself_after_a_while(bare):
     assert bare.making.job.plan.poses_only
     live(bare, lambda: bare.making.review is not None)
-    assert bare.making.job is None and bare.making.busy and bare.making.sparse_preview_shown(bare)
+    assert not bare.making.job and bare.making.busy and bare.making.sparse_preview_shown(bare)
     assert bare.scene.name == "shed: camera poses" and not bare.preferences.recent_packs()
     bare.drop([bare.making.review.plan.out / "scene"])  # one scene at a time
     assert bare.messages.dialogs and bare.making.plan is None
@@ -140,7 +134,7 @@ def test_who_touches_something_decides_when_training_begins_and_of_which_box(bar
     review.show_box(bare)
     for _ in range(3):
         bare.tick(0.1)
-    assert bare.making.review is review and bare.making.job is None
+    assert bare.making.review is review and not bare.making.job
     low, (x1, y1, z1) = bare.settings.crop
     bare.set(crop=(low, (x1, 0.5 * y1, z1)))
     bare.making.train(bare) if trained else bare.making.leave(bare)
@@ -168,12 +162,13 @@ def test_a_click_on_the_ground_makes_it_level(offscreen, tmp_path):
 
     def leaning() -> float:
         """Degrees between the ground and what is level."""
-        places = app.making.sparse_preview.points.places
-        normal = normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), app.making.sparse_preview.eyes())
+        shown = there(app.making.sparse_preview)
+        places = shown.points.places
+        normal = there(normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), shown.eyes()))
         return float(np.degrees(np.arccos(min(normal[2], 1.0))))
 
     assert leaning() > 15
-    camera, places = app.camera(), review.sparse_preview.places_in_grid()
+    camera, places = there(app.camera()), review.sparse_preview.places_in_grid()
     pixels, _ = project(camera, places)
     free = (np.abs(pixels - [265, 330]) < [150, 100]).all(-1)  # what no card covers
     at = pixels[free][np.argmin(np.linalg.norm(pixels[free] - pixels[free].mean(0), axis=-1))]
@@ -185,13 +180,13 @@ def test_a_click_on_the_ground_makes_it_level(offscreen, tmp_path):
     assert app.making.review is review and "Click on points" in app.messages.toast and review.seconds_left is None
     ui.click(box.x + at[0], box.y + at[1])
     live(app, lambda: app.making.review is not None and app.making.review is not review)
-    again = app.making.review
+    again = there(app.making.review)
     assert leaning() < 3 and app.making.sparse_preview_shown(app) and again.seconds_left is None
     words = again.decided(None).command()
     assert words[words.index("--up") + 1].count(",") == 2 and again.decided(None).aabb is None
     app.making.set_up(app, None)
     live(app, lambda: app.making.review is not None)
-    assert leaning() > 15 and "--up" not in app.making.review.decided(None).command()
+    assert leaning() > 15 and "--up" not in there(app.making.review).decided(None).command()
 
 
 def test_photographs_without_a_pose_are_shown_before_training(bare, tmp_path, offscreen):

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from imgui_bundle import imgui
-from PIL import Image
 
 from scenepack import load_pack, save_pack
 from scenepack.placement import NOT_MOVED, placed_T_grid
 from tests.scenepack.test_placement import AT, SLOPE, UP, sloping_pack
+from tests.viewer.commands.test_commands import picture, rendered
 from tests.viewer.conftest import toy_pack
 from viewer.app.application import App
-from viewer.commands import render
 from viewer.core.annotations import Scale
 from viewer.core.pose import Pose
 from viewer.features.bookmarks.bookmarks import bookmark_of
@@ -34,7 +33,7 @@ def slope(tmp_path: Path) -> Path:
 def ui(offscreen, app: App, slope: Path):
     app.annotations.folder = slope.parent / "user"
     ui = offscreen(app, load_pack(slope), slope, size=(1280, 800))
-    rig = app.scene.rig
+    rig = app.open_scene.rig
     rig.goal = rig.shown = Pose((0.0, -0.4, 0.2), 20.0, 40.0, 3.5)
     app.interface.page = placing.PAGE
     ui.settle()
@@ -143,7 +142,10 @@ def test_the_pack_keeps_it_and_pages_and_pictures_follow(ui, app, slope, tmp_pat
     assert np.allclose(placed_T_grid(pack), moved)
     again = App()
     again.show(pack, slope)
-    assert np.allclose(again.scene.rig.table.axes[1], UP) and again.scene.rig.goal == again.scene.rig.home_pose
+    assert (
+        np.allclose(again.open_scene.rig.table.axes[1], UP)
+        and again.open_scene.rig.goal == again.open_scene.rig.home_pose
+    )
     # snerg-render: the same picture from the same place, named in either frame, level in each
     eye, target = np.array([1.5, 1.2, 2.0]), np.array([0.0, -0.3, 0.0])
     up = np.linalg.inv(moved[:3, :3]) @ [0.0, 1.0, 0.0]
@@ -153,8 +155,7 @@ def test_the_pack_keeps_it_and_pages_and_pictures_follow(ui, app, slope, tmp_pat
         numbers = [",".join(map(str, (frame @ [*point, 1.0])[:3])) for point in (eye, target)]
         upwards = () if folder == slope else ("--up", ",".join(map(str, up)))
         words = ["--eye", numbers[0], "--target", numbers[1], *upwards, "--size", "80x60"]
-        assert render.main([str(folder), "--out", str(tmp_path / "view.png"), *words]) == 0
-        pictures.append(np.asarray(Image.open(tmp_path / "view.png")).astype(int))
+        pictures.append(picture(rendered(folder, tmp_path / "view.png", *words)).astype(int))
     assert np.abs(pictures[0] - pictures[1]).max() <= 2 and pictures[0].std() > 20
     for camera in filling_orbit(pack, 5, 40.0, (60, 40)):
         assert abs(camera.grid_T_camera[:3, 0] @ UP) < 1e-9 and camera.grid_T_camera[:3, 2] @ UP == pytest.approx(0.5)

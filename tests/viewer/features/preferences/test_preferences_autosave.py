@@ -12,7 +12,6 @@ from viewer.app.application import App
 from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import (
     PreferencesAutosave,
-    apply_preferences,
     current_preferences,
     load,
     save,
@@ -28,16 +27,6 @@ def file(tmp_path: Path) -> Path:
 def autosave(file: Path, monkeypatch: pytest.MonkeyPatch) -> PreferencesAutosave:
     monkeypatch.setattr(preferences, "CHECK_EVERY_S", 0.0)
     return PreferencesAutosave(App(), file, lambda: (640, 480), lambda: "a layout")
-
-
-@pytest.mark.parametrize("text", ["", "[]", '{"window": "big", "target_fps": "fast", "recent": 3}'])
-def test_broken_preferences_are_defaults(file, text):
-    file.parent.mkdir()
-    file.write_text(text)
-    app, usual = App(), App()
-    apply_preferences(app, load(file))
-    apply_preferences(usual, {})
-    assert current_preferences(app) == current_preferences(usual)
 
 
 def test_a_change_is_saved_by_a_thread_once_it_has_stayed_for_a_look(autosave, file, monkeypatch):

@@ -1,7 +1,8 @@
-"""Camera paths: the spline, nerfstudio's file, playback, stills and films."""
+"""Camera paths, films and stills: the spline, nerfstudio's file, playback, what is exported and saved."""
 
 import json
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,19 +11,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from imgui_bundle import imgui
 from PIL import Image
 
 from console import UserError
 from scenepack import load_pack
 from tests.viewer.app.test_application import FakeCanvas
-from tests.viewer.waiting import live, until
+from tests.viewer.commands.test_commands import exr
+from tests.viewer.offscreen_ui import OffscreenUi
+from tests.viewer.rendering.test_depth_of_field import CAMERA, FAR_BAR, bars, edge_widths
+from tests.viewer.waiting import live, there, until
 from viewer.app.application import App
 from viewer.commands.view import View
-from viewer.core.files import demo_pack
 from viewer.core.pose import Pose, Turntable
 from viewer.features.film import filming as filming_module
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
-from viewer.features.film.filming import Kiosk, copy_picture
+from viewer.features.film.filming import Filming, Kiosk, copy_picture
 from viewer.features.film.picture_export import Export, films_possible, write_film
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
@@ -122,7 +126,7 @@ def test_a_kiosk_plays_what_there_is_without_an_end(pack, ndc_pack, tmp_path, sh
     app.show(ndc_pack if shown == "forward-facing" else pack, tmp_path)
     if shown == "bookmarks":
         for azimuth in (0, 90):
-            app.scene.rig.look_along(azimuth, 0)
+            app.open_scene.rig.look_along(azimuth, 0)
             app.bookmarks.add(app)
     elif shown == "path":
         app.filming.path = CameraPath(keyframes([Pose(azimuth=a) for a in (0, 20, 40)]))
@@ -131,18 +135,7 @@ def test_a_kiosk_plays_what_there_is_without_an_end(pack, ndc_pack, tmp_path, sh
     expected = {"turn": (8, 40.0), "bookmarks": (2, 16.0), "path": (3, 4.5), "forward-facing": (8, 40.0)}[shown]
     assert app.filming.playing and path.closed and (len(path.keyframes), path.duration) == expected
     app.tick(2.5 * path.duration)
-    assert app.filming.playing and app.scene.rig.held is not None
-
-
-@needs_video
-def test_a_film_holds_every_frame(filming_app, tmp_path):
-    import av
-
-    filming_app.run("turntable")
-    filming_app.filming.film(filming_app, tmp_path / "film.mp4")
-    live(filming_app, lambda: filming_app.filming.export is None)
-    with av.open(str(tmp_path / "film.mp4")) as film:
-        assert sum(1 for _ in film.decode(video=0)) == 32
+    assert app.filming.playing and app.open_scene.rig.held is not None
 
 
 @needs_video
@@ -153,7 +146,7 @@ def test_an_animation_shows_the_pictures_for_their_time_and_repeats(tmp_path, su
     pictures = [np.rint(255 * wave).astype(np.uint8) for wave in waves]
     write_film(tmp_path / f"film{suffix}", pictures, 20)
     with Image.open(tmp_path / f"film{suffix}") as film:
-        assert film.size == (63, 45) and film.n_frames == 12 and film.info["loop"] == 0
+        assert film.size == (63, 45) and getattr(film, "n_frames", 1) == 12 and film.info["loop"] == 0
         for i, picture in enumerate(pictures):
             film.seek(i)
             off = np.abs(np.asarray(film.convert("RGB")).astype(int) - picture)
@@ -165,7 +158,7 @@ def test_a_cancelled_export_leaves_nothing(filming_app, tmp_path):
     for name in ("frames", *(["film.mp4"] if films_possible() else [])):
         app.run("turntable")
         app.filming.film(app, tmp_path / "out" / name)
-        app.filming.export.step(0.0)
+        there(app.filming.export).step(0.0)
         app.filming.cancel(app)
         assert app.filming.export is None and not list((tmp_path / "out").iterdir())
 
@@ -188,7 +181,7 @@ def test_what_the_command_line_exports_depends_on_no_window(offscreen, pack_fold
         until(lambda app=app, ui=ui: ui.frame() or (app.loading is None and app.filming.export is None))
         assert not app.messages.dialogs
         written.append(pictures_in(target))
-    assert len(written[0]) == len(written[1]) > 0
+    assert len(written[0]) == len(written[1]) == (16 if name == "film.mp4" else 1)  # every frame
     assert all(np.array_equal(a, b) for a, b in zip(*written, strict=True))
 
 
@@ -202,8 +195,8 @@ def pictures_in(path: Path) -> list[np.ndarray]:
         return [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
 
 
-def test_tiles_of_any_size_make_the_same_pixels_also_where_the_lens_is_off_the_middle(ctx, tmp_path):
-    pack = load_pack(demo_pack())
+def test_tiles_of_any_size_make_the_same_pixels_also_where_the_lens_is_off_the_middle(ctx, demo, tmp_path):
+    pack = load_pack(demo)
     canvas = Canvas(ctx)
     try:
         canvas.show(pack)
@@ -258,3 +251,93 @@ def test_a_picture_that_does_not_fit_is_refused(monkeypatch: pytest.MonkeyPatch)
     noise = np.random.default_rng(0).integers(0, 256, (80, 80, 3), np.uint8)
     with pytest.raises(UserError, match="too large"):
         copy_picture(noise)
+
+
+# Stills that the window saves: depth of field, layers, panoramas and changed colours
+
+
+def saved(ui: OffscreenUi, path: Path) -> Path:
+    """The path of a still, once Ctrl+S and the path that is typed have made it."""
+    ui.key(imgui.Key.mod_ctrl, imgui.Key.s)
+    ui.settle()
+    ui.key(imgui.Key.mod_ctrl, imgui.Key.a)
+    ui.io.add_input_characters_utf8(str(path))
+    ui.frame()
+    ui.key(imgui.Key.enter)
+    assert ui.app.file_request is None
+    live(ui.app, lambda: ui.app.filming.export is None)
+    assert not ui.app.messages.dialogs, ui.app.messages.dialogs
+    return path
+
+
+def test_a_still_is_blurred_and_a_click_chooses_the_focus(offscreen, app: App, tmp_path: Path) -> None:
+    ui = offscreen(app, bars(), Path("bars"), size=(1000, 700))
+    rig, filming = app.open_scene.rig, app.filming
+    rig.goal = rig.shown = Pose((-0.3, 0.0, 0.0), 0.0, 0.0, 3.0)
+    rig.fov = 40.0
+    app.interface.page = "film"
+    ui.settle()
+    filming.size, filming.aperture, filming.lens_rays = (240, 120), 0.3, 32
+
+    def widths(name: str) -> tuple[float, float]:
+        return edge_widths(np.asarray(Image.open(saved(ui, tmp_path / name)))[60, :, 0] / 255.0)
+
+    middle = widths("middle.png")
+    app.measure_tool.choose(app, "focus")
+    x, y = app.viewport.x + app.viewport.width / 2, app.viewport.y + app.viewport.height / 2
+    ui.click(x + 0.7 * CAMERA.fx * app.viewport.height / 120 / (3.0 - FAR_BAR), y)  # the far bar
+    assert not app.measure_tool.tool and filming.focus is not None and abs(filming.focus[2] - FAR_BAR) < 0.1
+    far = widths("far.png")
+    assert middle[0] < far[0] - 3 and far[1] < middle[1] - 3
+    rig.set_orthographic(True)
+    with pytest.raises(Exception, match="perspective"):
+        filming.still(app, tmp_path / "flat.png")
+    assert not Filming(focus=(0.0, 0.0, 0.0)).of_another_scene().focus
+
+
+@pytest.fixture
+def ui(offscreen: Callable[..., OffscreenUi], app: App, pack, pack_folder: Path) -> OffscreenUi:
+    app.filming.size = (96, 64)
+    return offscreen(app, pack, pack_folder, size=(1000, 800))
+
+
+def test_a_view_is_saved_in_several_modes_without_background_and_as_exr(ui: OffscreenUi, app: App, tmp_path: Path):
+    app.filming.transparent, app.filming.besides = True, ("depth", "normals")
+    saved(ui, tmp_path / "view.png")
+    assert {path.name for path in tmp_path.iterdir()} == {"view_rgb.png", "view_depth.png", "view_normals.png"}
+    picture = Image.open(tmp_path / "view_rgb.png")
+    assert picture.mode == "RGBA" and picture.size == (96, 64)
+    assert picture.getpixel((0, 0)) == (0, 0, 0, 0) and np.asarray(picture)[..., 3].max() == 255
+    _, channels = exr(saved(ui, tmp_path / "view.exr"))
+    assert set(channels) == {"R", "G", "B", "A", "Z", "N.X", "N.Y", "N.Z"}
+    depth = channels["Z"]
+    assert 0.3 < np.median(depth[depth > 0]) / app.open_scene.rig.goal.distance < 1.5
+
+
+def test_a_view_is_saved_as_a_360_picture(ui: OffscreenUi, app: App, tmp_path: Path) -> None:
+    app.interface.page = "film"
+    ui.settle()
+    ui.press("##panorama")
+    assert app.filming.size == (4096, 2048)
+    app.filming.set_size(128, 2048)
+    around = app.open_scene.rig.camera((128, 64)).as_panorama((128, 64))
+    picture = np.asarray(Image.open(saved(ui, tmp_path / "around.png")))
+    assert np.array_equal(picture, ui.canvas.snapshot(around, app.settings))
+    ui.press("##panorama")
+    assert app.filming.size == (1920, 1080)
+
+
+def test_colours_are_changed_in_one_step_and_saved_pictures_have_them(ui: OffscreenUi, app: App, tmp_path: Path):
+    before = np.asarray(Image.open(saved(ui, tmp_path / "before.png"))).astype(int)
+    (slider,) = ui.widgets("##exposure")
+    (x, y), right = slider.at, slider.rect[2]
+    ui.drag([(x, y), (0.5 * (x + right), y), (right - 9, y)])
+    look = there(app.annotations.current.look)
+    assert look.exposure > 0.5 and app.settings.look is None
+    assert np.asarray(Image.open(saved(ui, tmp_path / "bright.png"))).mean() > before.mean() + 1
+    app.run("undo")
+    assert app.annotations.current.look is None
+    app.run("redo")
+    assert app.annotations.current.look == look
+    ui.press("Colours as they are")
+    assert app.annotations.current.look is None

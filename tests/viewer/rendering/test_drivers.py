@@ -1,0 +1,176 @@
+"""Drivers: work-arounds for software rasterisers, what is told where OpenGL is too old, and numbers in shaders."""
+
+import os
+import platform
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import moderngl
+import numpy as np
+import pytest
+
+from scenepack import constants
+from tests.viewer.window.running import ROOT, run_view
+from viewer.rendering.camera import ViewCamera
+from viewer.rendering.offscreen import OffscreenRenderer
+from viewer.rendering.opengl import DRIVER_CHOICES, OVERRIDE, GpuClock, is_software, opengl_refusal
+from viewer.rendering.settings import RenderSettings
+from viewer.rendering.shader_source import assemble, glsl_float, shared_constants
+from viewer.rendering.software_rasteriser import HUGE, huge_pages, move_to_huge_pages
+
+# What a software rasteriser allocates ends in huge pages, and its contents stay
+
+
+def test_new_memory_is_moved_and_keeps_its_contents() -> None:
+    if not Path("/proc/self/smaps_rollup").exists():
+        pytest.skip("not Linux")
+    if "[never]" in Path("/sys/kernel/mm/transparent_hugepage/enabled").read_text():
+        pytest.skip("this kernel gives no huge pages")
+    import mmap
+
+    before, huge = huge_pages(), huge_bytes()
+    memory = mmap.mmap(-1, 16 * HUGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    memory.madvise(mmap.MADV_NOHUGEPAGE)  # as if the kernel had not had any at first
+    values = np.frombuffer(memory, np.uint32)
+    values[:] = np.arange(len(values))
+    steps = sum(1 for _ in move_to_huge_pages(huge_pages() - before))
+    assert steps >= 1 and np.array_equal(values, np.arange(len(values)))
+    if tuple(map(int, platform.release().split(".")[:2])) < (6, 1):
+        pytest.skip("this kernel moves memory when it pleases")
+    assert huge_bytes() > huge
+
+
+def huge_bytes() -> int:
+    found = re.search(r"AnonHugePages: +(\d+) kB", Path("/proc/self/smaps_rollup").read_text())
+    return 1024 * int(found[1]) if found else 0
+
+
+# Waiting for the card without Python's lock
+
+
+def wakings_meanwhile(wait: Callable[[], object]) -> int:
+    """How often another thread wakes up while `wait` runs: it needs Python's lock for that."""
+    wakings, ended = [], threading.Event()
+
+    def wake() -> None:
+        while not ended.wait(0.001):
+            wakings.append(1)
+
+    thread = threading.Thread(target=wake)
+    thread.start()
+    before = len(wakings)
+    wait()
+    during = len(wakings) - before
+    ended.set()
+    thread.join()
+    return during
+
+
+@pytest.mark.slow
+def test_other_threads_run_while_a_picture_is_drawn(ctx, shapes):
+    if not is_software(str(ctx.info["GL_RENDERER"])):
+        pytest.skip("a card draws it in no time")
+    camera, settings = ViewCamera.orbit(shapes, 35, size=(1600, 1200)), RenderSettings(marcher="brute")
+    with OffscreenRenderer(shapes, "brute", ctx) as renderer:
+        target = renderer.framebuffer(camera.width, camera.height)
+        draw = partial(renderer.renderer.render, target, camera, settings)
+        draw(), ctx.finish()
+        # where moderngl gives the lock away, the module can go
+        assert wakings_meanwhile(lambda: (draw(), ctx.finish())) < 5
+        assert wakings_meanwhile(lambda: GpuClock(ctx).time(draw)) > 15
+
+
+# An OpenGL that is too old, or none, is refused with what is there, what is needed and what to do
+
+
+OLD = "OpenGL 2.1 Mesa 20.0, drawn by Mesa Intel 965GM"
+
+
+@pytest.fixture
+def default_driver(monkeypatch) -> None:
+    """No variable chooses the driver."""
+    for name in (OVERRIDE, *DRIVER_CHOICES):
+        monkeypatch.delenv(name, raising=False)
+
+
+@pytest.mark.parametrize(
+    ("version", "complaint", "platform", "words"),
+    [
+        (OLD, "", "linux", ["2.1", "965GM", "update the graphics driver", "LIBGL_ALWAYS_SOFTWARE=1"]),
+        ("OpenGL 3.0 Mesa 10.1, drawn by Gallium 0.4 on llvmpipe", "", "linux", ["update Mesa", "apt-get install"]),
+        ("", "libEGL.so not loaded", "linux", ["libEGL.so not loaded", "install a graphics driver", "apt-get install"]),
+        ("OpenGL 4.5 Mesa, drawn by llvmpipe", "eglMakeCurrent failed", "linux", ["eglMakeCurrent failed"]),
+        ("", "GLX: GLX extension not found", "linux", ["this display has no OpenGL", "ssh -X"]),
+        ("OpenGL 1.1.0, drawn by GDI Generic", "", "win32", ["1.1.0", "graphics card's maker", "Remote Desktop"]),
+        ("OpenGL 2.1 INTEL, drawn by Intel GMA", "", "darwin", ["update macOS"]),
+    ],
+)
+def test_what_is_there_what_is_needed_and_what_to_do(
+    version, complaint, platform, words, monkeypatch, default_driver
+) -> None:
+    monkeypatch.setattr(sys, "platform", platform)
+    line = str(opengl_refusal(version, complaint))
+    assert all(word in line for word in [*words, "OpenGL 3.3 or later"]), line
+    assert "\n" not in line
+
+
+@pytest.mark.parametrize("name", DRIVER_CHOICES)
+def test_a_variable_that_chooses_the_driver_is_named_with_its_value(name, monkeypatch, default_driver) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setenv(name, "1")
+    line = str(opengl_refusal("", "GLX: Failed to create context", window=True))
+    assert f"{name}=1 is set" in line and f"unset {name}" in line and "install a graphics driver" in line
+
+
+@pytest.mark.parametrize("command", ["view", "render"])
+def test_no_driver_is_told_with_what_to_install(display, pack_folder, tmp_path, command) -> None:
+    nowhere: dict[str, Any] = {"LIBGL_DRIVERS_PATH": str(tmp_path), "GALLIUM_DRIVER": "none"}
+    if command == "view":
+        done = run_view(pack_folder, DISPLAY=display, **nowhere)
+    else:
+        words = [sys.executable, "-m", "viewer.commands.render", str(pack_folder), "--out", str(tmp_path / "a.png")]
+        done = subprocess.run(words, env=os.environ | nowhere, capture_output=True, text=True, timeout=120, cwd=ROOT)
+    if done.returncode == 0:
+        pytest.skip("this Mesa has its drivers built in")
+    line = done.stderr.splitlines()[-1]
+    assert done.returncode == 2 and "install a graphics driver" in line and "libgl1-mesa-dri" in line
+
+
+# Injected numbers, and the constants of Python in shaders
+
+
+def test_numbers_survive_the_way_into_a_shader_and_nothing_else_does() -> None:
+    for value in (0.0, -1.5, 1e-30, 3.4e38, 1 / 3, np.float32(0.1), 255, True):
+        text = glsl_float(value)  # type: ignore[arg-type]  (NumPy's scalars are numbers, too)
+        assert np.float32(text) == np.float32(value) and any(mark in text for mark in ".e")
+    for value in (float("nan"), float("inf"), "1.0); discard; (", "0; }"):
+        with pytest.raises(ValueError):
+            glsl_float(value)  # type: ignore[arg-type]
+
+
+# The numbers that Python and GLSL share: shaders see Python's values
+
+NAMES = [line.split()[1] for line in shared_constants().splitlines()]
+DERIVED = {"VIEW_INPUTS": constants.VIEW_MLP_WIDTHS[0], "VIEW_HIDDEN": constants.VIEW_MLP_WIDTHS[1], "PI": np.pi}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_shader_computes_with_the_value_that_python_has(ctx: moderngl.Context, tmp_path: Path, name: str) -> None:
+    vertex = "#version 330 core\nin vec2 at;\nvoid main() { gl_Position = vec4(at, 0, 1); }\n"
+    (tmp_path / "all.vert").write_text(vertex)
+    fragment = f'#version 330 core\n#include "constants"\nout float value;\nvoid main() {{ value = float({name}); }}\n'
+    (tmp_path / "one.frag").write_text(fragment)
+    vertex, fragment = (assemble(file, folder=tmp_path) for file in ("all.vert", "one.frag"))
+    program = ctx.program(vertex_shader=vertex, fragment_shader=fragment)
+    target = ctx.framebuffer([ctx.texture((1, 1), 1, dtype="f4")])
+    target.use()
+    corners = ctx.buffer(np.array([-1, -1, 3, -1, -1, 3], "f4"))
+    ctx.vertex_array(program, [(corners, "2f", "at")]).render(vertices=3)
+    expected = DERIVED[name] if name in DERIVED else getattr(constants, name)
+    assert np.frombuffer(target.read(components=1, dtype="f4"), np.float32)[0] == np.float32(expected)
