@@ -206,23 +206,20 @@ def _render_model(
     density = field.density if noise is None else field_of(model.field, trunk, noise).density
     weights = weights_of(density, intervals(t, rays.directions, last_interval(t, rays, config, facts)))
     opacity = jnp.sum(weights, -1)
-    depth = jnp.sum(weights * t, -1) / jnp.maximum(opacity, 1e-6)
-    features = composite(weights, field.features)
     if config.view in ("deferred", "none"):
         assert not isinstance(model.view, NerfHead)
-        diffuse = composite(weights, field.diffuse)
-        picture = shade(model.view, diffuse, features, opacity, depth, rays.viewdirs, facts.background)
+        diffuse, features = composite(weights, field.diffuse), composite(weights, field.features)
+        picture = shade(model.view, diffuse, features, opacity, rays.viewdirs, facts.background)
         return picture, field.density, weights
     # the baselines: a colour that depends on direction at every sample
     if isinstance(model.view, NerfHead):
-        diffuse = colours = apply_nerf_head(model.view, trunk, rays.viewdirs, config)
+        colours = apply_nerf_head(model.view, trunk, rays.viewdirs, config)
     else:
         assert model.view is not None
         viewdirs = jnp.broadcast_to(rays.viewdirs[:, None], points.shape)
-        diffuse = field.diffuse
-        colours = diffuse + apply_view_mlp(model.view, diffuse, field.features, viewdirs)
-    rgb, diffuse = (over_background(composite(weights, c), opacity, facts.background) for c in (colours, diffuse))
-    return RenderOutput(rgb, diffuse, features, opacity, depth), field.density, weights
+        colours = field.diffuse + apply_view_mlp(model.view, field.diffuse, field.features, viewdirs)
+    rgb = over_background(composite(weights, colours), opacity, facts.background)
+    return RenderOutput(rgb, opacity), field.density, weights
 
 
 def last_interval(t: jax.Array, rays: Rays, config: NerfConfig, facts: SceneFacts) -> jax.Array | float:
