@@ -307,9 +307,7 @@ def _with_frames(box: np.ndarray, cameras: Sequence[Camera], points: PointCloud)
 
 def _quantiles(values: np.ndarray, weights: np.ndarray, shares: Sequence[float] = INLIERS) -> np.ndarray:
     """Quantiles [2] of weighted values [K]; by default their ends without outliers."""
-    order = np.argsort(values)
-    reached = np.cumsum(weights[order]) / weights.sum()
-    return values[order][np.minimum(np.searchsorted(reached, shares), len(values) - 1)]
+    return np.quantile(values, shares, weights=weights, method="inverted_cdf")
 
 
 def _not_forward(found: str) -> UserError:

@@ -189,10 +189,8 @@ def _read_json(path: Path) -> dict[str, Any]:
     """The object in a JSON file. UserError where there is none, naming line and column."""
     try:
         document = read_json_file(path)
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         raise UserError("not JSON", where=path, found=error) from error
-    except OSError as error:
-        raise UserError("cannot be read", where=path, found=str(error)) from error
     if not isinstance(document, dict):
         raise UserError("not a scene description", where=path, expected="an object", found=type(document).__name__)
     return document
