@@ -16,8 +16,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from console import UserError
 from scenepack.constants import NDC_NEAR
-from training.scenes.lens import Lens, directions_at, image_of, shows
+from training.scenes.lens import Lens, Model, directions_at, image_of, shows
 
 # What was photographed: cut out by alpha; from around, within a box or without an end; from one side.
 Kind = Literal["object", "surroundings", "unbounded", "forward"]
@@ -43,6 +44,21 @@ class Camera:
         sx, sy = width / self.width, height / self.height
         intrinsics = {"fx": self.fx * sx, "fy": self.fy * sy, "cx": self.cx * sx, "cy": self.cy * sy}
         return replace(self, width=width, height=height, **intrinsics)
+
+
+LARGEST_SIDE = 1e6  # pixels
+
+
+def camera_of(
+    model: Model, values: Mapping[str, float], size: Sequence[float], world_T_camera: np.ndarray, where: str
+) -> Camera:
+    """The camera with these values of a lens model's parameters, for pictures of that size. UserError where none makes sense."""
+    fx, fy, *centre = model.intrinsics(values, *size)
+    numbers = [*size, *values.values()]
+    if not np.isfinite(numbers).all() or min(fx, fy) <= 0 or not 1 <= min(size) <= max(size) <= LARGEST_SIDE:
+        found = ", ".join(f"{number:g}" for number in numbers)
+        raise UserError("size and focal length must be positive numbers", where=where, found=found)
+    return Camera(world_T_camera, round(size[0]), round(size[1]), fx, fy, *centre, model.lens(values))
 
 
 @dataclass(frozen=True)

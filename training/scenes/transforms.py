@@ -22,7 +22,7 @@ from training.scenes.lens import EQUIRECTANGULAR, FISHEYE, MODELS, PERSPECTIVE
 from training.scenes.photographs import moved, photograph_of, tell_turned
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import finite_numbers, pose
-from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Photograph, Scene, hold_out
+from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Photograph, Scene, camera_of, hold_out
 from training.scenes.scene_options import SceneOptions
 from training.scenes.space import Frame, PointCloud
 
@@ -54,16 +54,13 @@ def read_camera(world_T_camera: np.ndarray, values: dict[str, Any], size: tuple[
         raise UserError("this lens model is not supported", where=where, expected=", ".join(LENSES),
                         found=", ".join([str(name)[:40], *others]), remedy="undistort the pictures first")  # fmt: skip
     width, height = (number(values, key, where, float(side)) for key, side in zip("wh", size, strict=True))
-    if min(width, height) < 1:
-        raise UserError("w and h must be pixels, at least 1", where=where, found=f"{width:g}x{height:g}")
     named = {name: number(values, key, where, 0.0) for name, key in keys.items()}
     named |= {"cx": number(values, "cx", where, width / 2), "cy": number(values, "cy", where, height / 2)}
     if model.projection != EQUIRECTANGULAR:
         is_flat = model.projection == PERSPECTIVE
         lengths = {key: value for key, value in values.items() if is_flat or key in ("fl_x", "fl_y")}
         named["fx"], named["fy"] = _focal_lengths(lengths, width, height, where)
-    intrinsics = model.intrinsics(named, width, height)
-    return Camera(world_T_camera, round(width), round(height), *intrinsics, model.lens(named))
+    return camera_of(model, named, (width, height), world_T_camera, where)
 
 
 def _focal_lengths(values: dict[str, Any], width: float, height: float, where: str) -> tuple[float, float]:
@@ -81,8 +78,6 @@ def _focal_lengths(values: dict[str, Any], width: float, height: float, where: s
     if not found:
         expected = "fl_x, or of a perspective lens camera_angle_x"
         raise UserError("no focal length", where=where, expected=expected, found="neither")
-    if min(found) <= 0:
-        raise UserError("the focal length must be positive", where=where, found=f"{found[0]:g}, {found[-1]:g}")
     return found[0], found[-1]
 
 
