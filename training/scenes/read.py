@@ -41,7 +41,7 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
                 raise UserError("the files say themselves what is up", where=UP, found=str(path),
                                 expected="a COLMAP scene, an export, or bare photographs", remedy="leave it out")  # fmt: skip
             with np.errstate(all="ignore"):  # what comes of numbers without a meaning is looked at below
-                scene = layout.read(path, options)
+                scene = replace(layout.read(path, options), notes=vars(options))
             _require_sound(scene)
             return scene if options.aabb is None else with_box(scene, options.aabb)
     what, remedy = "no scene in this folder", None

@@ -84,12 +84,9 @@ def picture_stems(photographs: Sequence[Photograph]) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Scene:
-    """Posed photographs by split, and what a trainer must know of the space they show."""
+class Space:
+    """What a trainer must know of the space that photographs show."""
 
-    path: Path
-    kind: str  # "blender", "llff", "transforms", "colmap" or "program"
-    splits: Mapping[str, tuple[Photograph, ...]]
     near: float  # along the unit-length ray, as far; in NDC 0 and 1
     far: float
     aabb: np.ndarray  # float64 [2, 3]: the box that holds the content, in the training frame (NDC space where ndc)
@@ -98,6 +95,15 @@ class Scene:
     ndc_camera: tuple[int, int, float] | None = None  # width, height, focal length in pixels of the NDC warp
     contraction: float | None = None  # half the side of the cube about the origin beyond which space may be contracted
     disparity: bool = False  # whether samples are spread evenly in 1/t, as suits captures without a far end
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene(Space):
+    """Posed photographs by split, and the space they show."""
+
+    path: Path
+    kind: str  # "blender", "llff", "transforms", "colmap" or "program"
+    splits: Mapping[str, tuple[Photograph, ...]]
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)  # the colour behind everything, sRGB in [0, 1]
     held_out: str = ""  # what decided which photographs are held out, for messages; "" where none are
     notes: Mapping[str, object] = field(default_factory=dict)  # the SceneOptions that it was read with

@@ -154,7 +154,7 @@ def _read_synthetic(path: Path, options: SceneOptions) -> Scene:
     cameras = [photograph.camera for photograph in splits["train"]]
     found = space.space_of_object(cameras, opaque=not may_be_transparent(splits["train"]))
     held_out = "as transforms_test.json lists them" if "test" in splits else ""
-    return Scene(path=path, kind="blender", splits=splits, held_out=held_out, notes=vars(options), **found._asdict())
+    return Scene(**vars(found), path=path, kind="blender", splits=splits, held_out=held_out)
 
 
 def _read_capture(path: Path, options: SceneOptions) -> Scene:
@@ -173,7 +173,7 @@ def _read_capture(path: Path, options: SceneOptions) -> Scene:
     if file_box is not None and points is None and not ((file_box[0] < 0).all() and (file_box[1] > 0).all()):
         notice(description, "its aabb, scale and offset name a box that the cameras do not look at, which is not used")
     splits, held_out = _split(description, document, photographs)
-    return Scene(path=path, kind="transforms", splits=splits, held_out=held_out, notes=vars(options), **found._asdict())
+    return Scene(**vars(found), path=path, kind="transforms", splits=splits, held_out=held_out)
 
 
 class _NothingThere(UserError):
