@@ -108,7 +108,7 @@ def _train(run: Run, after_step: Callable[[Run], None] | None) -> Run:
             if out_of_time:
                 break
     with together():
-        recorder.finish()
+        recorder.draw()
     return run
 
 

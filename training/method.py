@@ -26,10 +26,7 @@ class FieldOutput(NamedTuple):
 
 class RenderOutput(NamedTuple):
     rgb: jax.Array  # [N, 3], the final colour
-    diffuse: jax.Array  # [N, 3], background included
-    features: jax.Array  # [N, 4]
     alpha: jax.Array  # [N]
-    depth: jax.Array  # [N], the mean t of what the ray meets
 
 
 class ViewMlpParams(NamedTuple):

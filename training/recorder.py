@@ -104,11 +104,6 @@ class Recorder:
         record = {**when, "validation_psnr": float(np.mean(scores)), "view": self._photographs[0].name}
         self._write(record | ({"views": len(scores)} if len(scores) > 1 else {}))
 
-    def finish(self) -> None:
-        """The last curves, from everything in the log."""
-        if is_writer():
-            self._draw()
-
     def _when(self) -> dict[str, Any]:
         times = {"seconds": round(self.seconds, 3), "training_seconds": round(self.training_seconds, 3)}
         return {"step": self.run.step, **times}
@@ -120,12 +115,14 @@ class Recorder:
         with writing(self._log), self._log.open("a", encoding="utf-8") as file:
             file.write(json.dumps(record) + "\n")
         if self.seconds - self._drawn_at > DRAW_EVERY_SECONDS:
-            with self.paused():
-                self._draw()
+            self.draw()
 
-    def _draw(self) -> None:
+    def draw(self) -> None:
+        """The curves, from everything in the log."""
+        if not is_writer():
+            return
         picture = self.run.path / "curves.png"
-        with writing(picture):
+        with self.paused(), writing(picture):
             draw_curves(self.records, picture, f"{self.run.scene.path.name}: PSNR")
         self._drawn_at = self.seconds
 

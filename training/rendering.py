@@ -95,17 +95,17 @@ def apply_view_mlp(
 
 
 def shade(
-    view: ViewMlpParams | None, diffuse: jax.Array, features: jax.Array, alpha: jax.Array, depth: jax.Array,
-    viewdirs: jax.Array, background: Sequence[float],
+    view: ViewMlpParams | None, diffuse: jax.Array, features: jax.Array, alpha: jax.Array, viewdirs: jax.Array,
+    background: Sequence[float],
 ) -> RenderOutput:  # fmt: skip
     """The deferred end of a ray: background, view MLP, sum (equation 7).
 
-    diffuse [..., 3] and features [..., 4] are accumulated and premultiplied, alpha and depth [...], viewdirs [..., 3]. The
+    diffuse [..., 3] and features [..., 4] are accumulated and premultiplied, alpha [...], viewdirs [..., 3]. The
     residual is added at every pixel and nothing is clamped, as in the release's training. No view MLP: diffuse.
     """
     diffuse = over_background(diffuse, alpha, background)
     rgb = diffuse if view is None else diffuse + apply_view_mlp(view, diffuse, features, viewdirs)
-    return RenderOutput(rgb=rgb, diffuse=diffuse, features=features, alpha=alpha, depth=depth)
+    return RenderOutput(rgb, alpha)
 
 
 # --- Terms of the loss ---

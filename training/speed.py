@@ -54,7 +54,7 @@ def _ball() -> Scene:
         camera = Camera(look_at(eye, eye, np.array([0.0, 0.0, 1.0])), side, side, focal, focal, side / 2, side / 2)
         photographs.append(Photograph(f"{len(photographs)}", camera, lambda: picture))
     box = np.array([[-1.3] * 3, [1.3] * 3])
-    return Scene(Path("ball"), "blender", {"train": tuple(photographs)}, 2.0, 6.0, box, np.eye(4))
+    return Scene(2.0, 6.0, box, np.eye(4), path=Path("ball"), kind="blender", splits={"train": tuple(photographs)})
 
 
 def seconds_per_sample() -> float:

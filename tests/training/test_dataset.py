@@ -39,7 +39,7 @@ def scene_of(camera: Camera, **changes) -> Scene:
     pixels = np.random.default_rng(0).random((camera.height, camera.width, 4)).astype(np.float32)
     photograph = Photograph("only", camera, lambda: pixels)
     box = np.array([[-1.0] * 3, [1.0] * 3])
-    scene = Scene(Path("here"), "made", {"train": (photograph,)}, 2.0, 6.0, box, np.eye(4))
+    scene = Scene(2.0, 6.0, box, np.eye(4), path=Path("here"), kind="made", splits={"train": (photograph,)})
     return dataclasses.replace(scene, **changes)
 
 

@@ -33,9 +33,11 @@ def test_shading_puts_the_background_behind_before_it_asks_the_view_mlp():
     view = init_view_mlp(jax.random.key(0))
     diffuse, features = jnp.asarray([[0.1, 0.2, 0.3]]), jnp.asarray([[0.1, 0.2, 0.3, 0.4]])
     alpha, v = jnp.asarray([0.75]), jnp.asarray([[0.0, 0.0, 1.0]])
-    out = shade(view, diffuse, features, alpha, alpha, v, background=(1.0, 0.5, 0.0))
+    out = shade(view, diffuse, features, alpha, v, background=(1.0, 0.5, 0.0))
     behind = diffuse + 0.25 * jnp.asarray([1.0, 0.5, 0.0])
-    np.testing.assert_allclose(out.diffuse, behind, rtol=1e-6)
+    np.testing.assert_allclose(
+        shade(None, diffuse, features, alpha, v, background=(1.0, 0.5, 0.0)).rgb, behind, rtol=1e-6
+    )
     np.testing.assert_allclose(out.rgb, behind + apply_view_mlp(view, behind, features, v), rtol=1e-5)
 
 

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scenepack.constants import TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP, VIEW_FREQUENCIES, VIEW_MLP_WIDTHS
-from training.marching import GridRays, MarchSizes, Samples, sums_along_rays, transmittance
+from training.marching import MarchSizes, Samples, sums_along_rays, transmittance
 from training.method import RenderOutput, ViewMlpParams
 from training.multires.levels import FEATURES, Level, rows_at
 from training.multires.settings import LARGEST_RAW, Settings
@@ -121,7 +121,7 @@ def activate(raw: jax.Array) -> tuple[jax.Array, jax.Array]:
 def composite(
     density: jax.Array, values: jax.Array, samples: Samples, lengths: jax.Array, count: int, per_ray: int
 ) -> tuple[jax.Array, jax.Array, jax.Array]:  # fmt: skip
-    """What N rays gather [N, 9] (colours and features, T behind all, weights times t), the weights [S], and which samples count.
+    """What N rays gather [N, 8] (colours and features, T behind all), the weights [S], and which samples count.
 
     lengths [N]: of a step, in sides of the cube. A ray ends behind the sample at which less than TRANSMITTANCE_STOP is left.
     """
@@ -131,28 +131,21 @@ def composite(
     tau = jnp.where(counted, tau, 0.0)
     before, behind = transmittance(samples, tau, count, per_ray)
     weights = jnp.where(samples.valid, before * alpha_of(tau, 1.0), 0.0)
-    gathered = jnp.concatenate([values, samples.t[:, None]], axis=-1)
-    sums = jnp.zeros((count, 8)).at[samples.ray].add(weights[:, None] * gathered)
-    return jnp.concatenate([sums[:, :7], behind[:, None], sums[:, 7:]], axis=-1), weights, counted
+    sums = jnp.zeros((count, 7)).at[samples.ray].add(weights[:, None] * values)
+    return jnp.concatenate([sums, behind[:, None]], axis=-1), weights, counted
 
 
 def shade(
     gathered: jax.Array, view_mlp: ViewMlpParams | None, viewdirs: jax.Array, background: jax.Array
 ) -> RenderOutput:  # fmt: skip
-    """Colours of N rays that have gathered [N, 9], over a background [N, 3] or [3]. Nothing is clamped; depth is a sum."""
+    """Colours of N rays that have gathered [N, 8], over a background [N, 3] or [3]. Nothing is clamped."""
     behind = gathered[:, 7]
     diffuse = gathered[:, :3] + behind[:, None] * background
     rgb = diffuse
     if view_mlp is not None:
         residual = apply_view_mlp(view_mlp, diffuse, gathered[:, 3:7], viewdirs)
         rgb = diffuse + residual * (behind <= TRANSMITTANCE_SHADED)[:, None]
-    return RenderOutput(rgb, diffuse, gathered[:, 3:7], 1.0 - behind, gathered[:, 8])
-
-
-def finished(output: RenderOutput, rays: GridRays) -> RenderOutput:
-    """What `shade` returns as a picture: colours in [0, 1], and t at the mean distance of what each ray meets."""
-    depth = rays.times(output.depth / jnp.maximum(output.alpha, 1e-6))
-    return output._replace(rgb=jnp.clip(output.rgb, 0, 1), depth=depth)
+    return RenderOutput(rgb, 1.0 - behind)
 
 
 def distortion(samples: Samples, weights: jax.Array, step: jax.Array, count: int, per_ray: int) -> jax.Array:

@@ -279,7 +279,7 @@ def _render_chunk(
     gathered, *_ = field.composite(density, values, samples, target.step_lengths, count, constants.sizes.per_ray)
     view_mlp = field.split_parameters(trained.parameters, x.shape[1])[-1] if settings.own.view_dependence else None
     output = field.shade(gathered, view_mlp, rays.viewdirs, background)
-    return field.finished(output, to_grid(cells.box, rays)), samples.complete
+    return output._replace(rgb=jnp.clip(output.rgb, 0, 1)), samples.complete
 
 
 @partial(jax.jit, static_argnames=("segments", "step"))

@@ -19,20 +19,10 @@ import jax
 import jax.numpy as jnp
 
 from scenepack.constants import FEATURES, VIEW_FREQUENCIES
+from training import rendering
 from training.config import NerfConfig
 from training.dataset import SceneFacts
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
-from training.rendering import (
-    LAST_INTERVAL,
-    apply_view_mlp,
-    composite,
-    encode,
-    init_view_mlp,
-    intervals,
-    over_background,
-    shade,
-    weights_of,
-)
 
 POINT_DEGREES = 10  # of gamma: sin(2^0 p) ... sin(2^9 p)
 CONDITION_WIDTH = 128  # channels of JAXNeRF's layer behind the viewing direction
@@ -84,7 +74,7 @@ def init_dense(key: jax.Array, inputs: int, outputs: int) -> Dense:
 
 def apply_trunk(params: FieldParams, points: jax.Array, config: NerfConfig) -> jax.Array:
     """The last hidden layer [..., W] (and the encoding behind it, where the skip comes last) at points [..., 3]."""
-    encoded = encode(points, POINT_DEGREES)
+    encoded = rendering.encode(points, POINT_DEGREES)
     x = jax.nn.relu(encoded @ params.trunk[0].weight + params.trunk[0].bias)
     joined = config.skip_after == 0  # whether the encoding stands beside x
     for layer, (weight, bias) in enumerate(params.trunk[1:], start=1):
@@ -112,7 +102,7 @@ def apply_nerf_head(head: NerfHead, trunk: jax.Array, viewdirs: jax.Array, confi
     """Colours [N, S, 3] of samples with hidden layer trunk [N, S, W] seen along viewdirs [N, 3]."""
     bottleneck = _product(trunk, head.bottleneck.weight, config) + head.bottleneck.bias
     width = bottleneck.shape[-1]
-    seen = encode(viewdirs, VIEW_FREQUENCIES) @ head.hidden.weight[width:]  # once a ray
+    seen = rendering.encode(viewdirs, VIEW_FREQUENCIES) @ head.hidden.weight[width:]  # once a ray
     x = jax.nn.relu(_product(bottleneck, head.hidden.weight[:width], config) + seen[:, None] + head.hidden.bias)
     return jax.nn.sigmoid(x @ head.rgb.weight + head.rgb.bias)
 
@@ -174,7 +164,7 @@ def init_nerf(key: jax.Array, config: NerfConfig) -> NerfParams:
     def model(k_field: jax.Array, k_view: jax.Array) -> ModelParams:
         view = None
         if config.view != "none":
-            view = init_nerf_head(k_view, config.width) if config.view == "nerf" else init_view_mlp(k_view)
+            view = init_nerf_head(k_view, config.width) if config.view == "nerf" else rendering.init_view_mlp(k_view)
         return ModelParams(init_field(k_field, config), view)
 
     keys = jax.random.split(key, 4)
@@ -204,32 +194,31 @@ def _render_model(
     trunk = apply_trunk(model.field, points, config)
     field = field_of(model.field, trunk)
     density = field.density if noise is None else field_of(model.field, trunk, noise).density
-    weights = weights_of(density, intervals(t, rays.directions, last_interval(t, rays, config, facts)))
+    weights = rendering.weights_of(
+        density, rendering.intervals(t, rays.directions, last_interval(t, rays, config, facts))
+    )
     opacity = jnp.sum(weights, -1)
-    depth = jnp.sum(weights * t, -1) / jnp.maximum(opacity, 1e-6)
-    features = composite(weights, field.features)
     if config.view in ("deferred", "none"):
         assert not isinstance(model.view, NerfHead)
-        diffuse = composite(weights, field.diffuse)
-        picture = shade(model.view, diffuse, features, opacity, depth, rays.viewdirs, facts.background)
+        diffuse, features = rendering.composite(weights, field.diffuse), rendering.composite(weights, field.features)
+        picture = rendering.shade(model.view, diffuse, features, opacity, rays.viewdirs, facts.background)
         return picture, field.density, weights
     # the baselines: a colour that depends on direction at every sample
     if isinstance(model.view, NerfHead):
-        diffuse = colours = apply_nerf_head(model.view, trunk, rays.viewdirs, config)
+        colours = apply_nerf_head(model.view, trunk, rays.viewdirs, config)
     else:
         assert model.view is not None
         viewdirs = jnp.broadcast_to(rays.viewdirs[:, None], points.shape)
-        diffuse = field.diffuse
-        colours = diffuse + apply_view_mlp(model.view, diffuse, field.features, viewdirs)
-    rgb, diffuse = (over_background(composite(weights, c), opacity, facts.background) for c in (colours, diffuse))
-    return RenderOutput(rgb, diffuse, features, opacity, depth), field.density, weights
+        colours = field.diffuse + rendering.apply_view_mlp(model.view, field.diffuse, field.features, viewdirs)
+    rgb = rendering.over_background(rendering.composite(weights, colours), opacity, facts.background)
+    return RenderOutput(rgb, opacity), field.density, weights
 
 
 def last_interval(t: jax.Array, rays: Rays, config: NerfConfig, facts: SceneFacts) -> jax.Array | float:
     """What the last of the samples t [N, S] stands for, in units of t: see NerfConfig.last_interval."""
     if config.last_interval is not None:
         return config.last_interval
-    return LAST_INTERVAL if facts.ndc_camera is None else rays.far[:, None] - t[:, -1:]
+    return rendering.LAST_INTERVAL if facts.ndc_camera is None else rays.far[:, None] - t[:, -1:]
 
 
 # --- where along a ray a field is asked (NeRF 5.2) ---------------------------------------------------------------------

@@ -29,10 +29,9 @@ from av.stream import Disposition
 from PIL import Image
 
 from console import UserError
-from console.file_signature import HEAD_BYTES, sniff_type
 from training.posing.photograph import PREVIEW_SIDE, same_view, sharpness, shift, thumbnail, write_picture
 from training.scenes.deep_pictures import linear_to_srgb
-from training.scenes.sources import DEMUXERS, FILM_NAMES, container_of
+from training.scenes.sources import DEMUXERS, container_of, require_source
 
 # Values of ITU-T H.273, which FFmpeg has as AVCOL_…: transfer characteristics, primaries, matrix coefficients.
 PQ, HLG = 16, 18
@@ -332,11 +331,9 @@ def _opened(film: Path) -> Iterator[tuple[Any, Any]]:
 
 @contextmanager
 def _demuxed(film: Path) -> Iterator[Any]:
+    require_source(film)
     found = container_of(film)
-    if found is None:
-        with film.open("rb") as file:
-            head = sniff_type(file.read(HEAD_BYTES))
-        raise UserError("not a film that can be read", where=film, expected=FILM_NAMES, found=head)
+    assert found is not None
     with (
         film.open("rb") as file,
         av.open(file, "r", format=found.demuxer, options=OPTIONS, metadata_errors="replace") as container,

@@ -18,7 +18,7 @@ from training.scenes.photographs import moved, photographs_of
 from training.scenes.pictures import picture_size
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward
-from training.scenes.scene import HELD_OUT_BY_NAME, Direction, Photograph, Scene, hold_out
+from training.scenes.scene import HELD_OUT_BY_NAME, Direction, Photograph, Scene, Space, hold_out
 from training.scenes.scene_options import UP, SceneOptions, axes_of
 
 LOOKED_FOR = "sparse/0/cameras.bin with images (COLMAP)"
@@ -47,10 +47,9 @@ def scene_of(
     masks = masks_of(path, factor, names) if options.masks else [None] * len(names)
     described = zip(names, pictures, found.cameras, masks, strict=True)
     photographs = photographs_of(path, described, factor, options.downscale)
-    photographs, scene_space = _placed(path, found, photographs, options)
+    photographs, found = _placed(path, found, photographs, options)
     kind = "colmap" if recognises(path) else "program"
-    return Scene(path=path, kind=kind, splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
-                 **scene_space._asdict())  # fmt: skip
+    return Scene(**vars(found), path=path, kind=kind, splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME)
 
 
 def reconstruction_of(path: Path) -> Reconstruction:
@@ -114,7 +113,7 @@ def _tell_left_out(path: Path, folder: Path, found: Reconstruction, listed: list
 
 def _placed(
     path: Path, found: Reconstruction, photographs: list[Photograph], options: SceneOptions
-) -> tuple[tuple[Photograph, ...], space.Space]:
+) -> tuple[tuple[Photograph, ...], Space]:
     """The photographs in the training frame, and what a Scene says of the space."""
     P, points = space.poses_of(found.cameras), space.PointCloud(found.points, found.tracks, found.seen)
     if points.suffices and not options.spherify and faces_forward(P):

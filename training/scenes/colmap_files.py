@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from console import UserError
 from training.scenes.lens import MODELS
 from training.scenes.poses import pose
-from training.scenes.scene import Camera
+from training.scenes.scene import Camera, camera_of
 
 PARTS = ("cameras", "images", "points3D")
 SUFFIXES = (".bin", ".txt")
@@ -31,7 +31,6 @@ NAMES = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPEN
          "DIVISION", "SIMPLE_FISHEYE", "FISHEYE", "EUCM", "EQUIRECTANGULAR")  # fmt: skip
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # y down and z ahead become y up and z back
 LONGEST_NAME = 4096  # bytes
-LARGEST_SIDE = 1e6  # pixels
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # UTF-8's, which editors on Windows write
 NUMBER, TRACK_ELEMENT = np.dtype("<f8"), np.dtype([("image", "<u4"), ("keypoint", "<u4")])
 KEYPOINT = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
@@ -131,11 +130,7 @@ def _lens(number: int, model: str, size: tuple[float, float], values: np.ndarray
     if len(values) != len(lens.parameters):
         raise ValueError(f"{len(values)} parameters of a {model}")
     named = dict(zip(lens.parameters, map(float, values), strict=True))
-    fx, fy, cx, cy = lens.intrinsics(named, *size)
-    if not np.isfinite(values).all() or min(fx, fy) <= 0 or not 1 <= min(size) <= max(size) <= LARGEST_SIDE:
-        found = ", ".join([f"{size[0]:g}x{size[1]:g}", *(f"{value:g}" for value in values)])
-        raise UserError(f"size and focal length of camera {number} must be positive numbers", where=file, found=found)
-    return number, Camera(np.eye(4), int(size[0]), int(size[1]), fx, fy, cx, cy, lens.lens(named))
+    return number, camera_of(lens, named, size, np.eye(4), f"{file} camera {number}")
 
 
 # --- binary -----------------------------------------------------------------------------------------------------------

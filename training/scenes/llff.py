@@ -49,8 +49,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
         space = space_of_bounds(photographs, bounds * frame.scale, opaque=not may_be_transparent(photographs))
     else:
         space = space_forward(photographs)
-    return Scene(path=path, kind="llff", splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME, notes=vars(options),
-                 **space._asdict())  # fmt: skip
+    return Scene(**vars(space), path=path, kind="llff", splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME)
 
 
 def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, np.ndarray]:

@@ -93,17 +93,12 @@ def _at_once(photographs: Sequence[Photograph]) -> int:
     sizes = [(p.camera.width, p.camera.height) for p in photographs]
     sizes += [p.load.source_size for p in photographs if isinstance(p.load, PictureLoader)]
     largest = max(width * height for width, height in sizes)
-    return max(1, min(16, (os.cpu_count() or 1) + 2, _free() // 4 // (DECODING * largest)))
-
-
-def _free() -> int:
-    free = free_memory()
-    return ASSUMED_FREE if free is None else free
+    return max(1, min(16, (os.cpu_count() or 1) + 2, (free_memory() or ASSUMED_FREE) // 4 // (DECODING * largest)))
 
 
 def _zeros(size: int, folder: Path | None) -> np.ndarray:
     """uint8 [size] zeros, in memory or in a file without a name."""
-    if size <= _free() // FILE_SHARE:
+    if size <= (free_memory() or ASSUMED_FREE) // FILE_SHARE:
         memory = np.zeros(size + ALIGNED, np.uint8)
         start = -memory.ctypes.data % ALIGNED
         return memory[start : start + size]

@@ -22,12 +22,12 @@ from scipy.spatial.transform import Rotation
 from console import UserError
 from console.json_text import read_json_file
 from training.scenes.colmap import scene_of
-from training.scenes.colmap_files import LARGEST_SIDE, OPENGL_FROM_OPENCV, Reconstruction
+from training.scenes.colmap_files import OPENGL_FROM_OPENCV, Reconstruction
 from training.scenes.files import FileFinder
 from training.scenes.lens import EQUIRECTANGULAR, FISHEYE, MODELS, PERSPECTIVE, Model
 from training.scenes.pictures import picture_size
 from training.scenes.poses import pose
-from training.scenes.scene import Camera, Scene
+from training.scenes.scene import Camera, Scene, camera_of
 from training.scenes.scene_options import SceneOptions
 from training.scenes.space import in_picture
 
@@ -65,16 +65,10 @@ def _camera(
     model: Model = PINHOLE, coefficients: Mapping[str, float] = MappingProxyType({}),
 ) -> Camera:  # fmt: skip
     """A camera; focal lengths and centre in pixels. UserError or ValueError where its pose or its lens make no sense."""
-    width, height = (float(side) for side in size)
-    numbers = _numbers([width, height, *focal, *centre, *coefficients.values()], -1)
-    good = 1 <= min(width, height) <= max(width, height) <= LARGEST_SIDE
-    if not good or (model.projection != EQUIRECTANGULAR and min(focal) <= 0):
-        found = ", ".join(f"{number:g}" for number in numbers)
-        raise ValueError(f"size and focal length of {name} must be positive numbers: {found}")
-    values = {"fx": float(focal[0]), "fy": float(focal[-1]), "cx": float(centre[0]), "cy": float(centre[1])}
-    intrinsics = model.intrinsics(values, width, height)
-    world_T_camera = pose(world_T_camera, f"{file} {name}")
-    return Camera(world_T_camera, round(width), round(height), *intrinsics, model.lens(coefficients))
+    named = {"fx": focal[0], "fy": focal[-1], "cx": centre[0], "cy": centre[1], **coefficients}
+    values = dict(zip(named, _numbers(list(named.values()), -1).tolist(), strict=True))
+    where = f"{file} {name}"
+    return camera_of(model, values, _numbers(size, 2).tolist(), pose(world_T_camera, where), where)
 
 
 def _reconstruction(cameras: Cameras, points: Any = (), colours: Any = (), seen: Any = None) -> Reconstruction:

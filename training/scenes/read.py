@@ -23,6 +23,7 @@ LEAST_FOCAL = 1e-3  # pixels; below, squares of the picture's own coordinates le
 PROBES = 5  # pixels along each side of a picture whose rays are tried
 AS_IT_IS = SceneOptions()
 LAYOUTS = (transforms, llff, colmap, programs)  # the more particular first: others keep COLMAP's files beside their own
+LOOKED_FOR = ", ".join(layout.LOOKED_FOR for layout in LAYOUTS)
 
 
 def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: Any) -> Scene:
@@ -33,20 +34,20 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
         what = "not a folder" if os.path.exists(path) else "no such folder"
         raise UserError(what, where=path, expected="a scene: a folder of photographs with camera poses")
     if not any(path.iterdir()):
-        raise UserError("the folder is empty", where=path, expected="a scene: " + _looked_for())
+        raise UserError("the folder is empty", where=path, expected="a scene: " + LOOKED_FOR)
     for layout in LAYOUTS:
         if layout.recognises(path):
             if options.up is not None and layout not in (colmap, programs):
                 raise UserError("the files say themselves what is up", where=UP, found=str(path),
                                 expected="a COLMAP scene, an export, or bare photographs", remedy="leave it out")  # fmt: skip
             with np.errstate(all="ignore"):  # what comes of numbers without a meaning is looked at below
-                scene = layout.read(path, options)
+                scene = replace(layout.read(path, options), notes=vars(options))
             _require_sound(scene)
             return scene if options.aabb is None else with_box(scene, options.aabb)
+    what, remedy = "no scene in this folder", None
     if any(file.suffix.lower() in PICTURE_SUFFIXES for folder in (path, path / "images") for file in folder.glob("*")):
-        raise UserError("photographs without camera poses", where=path, expected="one of: " + _looked_for(),
-                        remedy="snerg-make finds the poses of photographs and films")  # fmt: skip
-    raise UserError("no scene in this folder", where=path, expected="one of: " + _looked_for())
+        what, remedy = "photographs without camera poses", "snerg-make finds the poses of photographs and films"
+    raise UserError(what, where=path, expected="one of: " + LOOKED_FOR, remedy=remedy)
 
 
 def suggested_downscale(scene: Path, longest_side: int | None) -> int:
@@ -87,7 +88,3 @@ def _require_sound(scene: Scene) -> None:
     if not np.isfinite(numbers).all() or (scene.aabb[0] >= scene.aabb[1]).any() or not 0 <= scene.near < scene.far:
         raise UserError("the poses say nothing of where things are", where=scene.path, expected="a box and a range of depths",
                         found=f"{scene.near:.3g} to {scene.far:.3g}", remedy="check the poses")  # fmt: skip
-
-
-def _looked_for() -> str:
-    return ", ".join(layout.LOOKED_FOR for layout in LAYOUTS)

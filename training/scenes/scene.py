@@ -16,8 +16,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from console import UserError
 from scenepack.constants import NDC_NEAR
-from training.scenes.lens import Lens, directions_at, image_of, shows
+from training.scenes.lens import Lens, Model, directions_at, image_of, shows
 
 # What was photographed: cut out by alpha; from around, within a box or without an end; from one side.
 Kind = Literal["object", "surroundings", "unbounded", "forward"]
@@ -45,6 +46,21 @@ class Camera:
         return replace(self, width=width, height=height, **intrinsics)
 
 
+LARGEST_SIDE = 1e6  # pixels
+
+
+def camera_of(
+    model: Model, values: Mapping[str, float], size: Sequence[float], world_T_camera: np.ndarray, where: str
+) -> Camera:
+    """The camera with these values of a lens model's parameters, for pictures of that size. UserError where none makes sense."""
+    fx, fy, *centre = model.intrinsics(values, *size)
+    numbers = [*size, *values.values()]
+    if not np.isfinite(numbers).all() or min(fx, fy) <= 0 or not 1 <= min(size) <= max(size) <= LARGEST_SIDE:
+        found = ", ".join(f"{number:g}" for number in numbers)
+        raise UserError("size and focal length must be positive numbers", where=where, found=found)
+    return Camera(world_T_camera, round(size[0]), round(size[1]), fx, fy, *centre, model.lens(values))
+
+
 @dataclass(frozen=True)
 class Photograph:
     """One posed picture. load() decodes it: float32 [H, W, 4] in [0, 1], RGB not premultiplied, alpha 1 where opaque."""
@@ -68,12 +84,9 @@ def picture_stems(photographs: Sequence[Photograph]) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Scene:
-    """Posed photographs by split, and what a trainer must know of the space they show."""
+class Space:
+    """What a trainer must know of the space that photographs show."""
 
-    path: Path
-    kind: str  # "blender", "llff", "transforms", "colmap" or "program"
-    splits: Mapping[str, tuple[Photograph, ...]]
     near: float  # along the unit-length ray, as far; in NDC 0 and 1
     far: float
     aabb: np.ndarray  # float64 [2, 3]: the box that holds the content, in the training frame (NDC space where ndc)
@@ -82,6 +95,15 @@ class Scene:
     ndc_camera: tuple[int, int, float] | None = None  # width, height, focal length in pixels of the NDC warp
     contraction: float | None = None  # half the side of the cube about the origin beyond which space may be contracted
     disparity: bool = False  # whether samples are spread evenly in 1/t, as suits captures without a far end
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene(Space):
+    """Posed photographs by split, and the space they show."""
+
+    path: Path
+    kind: str  # "blender", "llff", "transforms", "colmap" or "program"
+    splits: Mapping[str, tuple[Photograph, ...]]
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)  # the colour behind everything, sRGB in [0, 1]
     held_out: str = ""  # what decided which photographs are held out, for messages; "" where none are
     notes: Mapping[str, object] = field(default_factory=dict)  # the SceneOptions that it was read with

@@ -23,7 +23,7 @@ from console import UserError
 from scenepack.constants import NDC_NEAR
 from training.scenes.lens import PERSPECTIVE, directions_at, projection_of
 from training.scenes.poses import axes_along, focus_point, mean_pose
-from training.scenes.scene import Camera, Photograph, camera_rays, ndc_rays, pixel_grid, pixels_of
+from training.scenes.scene import Camera, Photograph, Space, camera_rays, ndc_rays, pixel_grid, pixels_of
 
 # docs/format.md, "Coordinate frames": the pack's grid frame (y up) to a training frame whose z is up, and to NDC.
 WORLDSPACE_T_OPENGL = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
@@ -82,19 +82,6 @@ class PointCloud:
         return len(self.places) >= FEWEST_POINTS and sum(map(len, self.seen)) >= FEWEST_POINTS
 
 
-class Space(NamedTuple):
-    """What a Scene says of the space; see there."""
-
-    near: float
-    far: float
-    aabb: np.ndarray
-    worldspace_T_opengl: np.ndarray = WORLDSPACE_T_OPENGL
-    disparity: bool = True
-    ndc: bool = False
-    ndc_camera: tuple[int, int, float] | None = None
-    contraction: float | None = None
-
-
 # --- training frames --------------------------------------------------------------------------------------------------
 
 
@@ -151,14 +138,14 @@ def space_of_object(cameras: Sequence[Camera], *, opaque: bool) -> Space:
     origin, P = np.zeros(3), poses_of(cameras)
     inwards = looks_inwards(P)
     if _published_bounds_suit(cameras, origin) or not (inwards or opaque):
-        return Space(SYNTHETIC_NEAR, SYNTHETIC_FAR, cube(SYNTHETIC_HALF_SIDE), disparity=False)
+        return Space(SYNTHETIC_NEAR, SYNTHETIC_FAR, cube(SYNTHETIC_HALF_SIDE), WORLDSPACE_T_OPENGL)
     distances = np.linalg.norm(P[:, :3, 3], axis=-1)
     half = FRAMED_MARGIN * framed_half_side(cameras, origin)
     if not inwards:
         half = OUTWARD_HALF_SIDE * (float(distances.mean()) or 1.0)
     reach = float(np.sqrt(3.0) * half)
     near = max(float(distances.min()) - reach, NEAREST * SYNTHETIC_DISTANCE)
-    return Space(near, float(distances.max()) + reach, cube(half), disparity=False)
+    return Space(near, float(distances.max()) + reach, cube(half), WORLDSPACE_T_OPENGL)
 
 
 def space_of_bounds(photographs: Sequence[Photograph], bounds: np.ndarray, *, opaque: bool) -> Space:
@@ -168,7 +155,8 @@ def space_of_bounds(photographs: Sequence[Photograph], bounds: np.ndarray, *, op
     framed = (np.linalg.norm(poses_of(cameras)[:, :3, 3], axis=-1) * corners).max()
     near = float(np.clip(0.9 * bounds.min(), 0.05, NEAR_360))
     far, inner = max(FAR_360, float(bounds.max())), INNER if opaque else None
-    return Space(near, far, cube(min(HALF_SIDE_360, float(framed))), contraction=inner)
+    box = cube(min(HALF_SIDE_360, float(framed)))
+    return Space(near, far, box, WORLDSPACE_T_OPENGL, contraction=inner, disparity=True)
 
 
 def space_of_capture(
@@ -190,7 +178,8 @@ def space_of_capture(
         box = cube(OUTWARD_HALF_SIDE)
     else:
         box = cube(HALF_SIDE if opaque else min(HALF_SIDE, FRAMED_MARGIN * framed_half_side(cameras, np.zeros(3))))
-    return Space(near, far, box, contraction=INNER if opaque and inwards else None)
+    inner = INNER if opaque and inwards else None
+    return Space(near, far, box, WORLDSPACE_T_OPENGL, contraction=inner, disparity=True)
 
 
 def space_forward(photographs: Sequence[Photograph]) -> Space:
@@ -206,7 +195,7 @@ def space_forward(photographs: Sequence[Photograph]) -> Space:
         ends = np.concatenate([origins, origins + directions])
         low, high = np.minimum(low, ends.min((0, 1))), np.maximum(high, ends.max((0, 1)))
     aabb = np.stack([low, high])
-    return Space(0.0, 1.0, aabb, NDC_WORLDSPACE_T_OPENGL, disparity=False, ndc=True, ndc_camera=ndc_camera)
+    return Space(0.0, 1.0, aabb, NDC_WORLDSPACE_T_OPENGL, ndc=True, ndc_camera=ndc_camera)
 
 
 def nearest_depth(P: np.ndarray, points: PointCloud) -> float:
@@ -307,9 +296,7 @@ def _with_frames(box: np.ndarray, cameras: Sequence[Camera], points: PointCloud)
 
 def _quantiles(values: np.ndarray, weights: np.ndarray, shares: Sequence[float] = INLIERS) -> np.ndarray:
     """Quantiles [2] of weighted values [K]; by default their ends without outliers."""
-    order = np.argsort(values)
-    reached = np.cumsum(weights[order]) / weights.sum()
-    return values[order][np.minimum(np.searchsorted(reached, shares), len(values) - 1)]
+    return np.quantile(values, shares, weights=weights, method="inverted_cdf")
 
 
 def _not_forward(found: str) -> UserError:

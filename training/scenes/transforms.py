@@ -20,9 +20,10 @@ from training.scenes import space
 from training.scenes.files import FileFinder, clean_name, few, find_masks, notice, without_suffix
 from training.scenes.lens import EQUIRECTANGULAR, FISHEYE, MODELS, PERSPECTIVE
 from training.scenes.photographs import moved, photograph_of, tell_turned
+from training.scenes.pictures import PictureLoader
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import finite_numbers, pose
-from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Photograph, Scene, hold_out
+from training.scenes.scene import HELD_OUT_BY_NAME, Camera, Photograph, Scene, camera_of, hold_out
 from training.scenes.scene_options import SceneOptions
 from training.scenes.space import Frame, PointCloud
 
@@ -54,16 +55,13 @@ def read_camera(world_T_camera: np.ndarray, values: dict[str, Any], size: tuple[
         raise UserError("this lens model is not supported", where=where, expected=", ".join(LENSES),
                         found=", ".join([str(name)[:40], *others]), remedy="undistort the pictures first")  # fmt: skip
     width, height = (number(values, key, where, float(side)) for key, side in zip("wh", size, strict=True))
-    if min(width, height) < 1:
-        raise UserError("w and h must be pixels, at least 1", where=where, found=f"{width:g}x{height:g}")
     named = {name: number(values, key, where, 0.0) for name, key in keys.items()}
     named |= {"cx": number(values, "cx", where, width / 2), "cy": number(values, "cy", where, height / 2)}
     if model.projection != EQUIRECTANGULAR:
         is_flat = model.projection == PERSPECTIVE
         lengths = {key: value for key, value in values.items() if is_flat or key in ("fl_x", "fl_y")}
         named["fx"], named["fy"] = _focal_lengths(lengths, width, height, where)
-    intrinsics = model.intrinsics(named, width, height)
-    return Camera(world_T_camera, round(width), round(height), *intrinsics, model.lens(named))
+    return camera_of(model, named, (width, height), world_T_camera, where)
 
 
 def _focal_lengths(values: dict[str, Any], width: float, height: float, where: str) -> tuple[float, float]:
@@ -81,8 +79,6 @@ def _focal_lengths(values: dict[str, Any], width: float, height: float, where: s
     if not found:
         expected = "fl_x, or of a perspective lens camera_angle_x"
         raise UserError("no focal length", where=where, expected=expected, found="neither")
-    if min(found) <= 0:
-        raise UserError("the focal length must be positive", where=where, found=f"{found[0]:g}, {found[-1]:g}")
     return found[0], found[-1]
 
 
@@ -159,7 +155,7 @@ def _read_synthetic(path: Path, options: SceneOptions) -> Scene:
     cameras = [photograph.camera for photograph in splits["train"]]
     found = space.space_of_object(cameras, opaque=not may_be_transparent(splits["train"]))
     held_out = "as transforms_test.json lists them" if "test" in splits else ""
-    return Scene(path=path, kind="blender", splits=splits, held_out=held_out, notes=vars(options), **found._asdict())
+    return Scene(**vars(found), path=path, kind="blender", splits=splits, held_out=held_out)
 
 
 def _read_capture(path: Path, options: SceneOptions) -> Scene:
@@ -178,7 +174,7 @@ def _read_capture(path: Path, options: SceneOptions) -> Scene:
     if file_box is not None and points is None and not ((file_box[0] < 0).all() and (file_box[1] > 0).all()):
         notice(description, "its aabb, scale and offset name a box that the cameras do not look at, which is not used")
     splits, held_out = _split(description, document, photographs)
-    return Scene(path=path, kind="transforms", splits=splits, held_out=held_out, notes=vars(options), **found._asdict())
+    return Scene(**vars(found), path=path, kind="transforms", splits=splits, held_out=held_out)
 
 
 class _NothingThere(UserError):
@@ -189,10 +185,8 @@ def _read_json(path: Path) -> dict[str, Any]:
     """The object in a JSON file. UserError where there is none, naming line and column."""
     try:
         document = read_json_file(path)
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         raise UserError("not JSON", where=path, found=error) from error
-    except OSError as error:
-        raise UserError("cannot be read", where=path, found=str(error)) from error
     if not isinstance(document, dict):
         raise UserError("not a scene description", where=path, expected="an object", found=type(document).__name__)
     return document
@@ -259,6 +253,7 @@ def _photographs(path: Path, description: Path, frames: list[_Frame], options: S
         one = photograph_of(frame.name, frame.picture, read, mask, 1, options.downscale, None if own_shape else shape)
         photographs.append(one)
         if not own_shape:  # one focal length without a size is of pictures of one shape
+            assert isinstance(one.load, PictureLoader)
             shape = shape or one.load.source_size
     tell_turned(description, photographs)
     return tuple(photographs)

@@ -226,7 +226,7 @@ def test_pictures_and_points_are_those_of_the_other_engine(trained: Trained) -> 
     np.testing.assert_allclose(engine.values_at(state, points), other.values_at(copied, points), rtol=2e-4, atol=1e-5)
     rays = dataset.geometry_at(jnp.arange(0, dataset.count, 37))
     ours, theirs = engine.render(state, rays), other.render(copied, rays)
-    for name in ("rgb", "features", "alpha"):
+    for name in ("rgb", "alpha"):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=2e-3)
     assert cells_of(state).occupied.sum() > 0
 

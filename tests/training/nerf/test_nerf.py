@@ -71,7 +71,7 @@ def test_every_preset_learns_and_gradients_reach_every_parameter(procedural_scen
     update: Any = method._update
     assert np.mean(losses[-10:]) < 0.7 * np.mean(losses[:5]) and update._cache_size() == 1
     picture = method.render(state, dataset.view_rays(procedural_scene.splits["test"][0].camera))
-    assert np.isfinite(np.asarray(picture.rgb)).all() and picture.features.shape[-1] == 4
+    assert np.isfinite(np.asarray(picture.rgb)).all() and picture.alpha.shape == picture.rgb.shape[:1]
     assert (method.view_mlp(state) is not None) == (view == "deferred")
 
 

@@ -91,7 +91,9 @@ def test_where_a_lens_shows_nothing_rays_end_at_once_in_training_and_in_evaluati
     assert shown[radius < 0.84].all() and not shown[radius > 0.87].any()
     photograph = Photograph("only", camera, lambda: np.ones((40, 40, 4), np.float32))
     box = np.array([[-1.0] * 3, [1.0] * 3])
-    dataset = make_dataset(Scene(Path("here"), "made", {"train": (photograph,)}, 2.0, 6.0, box, np.eye(4)))
+    dataset = make_dataset(
+        Scene(2.0, 6.0, box, np.eye(4), path=Path("here"), kind="made", splits={"train": (photograph,)})
+    )
     for rays in (dataset.geometry_at(jnp.arange(1600)), dataset.view_rays(camera)):
         ends_at_once = np.asarray(rays.near >= rays.far).reshape(40, 40)
         assert ends_at_once[radius > 0.87].all() and not ends_at_once[radius < 0.84].any()

@@ -83,7 +83,7 @@ class Scratch(NamedTuple):
     behind: np.ndarray  # of each ray
     next_k: np.ndarray  # k of its next sample
     alive: np.ndarray
-    depth: np.ndarray
+    of_behind: np.ndarray  # what lies behind a sample, times its slopes
     sums: np.ndarray  # [., 8]: unused, colours, features
     ray_slopes: np.ndarray  # of these
     ray_sums: np.ndarray  # float64 [4, .]
@@ -128,10 +128,10 @@ def evaluate(field, largest_raw, scratch, begin, end):
 
 @kernel
 def forward(low, high, grid, field, batch, numbers, scratch):
-    """Samples of rays low … high - 1 and what the rays gather: sums, behind, depth. The number of samples, with
+    """Samples of rays low … high - 1 and what the rays gather: sums, behind. The number of samples, with
     padding; -1 where the capacity does not suffice."""
     for r in range(high - low):
-        scratch.behind[r], scratch.next_k[r], scratch.depth[r] = np.float32(1.0), 0, np.float32(0.0)
+        scratch.behind[r], scratch.next_k[r] = np.float32(1.0), 0
         scratch.alive[r] = batch.start[low + r] < batch.end[low + r]
     sums = scratch.sums
     sums[:] = np.float32(0.0)
@@ -160,7 +160,6 @@ def forward(low, high, grid, field, batch, numbers, scratch):
             after = before - weight
             scratch.weight[n], scratch.light[n], scratch.behind[r] = weight, max(after, np.float32(1e-30)), after
             scratch.alive[r] = scratch.alive[r] and after >= numbers.least_light
-            scratch.depth[r] += weight * scratch.t[n]
             add_to_row(sums, 2 * r, weight, scratch.raw, n * OUTPUTS)
             add_to_row(sums, 2 * r + 1, weight, scratch.raw, n * OUTPUTS + FEATURES)
         begin, wave = end, LATER_WAVES
@@ -201,7 +200,7 @@ def _pull_together(low, count, batch, numbers, scratch, metrics):
 @kernel
 def _slopes_of_raw(low, high, count, batch, numbers, scratch, metrics):
     """scratch.slopes [., 8] = dL/draw from dL/d what each ray gathered, ray_slopes [CHUNK, 8]: T behind it, then 7 sums."""
-    behind, ray_slopes = scratch.depth, scratch.ray_slopes  # depths are not needed any more
+    behind, ray_slopes = scratch.of_behind, scratch.ray_slopes
     product, logs = scratch.ray_sums[0], scratch.ray_sums[1]  # of each ray's 1 + (density² / scale)
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     largest = np.exp(numbers.largest_raw) * np.float32(0.9999)
@@ -384,14 +383,14 @@ def smooth_chunk(chunk, part, pairs, low, high, scale, field, numbers, scratch, 
 
 @kernel
 def gather_chunk(chunk, grid, field, batch, numbers, scratch, gathered):
-    """gathered [N, 9] of a chunk's rays: see training.multires.field.composite. Whether the capacity sufficed."""
+    """gathered [N, 8] of a chunk's rays: see training.multires.field.composite. Whether the capacity sufficed."""
     low, high = chunk * CHUNK, min((chunk + 1) * CHUNK, batch.start.shape[0])
     if forward(low, high, grid, field, batch, numbers, scratch) < 0:
         return False
     for r in range(high - low):
         for c in range(7):
             gathered[low + r, c] = scratch.sums[r * OUTPUTS + c + 1]
-        gathered[low + r, 7], gathered[low + r, 8] = scratch.behind[r], scratch.depth[r]
+        gathered[low + r, 7] = scratch.behind[r]
     return True
 
 

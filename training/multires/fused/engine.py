@@ -14,9 +14,8 @@ import numpy as np
 
 from scenepack.constants import TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP
 from training.dataset import RayDataset, evenly_spread
-from training.marching import GridBox, to_grid
 from training.method import Rays, RenderOutput
-from training.multires.field import HIDDEN, decoder_size, finished, inputs_of, shade, split_parameters
+from training.multires.field import HIDDEN, decoder_size, inputs_of, shade, split_parameters
 from training.multires.fused import view_mlp as mlp
 from training.multires.fused.chunk import (
     CHUNK,
@@ -205,7 +204,7 @@ class FusedEngine:
 
     def render(self, state: State, rays: Rays) -> RenderOutput:
         origins, directions, near, far = (np.asarray(a) for a in (rays.origins, rays.directions, rays.near, rays.far))
-        box, gathered, contraction = state.box, np.empty((len(near), 9), np.float32), self.photographs.contraction
+        box, gathered, contraction = state.box, np.empty((len(near), 8), np.float32), self.photographs.contraction
         for low in range(0, len(near), RENDERED_TOGETHER):
             some = slice(low, low + RENDERED_TOGETHER)
             batch = empty_batch(len(near[some]), contraction)
@@ -217,10 +216,10 @@ class FusedEngine:
         background = jnp.asarray(self.settings.background, jnp.float32)
         view_mlp = view_mlp if self.settings.own.view_dependence else None
         output = shade(jnp.asarray(gathered), view_mlp, rays.viewdirs, background)
-        return finished(output, to_grid(GridBox(*box, contraction or None), rays))
+        return output._replace(rgb=jnp.clip(output.rgb, 0, 1))
 
     def _gather(self, state: State, batch: Batch) -> np.ndarray:
-        gathered, chunks = np.empty((len(batch.start), 9), np.float32), -(-len(batch.start) // CHUNK)
+        gathered, chunks = np.empty((len(batch.start), 8), np.float32), -(-len(batch.start) // CHUNK)
         grid, field = self._derived(state)[0], self._field(state)
         numbers, suffices = self._numbers(state), np.zeros(chunks, bool)
         capacity = int(CHUNK * (self._spare * state.samples_per_ray + SPARE[1]))
