@@ -13,6 +13,7 @@ from tests.training.test_captures import circle, complaint, everyone, write_tran
 from tools.pose_error import similarity
 from training.scenes import load_scene
 from training.scenes.colmap_files import read_reconstruction
+from training.scenes.pictures import PictureLoader
 from training.scenes.scene import Scene, camera_rays
 from training.scenes.space import poses_of
 
@@ -118,6 +119,7 @@ def test_shrunk_pictures_are_taken_where_they_are_what_they_say(tmp_path):
             save_picture(path / folder / f"{'left' if index % 2 else 'right'}/{index:02d}.jpg", size, index)
     for downscale, size, source in ((1, SIZE, "images"), (2, (24, 18), "images_2"), (4, (12, 9), "images_2")):
         photograph = load_scene(path, downscale=downscale).splits["train"][0]
+        assert isinstance(photograph.load, PictureLoader)
         assert photograph.load.path.relative_to(path).parts[0] == source
         assert photograph.load().shape[1::-1] == (photograph.camera.width, photograph.camera.height) == size
     shutil.rmtree(path / "images")

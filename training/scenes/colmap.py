@@ -47,9 +47,9 @@ def scene_of(
     masks = masks_of(path, factor, names) if options.masks else [None] * len(names)
     described = zip(names, pictures, found.cameras, masks, strict=True)
     photographs = photographs_of(path, described, factor, options.downscale)
-    photographs, found = _placed(path, found, photographs, options)
+    photographs, space = _placed(path, found, photographs, options)
     kind = "colmap" if recognises(path) else "program"
-    return Scene(**vars(found), path=path, kind=kind, splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME)
+    return Scene(**vars(space), path=path, kind=kind, splits=hold_out(photographs), held_out=HELD_OUT_BY_NAME)
 
 
 def reconstruction_of(path: Path) -> Reconstruction:

@@ -67,8 +67,8 @@ def _camera(
     """A camera; focal lengths and centre in pixels. UserError or ValueError where its pose or its lens make no sense."""
     named = {"fx": focal[0], "fy": focal[-1], "cx": centre[0], "cy": centre[1], **coefficients}
     values = dict(zip(named, _numbers(list(named.values()), -1).tolist(), strict=True))
-    where = f"{file} {name}"
-    return camera_of(model, values, _numbers(size, 2).tolist(), pose(world_T_camera, where), where)
+    where, (width, height) = f"{file} {name}", _numbers(size, 2).tolist()
+    return camera_of(model, values, (width, height), pose(world_T_camera, where), where)
 
 
 def _reconstruction(cameras: Cameras, points: Any = (), colours: Any = (), seen: Any = None) -> Reconstruction:

@@ -50,15 +50,15 @@ LARGEST_SIDE = 1e6  # pixels
 
 
 def camera_of(
-    model: Model, values: Mapping[str, float], size: Sequence[float], world_T_camera: np.ndarray, where: str
+    model: Model, values: Mapping[str, float], size: tuple[float, float], world_T_camera: np.ndarray, where: str
 ) -> Camera:
     """The camera with these values of a lens model's parameters, for pictures of that size. UserError where none makes sense."""
-    fx, fy, *centre = model.intrinsics(values, *size)
+    fx, fy, cx, cy = model.intrinsics(values, *size)
     numbers = [*size, *values.values()]
     if not np.isfinite(numbers).all() or min(fx, fy) <= 0 or not 1 <= min(size) <= max(size) <= LARGEST_SIDE:
         found = ", ".join(f"{number:g}" for number in numbers)
         raise UserError("size and focal length must be positive numbers", where=where, found=found)
-    return Camera(world_T_camera, round(size[0]), round(size[1]), fx, fy, *centre, model.lens(values))
+    return Camera(world_T_camera, round(size[0]), round(size[1]), fx, fy, cx, cy, model.lens(values))
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ def test_known_points_are_seen_where_the_export_says(tmp_path: Path, name: str):
     for photograph, P in zip(photographs, POSES, strict=True):
         pixels, _ = pixels_of(photograph.camera, scale * POINTS @ R.T + offset)
         np.testing.assert_allclose(pixels, expected_pixels(P, name), atol=1e-4)
-    assert photograph.load().shape == (HIGH, WIDE, 4)
+    assert photographs[0].load().shape == (HIGH, WIDE, 4)
 
 
 def exported(path: Path) -> list[Path]:

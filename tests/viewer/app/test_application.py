@@ -30,8 +30,6 @@ from viewer.rendering.settings import MODES
 class FakeCanvas(Canvas):
     """Remembers what it was told to show. refuse: a reason to refuse packs."""
 
-    gpu_bytes = gpu_bytes_by_use = refines = property(lambda self: 0)
-
     def __init__(self, refuse: str = "") -> None:
         self.shown, self.refuse, self.renderer = [], refuse, None
 
@@ -45,6 +43,18 @@ class FakeCanvas(Canvas):
 
     def show_other(self, pack):
         pass
+
+    @property
+    def gpu_bytes(self) -> int:
+        return 0
+
+    @property
+    def gpu_bytes_by_use(self) -> dict[str, int]:
+        return {}
+
+    @property
+    def refines(self) -> bool:
+        return False
 
     def snapshot(self, camera, settings):
         return np.full((camera.height, camera.width, 3), 40, np.uint8)

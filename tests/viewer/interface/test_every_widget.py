@@ -106,8 +106,9 @@ class Hand:
     def press(self, name: Name) -> None:
         """Clicks a widget, which must say that it was pressed; once more where the click closed a list that was open, or the
         widget moved from under the mouse."""
+        each = self.scroll_to(name)
         for _ in range(3):
-            self.ui.io.add_mouse_pos_event(*self.scroll_to(name).at)
+            self.ui.io.add_mouse_pos_event(*each.at)
             self.settle()  # what appears under the mouse may move it
             each, open_before = self.scroll_to(name), self.popup
             self.watch.pressed.clear()

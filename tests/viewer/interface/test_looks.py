@@ -65,7 +65,8 @@ def test_the_theme_and_the_size_change_at_once_and_are_remembered(offscreen, app
     assert (again.interface.theme, again.interface.scale) == ("light", 1.5)
     assert again.settings.background == (0.0, 0.0, 0.0)
     app.set(background=(1.0, 1.0, 1.0))
-    app.run("usual-size"), app.run("theme")
+    app.run("usual-size")
+    app.run("theme")
     ui.settle()
     assert abs(ui.picture().astype(int) - dark)[:40].mean() < 1
     for _ in range(20):

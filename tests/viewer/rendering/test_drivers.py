@@ -80,7 +80,8 @@ def test_other_threads_run_while_a_picture_is_drawn(ctx, shapes):
     with OffscreenRenderer(shapes, "brute", ctx) as renderer:
         target = renderer.framebuffer(camera.width, camera.height)
         draw = partial(renderer.renderer.render, target, camera, settings)
-        draw(), ctx.finish()
+        draw()
+        ctx.finish()
         # where moderngl gives the lock away, the module can go
         assert wakings_meanwhile(lambda: (draw(), ctx.finish())) < 5
         assert wakings_meanwhile(lambda: GpuClock(ctx).time(draw)) > 15

@@ -33,7 +33,8 @@ def served(files: Mapping[str, bytes]) -> Iterator[PageServer]:
 
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    executable() or installed("chromium")
+    if not executable():
+        installed("chromium")
     with Browser(tmp_path_factory.mktemp("chromium")) as one:
         yield one
 

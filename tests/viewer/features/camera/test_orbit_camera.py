@@ -1,7 +1,7 @@
 """What hands do to the camera."""
 
-from collections.abc import Callable
 from functools import cache
+from types import MethodType
 
 import numpy as np
 import pytest
@@ -40,10 +40,11 @@ def under(camera: ViewCamera, x: float, y: float, depth: float) -> np.ndarray:
     return camera.position + camera.grid_T_camera[:3, :3] @ (depth * ray)
 
 
-def at_once(move: Callable[..., None], *words: object) -> None:
+def at_once(move: MethodType, *words: object) -> None:
     """Calls a method of an OrbitCamera that moves it, and has it arrive."""
     move(*words)
     rig = move.__self__
+    assert isinstance(rig, OrbitCamera)
     rig.shown = rig.goal
 
 

@@ -51,7 +51,8 @@ def test_the_next_and_the_previous_pack_go_round_and_closing_shows_the_pack_befo
     assert seen == "abcacbac"
     three.run("close")
     assert names(three) == "ba"
-    three.run("close"), three.run("close")
+    three.run("close")
+    three.run("close")
     assert three.scene is None and not three.open_packs.packs
 
 
@@ -135,7 +136,8 @@ def test_a_typed_folder_shows_what_of_it_can_be_opened_and_enter_looks_into_a_pl
     open_prompt.type(f"{shelf}/plain/nothing")
     assert open_prompt.take() is None and "nothing" in open_prompt.problem
     open_prompt.type(f"{shelf}/a")
-    open_prompt.step(1), open_prompt.step(5)
+    open_prompt.step(1)
+    open_prompt.step(5)
     assert open_prompt.picked == 1
     open_prompt.step(-9)
     assert open_prompt.picked is None
