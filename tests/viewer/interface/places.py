@@ -171,7 +171,7 @@ def _erased(app: App, scenes: Scenes) -> None:
 
 
 def _ask_for(kind: Literal["open", "save"]) -> Prepare:
-    return lambda app, scenes: setattr(app, "file_request", FileRequest("Choose", kind, lambda path: None))
+    return lambda app, scenes: setattr(app, "file_request", FileRequest("Save the path", kind, lambda path: None))
 
 
 BUTTONS = (("Keep going", ""), ("Stop and quit", "stop-and-quit"))
