@@ -15,7 +15,7 @@ LANGUAGES = {"en": "English", "de": "Deutsch", "ja": "日本語"}
 LETTERS = {"ja": "あ漢"}  # that a font must have
 FIELD = re.compile(r"\{(\d*)\}")
 _ICONS = re.compile(r"([\ue000-\uf8ff\s]|\+\s)*")  # that of a plus is a plus
-_SENTENCES = re.compile(r"(?<=[.:!?]) +")
+_SENTENCES = re.compile(r"(?<=[.:!?…]) +")
 
 _language = "en"
 _exact: dict[str, str] = {}
@@ -56,11 +56,12 @@ def translated(text: str) -> str:
     icons = _ICONS.match(shown)
     start = icons.end() if icons is not None else 0
     body = shown[start:].rstrip()
-    found = _found(body)
-    if found is None:  # several sentences, or a title and its keys
-        parts = _SENTENCES.split(body) if "  (" not in body else body.split("  (", 1)
-        known = [_found(part) for part in parts]
-        if len(parts) < 2 or not any(known):
+    parts = _SENTENCES.split(body) if "  (" not in body else body.split("  (", 1)  # sentences, or a title and its keys
+    found, known = _exact.get(body), [_found(part) for part in parts]
+    if found is None and (len(parts) == 1 or None in known):
+        found = _found(body)
+    if found is None:
+        if not any(known):
             return text
         joint = "  (" if "  (" in body else "" if _language == "ja" else " "
         found = joint.join(part if other is None else other for part, other in zip(parts, known, strict=True))
@@ -73,5 +74,5 @@ def _found(text: str) -> str | None:
     for pattern, translation in _templates:
         match = pattern.fullmatch(text)
         if match is not None:
-            return translation.format(*(_exact.get(field, field) for field in match.groups()))
+            return translation.format(*(_found(field) or field for field in match.groups()))
     return None

@@ -56,6 +56,8 @@ def test_fields_and_formats_of_a_translation_are_those_of_the_text(name: str) ->
      ("Saved a.png", "a.png gespeichert"), ("Writing a.mp4, 3 s left", "a.mp4 wird geschrieben, noch 3 s"),
      ("Play  (P)", "Abspielen  (P)"), ("Paint on surfaces. Esc stops.", "Auf Flächen malen. Esc beendet."),
      ("A film of 4 seconds through 3 views", "Ein Film von 4 Sekunden durch 3 Ansichten"),
+     ("Reading the photographs… It needs up to 3 GB of memory and 1 GB on the disk.",
+      "Die Fotos werden gelesen… Es braucht bis zu 3 GB Speicher und 1 GB auf der Platte."),
      ("“Undo” failed", "„Rückgängig“ ist fehlgeschlagen"), ("##rail", "##rail"), ("my scene", "my scene"), ("", "")],
 )  # fmt: skip
 def test_what_is_drawn_is_looked_up_without_icons_and_ids(english: str, german: str) -> None:
