@@ -25,9 +25,8 @@ from scenepack.placement import placed_T_grid
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 Place = tuple[int, int, int]
-Keep = (
-    Literal["all", "largest"] | float
-)  # components of a surface: all, the largest, or those with this share of its area
+# Components of a surface: all, the largest, or those with this share of its area
+Keep = Literal["all", "largest"] | float
 
 
 class Field:
