@@ -155,6 +155,12 @@ def _unwrapped(docstring: str) -> str:
     return "\n".join(lines)
 
 
+# What tyro says of a value that none of an option's types takes: the option, its types but None, and the value.
+_OF_SEVERAL_TYPES = re.compile(
+    r"error parsing (\S+): no type matching (?:\{None\}\|)?(\S+) could be instantiated from \['?(.*?)'?\]; got errors.*"
+)
+
+
 def _unboxed(text: str) -> str:
     """tyro's complaint about arguments as one line, without its frame, help texts and pointers to --help."""
     sections: list[list[str]] = [[]]
@@ -174,7 +180,10 @@ def _unboxed(text: str) -> str:
             sections[-1].append(inner + ("," if indent == 4 else ""))
     lines = [" ".join(section).rstrip(" .,") for section in sections if section]
     lines = [line[:1].lower() + line[1:] for line in lines]
-    return "; ".join(lines) or "the arguments do not fit"
+    line = "; ".join(lines) or "the arguments do not fit"
+    return _OF_SEVERAL_TYPES.sub(
+        lambda found: str(UserError("is not understood", where=found[1], expected=found[2], found=found[3])), line
+    )
 
 
 # --- Values that options of several commands have ---

@@ -80,7 +80,8 @@ def test_what_cannot_end_well_is_refused_before_the_work(command, words, expecte
         ("export a.ply", "--kind"), ("export a.glb --kind points", "cannot hold points"),
         ("export a.spz --kind mesh", "cannot hold mesh"), ("export a.spz --scale 1e8", "--scale"),
         ("export mesh.ply --level 2", "--level"), ("export mesh.ply --coarser 5", "1, 2, 3, 6"),
-        ("export mesh.ply --keep most", "--keep: no type matching"), ("export mesh.ply --crop 5,5,5,6,6,6", "nothing to export"),
+        ("export mesh.ply --keep most", "--keep: is not understood (expected {all,largest}|FLOAT, found most)"),
+        ("export mesh.ply --crop 5,5,5,6,6,6", "nothing to export"),
         ("export points.ply --spacing 0", "--spacing"),
     ],
 )  # fmt: skip

@@ -110,7 +110,7 @@ def writers(target: Path, count: int = 1, *more: str) -> Iterator[list[subproces
 
 
 def go_on(*children: subprocess.Popen[str]) -> list[str]:
-    """Lets all of them go on, and only then hears what each says."""
+    """Sends each process a line, so that all go on at once; then reads the answer of each."""
     for child in children:
         assert child.stdin is not None
         print(file=child.stdin, flush=True)

@@ -14,7 +14,7 @@ from tests.scenepack.volumes import BLENDER_FRAME, NDC_FRAME, cube_pack
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.scenes import photographed
 from tests.viewer.screen import NoScreen, virtual_screen
-from tests.viewer.waiting import there
+from tests.viewer.waiting import not_none
 from viewer.app.application import App
 from viewer.core.files import demo_pack
 from viewer.features.making import survey
@@ -90,7 +90,7 @@ def nothing_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def demo() -> Path:
     """The bundled pack."""
-    return there(demo_pack())
+    return not_none(demo_pack())
 
 
 @pytest.fixture

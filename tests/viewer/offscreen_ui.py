@@ -7,7 +7,7 @@ import moderngl
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from tests.viewer.waiting import there
+from tests.viewer.waiting import not_none
 from tests.viewer.window.widgets_seen import Seen, watch
 from viewer.app.application import App
 from viewer.app.frame import is_waiting, unfinished
@@ -134,7 +134,7 @@ class OffscreenUi:
 
     def place_of(self, point: Sequence[float]) -> tuple[float, float]:
         """Where a point of the scene (grid frame) is in the window, units."""
-        pixels, ahead = project(there(self.app.camera()), np.array([point]))
+        pixels, ahead = project(not_none(self.app.camera()), np.array([point]))
         assert ahead[0]
         x, y = (pixels[0] / self.density).tolist()
         return self.app.viewport.x + x, self.app.viewport.y + y

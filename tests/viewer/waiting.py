@@ -10,8 +10,8 @@ LONGEST_S = 120.0
 T = TypeVar("T")
 
 
-def there(thing: T | None) -> T:
-    """What is there, and not None."""
+def not_none(thing: T | None) -> T:
+    """`thing`, which must not be None; type checkers then know that it is not."""
     assert thing is not None
     return thing
 

@@ -66,9 +66,8 @@ class GpuScene:
         self.hull: moderngl.Buffer | None = None  # its triangles' corners, where the layout has them and there are any
         self._atlases: list[tuple[str, moderngl.Texture3D, tuple[Part, ...]]] = []  # and what lies side by side in x
         self._arrived = np.zeros(self.slots[2], bool)  # layers of slots
-        while (
-            ctx.error != "GL_NO_ERROR"
-        ):  # somebody else's, from before; some drivers leave them from the context's creation
+        # Earlier errors of others; some drivers leave one when the context is created
+        while ctx.error != "GL_NO_ERROR":
             pass
         taken_before = software.huge_pages() if software.software_draws(ctx) else None
         self.arriving: Iterator[None] | None = self._fill(taken_before)  # its steps; None once all is there

@@ -44,7 +44,7 @@ class Sheet:
         self.boxes: dict[int, Box] = {}  # x, y, width, height by index of each picture that has arrived
 
     def put(self, index: int, picture: np.ndarray) -> None:
-        """Takes a picture, uint8 [h, w, 3], of which there is room for `cell` pixels a side. Any thread may call it."""
+        """Stores a picture, uint8 [h, w, 3], cut to `cell` pixels a side. Any thread may call it."""
         picture = picture[: self.cell, : self.cell]
         height, width = picture.shape[:2]
         x, y = index % self.columns * self.cell, index // self.columns * self.cell

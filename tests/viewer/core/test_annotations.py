@@ -13,7 +13,7 @@ import pytest
 
 from scenepack import Pack, load_pack, save_pack
 from scenepack.placement import NOT_MOVED
-from tests.viewer.waiting import there, until
+from tests.viewer.waiting import not_none, until
 from viewer.app.application import App
 from viewer.core.annotations import (
     Annotations,
@@ -93,7 +93,7 @@ def opened(path: Path, user: Path) -> App:
 
 def keep(app: App, annotations: Annotations) -> None:
     app.annotations.change(app, annotations)
-    until(lambda: app.tick(0.01) or there(app.annotations._autosave).saved == annotations)
+    until(lambda: app.tick(0.01) or not_none(app.annotations._autosave).saved == annotations)
     app.annotations.close_pack()
 
 
@@ -159,7 +159,7 @@ def test_marks_that_cannot_be_written_are_told_once(own: Path, tmp_path: Path):
     keep_told = []
     for factor in (2.0, 3.0):
         app.annotations.change(app, Annotations(Scale(factor, "m")))
-        autosave = there(app.annotations._autosave)
+        autosave = not_none(app.annotations._autosave)
         until(lambda: app.tick(0.01) or (autosave.saved == app.annotations.current and not autosave.writing))  # noqa: B023
         app.tick(0.01)
         keep_told.append(sum("not saved" in line.text for line in app.messages.lines))

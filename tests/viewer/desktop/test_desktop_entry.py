@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from tests.viewer.waiting import there
+from tests.viewer.waiting import not_none
 from viewer.commands.view import main
 from viewer.desktop import desktop_entry
 
@@ -69,8 +69,8 @@ def test_icon_and_types_are_xml_and_packs_are_told_by_their_first_bytes(data, de
     assert icon.tag.endswith("svg") and len(icon) == 7
     types = ElementTree.parse(data / desktop_entry.TYPES).getroot()
     name = "{http://www.freedesktop.org/standards/shared-mime-info}"
-    outer = there(types.find(f"{name}mime-type/{name}magic/{name}match"))
-    inner = there(outer.find(f"{name}match")).attrib
+    outer = not_none(types.find(f"{name}mime-type/{name}magic/{name}match"))
+    inner = not_none(outer.find(f"{name}match")).attrib
     head = demo.read_bytes()[:64]
     assert head[:4] == b"PK\x03\x04" and outer.get("value") == "PK\\003\\004"
     assert head[int(inner["offset"]) :].startswith(inner["value"].encode())

@@ -9,7 +9,7 @@ from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.interface.places import Scenes, child
 from tests.viewer.scenes import photographed
-from tests.viewer.waiting import there, until
+from tests.viewer.waiting import not_none, until
 from viewer.core import tasks
 from viewer.features.making import make_plan, making, survey
 from viewer.features.making.make_plan import Plan
@@ -25,7 +25,7 @@ def scenes(tmp_path_factory) -> Iterator[Scenes]:
     (folder / "scene" / "masks").mkdir()  # there is one more thing to choose
     save_pack(pack, folder / "toy")
     plan = Plan("scene", folder / "scene", folder / "scene-snerg", survey=Survey(folder / "scene"))
-    survey_read = there(plan.survey)
+    survey_read = not_none(plan.survey)
     until(lambda: survey_read.finished)
     survey_read.forward = True
     release, read = threading.Event(), opening.load_pack

@@ -14,7 +14,7 @@ from pathlib import Path
 import moderngl
 
 from tests.viewer.offscreen_ui import OffscreenUi
-from tests.viewer.waiting import there, until
+from tests.viewer.waiting import not_none, until
 from tools.fuzz.memory import resident, with_steady_memory
 from viewer.app.application import App
 
@@ -27,7 +27,7 @@ def open_descriptors() -> int:
 def open_and_look(ui: OffscreenUi, path: Path, *, other: bool = False) -> None:
     """Opens a pack from disk as a user does, and draws it."""
     ui.app.open(path, other=other)
-    until(lambda: there(ui.app.loading).finished)
+    until(lambda: not_none(ui.app.loading).finished)
     ui.frames(4)
     assert ui.app.scene is not None and not ui.app.messages.dialogs
 

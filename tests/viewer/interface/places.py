@@ -14,7 +14,7 @@ from console.progress_protocol import Report
 from scenepack import Pack
 from scenepack.editing import Selection
 from scenepack.placement import Placement
-from tests.viewer.waiting import there
+from tests.viewer.waiting import not_none
 from training.scenes.colmap import SparsePoints
 from viewer.app.application import App
 from viewer.core.annotations import Annotations, Bookmark, Kind, Measurement, Scale
@@ -162,7 +162,7 @@ def _bookmarked(app: App, scenes: Scenes) -> None:
         app.run(command)
         app.open_scene.rig.shown = app.open_scene.rig.goal
         app.run("bookmark")
-        app.bookmarks.edit(app, there(app.bookmarks.selected), name=name)
+        app.bookmarks.edit(app, not_none(app.bookmarks.selected), name=name)
 
 
 def _erased(app: App, scenes: Scenes) -> None:

@@ -13,7 +13,7 @@ from imgui_bundle import imgui
 
 from tests.viewer.interface.places import PLACES, WITHOUT_SCENE, Scenes
 from tests.viewer.offscreen_ui import OffscreenUi
-from tests.viewer.waiting import there, until
+from tests.viewer.waiting import not_none, until
 from tests.viewer.window.widgets_seen import Seen, Watch, inside, watch
 from viewer.app.application import App
 from viewer.core import widgets
@@ -194,7 +194,7 @@ def opening(app: App, scenes: Scenes) -> None:
 
 def exporting(app: App, scenes: Scenes) -> None:
     app.exporting.ask(app)
-    until(lambda: app.exporting.tick(app) or not there(app.exporting.preview).working)
+    until(lambda: app.exporting.tick(app) or not not_none(app.exporting.preview).working)
 
 
 failure, question, saving = PLACES["failure"], PLACES["question"], PLACES["path to save"]

@@ -8,7 +8,7 @@ import pytest
 
 from tests.reference_marcher import render_reference
 from tests.viewer.offscreen_ui import OffscreenUi
-from tests.viewer.waiting import there
+from tests.viewer.waiting import not_none
 from viewer.core import theme
 from viewer.features.display import panel as display_panel
 from viewer.features.display.display import backdrop
@@ -77,7 +77,7 @@ def test_the_theme_and_the_size_change_at_once_and_are_remembered(offscreen, app
 @pytest.mark.parametrize("style", ["gradient", "checker"])
 def test_a_backdrop_is_put_behind_by_opacity_after_all_shading(ctx, pack, style):
     camera = ViewCamera.orbit(pack, 35, 28, 2.9, fov_degrees=42, size=(60, 44))
-    behind_it = there(backdrop(style, "dark"))
+    behind_it = not_none(backdrop(style, "dark"))
     y, x = (np.mgrid[:44, :60] + 0.5 - np.array([22, 30])[:, None, None]) / 44
     first, second = np.array(behind_it.first), np.array(behind_it.second)
     share = y + 0.5 if style == "gradient" else (np.floor(40 * x) + np.floor(40 * y)) % 2
@@ -120,7 +120,7 @@ def ui(known_pack, offscreen, app, pack_folder):
 
 def test_the_numbers_of_the_depths_are_distances(ui, app):
     app.set(mode="depth")
-    legend = there(display_panel.legend_of(app))
+    legend = not_none(display_panel.legend_of(app))
     near, far = float(legend.low), float(legend.high)
     camera = app.camera()
     shades = ui.canvas.raw(camera, replace(app.settings, mode="depth"))[..., 0]
@@ -136,7 +136,7 @@ def test_the_numbers_of_the_depths_are_distances(ui, app):
 @pytest.mark.parametrize("mode", ["samples", "jumps"])
 def test_the_costs_have_a_scale_that_follows_the_slider(ui, app, mode):
     app.set(mode=mode, cost_scale=32.0)
-    legend = there(display_panel.legend_of(app))
+    legend = not_none(display_panel.legend_of(app))
     assert (legend.low, legend.middle, legend.high) == ("0", "16", "≥ 32") and "ray" in legend.unit
     counted = ui.canvas.raw(app.camera(), replace(app.settings, mode="normal", counts=True))
     shown = ui.canvas.raw(app.camera(), app.settings)[..., :3]

@@ -13,7 +13,7 @@ from tests.viewer.conftest import toy_pack
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.golden_variants import leave
 from tests.viewer.rendering.pictures import FAILURES
-from tests.viewer.waiting import there, until
+from tests.viewer.waiting import not_none, until
 from viewer.rendering import canvas as canvas_module
 from viewer.rendering.canvas import BLEND_S, REST_S
 from viewer.rendering.dynamic_resolution import DynamicResolution
@@ -123,7 +123,7 @@ def hold_against_camera(ui: OffscreenUi, hidden: slice = slice(0)) -> None:
 
     hidden: columns that something else covers.
     """
-    shown, expected = ui.scene_picture(), ui.canvas.snapshot(there(ui.app.viewport.camera), ui.app.settings)
+    shown, expected = ui.scene_picture(), ui.canvas.snapshot(not_none(ui.app.viewport.camera), ui.app.settings)
     seen = shape(shown)
     missing, added = shape(expected, -BLURRED) & ~seen, seen & ~shape(expected, BLURRED)
     for wrong in (missing, added):

@@ -21,7 +21,7 @@ from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.golden_variants import GOLDEN
 from tests.viewer.rendering.pictures import compare_with_golden, flip
 from tests.viewer.scenes import photographed
-from tests.viewer.waiting import there, until
+from tests.viewer.waiting import not_none, until
 from tools.procedural import write_procedural_scene
 from viewer.core.annotations import Annotations, Measurement, Scale
 from viewer.core.log import LogLine
@@ -198,7 +198,7 @@ def photographs(tmp_path_factory) -> Path:
 def plan_of(scene: Path) -> Plan:
     """How the scene would be made, with folders that are the same everywhere."""
     plan = Plan("scene", scene, Path("/scenes/still-snerg"), survey=Survey(scene))
-    until(lambda: there(plan.survey).finished)
+    until(lambda: not_none(plan.survey).finished)
     return plan
 
 

@@ -1,4 +1,4 @@
-"""Drivers: work-arounds for software rasterisers, what is told where OpenGL is too old, and numbers in shaders."""
+"""Drivers: work-arounds for software rasterisers, the message where OpenGL is too old, and constants in shaders."""
 
 import os
 import platform
@@ -87,7 +87,7 @@ def test_other_threads_run_while_a_picture_is_drawn(ctx, shapes):
         assert wakings_meanwhile(lambda: GpuClock(ctx).time(draw)) > 15
 
 
-# An OpenGL that is too old, or none, is refused with what is there, what is needed and what to do
+# Without OpenGL, or with one that is too old, the error names the version found, the one needed and a remedy
 
 
 OLD = "OpenGL 2.1 Mesa 20.0, drawn by Mesa Intel 965GM"

@@ -14,7 +14,7 @@ from tests.viewer.rendering.golden_variants import GOLDEN, VARIANTS, camera_for
 from tests.viewer.rendering.pictures import compare_with_golden
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.texture_limits import limit_textures
-from tests.viewer.waiting import there
+from tests.viewer.waiting import not_none
 from viewer.rendering import canvas as canvas_module
 from viewer.rendering import supersampling
 from viewer.rendering.camera import ViewCamera
@@ -213,7 +213,7 @@ def test_the_picture_stays_much_the_same_in_the_same_place(offscreen, side):
     half = half_resolution(pack)
     assert half.grid_size == (-(-side // 2),) * 3 and half.voxel_size == 2 * pack.voxel_size
     halved = offscreen(half).render_float(camera)
-    thin = replace(half, atlas_rgba=half.atlas_rgba // 2, atlas_features=there(half.atlas_features) // 2)
+    thin = replace(half, atlas_rgba=half.atlas_rgba // 2, atlas_features=not_none(half.atlas_features) // 2)
     assert psnr(whole, halved) > 20
     assert psnr(whole, halved) > psnr(whole, offscreen(thin).render_float(camera)) + 1
 

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from tests.viewer.conftest import installed
-from tests.viewer.waiting import there, until
+from tests.viewer.waiting import not_none, until
 
 VIEW = [sys.executable, "-m", "viewer.commands.view"]
 ROOT = Path(__file__).parents[3]
@@ -95,7 +95,7 @@ class RunningViewer:
 
     def errors(self) -> str:
         """What is left of its stderr, once it has ended."""
-        return there(self.process.stderr).read()
+        return not_none(self.process.stderr).read()
 
     def signal(self, number: int) -> int:
         """Sends a signal; the exit status."""
@@ -109,4 +109,4 @@ class RunningViewer:
         if self.process.poll() is None:
             self.process.kill()
         self.process.wait(PATIENCE_S)
-        there(self.process.stderr).close()
+        not_none(self.process.stderr).close()

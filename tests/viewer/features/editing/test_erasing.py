@@ -14,7 +14,7 @@ from scenepack.blocks import dense_from_pack
 from scenepack.editing import Voxels, without
 from tests.scenepack.volumes import atlas_from_dense
 from tests.viewer.conftest import toy_pack
-from tests.viewer.waiting import there, until
+from tests.viewer.waiting import not_none, until
 from viewer.core.pose import project
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
@@ -28,7 +28,7 @@ def specked():
     """The toy with a speck beside it."""
     pack = toy_pack()
     rgba, features = dense_from_pack(pack)
-    rgba[SPECK], there(features)[SPECK] = (90, 90, 20, 120), 60
+    rgba[SPECK], not_none(features)[SPECK] = (90, 90, 20, 120), 60
     indices, atlas, atlas_features = atlas_from_dense(rgba, features, pack.block_size)
     return replace(pack, atlas_indices=indices, atlas_rgba=atlas, atlas_features=atlas_features)
 
@@ -229,7 +229,7 @@ def test_save_as_writes_a_pack_of_what_is_left_and_opens_it_from_where_one_was(u
     assert not app.messages.dialogs
     assert np.allclose(app.scene.rig.matrix, seen) and app.scene.edits.removed.count == 0
     before, after = dense_from_pack(specked()), dense_from_pack(app.scene.pack)
-    for old, new in zip(map(there, before), map(there, after), strict=True):
+    for old, new in zip(map(not_none, before), map(not_none, after), strict=True):
         old[SPECK] = 0
         assert np.array_equal(new, old)
     assert app.scene.pack.occupied.sum() < specked().occupied.sum()

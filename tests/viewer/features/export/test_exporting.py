@@ -14,7 +14,7 @@ from console import UserError
 from scenepack import Pack
 from scenepack.exports import scene
 from scenepack.exports.scene import Export
-from tests.viewer.waiting import there, until
+from tests.viewer.waiting import not_none, until
 from tests.viewer.web.test_page import described
 from viewer.app.application import App
 from viewer.features.export.exporting import SUFFIXES, ExportPlan, ExportPreview
@@ -61,7 +61,7 @@ def test_the_scene_is_exported_as_a_web_page(shown: App, tmp_path: Path) -> None
 def test_a_failure_is_a_dialog_with_the_commands_own_line(shown: App, tmp_path: Path) -> None:
     shown.set(crop=((5.0, 5.0, 5.0), (6.0, 6.0, 6.0)))
     shown.exporting.begin(shown, tmp_path / "mesh.glb")
-    folder = there(shown.exporting.writing).folder
+    folder = not_none(shown.exporting.writing).folder
     until(lambda: shown.exporting.tick(shown) or shown.exporting.writing is None)
     dialog = shown.messages.dialogs[0]
     assert "mesh.glb was not written" in dialog.title and "nothing to export" in dialog.text
@@ -77,7 +77,7 @@ def test_what_is_no_pack_on_disk_cannot_be_exported(shown: App, pack: Pack, tmp_
 @pytest.mark.parametrize("how", ["cancelled", "the program ends"])
 def test_an_export_that_is_ended_leaves_nothing(shown: App, tmp_path: Path, how: str) -> None:
     shown.exporting.begin(shown, tmp_path / "mesh.glb")
-    writing = there(shown.exporting.writing)
+    writing = not_none(shown.exporting.writing)
     if how == "cancelled":
         shown.exporting.cancel()
         until(lambda: shown.exporting.tick(shown) or shown.exporting.writing is None)

@@ -20,7 +20,7 @@ from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.commands.test_commands import exr
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.test_depth_of_field import CAMERA, FAR_BAR, bars, edge_widths
-from tests.viewer.waiting import live, there, until
+from tests.viewer.waiting import live, not_none, until
 from viewer.app.application import App
 from viewer.commands.view import View
 from viewer.core.pose import Pose, Turntable
@@ -158,7 +158,7 @@ def test_a_cancelled_export_leaves_nothing(filming_app, tmp_path):
     for name in ("frames", *(["film.mp4"] if films_possible() else [])):
         app.run("turntable")
         app.filming.film(app, tmp_path / "out" / name)
-        there(app.filming.export).step(0.0)
+        not_none(app.filming.export).step(0.0)
         app.filming.cancel(app)
         assert app.filming.export is None and not list((tmp_path / "out").iterdir())
 
@@ -332,7 +332,7 @@ def test_colours_are_changed_in_one_step_and_saved_pictures_have_them(ui: Offscr
     (slider,) = ui.widgets("##exposure")
     (x, y), right = slider.at, slider.rect[2]
     ui.drag([(x, y), (0.5 * (x + right), y), (right - 9, y)])
-    look = there(app.annotations.current.look)
+    look = not_none(app.annotations.current.look)
     assert look.exposure > 0.5 and app.settings.look is None
     assert np.asarray(Image.open(saved(ui, tmp_path / "bright.png"))).mean() > before.mean() + 1
     app.run("undo")

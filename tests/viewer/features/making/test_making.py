@@ -25,7 +25,7 @@ from tests.training.reconstructions import ball, write_colmap
 from tests.training.test_captures import circle
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.features.making.conftest import FAKE, ROOT
-from tests.viewer.waiting import live, there, until
+from tests.viewer.waiting import live, not_none, until
 from tools.procedural import write_procedural_scene
 from training.config import PRESETS
 from training.posing import find
@@ -40,7 +40,7 @@ from viewer.features.making.survey import Survey, result_lines
 
 
 def stage_of(app: App) -> str:
-    report = there(app.making.job).report
+    report = not_none(app.making.job).report
     return "" if report is None else report.stage
 
 
@@ -136,7 +136,7 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
 
     def begin(steps: int) -> None:
         app.drop([scene])
-        plan = there(app.making.plan)
+        plan = not_none(app.making.plan)
         plan.choose(tmp_path / "made")
         plan.preset, plan.steps, plan.resolution = "tiny", steps, 32
         app.making.start(app)
@@ -170,7 +170,7 @@ def write(tmp_path, pack):
 
 
 def came(app: App, steps: int) -> bool:
-    preview = there(app.making.job).preview
+    preview = not_none(app.making.job).preview
     return preview is not None and f" {steps:,} " in preview_title(preview)
 
 
@@ -229,7 +229,7 @@ def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         picture.save(tmp_path / "shed" / f"p{i}.png")
     app = App(canvas=FakeCanvas())
     app.drop([tmp_path / "shed"])
-    live(app, lambda: there(there(app.making.plan).survey).finished)
+    live(app, lambda: not_none(not_none(app.making.plan).survey).finished)
     yield app
     app.making.end()
 
@@ -240,7 +240,7 @@ def test_a_check_shows_its_progress_and_then_what_it_found(asked: App, tmp_path:
     check = making.check
     assert check is not None and check.running and making.busy
     live(asked, lambda: check.report is not None)
-    assert there(check.report).stage == "check"
+    assert not_none(check.report).stage == "check"
     live(asked, lambda: not check.running)
     assert not check.error and check.result is not None
     assert list(check.result["differently_exposed"]) == [f"p{DARK}.png"] and not check.result["set_aside"]
@@ -258,7 +258,7 @@ def test_a_check_shows_its_progress_and_then_what_it_found(asked: App, tmp_path:
 
 def test_a_check_whose_dialog_is_closed_is_stopped_and_leaves_nothing(asked: App, tmp_path: Path):
     asked.making.check_photographs(asked)
-    check = there(asked.making.check)
+    check = not_none(asked.making.check)
     live(asked, lambda: check.report is not None)
     pid = check.child._child.pid
     asked.making.dismiss()  # which stops it first
@@ -270,7 +270,7 @@ def test_a_check_whose_dialog_is_closed_is_stopped_and_leaves_nothing(asked: App
 def test_a_check_that_fails_says_why_in_one_line(asked: App, tmp_path: Path):
     shutil.rmtree(tmp_path / "shed")
     asked.making.check_photographs(asked)
-    check = there(asked.making.check)
+    check = not_none(asked.making.check)
     live(asked, lambda: not check.running)
     assert check.result is None and check.error.startswith(f"{tmp_path / 'shed'}: no such file or folder")
 
@@ -279,15 +279,15 @@ def test_names_beyond_the_first_few_are_counted():
     assert survey.few_with_reasons({f"{i}.jpg": "blurred" for i in range(5)}).endswith("and 2 more")
 
 
-# What is asked before: what is there, what can be chosen, where it goes, which command it becomes
+# The plan: what the photographs are, the choices that they allow, the target folder, the command that is run
 
 
 def dropped(path: Path) -> tuple[App, Plan, Survey]:
     """An app whose dialog asks about `path`; how it would be made; the survey of its photographs, which is finished."""
     app = App(canvas=FakeCanvas())
     app.drop([path])
-    plan = there(app.making.plan)
-    survey = there(plan.survey)
+    plan = not_none(app.making.plan)
+    survey = not_none(plan.survey)
     until(lambda: survey.finished)
     return app, plan, survey
 
@@ -327,14 +327,14 @@ def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monk
 def test_a_broken_scene_is_told_before_anything_is_begun(tmp_path):
     (tmp_path / "transforms_train.json").write_text('{"frames": []}')
     app, plan, _ = dropped(tmp_path)
-    assert str(tmp_path) in there(plan.problem())
+    assert str(tmp_path) in not_none(plan.problem())
     app.making.start(app)
     assert app.making.job is None and app.making.plan is not None
 
 
 def test_the_viewer_alone_says_what_is_missing(scene, monkeypatch, tmp_path):
     monkeypatch.setattr(survey.importlib.util, "find_spec", lambda name: None)
-    assert "pip install 'snerg[train]'" in there(Plan("scene", scene, tmp_path).problem())
+    assert "pip install 'snerg[train]'" in not_none(Plan("scene", scene, tmp_path).problem())
 
 
 def photographs(folder: Path, count: int = 8) -> Path:
@@ -380,8 +380,8 @@ def test_a_film_is_asked_about_and_too_few_photographs_are_refused(tmp_path):
     assert plan.out == tmp_path / "walk-snerg" and plan.command()[4] == str(film)
     if found.preview is not None:
         live(app, lambda: not found.busy)
-        assert "not a film that can be read" in there(plan.problem())
-    assert "at least 8, found 2" in there(dropped(photographs(tmp_path / "shed", 2))[1].problem())
+        assert "not a film that can be read" in not_none(plan.problem())
+    assert "at least 8, found 2" in not_none(dropped(photographs(tmp_path / "shed", 2))[1].problem())
 
 
 def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
@@ -391,16 +391,16 @@ def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
     (folder / "run" / "checkpoints" / "step_00001000.safetensors").touch()
     app = App(canvas=FakeCanvas())
     app.drop([folder])
-    plan = there(app.making.plan)
+    plan = not_none(app.making.plan)
     assert (plan.subject, plan.source, plan.out) == ("scene", scene, folder)
     assert "at step 1,000 of 6,000" in plan.attempt_text() and plan.problem() is None
     app.drop([folder / "run"])
-    run = there(app.making.plan)
+    run = not_none(app.making.plan)
     assert run.subject == "run" and run.out == folder / "pack"
     (folder / "run" / "checkpoints" / "step_00006000.safetensors").touch()
     assert "It is baked" in Plan.of("run", folder).attempt_text()
     other = Plan("scene", tmp_path / "elsewhere", folder)
-    assert "another scene" in there(other.problem())
+    assert "another scene" in not_none(other.problem())
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -415,7 +415,7 @@ def test_found_poses_are_gone_on_with_where_the_folder_of_the_results_is_dropped
     assert plan.source == (folder if known else out / "scene") and plan.posed == out / "scene"
     assert ("camera poses in this folder are used" in plan.attempt_text()) == known
     app.drop([out / "scene"])
-    assert there(app.making.plan).source == out / "scene", "a scene like any other"
+    assert not_none(app.making.plan).source == out / "scene", "a scene like any other"
     app.making.dismiss()
 
 
@@ -428,7 +428,7 @@ def test_a_folder_that_cannot_be_written_is_told_before_anything_begins(offscree
     ui.key(imgui.Key.enter)
     plan = app.making.plan
     assert app.making.job is None and plan is not None and not app.messages.dialogs
-    assert f"{(tmp_path / place).parent} cannot be written" in there(plan.place_problem)
+    assert f"{(tmp_path / place).parent} cannot be written" in not_none(plan.place_problem)
     plan.choose(tmp_path / "elsewhere" / "pack")
     assert plan.place_problem is None and not (tmp_path / "elsewhere").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -16,7 +16,7 @@ from tests.training.reconstructions import ball, side_by_side, write_colmap
 from tests.training.test_captures import circle
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.features.making.conftest import FAKE, ROOT
-from tests.viewer.waiting import live, there, until
+from tests.viewer.waiting import live, not_none, until
 from training.scenes import load_scene
 from training.scenes.colmap import sparse_points
 from training.scenes.sources import Source
@@ -34,8 +34,8 @@ def posed(tmp_path_factory) -> Path:
 
 
 def test_each_point_is_a_voxel_where_the_cameras_see_it(posed):
-    sparse_preview = there(read_sparse_preview(posed))
-    pack, points = sparse_preview.pack, there(sparse_points(sparse_preview.scene))
+    sparse_preview = not_none(read_sparse_preview(posed))
+    pack, points = sparse_preview.pack, not_none(sparse_points(sparse_preview.scene))
     assert len(points.places) == len(sparse_preview.points.places) == 150 and len(sparse_preview.eyes()) == 10
     grid_T_training = np.linalg.inv(pack.worldspace_T_opengl)
     places = points.places @ grid_T_training[:3, :3].T + grid_T_training[:3, 3]
@@ -51,14 +51,14 @@ def test_each_point_is_a_voxel_where_the_cameras_see_it(posed):
 
 @pytest.mark.parametrize(("poses", "kind"), [(circle, "subject"), (side_by_side, "forward")])
 def test_the_kind_is_found_and_forward_facing_scenes_are_shown_as_seen_from_outside(poses, kind, tmp_path):
-    sparse_preview = there(read_sparse_preview(write_colmap(tmp_path / "scene", poses(), ball())))
+    sparse_preview = not_none(read_sparse_preview(write_colmap(tmp_path / "scene", poses(), ball())))
     assert sparse_preview.kind == kind and not sparse_preview.scene.ndc and not sparse_preview.pack.ndc
-    assert there(read_sparse_preview(tmp_path / "scene", spherify=True)).kind in ("subject", "room")
+    assert not_none(read_sparse_preview(tmp_path / "scene", spherify=True)).kind in ("subject", "room")
 
 
 def reviewed(posed: Path) -> tuple[App, Review]:
     app = App(canvas=FakeCanvas())
-    app.making.sparse_preview = there(read_sparse_preview(posed))
+    app.making.sparse_preview = not_none(read_sparse_preview(posed))
     app.making.review = review = Review(Plan("scene", posed, posed.parent / "out"), app.making.sparse_preview)
     app.making.show_points(app)
     return app, review
@@ -66,16 +66,16 @@ def reviewed(posed: Path) -> tuple[App, Review]:
 
 def test_the_box_that_was_dragged_is_trained_and_faces_that_were_not_stay_the_readers(posed):
     app, review = reviewed(posed)
-    given = there(review.sparse_preview.scene.aabb)
+    given = not_none(review.sparse_preview.scene.aabb)
     assert app.gallery.frusta and app.open_scene.pack is review.sparse_preview.pack
     assert review.seconds_left is not None and review.decided(app.settings.crop).aabb is None
     review.show_box(app)
     assert review.seconds_left is None and review.decided(app.settings.crop).aabb is None  # seen, and left as it was
-    (x0, y0, z0), (x1, y1, z1) = there(app.settings.crop)
+    (x0, y0, z0), (x1, y1, z1) = not_none(app.settings.crop)
     app.set(crop=((x0, y0, z0), (x1, 0.5 * y1, z1)))  # the grid's y is up, and so is the training frame's z
     plan = review.decided(app.settings.crop)
     expected = [*given[0], given[1, 0], given[1, 1], 0.5 * y1]
-    assert np.allclose(there(plan.aabb), expected, atol=2e-3)
+    assert np.allclose(not_none(plan.aabb), expected, atol=2e-3)
     words = plan.command()
     assert words[words.index("--aabb") + 1].count(",") == 5 and "--poses-only" not in words
 
@@ -162,13 +162,13 @@ def test_a_click_on_the_ground_makes_it_level(offscreen, tmp_path):
 
     def leaning() -> float:
         """Degrees between the ground and what is level."""
-        shown = there(app.making.sparse_preview)
+        shown = not_none(app.making.sparse_preview)
         places = shown.points.places
-        normal = there(normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), shown.eyes()))
+        normal = not_none(normal_at(places, int(np.argmin(np.linalg.norm(places, axis=-1))), shown.eyes()))
         return float(np.degrees(np.arccos(min(normal[2], 1.0))))
 
     assert leaning() > 15
-    camera, places = there(app.camera()), review.sparse_preview.places_in_grid()
+    camera, places = not_none(app.camera()), review.sparse_preview.places_in_grid()
     pixels, _ = project(camera, places)
     free = (np.abs(pixels - [265, 330]) < [150, 100]).all(-1)  # what no card covers
     at = pixels[free][np.argmin(np.linalg.norm(pixels[free] - pixels[free].mean(0), axis=-1))]
@@ -180,13 +180,13 @@ def test_a_click_on_the_ground_makes_it_level(offscreen, tmp_path):
     assert app.making.review is review and "Click on points" in app.messages.toast and review.seconds_left is None
     ui.click(box.x + at[0], box.y + at[1])
     live(app, lambda: app.making.review is not None and app.making.review is not review)
-    again = there(app.making.review)
+    again = not_none(app.making.review)
     assert leaning() < 3 and app.making.sparse_preview_shown(app) and again.seconds_left is None
     words = again.decided(None).command()
     assert words[words.index("--up") + 1].count(",") == 2 and again.decided(None).aabb is None
     app.making.set_up(app, None)
     live(app, lambda: app.making.review is not None)
-    assert leaning() > 15 and "--up" not in there(app.making.review).decided(None).command()
+    assert leaning() > 15 and "--up" not in not_none(app.making.review).decided(None).command()
 
 
 def test_photographs_without_a_pose_are_shown_before_training(bare, tmp_path, offscreen):

@@ -14,7 +14,7 @@ from scenepack.placement import NOT_MOVED
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.conftest import toy_pack
 from tests.viewer.core.test_annotations import ANNOTATIONS, LINE, VIEW
-from tests.viewer.waiting import live, there, until
+from tests.viewer.waiting import live, not_none, until
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS
 from viewer.core.annotations import Annotations, Scale
@@ -214,7 +214,7 @@ def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
     moved = packs[0].parent.rename(tmp_path / "moved")
     app = App()
     app.run("open")
-    there(app.open_prompt).type(str(moved / file.name))
+    not_none(app.open_prompt).type(str(moved / file.name))
     choose(app)
     settle(app)
     assert not app.messages.dialogs
@@ -222,7 +222,7 @@ def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
     assert [scene.name for scene in app.open_packs.packs] == ["first", "second"]
     assert np.allclose(app.open_scene.rig.matrix, before.open_scene.rig.matrix, atol=1e-9)
     assert app.open_scene.rig.orthographic and app.open_scene.rig.fov == before.open_scene.rig.fov
-    assert np.allclose(there(app.settings.crop), there(before.settings.crop)) and app.settings.near == 0.25
+    assert np.allclose(not_none(app.settings.crop), not_none(before.settings.crop)) and app.settings.near == 0.25
     assert app.annotations.current == ANNOTATIONS
     for _ in range(2):
         before.open_packs.switch(before, 1)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tests.viewer.conftest import toy_pack
-from tests.viewer.waiting import there
+from tests.viewer.waiting import not_none
 from viewer.features.performance.frame_stats import LONGEST_SIDE, RayCosts
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
@@ -39,7 +39,7 @@ def test_the_page_counts_while_the_camera_rests_once_a_view_and_not_at_all_when_
     assert app.costs.costs is None
     app.costs.switch(True)
     ui.settle()
-    counted = there(app.costs.costs)
+    counted = not_none(app.costs.costs)
     app.touch()
     ui.settle()
     assert app.costs.costs is counted and max(counted.size) == LONGEST_SIDE

@@ -11,7 +11,7 @@ from baker.baking.to_pack import with_pictures
 from scenepack import load_pack, save_pack
 from scenepack.cameras import PICTURE, has_picture, picture_of, picture_uri
 from tests.viewer.scenes import photographed
-from tests.viewer.waiting import there, until
+from tests.viewer.waiting import not_none, until
 from training.scenes import load_scene
 from viewer.features.photographs import photographs as thumbnails_module
 from viewer.features.photographs.photographs import Photographs, Thumbnails, psnr
@@ -143,7 +143,7 @@ def test_a_pack_without_its_photographs_shows_their_places_and_no_error(offscree
 def test_copies_never_outgrow_what_was_asked():
     pixels = np.random.default_rng(0).integers(0, 255, (60, 90, 3), np.uint8)
     for most, shape in ((30, (20, 30, 3)), (300, (60, 90, 3))):
-        assert there(picture_of({PICTURE: picture_uri(pixels, most)})).shape == shape
+        assert not_none(picture_of({PICTURE: picture_uri(pixels, most)})).shape == shape
 
 
 def test_the_demo_brings_all_its_photographs_and_stays_small(offscreen, app, demo):
