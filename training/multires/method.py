@@ -23,13 +23,14 @@ from training.multires import levels
 from training.multires.field import initial_parameters, inputs_of, split_parameters
 from training.multires.fused.compiled import Workers
 from training.multires.jax_engine import JaxEngine
-from training.multires.occupancy import box_around, boxes_meeting, hull_codes, is_on, visited
+from training.multires.occupancy import box_around, boxes_meeting, hull_codes, is_on, visited, without_specks
 from training.multires.settings import settings_of
 from training.multires.state import PARTS, State, Trainable, restored, saved
 from training.rendering import init_view_mlp
 
 VISITS_FROM, VISIT_EVERY, SETTLED = 200, (50, 100), 1000  # steps: the second interval once settled
 WHOLE_EVERY = 100  # steps, before it settles, between visits to every cell
+SPECKS_EVERY = 1000  # steps after which specks are removed from what masks cut out
 WITHIN = 1 - 1e-6  # of the inner cube's side: in the last cell before its edge
 VIEW_BIAS = -2.0  # the view MLP starts near zero, so that diffuse colour settles first
 SAMPLES_AT_FIRST = 64.0  # a ray, until a step has counted them
@@ -138,7 +139,10 @@ class MultiresMethod:
             return self.engine.values_at(state, points)[:, 0]
 
         threshold = self.settings.by_kind.occupancy_threshold
-        state.codes = agree(visited(state.codes, density_at, random, threshold, whole))
+        codes = visited(state.codes, density_at, random, threshold, whole)
+        if self.dataset.facts.cut_out and step % SPECKS_EVERY == 0:
+            codes = without_specks(codes)
+        state.codes = agree(codes)
 
     def _with_levels(self, state: State, step: int, progress: float) -> State:
         """The state with rows for the levels that have joined. When one joins, sparse levels keep bricks near content only."""

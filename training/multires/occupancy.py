@@ -19,6 +19,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numba import njit
+from scipy import ndimage
 
 from scenepack.constants import NDC_NEAR
 from training.dataset import RayDataset
@@ -36,6 +37,7 @@ TOGETHER = 512  # cells in a row of which all or none are visited
 SHARE = 4  # a visit takes one in so many
 FADED_WHOLE = 3  # what codes lose by a visit to the whole grid, instead of 1
 POINTS = 1 << 20  # of which densities are asked at once
+SPECK = 1e-3
 SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness loss compares
 
 
@@ -73,6 +75,15 @@ def visited(
         densities, old = density_at(places / np.float32(side)), flat[cells]
         flat[cells] = np.maximum(np.maximum(old, faded) - np.uint8(faded), code_of(densities, threshold))
     return flat.reshape(codes.shape)
+
+
+def without_specks(codes: np.ndarray) -> np.ndarray:
+    """Codes with NEVER for parts that touch no other and have less than SPECK of the largest one's cells: wrong masks leave them
+    in the air, where few photographs look."""
+    part = ndimage.label(is_on(codes), np.ones((3, 3, 3)))[0]
+    sizes = np.bincount(part.ravel())
+    sizes[0] = sizes[1:].max(initial=0)  # cells that are off stay as they are
+    return np.where(sizes[part] < SPECK * sizes[0], NEVER, codes).astype(np.uint8)
 
 
 def neighbouring_points(cells: np.ndarray, settings: Settings, random: np.random.Generator) -> np.ndarray:

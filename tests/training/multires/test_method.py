@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.ndimage import distance_transform_cdt
 
 from console import UserError
 from scenepack.contraction import uncontract
@@ -19,9 +20,9 @@ from training.exposure import FITTED_FROM
 from training.multires.config import MultiresConfig
 from training.multires.fused.compiled import Workers
 from training.multires.levels import ROWS_OF_BRICK, decay_of_blocks, make_levels
-from training.multires.method import MultiresMethod
+from training.multires.method import SPECKS_EVERY, MultiresMethod
 from training.multires.occupancy import INITIAL as INITIAL_CODE
-from training.multires.occupancy import NEVER, _in_panorama, box_around, hull_codes, is_on
+from training.multires.occupancy import LONGEST, NEVER, _in_panorama, box_around, hull_codes, is_on
 from training.multires.settings import DEEPEST, FEWEST_RAYS, PARALLAX, SHALLOWEST, ndc_depth
 from training.scenes import Scene, load_scene
 
@@ -117,6 +118,20 @@ def test_the_wrong_mask_of_a_photograph_takes_nothing_away(dataset: RayDataset) 
     right = hull_codes(dataset, box, 32, 1, workers) != NEVER
     wrong = hull_codes(dataclasses.replace(dataset, pixels=blank), box, 32, 1, workers) != NEVER
     assert 0.8 * right.sum() < (right & wrong).sum() <= right.sum() < 0.7 * right.size
+
+
+@pytest.mark.parametrize("cut_out", [False, True])
+def test_specks_are_removed_from_what_masks_cut_out(learnt: Learnt, dataset: RayDataset, cut_out: bool) -> None:
+    method = MultiresMethod(CONFIG, dataclasses.replace(dataset, facts=dataset.facts._replace(cut_out=cut_out)))
+    state = method.restore(learnt.saved)
+    on = is_on(state.codes)
+    speck = tuple(np.argwhere(distance_transform_cdt(~on) > 2)[0])
+    codes = state.codes.copy()
+    codes[speck] = LONGEST
+    state.codes = codes
+    state, _ = method.step(state, SPECKS_EVERY, progress=0.9)
+    after = is_on(state.codes)
+    assert after[speck] != cut_out and after[on].mean() > 0.9
 
 
 def test_cells_of_ndc_are_as_deep_as_the_photographs_can_tell(tmp_path: Path) -> None:
