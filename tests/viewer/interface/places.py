@@ -115,7 +115,7 @@ def _checked(app: App, scenes: Scenes) -> None:
     assert app.making.check is not None
     app.making.check.close()
     app.making.check.result = {
-        "score": 60.0, "kind": "seen from one side", "sharpness": 1.0, "overlap": 0.9, "exposure_spread": 0.1,
+        "expected_psnr": 27.0, "kind": "seen from one side", "sharpness": 1.0, "overlap": 0.9, "exposure_spread": 0.1,
         "photographs": [{}] * 20, "set_aside": {"a.jpg": "blurred"}, "weakly_connected": {}, "differently_exposed": {},
     }  # fmt: skip
 

@@ -76,9 +76,11 @@ def _check(app: App, plan: Plan) -> None:
         if ui.button(f"{fa.ICON_FA_ARROW_UP_RIGHT_FROM_SQUARE}  Open the page", px(150)):
             check.open_page()
         ui.tip(f"All photographs, and which of them match, in the browser: {check.page}")
-        imgui.same_line()
-        imgui.align_text_to_frame_padding()
-        ui.write(f"Quality {check.result['score']:.0f} of 100", face=theme.fonts.bold)
+        if check.result["expected_psnr"] is not None:
+            imgui.same_line()
+            imgui.align_text_to_frame_padding()
+            ui.write(f"About {check.result['expected_psnr']:.0f} dB", face=theme.fonts.bold)
+            ui.tip("PSNR to be expected of photographs that are held out, after “Quick”; more is better")
         with ui.style(item_spacing=(8, 3)):
             for text, warns in result_lines(check.result):
                 ui.hint(text, theme.WARN if warns else theme.MUTED)
