@@ -80,7 +80,8 @@ def visited(
 def without_specks(codes: np.ndarray) -> np.ndarray:
     """Codes with NEVER for parts that touch no other and have less than SPECK of the largest one's cells: wrong masks leave them
     in the air, where few photographs look."""
-    part = ndimage.label(is_on(codes), np.ones((3, 3, 3)))[0]
+    part = np.zeros(codes.shape, np.int32)
+    ndimage.label(is_on(codes), np.ones((3, 3, 3)), output=part)
     sizes = np.bincount(part.ravel())
     sizes[0] = sizes[1:].max(initial=0)  # cells that are off stay as they are
     return np.where(sizes[part] < SPECK * sizes[0], NEVER, codes).astype(np.uint8)

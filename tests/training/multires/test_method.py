@@ -125,7 +125,7 @@ def test_specks_are_removed_from_what_masks_cut_out(learnt: Learnt, dataset: Ray
     method = MultiresMethod(CONFIG, dataclasses.replace(dataset, facts=dataset.facts._replace(cut_out=cut_out)))
     state = method.restore(learnt.saved)
     on = is_on(state.codes)
-    speck = tuple(np.argwhere(distance_transform_cdt(~on) > 2)[0])
+    speck = tuple(np.argwhere(np.asarray(distance_transform_cdt(~on)) > 2)[0])
     codes = state.codes.copy()
     codes[speck] = LONGEST
     state.codes = codes
