@@ -80,7 +80,7 @@ def snerg_make(
         frames: Number of frames of a film that are used, at most.
         poses_only: Find camera poses into DIR/scene, and stop there.
         check: Look at the photographs, write DIR/check.html about them, and stop there: sharpness, overlap, exposure, what moves,
-            and which to take again.
+            which to take again, and the PSNR to expect.
         json: With --check, also write what was found to this file; "-" prints it instead of the text.
         previews: While training, write what is there so far to DIR/preview.zip, a small pack, every so many seconds; 0 for never.
             It is removed once DIR/pack is there.

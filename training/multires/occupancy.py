@@ -37,7 +37,7 @@ TOGETHER = 512  # cells in a row of which all or none are visited
 SHARE = 4  # a visit takes one in so many
 FADED_WHOLE = 3  # what codes lose by a visit to the whole grid, instead of 1
 POINTS = 1 << 20  # of which densities are asked at once
-SPECK = 1e-3
+SPECK = 1e-3  # of the largest part's cells
 SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness loss compares
 
 
