@@ -8,6 +8,7 @@ from console.progress_protocol import Report
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
+from viewer.core.language import translated
 from viewer.core.widgets import Box, px
 from viewer.features.making import survey
 from viewer.features.making.make_job import MakeJob, RejectedPhotographs, preview_title
@@ -244,7 +245,7 @@ def show_rejected(app: App, canvas: Canvas, rejected: RejectedPhotographs) -> No
     if not rejected.finished:
         app.touch(2)
     elif rejected.boxes:
-        pictures = [(i, f"{names[i]}\n{rejected.why[names[i]]}", False) for i in rejected.boxes]
+        pictures = [(i, f"{names[i]}\n{translated(rejected.why[names[i]])}", False) for i in rejected.boxes]
         _strip("##left out", canvas.image("left out", rejected.sheet), rejected, 52.0, pictures)
 
 

@@ -27,6 +27,7 @@ from training.scenes.pictures import UNREADABLE, picture_size
 from training.scenes.presets import PRESETS, voxels_for
 from training.scenes.read import has_poses, suggested_downscale
 from training.scenes.sources import FEWEST, Source, find_source
+from viewer.core.language import translated
 from viewer.core.tasks import FolderProcess, JsonTask, Task, temporary_folder
 from viewer.rendering.targets import Sheet
 
@@ -335,5 +336,5 @@ def result_lines(result: Mapping[str, Any]) -> list[tuple[str, bool]]:
 
 def few_with_reasons(reasons: Mapping[str, str]) -> str:
     """Names with their reasons, the first few of them: "a.jpg (blurred), b.jpg (blurred) and 4 more"."""
-    named = ", ".join(f"{name} ({why})" for name, why in list(reasons.items())[:NAMED])
-    return named + (f" and {len(reasons) - NAMED} more" if len(reasons) > NAMED else "")
+    named = ", ".join(f"{name} ({translated(why)})" for name, why in list(reasons.items())[:NAMED])
+    return translated(f"{named} and {len(reasons) - NAMED} more") if len(reasons) > NAMED else named

@@ -31,6 +31,7 @@ from training.config import PRESETS
 from training.posing import find
 from training.scenes.presets import BakeablePreset
 from viewer.app.application import App
+from viewer.core import language
 from viewer.core.files import POSED, REPORT
 from viewer.features.making import survey
 from viewer.features.making.make_job import preview_title
@@ -275,8 +276,20 @@ def test_a_check_that_fails_says_why_in_one_line(asked: App, tmp_path: Path):
     assert check.result is None and check.error.startswith(f"{tmp_path / 'shed'}: no such file or folder")
 
 
-def test_names_beyond_the_first_few_are_counted():
-    assert survey.few_with_reasons({f"{i}.jpg": "blurred" for i in range(5)}).endswith("and 2 more")
+def test_names_beyond_the_first_few_are_counted_and_reasons_are_translated():
+    reasons = {
+        "0.jpg": "blurred",
+        "1.jpg": "the same as 0.jpg",
+        **{f"{i}.jpg": "matches no other" for i in range(2, 5)},
+    }
+    assert survey.few_with_reasons(reasons).endswith("2.jpg (matches no other) and 2 more")
+    language.use("de")
+    try:
+        named = "0.jpg (unscharf), 1.jpg (dasselbe wie 0.jpg), 2.jpg (passt zu keinem anderen) und 2 weitere"
+        assert survey.few_with_reasons(reasons) == named
+        assert named in language.translated(f"5 photographs are left out: {named}.")
+    finally:
+        language.use("en")
 
 
 # The plan: what the photographs are, the choices that they allow, the target folder, the command that is run
