@@ -8,16 +8,13 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import trimesh
 import tyro
 from PIL import Image, ImageFilter
 
 from console import run_command
-from tools.pose_error import similarity
-from training.scenes import Scene, SceneOptions, load_scene
+from training.scenes import SceneOptions, load_scene
 from training.scenes.scene import Photograph
 
 EXPOSURES = (1.0, 0.6, 1.5, 0.8)
@@ -35,23 +32,10 @@ def spoilt(pixels: np.ndarray, index: int, version: str) -> Image.Image:
     return picture.filter(ImageFilter.GaussianBlur(BLUR)) if version == "blurred" else picture
 
 
-def points_of(scene: Scene) -> np.ndarray | None:
-    """The points [M, 3] that a transforms.json names, in the training frame. Captures whose poses were found have points, too."""
-    file = scene.path / "transforms.json"
-    document = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
-    if "ply_file_path" not in document:
-        return None
-    before = {Path(frame["file_path"]).stem: np.array(frame["transform_matrix"])[:3, 3] for frame in document["frames"]}
-    after = {Path(p.name).stem: p.camera.world_T_camera[:3, 3] for split in scene.splits.values() for p in split}
-    scale, R, t = similarity(np.stack([before[name] for name in after]), np.stack(list(after.values())))
-    points = trimesh.load(scene.path / document["ply_file_path"])
-    return scale * np.asarray(points.vertices) @ R.T + t  # pyright: ignore[reportAttributeAccessIssue]
-
-
 def write_version(
-    folder: Path, train: tuple[Photograph, ...], test: tuple[Photograph, ...], version: str, points: np.ndarray | None
+    folder: Path, train: tuple[Photograph, ...], test: tuple[Photograph, ...], version: str
 ) -> None:  # fmt: skip
-    """transforms.json, `images` to train on, `held_out`, and the points."""
+    """transforms.json, `images` to train on, and `held_out`."""
     if version == "third":
         train = train[::3]
     frames = []
@@ -65,11 +49,8 @@ def write_version(
                 "file_path": file, "transform_matrix": camera.world_T_camera.tolist(), "camera_model": "OPENCV", **lens,
                 "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy, "w": camera.width, "h": camera.height,
             })  # fmt: skip
-    names: dict[str, Any] = {f"{use}_filenames": [frame["file_path"] for frame in frames if frame["file_path"].startswith(split)]
+    names = {f"{use}_filenames": [frame["file_path"] for frame in frames if frame["file_path"].startswith(split)]
              for use, split in (("train", "images"), ("test", "held_out"))}  # fmt: skip
-    if points is not None:
-        trimesh.PointCloud(points).export(folder / "points.ply")
-        names["ply_file_path"] = "points.ply"
     (folder / "transforms.json").write_text(json.dumps({"frames": frames} | names), encoding="utf-8")
 
 
@@ -93,10 +74,9 @@ def main(
     from training.scenes.sources import require_source
 
     loaded, half, figures = load_scene(scene, downscale=downscale, masks=masks), SceneOptions(downscale=2), {}
-    splits, points = loaded.splits, points_of(loaded)
     for version in VERSIONS:
         folder = out / version
-        write_version(folder, splits["train"], splits["test"], version, points)
+        write_version(folder, loaded.splits["train"], loaded.splits["test"], version)
         verdict = check(require_source(folder / "images"), out / f"{version}.html", 120)
         run = train(folder, out / "runs" / version, replace(PRESETS["quick"], steps=steps), half)
         psnr = evaluate(run, load_scene(folder, half), "test")["psnr"]

@@ -8,7 +8,7 @@ import json
 import os
 import platform
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,9 @@ from training.config import TrainConfig, from_json, require_valid
 from training.dataset import RayDataset, make_dataset
 from training.devices import agree, is_writer, together
 from training.method import Method
+from training.posing.depths import with_depths
 from training.scenes import Scene, SceneOptions, load_scene
-from training.scenes.scene_options import require_rays
+from training.scenes.scene_options import checked_box, require_rays
 
 FORMAT = 1
 
@@ -38,6 +39,7 @@ class RunDescription:
     scene: Path
     options: SceneOptions
     provenance: dict[str, Any]
+    depths: dict[str, Any] = field(default_factory=dict)  # near, far and aabb of a scene whose files do not tell them
 
 
 @dataclass
@@ -125,6 +127,7 @@ def _assemble(
             scene = load_scene(scene_path, description.options)
             if checkpoint is None:
                 require_rays(scene)
+        scene, description = _with_depths(scene, description, checkpoint is None)
         dataset = make_dataset(scene, folder=path, contracted=config.method == "multires")
         with together():
             method = make_method(config, dataset)
@@ -140,6 +143,18 @@ def _assemble(
                             expected=f"{missing.args[0]!r} in its checkpoint",
                             remedy="train it again into another folder") from missing  # fmt: skip
     return Run(path, description, scene, dataset, method, state, step)
+
+
+def _with_depths(scene: Scene, description: RunDescription, begins: bool) -> tuple[Scene, RunDescription]:
+    """The scene with the depths of the run, which a run that begins finds where the files do not tell them (process 0 does)."""
+    if begins and scene.guessed and not description.depths:
+        with together():
+            found = with_depths(scene) if is_writer() else scene
+        near, far, *box = map(float, agree(np.array([found.near, found.far, *found.aabb.ravel()])))
+        description = replace(description, depths={"near": near, "far": far, "aabb": box})
+    if description.depths:
+        scene = replace(scene, **{**description.depths, "aabb": np.array(description.depths["aabb"]).reshape(2, 3)})
+    return scene, description
 
 
 def make_method(config: TrainConfig, dataset: RayDataset) -> Method:
@@ -199,7 +214,7 @@ def write_description(path: Path, description: RunDescription) -> None:
         return
     document = {
         "format": FORMAT, "scene": str(description.scene), "scene_options": vars(description.options),
-        "config": asdict(description.config), "provenance": description.provenance,
+        "config": asdict(description.config), "provenance": description.provenance, "depths": description.depths,
     }  # fmt: skip
     with writing(path):
         path.mkdir(parents=True, exist_ok=True)
@@ -221,7 +236,10 @@ def read_description(path: Path) -> RunDescription:
         config = from_json(TrainConfig, document["config"], str(file))
         options = SceneOptions(**document["scene_options"])
         require_valid(replace(options, aabb=None, up=None), str(file))  # whose numbers may be negative
-        return RunDescription(config, Path(document["scene"]), options, dict(document.get("provenance", {})))
+        depths = dict(document.get("depths", {}))
+        if depths:
+            depths = {"near": float(depths["near"]), "far": float(depths["far"]), "aabb": checked_box(depths["aabb"])}
+        return RunDescription(config, Path(document["scene"]), options, dict(document.get("provenance", {})), depths)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UserError("the run's description is damaged", where=file, found=str(error)[:100]) from error
 

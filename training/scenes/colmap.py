@@ -131,9 +131,9 @@ def _placed(
     frame = _frame_of(P, options.up)
     placed = moved(photographs, frame)
     in_frame = replace(points, places=frame.points(points.places)) if points.suffices else None
-    if in_frame is None:
-        notice(path, f"{len(found.points)} points are too few for a box; it is a guess: set --aabb")
     opaque = not may_be_transparent(placed)
+    if in_frame is None and not opaque:  # training.posing.depths finds points of opaque ones
+        notice(path, f"{len(found.points)} points are too few for a box; it is a guess: set --aabb")
     return placed, space.space_of_capture([photograph.camera for photograph in placed], in_frame, opaque=opaque)
 
 

@@ -178,8 +178,8 @@ def space_of_capture(
         box = cube(OUTWARD_HALF_SIDE)
     else:
         box = cube(HALF_SIDE if opaque else min(HALF_SIDE, FRAMED_MARGIN * framed_half_side(cameras, np.zeros(3))))
-    inner = INNER if opaque and inwards else None
-    return Space(near, far, box, WORLDSPACE_T_OPENGL, contraction=inner, disparity=True)
+    inner, guessed = INNER if opaque and inwards else None, opaque and points is None
+    return Space(near, far, box, WORLDSPACE_T_OPENGL, contraction=inner, disparity=True, guessed=guessed)
 
 
 def space_forward(photographs: Sequence[Photograph]) -> Space:

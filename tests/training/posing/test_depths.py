@@ -1,0 +1,94 @@
+"""Captures with camera poses but without points: near, far and box come from features that match in their photographs."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from console import Notice
+from tests.training.posing.rooms import FOCAL, SIZE, cameras, photograph
+from training.config import PRESETS
+from training.posing.depths import meeting_places, with_depths
+from training.run import read_description, resume_run, start_run
+from training.scenes import SceneOptions, load_scene
+from training.scenes.scene import Camera, camera_rays
+from training.scenes.space import NEAR
+
+COUNT, CLOSE = 9, 4
+
+
+def walkers() -> list[Camera]:
+    """Cameras in the room, of which one comes close to its corner."""
+    around = cameras(COUNT)
+    pose = around[CLOSE].world_T_camera.copy()
+    pose[:3, 3] *= 0.55
+    return [*around[:CLOSE], replace(around[CLOSE], world_T_camera=pose), *around[CLOSE + 1 :]]
+
+
+def write_capture(folder: Path, posed: list[Camera]) -> Path:
+    """Photographs of the room with these poses, whatever those are from which they were taken, and no points."""
+    (folder / "images").mkdir(parents=True)
+    frames = []
+    for i, (camera, said) in enumerate(zip(walkers(), posed, strict=True)):
+        Image.fromarray(photograph(camera)).save(folder / f"images/{i}.png")
+        frames.append({"file_path": f"images/{i}.png", "transform_matrix": said.world_T_camera.tolist()})
+    (folder / "transforms.json").write_text(json.dumps({"fl_x": FOCAL, "w": SIZE[0], "h": SIZE[1], "frames": frames}))
+    return folder
+
+
+def _apart(first: Camera, second: Camera) -> float:
+    return float(np.linalg.norm(first.world_T_camera[:3, 3] - second.world_T_camera[:3, 3]))
+
+
+def test_rays_meet_where_both_come_closest_to_one_another():
+    rng = np.random.default_rng(0)
+    places, origins = rng.normal(size=(40, 3)), rng.normal(size=(2, 3)) + 4 * np.eye(3)[:2]
+    rays = places[:, None] - origins
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    origins = np.broadcast_to(origins, rays.shape)
+    found, share = meeting_places(origins, rays)
+    np.testing.assert_allclose(found, places, atol=1e-6)
+    assert share == 1
+    aside, behind, narrow = rays.copy(), rays.copy(), rays.copy()
+    aside[:10, 1] = np.roll(rays[:10, 1], 1, axis=0)  # matches that are none
+    behind[:10] *= -1
+    narrow[:10, 1] = narrow[:10, 0]  # almost: they do not count
+    for changed, expected in ((aside, 0.75), (behind, 0.75), (narrow, 1.0)):
+        found, share = meeting_places(origins, changed)
+        assert (len(found), share) == (30, expected)
+
+
+def test_features_of_the_photographs_tell_how_near_things_are(tmp_path: Path):
+    pytest.importorskip("pycolmap", reason="matching features needs pycolmap (the extra poses)")
+    path = write_capture(tmp_path / "scene", walkers())
+    scene = load_scene(path)
+    assert scene.guessed and scene.near == NEAR
+    found = with_depths(scene)
+    read = [photo.camera for photo in scene.splits["train"][:2]]
+    (unit, scaled), close = (_apart(*two) for two in (walkers()[1:3], read)), walkers()[CLOSE]
+    origins, directions = camera_rays(close)
+    with np.errstate(divide="ignore"):
+        nearest = np.quantile(np.where(directions < 0, -origins / directions, np.inf).min(-1), 0.01)
+    assert found.near == pytest.approx(0.7 * nearest * scaled / unit, rel=0.1)
+    assert not found.guessed and found.contraction == scene.contraction
+    assert with_depths(found) is found
+    box = (-0.2, -0.2, -0.2, 0.2, 0.2, 0.2)
+    boxed = with_depths(load_scene(path, aabb=box))
+    assert boxed.near == found.near and tuple(boxed.aabb.ravel()) == box
+
+    out, config = tmp_path / "run", replace(PRESETS["quick"], steps=1)
+    assert start_run(out, path, config, SceneOptions()).scene.near == found.near
+    document = json.loads((out / "config.json").read_text())
+    document["depths"]["near"] = 0.125
+    (out / "config.json").write_text(json.dumps(document))
+    assert resume_run(out, read_description(out), path, config).scene.near == 0.125
+
+
+def test_poses_that_the_photographs_were_not_taken_from_are_told(tmp_path: Path):
+    pytest.importorskip("pycolmap", reason="matching features needs pycolmap (the extra poses)")
+    scene = load_scene(write_capture(tmp_path, walkers()[::-1]))
+    with pytest.warns(Notice, match="poses or lens are inaccurate"):
+        with_depths(scene)

@@ -1,0 +1,111 @@
+"""Where things are in captures that come with camera poses but without points: features that match between two photographs lie
+where their rays come closest to one another.
+
+Notation: K matches; rays o + s·d of both features, float64 [K, 2, 3], d of unit length.
+"""
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from console import progress
+from training.posing.check import LONGEST_SIDE, MOST_FEATURES
+from training.posing.child_process import ask
+from training.posing.prepare import IMAGES, LOG
+from training.scenes import Photograph, Scene
+from training.scenes.files import notice
+from training.scenes.pictures import as_bytes
+from training.scenes.scene import camera_rays
+from training.scenes.scene_options import with_box
+from training.scenes.space import PointCloud, in_picture, space_of_capture
+
+MOST_PHOTOGRAPHS = 120  # that are matched; of more, so many at even distances
+LEAST_ANGLE = 2.0  # degrees between two rays; where narrower ones come closest is uncertain
+MOST_APART = 0.01  # of the distance from the nearer camera: rays farther apart do not meet
+FEWEST_MEET = 0.5  # of the matches; where fewer do, poses or lens are wrong
+GUESS = "how near things are is a guess"
+
+
+def with_depths(scene: Scene) -> Scene:
+    """The scene with near, far and box of what its training photographs show, where these were a guess; it stays one, and a
+    Notice says so, where too few features match or pycolmap is missing."""
+    if not scene.guessed:
+        return scene
+    if find_spec("pycolmap") is None:
+        notice(scene.path, f"{GUESS}; with the extra poses (pycolmap) the photographs tell")
+        return scene
+    photographs = scene.splits["train"]
+    try:
+        origins, directions = _matching_rays(photographs[:: -(-len(photographs) // MOST_PHOTOGRAPHS)])
+    except RuntimeError as error:  # training does without
+        notice(scene.path, f"{GUESS}: {error}")
+        return scene
+    places, meeting = meeting_places(origins, directions)
+    if len(origins) and meeting < FEWEST_MEET:
+        text = f"only {meeting:.0%} of the features that match lie where the camera poses say: poses or lens are inaccurate"
+        notice(scene.path, f"{text}; photographs in a folder of their own get poses from snerg-make")
+    cameras = [photograph.camera for photograph in photographs]
+    seen = [np.flatnonzero(in_picture(camera, places)) for camera in cameras]
+    points = PointCloud(places, np.ones(len(places)), seen)
+    if not points.suffices:
+        notice(scene.path, f"{GUESS}: {len(places)} features of the photographs tell, which are too few")
+        return scene
+    found = space_of_capture(cameras, points, opaque=True)
+    scene = replace(scene, near=found.near, far=found.far, aabb=found.aabb, guessed=False)
+    box: Any = scene.notes.get("aabb")
+    return scene if box is None else with_box(scene, box)
+
+
+def meeting_places(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, float]:
+    """Where pairs of rays [K, 2, 3] meet, [M, 3], and the share of the pairs that do. Of the points of both rays that are closest
+    to one another, the middle. Pairs at less than LEAST_ANGLE do not count."""
+    (a, b), between = np.moveaxis(directions, 1, 0), origins[:, 0] - origins[:, 1]
+    cosine = (a * b).sum(-1)
+    wide = cosine < np.cos(np.radians(LEAST_ANGLE))
+    a, b, between, cosine, origins = (values[wide] for values in (a, b, between, cosine, origins))
+    along_a, along_b = (a * between).sum(-1), (b * between).sum(-1)
+    distances = np.stack([cosine * along_b - along_a, along_b - cosine * along_a], -1) / (1.0 - cosine**2)[:, None]
+    closest = origins + distances[..., None] * np.stack([a, b], 1)
+    apart = np.linalg.norm(closest[:, 0] - closest[:, 1], axis=-1)
+    meet = (distances > 0).all(-1) & (apart < MOST_APART * distances.min(-1))
+    return closest[meet].mean(1), float(meet.mean()) if len(meet) else 0.0
+
+
+def _matching_rays(photographs: Sequence[Photograph]) -> tuple[np.ndarray, np.ndarray]:
+    """Origins and directions [K, 2, 3] of features that match, between any two of the photographs."""
+    with tempfile.TemporaryDirectory(prefix="snerg-depths-") as folder, progress("finding depths", 3) as bar:
+        work, numbers = Path(folder), {}
+        (work / IMAGES).mkdir()
+        groups: dict[tuple[int, int], list[str]] = {}
+        for index, photograph in enumerate(photographs):
+            picture = Image.fromarray(as_bytes(photograph.load()[..., :3]))
+            picture.thumbnail((LONGEST_SIDE, LONGEST_SIDE), Image.Resampling.BOX)
+            name = f"{index:04d}.png"
+            picture.save(work / IMAGES / name)
+            numbers[name] = index
+            groups.setdefault(picture.size, []).append(name)
+            bar.update((index + 1) / len(photographs))
+        request = {
+            "images": str(work / IMAGES), "work": folder, "names": list(numbers), "groups": [(g, None) for g in groups.values()],
+            "longest_side": LONGEST_SIDE, "most_features": MOST_FEATURES,
+        }  # fmt: skip
+
+        def on_progress(title: str, done: float, total: float) -> None:
+            bar.update(1 + (title == "matches") + done / total)
+
+        pairs = ask("matching_pairs", request, work / LOG, on_progress)["pairs"]
+    found = [np.zeros((2, 0, 2, 3))]
+    for pair in pairs:
+        cameras = [photographs[numbers[pair[end]]].camera for end in ("first", "second")]
+        shares = np.split(np.array(pair["places"]), 2, axis=1)
+        at = [share * (camera.width, camera.height) for share, camera in zip(shares, cameras, strict=True)]
+        rays = [np.stack(camera_rays(camera, *xy.T)) for xy, camera in zip(at, cameras, strict=True)]
+        found.append(np.stack(rays, axis=2))
+    origins, directions = np.concatenate(found, axis=1)
+    return origins, directions
