@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from baker.baking.config import BakeConfig
+from baker.baking.passes import passes_of
 from tests.viewer.conftest import toy_pack
 from tests.viewer.interface.places import PLACES, WITHOUT_SCENE
 from viewer.app.application import App
@@ -13,6 +15,7 @@ from viewer.core import language
 from viewer.core.language import FIELD, LANGUAGES, catalogue, translated
 from viewer.features.preferences.preferences import apply_preferences, current_preferences
 
+ROOT = Path(__file__).parents[3]
 OTHERS = [name for name in LANGUAGES if name != "en"]
 PRINTF = re.compile(r"%[-+ #0-9.]*[a-zA-Z%]")
 ICONS = re.compile(r"^([\ue000-\uf8ff\s]|\+\s)+")
@@ -65,6 +68,21 @@ def test_what_is_drawn_is_looked_up_without_icons_and_ids(english: str, german: 
     assert translated(english) == german
     language.use("fr")
     assert language.current() == "en" and translated(english) == english
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_what_a_scene_in_the_making_is_at_is_translated(name: str) -> None:
+    source = "".join(
+        file.read_text("utf-8") for folder in ("training", "baker/baking") for file in (ROOT / folder).rglob("*.py")
+    )
+    titles = {title for title in re.findall(r"(?:progress|stages)\(\"([^\",]+)\"", source)}
+    titles |= {title for preset in ("paper", "snerg") for title, _ in passes_of(BakeConfig(preset=preset))}
+    assert {"reading photographs", "features", "visibility", "tuning"} <= titles
+    language.use(name)
+    for title in sorted(titles - {"training"}):
+        shown = title[0].upper() + title[1:]
+        line = translated(f"{shown}, 40 %   ·   3 min 12 s left")
+        assert shown not in line and "left" not in line, line
 
 
 def test_everything_that_the_interface_shows_is_in_the_catalogues(offscreen, scenes) -> None:
