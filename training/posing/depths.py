@@ -28,13 +28,13 @@ from training.scenes.space import PointCloud, in_picture, space_of_capture
 MOST_PHOTOGRAPHS = 120  # that are matched; of more, so many at even distances
 LEAST_ANGLE = 2.0  # degrees between two rays; where narrower ones come closest is uncertain
 MOST_APART = 0.01  # of the distance from the nearer camera: rays farther apart do not meet
-FEWEST_MEET = 0.5  # of the matches; where fewer do, poses or lens are wrong
+FEWEST_MEET = 0.5  # of the matches; where fewer do, poses or lens do not fit the photographs
 GUESS = "how near things are is a guess"
 
 
 def with_depths(scene: Scene) -> Scene:
-    """The scene with near, far and box of what its training photographs show, where these were a guess; it stays one, and a
-    Notice says so, where too few features match or pycolmap is missing."""
+    """The scene with near, far and box of what its training photographs show, where these were a guess. They stay one, and
+    a Notice says so, where features are few or the poses do not fit them, or pycolmap is missing."""
     if not scene.guessed:
         return scene
     if find_spec("pycolmap") is None:
@@ -47,14 +47,16 @@ def with_depths(scene: Scene) -> Scene:
         notice(scene.path, f"{GUESS}: {error}")
         return scene
     places, meeting = meeting_places(origins, directions)
-    if len(origins) and meeting < FEWEST_MEET:
-        text = f"only {meeting:.0%} of the features that match lie where the camera poses say: poses or lens are inaccurate"
-        notice(scene.path, f"{text}; photographs in a folder of their own get poses from snerg-make")
     cameras = [photograph.camera for photograph in photographs]
-    seen = [np.flatnonzero(in_picture(camera, places)) for camera in cameras]
-    points = PointCloud(places, np.ones(len(places)), seen)
+    points = PointCloud(
+        places, np.ones(len(places)), [np.flatnonzero(in_picture(camera, places)) for camera in cameras]
+    )
     if not points.suffices:
         notice(scene.path, f"{GUESS}: {len(places)} features of the photographs tell, which are too few")
+        return scene
+    if meeting < FEWEST_MEET:
+        text = f"only {meeting:.0%} of the features that match lie where the camera poses say. If poses or lens are inaccurate"
+        notice(scene.path, f"{GUESS}: {text}, snerg-make finds others for a folder of the photographs alone")
         return scene
     found = space_of_capture(cameras, points, opaque=True)
     scene = replace(scene, near=found.near, far=found.far, aabb=found.aabb, guessed=False)

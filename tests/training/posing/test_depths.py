@@ -90,5 +90,5 @@ def test_features_of_the_photographs_tell_how_near_things_are(tmp_path: Path):
 def test_poses_that_the_photographs_were_not_taken_from_are_told(tmp_path: Path):
     pytest.importorskip("pycolmap", reason="matching features needs pycolmap (the extra poses)")
     scene = load_scene(write_capture(tmp_path, walkers()[::-1]))
-    with pytest.warns(Notice, match="poses or lens are inaccurate"):
-        with_depths(scene)
+    with pytest.warns(Notice, match="lie where the camera poses say"):
+        assert with_depths(scene) is scene
