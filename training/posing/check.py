@@ -19,7 +19,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.sparse.csgraph import connected_components
 
-from console import UserError, progress
+from console import Progress, UserError, progress
 from console.atomic import replacing
 from training.posing.child_process import ask
 from training.posing.find import require
@@ -93,21 +93,32 @@ def check(source: Source, page: Path, most_frames: int) -> Verdict:
             raise UserError("too few photographs that can be used", where=source.path, expected=f"at least {FEWEST}",
                             found=len(prepared.pictures))  # fmt: skip
         files = [work / IMAGES / picture.name for picture in prepared.pictures]
-        request = {
-            "images": str(work / IMAGES), "work": folder, "names": [file.name for file in files],
-            "groups": camera_groups(prepared.pictures), "longest_side": LONGEST_SIDE, "most_features": MOST_FEATURES,
-        }  # fmt: skip
         with progress("matching", 2, stage=STAGE) as bar:
-
-            def on_progress(title: str, done: float, total: float) -> None:
-                bar.update((title == "matches") + done / total)
-
-            found = ask("matching_pairs", request, work / LOG, on_progress)
+            found = match_small(work, [file.name for file in files], camera_groups(prepared.pictures), bar)
         verdict = judge(prepared, files, found["pairs"], found["is_static"])
         page.parent.mkdir(parents=True, exist_ok=True)
         with replacing(page) as new:
             new.write_text(_page(source, verdict, files), encoding="utf-8")
     return verdict
+
+
+def match_small(
+    work: Path,
+    names: Sequence[str],
+    groups: Sequence[tuple[list[str], float | None]],
+    bar: Progress,
+    begun: float = 0.0,
+) -> dict[str, Any]:
+    """What mapping.matching_pairs finds in small copies of the pictures in `work` / IMAGES. bar: goes on by 2 from begun."""
+    request = {
+        "images": str(work / IMAGES), "work": str(work), "names": names, "groups": groups,
+        "longest_side": LONGEST_SIDE, "most_features": MOST_FEATURES,
+    }  # fmt: skip
+
+    def on_progress(title: str, done: float, total: float) -> None:
+        bar.update(begun + (title == "matches") + done / total)
+
+    return ask("matching_pairs", request, work / LOG, on_progress)
 
 
 def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, Any]], is_static: bool) -> Verdict:

@@ -15,9 +15,8 @@ import numpy as np
 from PIL import Image
 
 from console import progress
-from training.posing.check import LONGEST_SIDE, MOST_FEATURES
-from training.posing.child_process import ask
-from training.posing.prepare import IMAGES, LOG
+from training.posing.check import LONGEST_SIDE, match_small
+from training.posing.prepare import IMAGES
 from training.scenes import Photograph, Scene
 from training.scenes.files import notice
 from training.scenes.pictures import as_bytes
@@ -93,15 +92,7 @@ def _matching_rays(photographs: Sequence[Photograph]) -> tuple[np.ndarray, np.nd
             numbers[name] = index
             groups.setdefault(picture.size, []).append(name)
             bar.update((index + 1) / len(photographs))
-        request = {
-            "images": str(work / IMAGES), "work": folder, "names": list(numbers), "groups": [(g, None) for g in groups.values()],
-            "longest_side": LONGEST_SIDE, "most_features": MOST_FEATURES,
-        }  # fmt: skip
-
-        def on_progress(title: str, done: float, total: float) -> None:
-            bar.update(1 + (title == "matches") + done / total)
-
-        pairs = ask("matching_pairs", request, work / LOG, on_progress)["pairs"]
+        pairs = match_small(work, list(numbers), [(names, None) for names in groups.values()], bar, begun=1.0)["pairs"]
     found = [np.zeros((2, 0, 2, 3))]
     for pair in pairs:
         cameras = [photographs[numbers[pair[end]]].camera for end in ("first", "second")]
