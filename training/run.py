@@ -5,6 +5,7 @@ config.json holds the TrainConfig, the scene's folder, how that is read, and pro
 """
 
 import json
+import math
 import os
 import platform
 import time
@@ -239,6 +240,8 @@ def read_description(path: Path) -> RunDescription:
         depths = dict(document.get("depths", {}))
         if depths:
             depths = {"near": float(depths["near"]), "far": float(depths["far"]), "aabb": checked_box(depths["aabb"])}
+            if not 0 <= depths["near"] < depths["far"] < math.inf:
+                raise ValueError(f"depths from {depths['near']} to {depths['far']}")
         return RunDescription(config, Path(document["scene"]), options, dict(document.get("provenance", {})), depths)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UserError("the run's description is damaged", where=file, found=str(error)[:100]) from error

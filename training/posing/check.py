@@ -109,7 +109,8 @@ def match_small(
     bar: Progress,
     begun: float = 0.0,
 ) -> dict[str, Any]:
-    """What mapping.matching_pairs finds in small copies of the pictures in `work` / IMAGES. bar: goes on by 2 from begun."""
+    """Matches the pictures in `work` / IMAGES at LONGEST_SIDE pixels; returns what mapping.matching_pairs does. The bar advances
+    from `begun` to `begun` + 2."""
     request = {
         "images": str(work / IMAGES), "work": str(work), "names": names, "groups": groups,
         "longest_side": LONGEST_SIDE, "most_features": MOST_FEATURES,

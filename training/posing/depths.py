@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from console import progress
+from console import UserError, progress
 from training.posing.check import LONGEST_SIDE, match_small
 from training.posing.prepare import IMAGES
 from training.scenes import Photograph, Scene
@@ -37,13 +37,13 @@ def with_depths(scene: Scene) -> Scene:
     if not scene.guessed:
         return scene
     if find_spec("pycolmap") is None:
-        notice(scene.path, f"{GUESS}; with the extra poses (pycolmap) the photographs tell")
+        notice(scene.path, f"{GUESS}; pip install 'snerg[poses]' lets snerg find it from the photographs")
         return scene
     photographs = scene.splits["train"]
     try:
         origins, directions = _matching_rays(photographs[:: -(-len(photographs) // MOST_PHOTOGRAPHS)])
-    except RuntimeError as error:  # training does without
-        notice(scene.path, f"{GUESS}: {error}")
+    except (UserError, RuntimeError) as error:  # training can do without; the log that it names is gone
+        notice(scene.path, f"{GUESS}: matching features failed: {str(error).partition('; see ')[0]}")
         return scene
     places, meeting = meeting_places(origins, directions)
     cameras = [photograph.camera for photograph in photographs]
@@ -51,11 +51,11 @@ def with_depths(scene: Scene) -> Scene:
         places, np.ones(len(places)), [np.flatnonzero(in_picture(camera, places)) for camera in cameras]
     )
     if not points.suffices:
-        notice(scene.path, f"{GUESS}: {len(places)} features of the photographs tell, which are too few")
+        notice(scene.path, f"{GUESS}: only {len(places)} features of the photographs match")
         return scene
     if meeting < FEWEST_MEET:
-        text = f"only {meeting:.0%} of the features that match lie where the camera poses say. If poses or lens are inaccurate"
-        notice(scene.path, f"{GUESS}: {text}, snerg-make finds others for a folder of the photographs alone")
+        text = f"only {meeting:.0%} of the matching features lie where the camera poses say. If poses or lens are inaccurate"
+        notice(scene.path, f"{GUESS}: {text}, put the photographs alone into a folder: snerg-make finds their poses")
         return scene
     found = space_of_capture(cameras, points, opaque=True)
     scene = replace(scene, near=found.near, far=found.far, aabb=found.aabb, guessed=False)

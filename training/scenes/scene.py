@@ -95,7 +95,7 @@ class Space:
     ndc_camera: tuple[int, int, float] | None = None  # width, height, focal length in pixels of the NDC warp
     contraction: float | None = None  # half the side of the cube about the origin beyond which space may be contracted
     disparity: bool = False  # whether samples are spread evenly in 1/t, as suits captures without a far end
-    guessed: bool = False  # near, far and box, of opaque photographs: nothing tells how near things are
+    guessed: bool = False  # near, far and box are guesses: a capture of opaque photographs without points
 
 
 @dataclass(frozen=True, kw_only=True)

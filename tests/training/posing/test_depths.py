@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from console import Notice
+from console import Notice, UserError
 from tests.training.posing.rooms import FOCAL, SIZE, cameras, photograph
 from training.config import PRESETS
 from training.posing.depths import meeting_places, with_depths
@@ -85,6 +85,9 @@ def test_features_of_the_photographs_tell_how_near_things_are(tmp_path: Path):
     document["depths"]["near"] = 0.125
     (out / "config.json").write_text(json.dumps(document))
     assert resume_run(out, read_description(out), path, config).scene.near == 0.125
+    (out / "config.json").write_text(json.dumps(document | {"depths": {**document["depths"], "near": float("nan")}}))
+    with pytest.raises(UserError, match="damaged"):
+        read_description(out)
 
 
 def test_poses_that_the_photographs_were_not_taken_from_are_told(tmp_path: Path):
