@@ -44,15 +44,13 @@ class CameraPath:
         return self.start_of(count if self.closed and count > 1 else count - 1)
 
     def at(self, seconds: float) -> tuple[np.ndarray, float]:
-        """grid_T_camera (float64 [4, 4]) and vertical fov (degrees) at a time; held at the ends. ValueError if empty."""
+        """grid_T_camera (float64 [4, 4]) and vertical fov (degrees) at a time; held at the ends."""
         matrices, fov = self.poses(np.array([seconds]))
         return matrices[0], float(fov[0])
 
     def poses(self, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same at N times: float64 [N, 4, 4] and [N]."""
         count = len(self.keyframes)
-        if not count:
-            raise ValueError("a path without keyframes leads nowhere")
         starts = np.cumsum([0.0, *(key.seconds for key in self.keyframes)])[: count + self.closed]
         place = np.interp(seconds % starts[-1] if self.closed else seconds, starts, np.arange(len(starts)))
         near = np.arange(-1, count + 2)  # keyframe i, and those around it, from place i on
@@ -95,7 +93,7 @@ def _catmull_rom(points: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def save_path(path: CameraPath, file: Path, training_T_grid: np.ndarray, size: tuple[int, int], fps: float) -> None:
-    """Writes nerfstudio's camera-path JSON. size: width, height of the film, pixels. OSError where it cannot."""
+    """Writes nerfstudio's camera-path JSON; there are keyframes. size: width, height of the film, pixels. OSError."""
     aspect = size[0] / size[1]
     keyframes = [
         {
@@ -109,10 +107,10 @@ def save_path(path: CameraPath, file: Path, training_T_grid: np.ndarray, size: t
     ]
     frames = [
         {"camera_to_world": (training_T_grid @ matrix).ravel().tolist(), "fov": fov, "aspect": aspect}
-        for matrix, fov in (path.sample(fps) if path.keyframes else [])
+        for matrix, fov in path.sample(fps)
     ]
     document = {
-        "default_fov": path.keyframes[0].fov if path.keyframes else 50.0,
+        "default_fov": path.keyframes[0].fov,
         "default_transition_sec": DEFAULT_SECONDS,
         "keyframes": keyframes,
         "camera_type": "perspective",

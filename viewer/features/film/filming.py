@@ -18,7 +18,7 @@ from viewer.core.files import FileRequest
 from viewer.core.pose import fitted, view_camera
 from viewer.features.bookmarks.bookmarks import Rearranging, rearranged, with_places
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
-from viewer.features.film.picture_export import EXR, Export, passes_for
+from viewer.features.film.picture_export import EXR, VIEWS, Export, passes_for
 from viewer.features.measuring.surface import depth_in_middle, depth_of
 from viewer.rendering.camera import ViewCamera, forward_facing_path
 from viewer.rendering.settings import Aperture, Mode
@@ -168,14 +168,13 @@ class Filming:
         """Starts to write a camera's view, by default the present one at `size`."""
         if app.scene is None:
             return
-        seen = app.camera() if camera is None else None
+        near = app.settings.near
         if self.panorama:
-            camera = view_camera(app.scene.rig.matrix, app.fov, self.size, app.settings.near)
-        elif seen is not None:
-            camera = fitted(seen, self.size, seen.near)  # its height stays, or its width in a narrower one
-        assert camera is not None
+            camera = view_camera(app.scene.rig.matrix, app.fov, self.size, near)
+        elif camera is None:  # its height stays, or its width in a narrower one
+            camera = fitted(app.scene.rig.camera(app.viewport.pixels, near), self.size, near)
         lens = None if self.panorama else self._lens(app, camera)
-        self._start(app, [self._view(app, camera)], target, still=True, lens=lens)
+        self._start(app, [self._view(app, camera)], target, lens)
 
     def _lens(self, app: App, camera: ViewCamera) -> Aperture | None:
         """Of a still. UserError where the camera can have none."""
@@ -208,9 +207,7 @@ class Filming:
         cameras = [view_camera(matrix, fov, self.size, near) for matrix, fov in self.path.sample(self.fps)]
         self._start(app, [self._view(app, camera) for camera in cameras], target)
 
-    def _start(
-        self, app: App, cameras: list[ViewCamera], target: Path, *, still: bool = False, lens: Aperture | None = None
-    ) -> None:
+    def _start(self, app: App, cameras: list[ViewCamera], target: Path, lens: Aperture | None = None) -> None:
         if self.export is not None:
             raise UserError("another export is still running", remedy="cancel it or wait for it")
         if app.canvas is None or app.scene is None:
@@ -222,14 +219,14 @@ class Filming:
         side = max(app.resolution.tile_side() // self.samples, SMALLEST_TILE)
         side = side if lens is None else max(round(side / lens.rays**0.5), SMALLEST_TILE)
         settings = replace(app.picture_settings, samples=self.samples, aperture=lens)
-        passes, exr = None, target.suffix.lower() == EXR
-        if still and (exr or self.besides or self.transparent):
-            modes = tuple(dict.fromkeys((settings.mode, *self.besides)))
-            passes = passes_for(modes, settings, transparent=self.transparent, exr=exr)
+        suffix = target.suffix.lower()
+        still = suffix in VIEWS
+        modes = tuple(dict.fromkeys((settings.mode, *(self.besides if still else ()))))
+        passes = passes_for(modes, settings, transparent=still and self.transparent, exr=suffix == EXR)
         pack, put, finish = app.scene.pack, copy_picture if target is COPY else None, None
         if self.annotated:
             finish = partial(with_places, pack=pack, settings=settings, annotations=app.annotations.current)
-        self.export = Export(cameras, settings, target, app.canvas, pack, self.fps, side, passes, finish, put)
+        self.export = Export(cameras, passes, target, app.canvas, pack, self.fps, side, finish, put)
         self.playing = False
         app.touch()
 
@@ -298,7 +295,7 @@ class Kiosk:
         filming, now = app.filming, time.monotonic()
         if not self.began:
             self.began = True
-            filming.path, filming.time = self._path(app), 0.0
+            filming.use(self._path(app))
             filming.play(app)
         elif filming.playing or app.scene.rig.goal != self._goal:
             self.moved_at, self._goal = now, app.scene.rig.goal

@@ -32,6 +32,7 @@ from viewer.rendering.settings import MODES, Mode, RenderSettings, of_picture
 PICTURE = "rgb"  # what the mode `normal` is called in lists and file names
 COUNTED = ("samples", "jumps")  # modes whose numbers come from RenderSettings.counts, in this order
 EXR, PNG = ".exr", ".png"
+VIEWS = (EXR, PNG)  # files of one view
 DEPTH_MEANS = "z-depth: distance along the optical axis, in units of the grid frame; 0 where there is nothing"
 DISTANCE_MEANS = "distance from the camera, in units of the grid frame; 0 where there is nothing"
 NORMALS_MEAN = "unit vectors in the grid frame (y up), away from the surface; 0 where there is nothing"
@@ -271,13 +272,12 @@ class Export:
     """The main thread steps it, as it needs OpenGL: each step draws tiles for a few milliseconds."""
 
     cameras: list[ViewCamera]  # one a frame
-    settings: RenderSettings
+    passes: list[Pass]  # what is drawn of each; of a film or a sequence, one of 8 bits
     target: Path  # a .png or .exr (one frame), a film, or a folder for numbered PNGs
     canvas: Canvas
     pack: Pack  # what is drawn
     fps: float = 30.0
     tile_side: int = 256  # pixels a side of what is rendered at once; it changes no pixel
-    passes: list[Pass] | None = None  # of a view that is no film, instead of the picture of `settings`
     finish: Callable[[np.ndarray, ViewCamera], np.ndarray] | None = None  # draws over each whole picture of 8 bits
     put: Add | None = None  # takes the one picture, instead of a file
 
@@ -315,38 +315,36 @@ class Export:
 
     def _draw(self) -> Generator[None, None, None]:
         """Draws a tile at a time, and writes each picture that is whole."""
-        passes = self.passes or [Pass(PICTURE, self.settings, False)]
         width, height = self.cameras[0].width, self.cameras[0].height
-        kinds = [(4, np.float32) if each.floats else (3, np.uint8) for each in passes]
+        kinds = [(4, np.float32) if each.floats else (3, np.uint8) for each in self.passes]
         pictures = [np.zeros((height, width, channels), kind) for channels, kind in kinds]
         boxes = tiles(width, height, self.tile_side)
-        with self._writer(passes) as add:
+        with self._writer() as add:
             for number, camera in enumerate(self.cameras):
                 for tile, (x, y, w, h) in enumerate(boxes, 1):
                     part = replace(camera, width=w, height=h, cx=camera.cx - x, cy=camera.cy - y)
-                    for each, pixels in zip(passes, pictures, strict=True):
+                    for each, pixels in zip(self.passes, pictures, strict=True):
                         draw = self.canvas.raw if each.floats else self.canvas.snapshot
                         pixels[y : y + h, x : x + w] = draw(part, of_picture(each.settings, height, camera.fy))
                     self.share = (number + tile / len(boxes)) / len(self.cameras)
                     yield
-                if self.finish is not None and not passes[0].floats:
+                if self.finish is not None and not self.passes[0].floats:
                     pictures[0][...] = self.finish(pictures[0], camera)
                 add(*pictures)
 
-    def _writer(self, passes: list[Pass]) -> AbstractContextManager[Callable[..., object]]:
+    def _writer(self) -> AbstractContextManager[Callable[..., object]]:
         """What takes the pictures of each camera: of a film, a sequence, or one view."""
         suffix, camera = self.target.suffix.lower(), self.cameras[0]
-
-        def write_view(*pictures: np.ndarray) -> None:
-            self.target.parent.mkdir(parents=True, exist_ok=True)  # not before: cancelled, it leaves nothing
-            if self.passes is not None and suffix == EXR:
-                write_exr(self.target, passes, pictures, camera, self.pack)
-            else:
-                write_pngs(self.target, passes, pictures)
-
-        if self.put is not None or self.passes is not None or suffix == PNG:
-            return nullcontext(self.put or write_view)
+        if self.put is not None or suffix in VIEWS:
+            return nullcontext(self.put or self._write_view)
         self.target.parent.mkdir(parents=True, exist_ok=True)
         if suffix in FILMS:
             return film_writer(self.target, (camera.width, camera.height), round(self.fps))
         return sequence_writer(self.target)
+
+    def _write_view(self, *pictures: np.ndarray) -> None:
+        self.target.parent.mkdir(parents=True, exist_ok=True)  # not before: cancelled, it leaves nothing
+        if self.target.suffix.lower() == EXR:
+            write_exr(self.target, self.passes, pictures, self.cameras[0], self.pack)
+        else:
+            write_pngs(self.target, self.passes, pictures)

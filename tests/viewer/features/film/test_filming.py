@@ -27,7 +27,7 @@ from viewer.core.pose import Pose, Turntable
 from viewer.features.film import filming as filming_module
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
 from viewer.features.film.filming import Filming, Kiosk, copy_picture
-from viewer.features.film.picture_export import Export, films_possible, write_film
+from viewer.features.film.picture_export import Export, films_possible, passes_for, write_film
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import RenderSettings
@@ -202,9 +202,9 @@ def test_tiles_of_any_size_make_the_same_pixels_also_where_the_lens_is_off_the_m
         canvas.show(pack)
         camera = ViewCamera.orbit(pack, 0.0, size=(151, 112))
         camera = replace(camera, cx=camera.cx + 0.3333, cy=camera.cy - 0.1717)
-        pictures = []
+        passes, pictures = passes_for(["normal"], RenderSettings()), []
         for side in (16, 47, 200):
-            export = Export([camera], RenderSettings(), tmp_path / f"{side}.png", canvas, pack, tile_side=side)
+            export = Export([camera], passes, tmp_path / f"{side}.png", canvas, pack, tile_side=side)
             until(lambda export=export: export.step(1.0) or export.finished)
             pictures.append(np.asarray(Image.open(export.target)))
         assert np.ptp(pictures[0]) > 100
