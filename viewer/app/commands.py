@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from scenepack.placement import NOT_MOVED
 from viewer.features.display.display import next_mode
 from viewer.features.editing.erasing import CHANGES, RULES, TOOLS
 from viewer.features.editing.erasing import PAGE as ERASE_PAGE
@@ -227,7 +228,7 @@ _ALL = (
         ("move-ground", "Level the ground by three points", _tool("measure_tool", "ground"), ""),
         ("move-origin", "Set the origin", _tool("measure_tool", "origin"), ""),
         ("move-find-ground", "Find the ground", placing.find_ground, ""),
-        ("move-reset", "Back to the grid frame", placing.reset, ""),
+        ("move-reset", "Back to the grid frame", lambda app: placing.change(app, NOT_MOVED), ""),
     ),
     *_group("Bookmarks", ("film-bookmarks", "Film through the bookmarks", lambda app: app.bookmarks.film(app), "")),
 )

@@ -37,7 +37,7 @@ class OrbitCamera:
     def __init__(self, pack: Pack, fov: float = DEFAULT_FOV) -> None:
         self.table = Turntable(mirrored=is_mirrored(pack), placed=placement_of(pack).rotation)
         self.all_of_it = content_box(pack)
-        self._outline = np.stack(self.all_of_it) if self.bounded else outline(pack)
+        self._outline = outline(pack)
         self.middle = middle_of(self._outline)
         self.radius = max(float(np.linalg.norm(self._outline - self.middle, axis=1).max()), 1e-6)
         self.home_fov = self.fov = fov

@@ -103,12 +103,13 @@ def _still(app: App, filming: Filming) -> None:
     """The tick list of what is saved, and where to."""
     filming.transparent = ui.switch("transparent", filming.transparent, "No background")
     ui.tip("Transparent, in the PNG or OpenEXR file")
+    besides = []
     for mode, title in STILL_MODES.items():
         ui.label(title)
-        on = ui.switch(mode, mode in filming.besides)
+        if ui.switch(mode, mode in filming.besides):
+            besides.append(mode)
         ui.tip(f"Save this as well: NAME_{mode}.png, or a channel of the OpenEXR file")
-        if on != (mode in filming.besides):
-            filming.besides = tuple(m for m in STILL_MODES if (m in filming.besides) != (m == mode))
+    filming.besides = tuple(besides)
     if not filming.panorama:
         _depth_of_field(app, filming)
     if ui.main_button(f"{fa.ICON_FA_CAMERA}  Save this view…", enabled=filming.export is None):

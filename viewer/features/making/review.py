@@ -131,12 +131,12 @@ def points_pack(scene: Scene, points: SparsePoints) -> Pack:
         raise ValueError("no point lies in the box")
     voxels = voxels[inside][:, ::-1]  # z, y, x
     places, of = np.unique(voxels // BLOCK_SIZE, axis=0, return_inverse=True)  # the macroblocks with points
-    content = np.zeros((len(places),) + (BLOCK_SIZE,) * 3 + (8,), np.uint8)
+    content = np.zeros((len(places),) + (BLOCK_SIZE,) * 3 + (4,), np.uint8)
     z, y, x = (voxels % BLOCK_SIZE).T
     content[of.ravel(), z, y, x, :3], content[of.ravel(), z, y, x, 3] = points.colours[inside], 255
     kept = np.zeros(tuple(blocks[::-1]), bool)
     kept[tuple(places.T)] = True
-    indices, rgba, _ = fill_atlas(zip(map(tuple, places.tolist()), content, strict=True), kept, BLOCK_SIZE)
+    indices, rgba, _ = fill_atlas(zip(map(tuple, places.tolist()), content, strict=True), kept, BLOCK_SIZE, channels=4)
     restore_padding(rgba, indices, BLOCK_SIZE)
     width, height, depth = (blocks * BLOCK_SIZE).tolist()
     return Pack(

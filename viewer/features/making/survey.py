@@ -10,7 +10,7 @@ import math
 import shutil
 import warnings
 import webbrowser
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,10 +92,10 @@ DISK_OF_1000 = 1.1e9
 class TimeNeeded(JsonTask):
     """An estimate for photographs of these longer sides (pixels), from the moment this is made. Poll `news`, and close it.
 
-    unbounded: whether all that surrounds the cameras is trained. after: waits for what else is being measured.
+    unbounded: whether all that surrounds the cameras is trained. after: what else is being measured, which ends first.
     """
 
-    def __init__(self, sides: Sequence[int], unbounded: bool, after: Callable[[], object] = lambda: None) -> None:
+    def __init__(self, sides: Sequence[int], unbounded: bool, after: Task[None] | None) -> None:
         self._runs: Mapping[str, Any] = {}
         self._per_sample: float | None = None
         self._after = after
@@ -103,8 +103,9 @@ class TimeNeeded(JsonTask):
         super().__init__("training.speed", words, self._take)
 
     def _listen(self) -> None:
-        with suppress(Exception):  # it reports what went wrong itself
-            self._after()
+        if self._after is not None:
+            with suppress(Exception):  # it reports what went wrong itself
+                self._after.result()
         super()._listen()
 
     def seconds(self, preset: str, side: int) -> float | None:
@@ -249,9 +250,8 @@ class Survey(Task[None]):
 
     def _begin_time(self) -> None:
         if MEASURES and not self.cancelled and not trainer_missing():
-            after = self.preview.result if self.preview is not None else lambda: None
             unbounded = not (self.kind == "blender" or self.masked or self.forward)
-            self.time = TimeNeeded([max(size) for size in self.sizes.values()], unbounded, after)
+            self.time = TimeNeeded([max(size) for size in self.sizes.values()], unbounded, self.preview)
 
 
 def _size(scene: Scene) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from console import UserError
-from scenepack.placement import NOT_MOVED, Placement, ground_plane
+from scenepack.placement import Placement, ground_plane
 from viewer.core.annotations import Point
 
 if TYPE_CHECKING:
@@ -53,7 +53,3 @@ def find_ground(app: App) -> None:
     at, up = ground_plane(app.open_scene.pack, before.up)
     change(app, before.levelled(up, at))
     app.messages.say("The ground is level")
-
-
-def reset(app: App) -> None:
-    change(app, NOT_MOVED)
