@@ -305,14 +305,11 @@ class OrbitCamera:
         self.take_over()
         eye = self.goal.eye(self.table)
         back = eye - np.asarray(point, np.float64)
-        distance = float(np.linalg.norm(back))
-        if distance < 1e-9:
-            return
         pose = replace(self.goal, pivot=triple(point))
         if not self.orthographic:  # there, turning would show another side, and the distance tells the size
             azimuth, elevation = self.table.angles(back)
             azimuth = pose.azimuth if abs(elevation) > STEEP else azimuth
-            pose = Pose(pose.pivot, azimuth, elevation, distance)
+            pose = Pose(pose.pivot, azimuth, elevation, float(np.linalg.norm(back)))
         self.goal = self._bounded(pose)
 
     def set_up(self, up: str) -> None:

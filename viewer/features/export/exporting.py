@@ -91,11 +91,10 @@ class ExportPlan:
         from scenepack.exports.scene import Export
 
         assert self.kind != "page"
-        cropped = crop if self.crop else None
-        export = Export(
-            self.kind, level=self.level, keep=self.keep, faces=self.faces, spacing=self.spacing, crop=cropped
-        )
-        return export if self.smooth else replace(export, smooth=0)
+        return Export(
+            self.kind, level=self.level, keep=self.keep, smooth=Export.smooth if self.smooth else 0, faces=self.faces,
+            spacing=self.spacing, crop=crop if self.crop else None,
+        )  # fmt: skip
 
 
 @dataclass

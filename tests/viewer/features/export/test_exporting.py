@@ -68,10 +68,11 @@ def test_a_failure_is_a_dialog_with_the_commands_own_line(shown: App, tmp_path: 
     assert not folder.exists() and not list(tmp_path.iterdir())
 
 
-def test_what_is_no_pack_on_disk_cannot_be_exported(shown: App, pack: Pack, tmp_path: Path) -> None:
-    shown.show(pack, tmp_path / "gone")
-    with pytest.raises(UserError, match="not a pack"):
-        shown.exporting.ask(shown)
+@pytest.mark.parametrize("ask", [lambda app: app.exporting.ask(app), lambda app: app.sharing.start(app)])
+def test_what_is_no_pack_on_disk_cannot_be_exported_or_shared(app: App, pack: Pack, tmp_path: Path, ask) -> None:
+    app.show(pack, tmp_path / "gone")
+    with pytest.raises(UserError, match="not a pack on disk"):
+        ask(app)
 
 
 @pytest.mark.parametrize("how", ["cancelled", "the program ends"])
@@ -158,16 +159,15 @@ def test_a_preview_is_seen_where_the_pack_is_in_its_colours(ctx, pack, kind, par
 
 
 @pytest.mark.slow
-def test_the_scene_is_shared_as_it_is_seen_until_that_is_stopped(app: App, pack: Pack, pack_folder: Path) -> None:
-    app.show(pack, pack_folder)
-    rig = app.open_scene.rig
+def test_the_scene_is_shared_as_it_is_seen_until_that_is_stopped(shown: App, pack: Pack) -> None:
+    app, rig = shown, shown.open_scene.rig
     rig.turn(30, 10)
     rig.shown = goal = rig.goal
     app.filming.turntable(app)
     app.set(crop=((-1.0, -1.0, -1.0), (0.0, 1.0, 1.0)))
     app.sharing.start(app)
-    server = app.sharing.server
-    assert server is not None and server.folder.is_dir()
+    server = not_none(app.sharing.server)
+    assert server.folder.is_dir()
     try:
         until(lambda: app.sharing.tick(app) or server.address != "")
         with urlopen(server.address, timeout=20) as answer:
@@ -185,16 +185,9 @@ def test_the_scene_is_shared_as_it_is_seen_until_that_is_stopped(app: App, pack:
         urlopen(server.address, timeout=20)
 
 
-def test_what_cannot_be_shared_is_told(app: App, pack: Pack, pack_folder: Path, tmp_path: Path) -> None:
-    assert not app.run("share")  # nothing is open
-    assert app.sharing.server is None
-    app.show(pack, tmp_path / "gone")
-    with pytest.raises(UserError, match="not a pack on disk"):
-        app.sharing.start(app)
-    app.show(pack, pack_folder)
-    app.sharing.start(app)
-    server = app.sharing.server
-    assert server is not None
+def test_sharing_that_ends_by_itself_is_told(shown: App) -> None:
+    shown.sharing.start(shown)
+    server = not_none(shown.sharing.server)
     server.child.kill()
-    until(lambda: app.sharing.tick(app) or app.sharing.server is None)
-    assert "is not shared" in app.messages.dialogs[0].title and not server.folder.exists()
+    until(lambda: shown.sharing.tick(shown) or shown.sharing.server is None)
+    assert "is not shared" in shown.messages.dialogs[0].title and not server.folder.exists()

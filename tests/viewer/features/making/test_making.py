@@ -62,31 +62,20 @@ def test_progress_is_shown_while_the_child_works(making, tmp_path):
     Image.new("RGB", (1024, 512), (200, 10, 10)).save(job.plan.run / "validation" / "latest.png")
     live(app, lambda: job.picture is not None)
     assert job.picture.shape == (256, 512, 3)
-    app.drop([tmp_path / "photographs"])  # gone: opened as a pack, which it is not
-    app.making.offer(app, "scene", tmp_path)
-    assert "One scene at a time" in [dialog.title for dialog in app.messages.dialogs]
 
 
-def test_stopping_lets_the_child_save_and_a_later_attempt_goes_on(making, tmp_path):
-    app = making("wait")
+@pytest.mark.parametrize("how", ["wait", "deaf"])
+def test_stopping_lets_the_child_save_and_ends_one_that_does_not_hear_when_asked_again(making, tmp_path, how):
+    app = making(how)
     live(app, (tmp_path / "pid").exists)
     pid = int((tmp_path / "pid").read_text())
-    app.making.stop(app)
+    for _ in range(1 if how == "wait" else 2):
+        app.making.stop(app)
     assert app.making.job.child.stopping
     live(app, lambda: app.making.job is None)
-    assert (tmp_path / "saved").exists() and gone(pid) and not app.messages.dialogs
-    assert "make it again" in app.messages.toast
-    assert "saved at step 40" in (tmp_path / "make.log").read_text()
-
-
-def test_a_child_that_does_not_hear_is_ended_all_the_same(making, tmp_path, monkeypatch):
-    app = making("deaf")
-    live(app, (tmp_path / "pid").exists)
-    pid = int((tmp_path / "pid").read_text())
-    app.making.stop(app)
-    app.making.stop(app)  # in a hurry
-    live(app, lambda: app.making.job is None)
-    assert gone(pid) and not app.messages.dialogs
+    assert gone(pid) and not app.messages.dialogs and "make it again" in app.messages.toast
+    assert (tmp_path / "saved").exists() == (how == "wait")
+    assert ("saved at step 40" in (tmp_path / "make.log").read_text()) == (how == "wait")
 
 
 def test_a_failure_is_a_dialog_with_its_line_and_its_log_and_can_be_tried_again(making, tmp_path):
