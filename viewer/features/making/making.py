@@ -32,10 +32,10 @@ PARTING_S = 30.0  # for the process to save, where the program ends and there is
 
 
 class SparsePreviewJob(Task[SparsePreview | None]):
-    """Reads the sparse points of a plan's scene. review: one follows, before training. before: the one that it replaces."""
+    """Reads the sparse points of a plan's scene. Of a plan for poses only a review follows. before: the one that it replaces."""
 
-    def __init__(self, plan: Plan, *, review: bool = False, before: Review | None = None) -> None:
-        self.plan, self.review, self.before = plan, review, before
+    def __init__(self, plan: Plan, before: Review | None = None) -> None:
+        self.plan, self.before = plan, before
         super().__init__(partial(read_sparse_preview, plan.posed, plan.spherify, plan.cut_out, plan.up))
 
 
@@ -179,7 +179,7 @@ class Making:
         """In the review: another direction is up; None for the cameras' own. The points are read again."""
         if self.review is not None:
             self._uncut(app)
-            self.reading = SparsePreviewJob(replace(self.review.plan, up=up), review=True, before=self.review)
+            self.reading = SparsePreviewJob(replace(self.review.plan, up=up), self.review)
             self.review = None
 
     def show_points(self, app: App) -> None:
@@ -230,7 +230,7 @@ class Making:
 
     def _take_sparse_preview(self, app: App, reading: SparsePreviewJob) -> None:
         shown, self.sparse_preview = self.sparse_preview_shown(app), reading.result()
-        if reading.review:
+        if reading.plan.poses_only:
             if self.sparse_preview is None:  # too few points to see anything
                 self._begin(app, replace(reading.plan, poses_only=False))
                 return
@@ -319,7 +319,7 @@ class Making:
     def _ended(self, app: App, job: MakeJob, status: int, kept: Callable[[], None]) -> None:
         name = job.plan.name
         if status == 0 and job.plan.poses_only:
-            self.reading = SparsePreviewJob(job.plan, review=True)
+            self.reading = SparsePreviewJob(job.plan)
         elif status == 0:
             app.messages.say(f"{name} is ready")
             app.open(job.plan.pack, then=kept)

@@ -98,11 +98,15 @@ class Opening:
     def cancel(self, app: App) -> None:
         """Stops reading; the open scene stays."""
         if self.loading is not None:
-            self.loading.cancel()
             app.messages.log(f"{self.loading.path}: opening was cancelled")
-            self.loading = None
-            self._drop_unfinished(app)
-            app.touch()
+            self._give_up(app, self.loading)
+
+    def _give_up(self, app: App, loading: Loading) -> None:
+        loading.cancel()
+        self.loading = None
+        if app.scene is not None and not app.scene.whole:
+            app.close()
+        app.touch()
 
     def tick(self, app: App) -> None:
         """Delivers what the thread has read: a partial pack, the whole pack, or an error."""
@@ -122,11 +126,8 @@ class Opening:
             self._show_whole(app, loading.result(), loading.path)
             self._tell_notes(app, loading)
         except Exception as error:  # a dialog, and the program goes on
-            loading.cancel()
-            self.loading = None
-            self._drop_unfinished(app)
+            self._give_up(app, loading)
             app.messages.fail(f"{loading.path.name} cannot be opened", error)
-            app.touch()
 
     def _tell_notes(self, app: App, loading: Loading) -> None:
         """Reports repairs of an untidy pack once, however often it is opened."""
@@ -163,11 +164,6 @@ class Opening:
             app.show(pack, path)
         if self.then is not None:
             self.then()
-
-    @staticmethod
-    def _drop_unfinished(app: App) -> None:
-        if app.scene is not None and not app.scene.whole:
-            app.close()
 
 
 # --- Open packs that are not shown now ---

@@ -59,7 +59,8 @@ def test_the_kind_is_found_and_forward_facing_scenes_are_shown_as_seen_from_outs
 def reviewed(posed: Path) -> tuple[App, Review]:
     app = App(canvas=FakeCanvas())
     app.making.sparse_preview = not_none(read_sparse_preview(posed))
-    app.making.review = review = Review(Plan("scene", posed, posed.parent / "out"), app.making.sparse_preview)
+    plan = Plan("scene", posed, posed.parent / "out", poses_only=True)
+    app.making.review = review = Review(plan, app.making.sparse_preview)
     app.making.show_points(app)
     return app, review
 
