@@ -5,10 +5,9 @@ Writes Markdown to stdout and to --out, and JSON beside it.
 
 import sys
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from baker.reports.pages import codec_columns, table_of
 from baker.reports.report import LADDER, measured
 from console import check_results, run_command, write_json, write_result
 from training.scenes import load_scene
@@ -38,27 +37,10 @@ def codec_report(
         for row in measured(pack, photographs, split, ladder, Path(folder)):
             print(f"{row['codec']} {row['quality'] or ''}: {row['bytes'] / 1e6:.2f} MB", file=sys.stderr, flush=True)
             rows.append(row)
-    table = as_markdown(rows)
+    table = table_of(rows, ("codec", lambda row: row["codec"]), *codec_columns(rows[0]["bytes"]))
     print(table)
     write_result(out, table + "\n")
     write_json(figures, rows)
-
-
-def as_markdown(rows: Sequence[dict[str, Any]]) -> str:
-    """The table; percentages are of the first row, PNG."""
-    lines = [
-        "| codec | quality | MB | of PNG | PSNR (dB) | SSIM | LPIPS | PSNR against the pack (dB) | encode (s) | decode (s) |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        quality = "lossless" if row["quality"] is None else f"{row['quality']}{' (default)' if row['default'] else ''}"
-        lpips = "–" if row["lpips"] is None else f"{row['lpips']:.4f}"
-        against = "identical" if row["psnr_against_pack"] >= 119 else f"{row['psnr_against_pack']:.2f}"
-        share = 100 * row["bytes"] / rows[0]["bytes"]
-        cells = [row["codec"], quality, f"{row['bytes'] / 1e6:.2f}", f"{share:.0f} %", f"{row['psnr']:.2f}"]
-        cells += [f"{row['ssim']:.4f}", lpips, against, f"{row['encode_s']:.1f}", f"{row['decode_s']:.1f}"]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,8 @@ FIGURES_NAME = "figures"  # of a table: the pictures beside it
 NO_SUCH_FIELD = "It shares the head and the sparsity term of the paper's deferred NeRF, but is not that field."
 
 
-def _number(value: float | None, digits: int, unit: float = 1.0) -> str:
+def number(value: float | None, digits: int = 2, unit: float = 1.0) -> str:
+    """A figure as a cell says it, in `unit`; a dash for None."""
     return NONE if value is None else f"{value / unit:,.{digits}f}"
 
 
@@ -30,11 +31,11 @@ def _italic(text: str) -> str:
 
 
 def _figure(key: str, digits: int, unit: float = 1.0) -> Cell:
-    return lambda row: _number(row.get(key), digits, unit)
+    return lambda row: number(row.get(key), digits, unit)
 
 
 def _theirs(key: str, digits: int, unit: float = 1.0, source: str = "paper") -> Cell:
-    return lambda row: _italic(_number((row.get(source) or {}).get(key), digits, unit))
+    return lambda row: _italic(number((row.get(source) or {}).get(key), digits, unit))
 
 
 def _took(row: Row) -> str:
@@ -52,13 +53,15 @@ GPU_MB: Column = ("GPU MB", _figure("gpu_bytes", 1, 1e6))
 FPS: Column = ("FPS", _figure("fps", 1))
 
 
-def _table(rows: Iterable[Row], *columns: Column) -> list[str]:
-    return _markdown([heading for heading, _ in columns], ([cell(row) for _, cell in columns] for row in rows))
+def table_of(rows: Iterable[Row], *columns: Column) -> str:
+    """A table of these columns, in Markdown."""
+    return markdown_table([heading for heading, _ in columns], ([cell(row) for _, cell in columns] for row in rows))
 
 
-def _markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table: words in the first column, numbers in the others."""
     lines = [f"| {' | '.join(headings)} |", "| --- |" + " ---: |" * (len(headings) - 1)]
-    return [*lines, *(f"| {' | '.join(row)} |" for row in rows)]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
 
 
 def report_text(document: Mapping[str, Any]) -> str:
@@ -195,12 +198,12 @@ def scenes_tables(document: Mapping[str, Any], heading: str) -> list[str]:
         scenes, cells = made["scenes"], []
         for row in made["rows"]:
             values = [row["mean"], *(row["values"][scene] for scene in scenes)]
-            cells.append([row["label"], *(_number(value, digits, unit) for value in values)])
+            cells.append([row["label"], *(number(value, digits, unit) for value in values)])
             if any(value is not None for value in row["paper"].values()):
                 values = [row["paper_mean"], *(row["paper"][scene] for scene in scenes)]
-                numbers = (_italic(_number(value, digits, unit)) for value in values)
+                numbers = (_italic(number(value, digits, unit)) for value in values)
                 cells.append([f"*{row['label']}, the paper*", *numbers])
-        lines += ["", f"{heading} {title}", "", *_markdown(["", "mean", *scenes], cells)]
+        lines += ["", f"{heading} {title}", "", markdown_table(["", "mean", *scenes], cells)]
     return lines
 
 
@@ -230,7 +233,7 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
     means = ", ".join(str(row["label"]).split(":")[0] for row in printed)
     lines = [
         f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. {own}".strip(), "",
-        *_table(rows, *columns), "",
+        table_of(rows, *columns), "",
         "SNeRG rows are baked as the paper writes (`snerg-bake --preset paper`), ours by default settings. Time is of training "
         "for fields, of baking for packs."
         + (f" The paper prints {means} as means over its synthetic scenes only." if means else ""),
@@ -243,8 +246,8 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _storage(table: Table, about: Mapping[str, Any]) -> list[str]:
-    rows, png = table["rows"], next(row["bytes"] for row in table["rows"] if row["row"] == "png")
+def codec_columns(png_bytes: int) -> list[Column]:
+    """What codecs make of one pack (baker.reports.report.measured), its size with PNG among it."""
 
     def quality(row: Row) -> str:
         if "codec" not in row:
@@ -253,21 +256,26 @@ def _storage(table: Table, about: Mapping[str, Any]) -> list[str]:
 
     def against_pack(row: Row) -> str:
         against = row.get("psnr_against_pack")
-        return "identical" if against is not None and against >= 119 else _number(against, 2)
+        return "identical" if against is not None and against >= 119 else number(against, 2)
 
-    columns = [
-        LABEL, ("quality", quality), MB,
-        ("of PNG", lambda row: NONE if row.get("bytes") is None else f"{100 * row['bytes'] / png:.0f} %"), *SCORES,
+    return [
+        ("quality", quality), MB,
+        ("of PNG", lambda row: NONE if row.get("bytes") is None else f"{100 * row['bytes'] / png_bytes:.0f} %"), *SCORES,
         ("PSNR against the pack (dB)", against_pack),
         ("encode (s)", _figure("encode_s", 1)), ("decode (s)", _figure("decode_s", 1)),
-        ("*paper:* MB", _theirs("mb", 1)), ("*PSNR*", _theirs("psnr", 2)), *PAPER[1:],
     ]  # fmt: skip
+
+
+def _storage(table: Table, about: Mapping[str, Any]) -> list[str]:
+    rows, png_bytes = table["rows"], next(row["bytes"] for row in table["rows"] if row["row"] == "png")
+    theirs = [("*paper:* MB", _theirs("mb", 1)), ("*PSNR*", _theirs("psnr", 2)), *PAPER[1:]]
     kind = "as the paper writes, view MLP fine-tuned" if table["preset"] == "paper" else "by our default settings"
     return [
         f"Packs of {table['resolution']} voxels along the longest side, baked {kind}; the row of floats is the paper's bake "
         "before it is quantised. Bytes of networks and floats are 4 a number. The paper prints this table as means over "
         f"{paper_figures.KINDS[about['kind']]}.",
-        "", *_table(rows, *columns), *_to_fill(rows), "", "![PSNR over megabytes, by codec](storage.png)",
+        "", table_of(rows, LABEL, *codec_columns(png_bytes), *theirs), *_to_fill(rows), "",
+        "![PSNR over megabytes, by codec](storage.png)",
     ]  # fmt: skip
 
 
@@ -296,14 +304,14 @@ def _performance(table: Table, about: Mapping[str, Any]) -> list[str]:
     lines = [
         f"Packs of {table['resolution']} voxels along the longest side. ± is over frames. The paper measured its whole system "
         "(its bake and its marcher) on a laptop with an 85 W AMD Radeon Pro 5500M.",
-        "", *_table(table["rows"], *columns), "", *_device(table), *_to_fill(table["rows"]),
+        "", table_of(table["rows"], *columns), "", *_device(table), *_to_fill(table["rows"]),
     ]  # fmt: skip
     if speed := paper_figures.SPEED.get(about["kind"]):
         kind = paper_figures.KINDS[about["kind"]]
         lines += ["", f"What the paper prints of itself and of others, of {kind} (not measured here):", ""]
         names = (f"*{paper_figures.NAMES.get(name, name)}*" for name in speed)
         rows = [[name, *SPEED_ROW.format(*row).split()] for name, row in zip(names, speed.values(), strict=True)]
-        lines += _markdown(["*method*", "*PSNR*", "*SSIM*", "*LPIPS*", "*W*", "*FPS*", "*FPS/W*"], rows)
+        lines.append(markdown_table(["*method*", "*PSNR*", "*SSIM*", "*LPIPS*", "*W*", "*FPS*", "*FPS/W*"], rows))
     return lines
 
 
@@ -316,7 +324,7 @@ def _resolution(table: Table, about: Mapping[str, Any]) -> list[str]:
     kind = "as the paper writes" if table["preset"] == "paper" else "by our default settings"
     return [
         f"Baked {kind}. The paper prints this table as means over its synthetic scenes, with the sparsity loss.",
-        "", *_table(table["rows"], *columns), "", *_device(table), *_to_fill(table["rows"]), "",
+        "", table_of(table["rows"], *columns), "", *_device(table), *_to_fill(table["rows"]), "",
         "![Quality, size and frame time over the resolution](resolution.png)",
     ]  # fmt: skip
 
@@ -331,7 +339,7 @@ def _real(table: Table, about: Mapping[str, Any]) -> list[str]:
         f"Packs of {table['resolution']} voxels along the longest side, baked from: {table['field']}. Masked: photographs and "
         "pictures of all rows are compared where the paper's bake is opaque, as the paper does for 360° scenes. Its own "
         f"figures here are {'masked' if table['paper_is_masked'] else 'of whole pictures'}.",
-        "", *_table(table["rows"], *columns, *PAPER, RELEASE), *_to_fill(table["rows"]),
+        "", table_of(table["rows"], *columns, *PAPER, RELEASE), *_to_fill(table["rows"]),
     ]  # fmt: skip
 
 
@@ -350,7 +358,7 @@ def _sparsity(table: Table, about: Mapping[str, Any]) -> list[str]:
     lines = [
         f"Baked at {table['resolution']} voxels as the paper writes: our own bake empties voxels that no photograph shows, and "
         "with them the fog that a field trained without the loss leaves.",
-        "", *_table(table["rows"], *columns), *_to_fill(table["rows"]), "", "![Opacity of stored voxels](sparsity.png)", "",
+        "", table_of(table["rows"], *columns), *_to_fill(table["rows"]), "", "![Opacity of stored voxels](sparsity.png)", "",
         "Cross-sections through the middle: above, opacity (ink is the square root of alpha, so that fog is seen; "
         "stored macroblocks are blue); below, diffuse colours over white.",
     ]  # fmt: skip

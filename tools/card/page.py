@@ -1,7 +1,9 @@
 """report.json as a page that can be read: what was measured on which card, and what was not, with the reason."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
+
+from baker.reports.pages import markdown_table, number
 
 Facts = Mapping[str, Any]
 
@@ -23,17 +25,8 @@ def _card(device: Facts) -> str:
     return device.get("card", {}).get("name") or device.get("renderer") or "an unknown card"
 
 
-def _number(value: Any, digits: int = 2) -> str:
-    return "–" if value is None else f"{value:,.{digits}f}"
-
-
 def _yes(holds: bool) -> str:
     return "yes" if holds else "**no**"
-
-
-def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"| {' | '.join(headings)} |", "| --- |" + " ---: |" * (len(headings) - 1)]
-    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
 
 
 def _device(device: Facts) -> Iterator[str]:
@@ -58,7 +51,7 @@ def _device(device: Facts) -> Iterator[str]:
 def _state(parts: Mapping[str, Facts]) -> Iterator[str]:
     yield "## What was done"
     rows = [(name, facts["status"], facts["why"] or " ", f"{facts['seconds']:.0f}") for name, facts in parts.items()]
-    yield _table(("part", "", "why", "seconds"), rows)
+    yield markdown_table(("part", "", "why", "seconds"), rows)
 
 
 def _packs(packs: Mapping[str, Facts]) -> Iterator[str]:
@@ -77,17 +70,17 @@ def _packs(packs: Mapping[str, Facts]) -> Iterator[str]:
         ratio = f"**{times['ratio']:.2f}** ({times['ratio_p5']:.2f} – {times['ratio_p95']:.2f})"
         rows.append((
             name, " × ".join(map(str, facts["voxels"])),
-            _number(times["exact"]["ms_p50"], 3), _number(times["paper"]["ms_p50"], 3), ratio,
-            _number(exact["fps"], 0), _number(exact["watts"], 1), _number(exact["fps_per_watt"]),
-            _number(facts["power"]["paper"]["fps_per_watt"]), _number(times["exact"]["gpu_bytes"] / 2**20, 0),
+            number(times["exact"]["ms_p50"], 3), number(times["paper"]["ms_p50"], 3), ratio,
+            number(exact["fps"], 0), number(exact["watts"], 1), number(exact["fps_per_watt"]),
+            number(facts["power"]["paper"]["fps_per_watt"]), number(times["exact"]["gpu_bytes"] / 2**20, 0),
         ))  # fmt: skip
     headings = "pack, voxels, `exact` (ms), `paper` (ms), ratio, FPS without pause, W, FPS/W, `paper` FPS/W, MiB"
-    yield _table(headings.split(", "), rows)
+    yield markdown_table(headings.split(", "), rows)
     yield "The same frames by both clocks, medians in milliseconds:"
     clocks = [
-        (name, _number(f["timer"]["gpu_ms_p50"], 3), _number(f["timer"]["wall_ms_p50"], 3)) for name, f in done.items()
+        (name, number(f["timer"]["gpu_ms_p50"], 3), number(f["timer"]["wall_ms_p50"], 3)) for name, f in done.items()
     ]
-    yield _table(("pack", "timer query", "wall, around finish()"), clocks)
+    yield markdown_table(("pack", "timer query", "wall, around finish()"), clocks)
     yield "## Exactness"
     yield (
         "`exact` against taking every sample. Allowed: 0.1 % of channels beyond 1/255, at most 4/255 "
@@ -96,9 +89,9 @@ def _packs(packs: Mapping[str, Facts]) -> Iterator[str]:
     checks = []
     for name, facts in done.items():
         found = facts["exactness"]
-        share, psnr = f"{100 * found['beyond']:.4f} %", _number(found["psnr"], 1)
-        checks.append((name, _yes(found["holds"]), _number(found["worst"]), share, psnr))
-    yield _table(("pack", "holds", "worst, of 255", "beyond 1/255", "PSNR (dB)"), checks)
+        share, psnr = f"{100 * found['beyond']:.4f} %", number(found["psnr"], 1)
+        checks.append((name, _yes(found["holds"]), number(found["worst"]), share, psnr))
+    yield markdown_table(("pack", "holds", "worst, of 255", "beyond 1/255", "PSNR (dB)"), checks)
     yield "\n".join(f"![{name}]({facts['picture']})" for name, facts in done.items())
 
 
@@ -112,10 +105,10 @@ def _golden(golden: Facts) -> Iterator[str]:
         f"of channels beyond {tolerance['channel']}/255. The pictures were made on llvmpipe."
     )
     rows = [
-        (name, _yes(p["within"]), _number(p["mean"], 3), f"{100 * p['share']:.3f} %", _number(p["worst"], 0))
+        (name, _yes(p["within"]), number(p["mean"], 3), f"{100 * p['share']:.3f} %", number(p["worst"], 0))
         for name, p in pictures.items()
     ]
-    yield _table(("picture", "within", "mean", f"beyond {tolerance['channel']}/255", "worst"), rows)
+    yield markdown_table(("picture", "within", "mean", f"beyond {tolerance['channel']}/255", "worst"), rows)
 
 
 def _training(name: str, facts: Facts) -> Iterator[str]:
@@ -128,15 +121,15 @@ def _training(name: str, facts: Facts) -> Iterator[str]:
         yield f"    python {' '.join(['-m', *facts['command']])}"
     if facts.get("step_ms") and "steps" in facts:
         yield (
-            f"{facts['steps']:,} steps. One step takes **{facts['step_ms']:.1f} ms**: {_number(facts['rays_per_second'], 0)} "
-            f"rays a second, {_number(facts.get('samples_per_second'), 0)} samples a second (medians of the later half)."
+            f"{facts['steps']:,} steps. One step takes **{facts['step_ms']:.1f} ms**: {number(facts['rays_per_second'], 0)} "
+            f"rays a second, {number(facts.get('samples_per_second'), 0)} samples a second (medians of the later half)."
         )
     if facts.get("curve"):
-        rows = [(f"{p['step']:,}", _number(p["minutes"]), _number(p["psnr"])) for p in facts["curve"]]
-        yield _table(("step", "minutes", "PSNR held out (dB)"), rows)
+        rows = [(f"{p['step']:,}", number(p["minutes"]), number(p["psnr"])) for p in facts["curve"]]
+        yield markdown_table(("step", "minutes", "PSNR held out (dB)"), rows)
     if isinstance(facts.get("parts"), Mapping):
         yield f"One step takes {facts['step_ms']:.1f} ms; medians of {facts['rounds']} rounds."
-        rows = [(part, f"{100 * p['share']:.0f} %", _number(p["ms"])) for part, p in facts["parts"].items()]
-        yield _table(("part", "share", "ms"), rows)
+        rows = [(part, f"{100 * p['share']:.0f} %", number(p["ms"])) for part, p in facts["parts"].items()]
+        yield markdown_table(("part", "share", "ms"), rows)
     if "picture" in facts:
         yield f"![{name}]({facts['picture']})"

@@ -13,6 +13,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from baker.reports.pages import markdown_table
 from tests.fuzz.child import FINDING, OPENED, REFUSED, Outcome
 from tests.fuzz.recipes import SUBJECTS, Recipe, Source, class_of, keep, smaller, write_bases
 from tests.fuzz.workers import Worker
@@ -65,15 +66,15 @@ class Campaign:
 
     def table(self) -> str:
         """Counts by class, as a table in Markdown."""
-        rows = ["| class | files | opened | refused | findings |", "| --- | --- | --- | --- | --- |"]
+        rows = []
         names = sorted({name for name, _ in self.counts})
         for name in [*names, "all"]:
             by_kind = [
                 sum(n for (c, k), n in self.counts.items() if k == kind and name in (c, "all"))
                 for kind in (OPENED, REFUSED, FINDING)
             ]
-            rows.append(f"| {name} | {sum(by_kind):,} | {' | '.join(f'{n:,}' for n in by_kind)} |")
-        return "\n".join(rows)
+            rows.append((name, *(f"{n:,}" for n in (sum(by_kind), *by_kind))))
+        return markdown_table(("class", "files", "opened", "refused", "findings"), rows)
 
 
 def main() -> int:
