@@ -21,7 +21,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from baker.baking.config import BakeConfig
-from baker.tuning.fine_tune import EPOCHS, fine_tune
+from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_tuning import JointConfig, joint_tune, shown_psnr
 from baker.tuning.pruning import Pruned, arriving_transmittance, prune, smooth_hidden
 from console.progress import Progress
@@ -167,13 +167,10 @@ def tuned(voxels: Voxels, bar: Progress) -> Voxels:
 
 
 def with_tuned_view_mlp(voxels: Voxels, bar: Progress) -> Voxels:
-    pack, before, after = fine_tune(
+    pack, figures = fine_tune(
         voxels.pack, voxels.photographs, seed=voxels.config.seed, by_opacity=voxels.by_opacity, on_share=bar.update
     )
-    if not np.isfinite(after):
-        return voxels
-    figures = {"epochs": EPOCHS, "train_psnr_before": round(before, 3), "train_psnr_after": round(after, 3)}
-    return replace(voxels, pack=pack).noted(fine_tuning=figures)
+    return replace(voxels, pack=pack).noted(fine_tuning=figures) if figures else voxels
 
 
 def smoothed(voxels: Voxels, bar: Progress) -> Voxels:

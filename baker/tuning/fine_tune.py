@@ -8,7 +8,7 @@ pixels a step takes: here as many as a photograph has, of all photographs.
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -41,17 +41,17 @@ class Pixels(NamedTuple):
 def fine_tune(
     pack: Pack, dataset: RayDataset, *, epochs: int = EPOCHS, seed: int = 0, by_opacity: bool = False,
     on_share: Callable[[float, str], None] = lambda share, text: None,
-) -> tuple[Pack, float, float]:  # fmt: skip
-    """The pack with its view MLP refined, and the PSNR over shaded training pixels before and after.
+) -> tuple[Pack, dict[str, Any]]:  # fmt: skip
+    """The pack with its view MLP refined; figures: PSNR over shaded training pixels before and after.
 
     by_opacity: photographs also show what lies outside of the pack's box. Errors are weighted by the pack's own opacity, as
     the paper masks pictures of such scenes (appendix C.2).
 
-    A diffuse pack, and one that no training pixel meets, comes back as it is.
+    A diffuse pack, and one that no training pixel meets, comes back as it is, without figures.
     """
     pixels = None if pack.view_mlp is None else shaded_pixels(pack, dataset, seed, on_share)
     if pack.view_mlp is None or pixels is None:
-        return pack, float("nan"), float("nan")
+        return pack, {}
     if not by_opacity:
         pixels = pixels._replace(weight=jnp.ones_like(pixels.weight))
     params = to_params(pack.view_mlp)
@@ -64,7 +64,12 @@ def fine_tune(
         order = jax.random.permutation(jax.random.fold_in(key, epoch), -(-count // batch))
         params, moments = _epoch(params, moments, pixels, order, batch, optimiser)
         on_share(0.5 + 0.5 * (epoch + 1) / epochs, f"epoch {epoch + 1} of {epochs}")
-    return replace(pack, view_mlp=from_params(params)), before, _psnr(params, pixels)
+    figures = {
+        "epochs": epochs,
+        "train_psnr_before": round(before, 3),
+        "train_psnr_after": round(_psnr(params, pixels), 3),
+    }
+    return replace(pack, view_mlp=from_params(params)), figures
 
 
 def shaded_pixels(

@@ -76,7 +76,7 @@ class Tuner:
     def round_to(self, steps: Steps) -> None:
         """Stores everything in multiples of `steps`, now and after each update."""
         self.steps = steps.channels
-        self._store(self.delta, np.arange(1, self.cells.occupied + 1, dtype=np.int32))
+        self._store(np.arange(1, self.cells.occupied + 1, dtype=np.int32))
 
     def fill(self, ids: np.ndarray, samples: int, seed: int) -> None:
         """Sets `rays`, so that a step on such rays takes about so many samples."""
@@ -150,10 +150,10 @@ class Tuner:
         self.met[:] = 0
         moved = self.delta, self.slopes, self.first, self.second, floor, rates, some
         self.workers.share_range(len(some), PART, lambda _, low, high: cells.move_cells(*moved, low, high))
-        self._store(self.delta, some)
+        self._store(some)
 
-    def _store(self, delta: np.ndarray, some: np.ndarray) -> None:
-        stored = self.cells, cells.DEPTHS, delta, self.steps, some, self.tables.rgba, self.tables.features
+    def _store(self, some: np.ndarray) -> None:
+        stored = self.cells, cells.DEPTHS, self.delta, self.steps, some, self.tables.rgba, self.tables.features
         self.workers.share_range(len(some), STORED, lambda _, low, high: cells.store_cells(*stored, low, high))
 
 

@@ -228,10 +228,11 @@ def test_the_paper_tunes_the_view_mlp_on_all_pixels_a_photographs_worth_a_step(d
 
     real = tuning._epoch
     monkeypatch.setattr(tuning, "_epoch", epoch)
-    tuned, before, after = tuning.fine_tune(pack, dataset, epochs=2)
-    assert after > before and tuned.view_mlp is not pack.view_mlp and tuned.atlas_rgba is pack.atlas_rgba
+    tuned, figures = tuning.fine_tune(pack, dataset, epochs=2)
+    assert figures["train_psnr_after"] > figures["train_psnr_before"]
+    assert tuned.view_mlp is not pack.view_mlp and tuned.atlas_rgba is pack.atlas_rgba
     diffuse = replace(pack, view_mlp=None, atlas_features=None)
-    assert tuning.fine_tune(diffuse, dataset, epochs=3)[0] is diffuse, "which has nothing to tune"
+    assert tuning.fine_tune(diffuse, dataset, epochs=3) == (diffuse, {}), "which has nothing to tune"
     count = len(every.diffuse)
     for order, batch in taken:
         assert batch == -(-count // dataset.views) and sorted(order) == list(range(-(-count // batch))), "each pixel"
