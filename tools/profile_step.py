@@ -13,13 +13,13 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from baker.reports.pages import markdown_table
 from console import UserError, check_results, progress, run_command, write_json, write_result
 from training.libraries import begin_libraries
 
@@ -45,72 +45,24 @@ PARTS: Mapping[str, Mapping[str, str]] = {
 }
 
 
-class Times(NamedTuple):
-    """Milliseconds: wall time, and CPU time over all threads."""
-
-    wall: float
-    cpu: float
-
-
-@dataclass(frozen=True)
-class Profile:
-    """engine: its name. parts: medians of each part, by its name. samples: of a step. by_cpu: CPU time tells what a part costs,
-    as on a machine that others use, too; False for accelerators. facts: what was profiled, on what."""
-
-    engine: str
-    parts: Mapping[str, Times]
-    samples: float
-    threads: int
-    by_cpu: bool
-    facts: Mapping[str, Any]
-
-    @property
-    def step(self) -> Times:
-        """The whole step."""
-        return Times(*(float(sum(column)) for column in zip(*self.parts.values(), strict=True)))
-
-    @property
-    def shares(self) -> dict[str, float]:
-        """Each part's share of the step."""
-        costs = {name: times.cpu if self.by_cpu else times.wall for name, times in self.parts.items()}
-        return {name: cost / max(sum(costs.values()), 1e-9) for name, cost in costs.items()}
-
-    @property
-    def samples_per_cpu_second(self) -> float:
-        """Samples a second of one processor's time."""
-        return 1000 * self.samples / max(self.step.cpu, 1e-9)
-
-    def to_json(self) -> dict[str, Any]:
-        """{"step_ms", "cpu_ms", "threads", "samples", "samples_per_cpu_second", "parts": {name: {"ms", "cpu_ms", "share"}}}, and
-        the facts."""
-        parts = {
-            name: {"ms": round(times.wall, 3), "cpu_ms": round(times.cpu, 3), "share": round(self.shares[name], 4)}
-            for name, times in self.parts.items()
-        }
-        return {
-            "engine": self.engine, "step_ms": round(self.step.wall, 3), "cpu_ms": round(self.step.cpu, 3),
-            "threads": self.threads, "samples": int(self.samples),
-            "samples_per_cpu_second": round(self.samples_per_cpu_second), "parts": parts, **self.facts,
-        }  # fmt: skip
-
-    def to_markdown(self) -> str:
-        """A table below lines about what was profiled."""
-        facts = self.facts
-        about = (
-            f"{facts['scene']} after {facts['step']:,} steps: {facts['rows']:,} rows of features, {facts['rays']:,} rays a step. "
-            f"{facts['rounds']} rounds on {facts['device']}; medians. Shares are of {'CPU' if self.by_cpu else 'wall'} time."
-        )
-        speed = (
-            f"Engine {self.engine}: {self.threads} threads, {self.samples:,.0f} samples a step; a step takes "
-            f"{self.step.wall:.1f} ms and {self.step.cpu:.1f} ms of CPU time: {self.samples_per_cpu_second / 1e6:.2f} million "
-            "samples per CPU second."
-        )
-        rows = [
-            f"| {name} | {PARTS[self.engine][name]} | {100 * self.shares[name]:.0f} % | {times.wall:.1f} | {times.cpu:.1f} |"
-            for name, times in self.parts.items()
-        ]
-        head = ["| part | what it does | share | ms | CPU ms |", "| --- | --- | --- | --- | --- |"]
-        return "\n".join([about, "", speed, "", *head, *rows]) + "\n"
+def to_markdown(figures: Mapping[str, Any]) -> str:
+    """What `profile` found as a table, below lines about what was profiled."""
+    about = (
+        f"{figures['scene']} after {figures['step']:,} steps: {figures['rows']:,} rows of features, {figures['rays']:,} rays a "
+        f"step. {figures['rounds']} rounds on {figures['device']}; medians. Shares are of {figures['shares_of']} time."
+    )
+    speed = (
+        f"Engine {figures['engine']}: {figures['threads']} threads, {figures['samples']:,} samples a step; a step takes "
+        f"{figures['step_ms']:.1f} ms and {figures['cpu_ms']:.1f} ms of CPU time: "
+        f"{figures['samples_per_cpu_second'] / 1e6:.2f} million samples per CPU second."
+    )
+    does = PARTS[figures["engine"]]
+    rows = [
+        (name, does[name], f"{100 * part['share']:.0f} %", f"{part['ms']:.1f}", f"{part['cpu_ms']:.1f}")
+        for name, part in figures["parts"].items()
+    ]
+    table = markdown_table(("part", "what it does", "share", "ms", "CPU ms"), rows)
+    return f"{about}\n\n{speed}\n\n{table}\n"
 
 
 def steps_in_parts(engine: Any, state: State, step: int, progress: float) -> Iterator[tuple[str, Any]]:
@@ -151,9 +103,13 @@ def steps_in_parts(engine: Any, state: State, step: int, progress: float) -> Ite
 
 
 def profile(
-    method: MultiresMethod, state: State, step: int, rounds: int, on_share: Callable[[float], None] = lambda _: None
-) -> Profile:
-    """Times `rounds` rounds at a state, which goes on from there. step: how many steps were done before."""
+    method: MultiresMethod, state: State, step: int, rounds: int, on_share: Callable[[float], None]
+) -> dict[str, Any]:
+    """Times `rounds` rounds at a state, which goes on from there. step: how many steps were done before.
+
+    Medians, ms: of wall time, and of CPU time over all threads. The latter tells what a part costs (shares_of), as on a machine
+    that others use, too; but not with an accelerator.
+    """
     import jax
 
     laps: dict[str, list[np.ndarray]] = {}  # by part: wall and CPU time of each round, ms
@@ -171,15 +127,22 @@ def profile(
         samples.append(float(left["samples"]))
         rays = int(left["rays"])
         on_share((turn + 1) / (rounds + 1))
-    cores = os.cpu_count() or 1
-    facts = {
+    cores, by_cpu = os.cpu_count() or 1, jax.default_backend() == "cpu"
+    middle = sorted(samples)[len(samples) // 2]
+    medians = {name: np.median(each, axis=0) for name, each in laps.items()}
+    step_ms, cpu_ms = np.sum(list(medians.values()), axis=0).tolist()
+    return {
+        "engine": "fused" if method.config.engine == "fused" else "jax", "step_ms": round(step_ms, 3),
+        "cpu_ms": round(cpu_ms, 3), "threads": cores, "samples": int(middle),
+        "samples_per_cpu_second": round(1000 * middle / max(cpu_ms, 1e-9)), "shares_of": "CPU" if by_cpu else "wall",
+        "parts": {
+            name: {"ms": round(wall, 3), "cpu_ms": round(cpu, 3),
+                   "share": round(cpu / max(cpu_ms, 1e-9) if by_cpu else wall / max(step_ms, 1e-9), 4)}
+            for name, (wall, cpu) in medians.items()
+        },
         "step": step, "rows": len(state.values.table), "rays": rays, "rounds": rounds,
         "device": f"{jax.device_count()} x {jax.devices()[0].device_kind}, {cores} cores",
     }  # fmt: skip
-    engine = "fused" if method.config.engine == "fused" else "jax"
-    middle = sorted(samples)[len(samples) // 2]
-    parts = {name: Times(*np.median(each, axis=0).tolist()) for name, each in laps.items()}
-    return Profile(engine, parts, middle, cores, jax.default_backend() == "cpu", facts)
 
 
 def profile_step(
@@ -212,12 +175,10 @@ def profile_step(
 
     method, state, step, name = _of_run(subject) if is_run(subject) else _trained(subject, preset, downscale, steps)
     with progress("timing", 1.0) as bar:
-        measured = profile(method, state, step, rounds, bar.update)
-    measured = dataclasses.replace(measured, facts={"scene": name, **measured.facts})
-    if markdown is not None:
-        write_result(markdown, measured.to_markdown())
-    if not write_json(json, measured.to_json()):
-        print(measured.to_markdown(), end="")
+        figures = {"scene": name, **profile(method, state, step, rounds, bar.update)}
+    write_result(markdown, to_markdown(figures))
+    if not write_json(json, figures):
+        print(to_markdown(figures), end="")
 
 
 def _of_run(path: Path) -> tuple[Any, Any, int, str]:
