@@ -76,17 +76,6 @@ def golden(out: Path, budget: Budget) -> Facts:
     return facts | {"problems": [f"beyond the tolerance: {', '.join(beyond)}"] if beyond else []}
 
 
-def jax_devices(out: Path, budget: Budget, *, processor_too: bool) -> Facts:
-    """What JAX sees. Skipped where it is not installed, or sees no accelerator and `processor_too` is false."""
-    ended = run_child(["-c", DEVICES], out / "jax.log", min(DEVICES_S, budget.left))
-    if ended.status != 0:
-        raise Skipped(f"JAX cannot be used: {ended.last_line}")
-    facts = json.loads(ended.out)
-    if facts["backend"] == "cpu" and not processor_too:
-        raise Skipped("JAX sees no graphics card; install the extra train-cuda12 or train-cuda13")
-    return facts
-
-
 @dataclass
 class Training:
     """Trains a scene with a preset after another. scene: None renders one.
@@ -101,8 +90,13 @@ class Training:
     available: bool = False
 
     def devices(self, budget: Budget) -> Facts:
-        """A part: what JAX sees; the other parts are skipped where it sees nothing."""
-        facts = jax_devices(self.out, budget, processor_too=self.processor_too)
+        """A part: what JAX sees. Skipped, as the other parts are then, where it is not installed or sees no accelerator."""
+        ended = run_child(["-c", DEVICES], self.out / "jax.log", min(DEVICES_S, budget.left))
+        if ended.status != 0:
+            raise Skipped(f"JAX cannot be used: {ended.last_line}")
+        facts = json.loads(ended.out)
+        if facts["backend"] == "cpu" and not self.processor_too:
+            raise Skipped("JAX sees no graphics card; install the extra train-cuda12 or train-cuda13")
         self.available = True
         return facts
 

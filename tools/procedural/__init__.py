@@ -91,8 +91,3 @@ def write_procedural_scene(
         for _ in pool.map(render, jobs):
             bar.advance()
     return out
-
-
-__all__ = [
-    "ARRANGEMENTS", "Arrangement", "picture", "spread_cameras", "still_life", "write_procedural_scene",
-]  # fmt: skip

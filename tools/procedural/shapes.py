@@ -142,9 +142,6 @@ class Disc:
         round_ = np.concatenate([p[:, :2] / np.float32(self.radius), np.zeros_like(p[:, :1])], -1)
         return np.where((side & inside)[:, None], round_, flat)
 
-    def lit(self, p: np.ndarray, light: np.ndarray, w: float) -> np.ndarray:
-        return np.ones(len(p), np.float32)
-
 
 @dataclass(frozen=True)
 class Implicit:

@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from tools.procedural.island.light import rows_of
+from tools.procedural.island.light import fill_picture
 from tools.procedural.island.shapes import BOAT_AT, COTTAGE_AT, JETTY_AT, SPAN, TOWER_AT, WATER, Island, ground, rough
 from training.scenes.scene import Camera
 
@@ -109,6 +109,6 @@ def island_picture(island: Island, camera: Camera, subpixels: int = 2) -> np.nda
     feet = np.array([ground(island.heights, *TOWER_AT), ground(island.heights, *COTTAGE_AT)], np.float64)
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float64)
     mean = np.zeros((camera.height, camera.width, 4))
-    rows_of(island, feet, np.ascontiguousarray(camera.world_T_camera, np.float64), lens, subpixels, 0, mean)
+    fill_picture(island, feet, np.ascontiguousarray(camera.world_T_camera, np.float64), lens, subpixels, mean)
     straight = mean[..., :3] / np.maximum(mean[..., 3:], 1e-6)
     return np.rint(np.concatenate([straight, mean[..., 3:]], -1) * 255).astype(np.uint8)

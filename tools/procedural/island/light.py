@@ -268,16 +268,15 @@ def colour(island: shapes.Island, feet: np.ndarray, o: np.ndarray, d: np.ndarray
 
 
 @njit(nogil=True, cache=True)
-def rows_of(
+def fill_picture(
     island: shapes.Island,
     feet: np.ndarray,
     world_T_camera: np.ndarray,
     lens: np.ndarray,
     subpixels: int,
-    first: int,
     picture: np.ndarray,
 ) -> None:
-    """Fills rows [R, W, 4] of a picture from row `first` on: premultiplied display colour and coverage.
+    """Fills a picture [H, W, 4] of zeros: premultiplied display colour and coverage.
 
     lens: fx, fy, cx, cy in pixels.
     """
@@ -287,7 +286,7 @@ def rows_of(
         for column in range(picture.shape[1]):
             for k in range(subpixels * subpixels):
                 a = (column + (k % subpixels + 0.5) / subpixels - lens[2]) / lens[0]
-                b = -(first + row + (k // subpixels + 0.5) / subpixels - lens[3]) / lens[1]
+                b = -(row + (k // subpixels + 0.5) / subpixels - lens[3]) / lens[1]
                 length = sqrt(a * a + b * b + 1)
                 for c in range(3):
                     d[c] = (a * world_T_camera[c, 0] + b * world_T_camera[c, 1] - world_T_camera[c, 2]) / length
