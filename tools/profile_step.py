@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -24,8 +25,8 @@ from console import UserError, check_results, progress, run_command, write_json,
 from training.libraries import begin_libraries
 
 if TYPE_CHECKING:
-    from training.multires.method import MultiresMethod
     from training.multires.state import State
+    from training.run import Run
 
 ProfiledPreset = Literal["quick", "normal", "full"]
 DESCRIPTION = "Times the parts of one training step of the multi-resolution field (presets quick, normal and full)."
@@ -102,20 +103,20 @@ def steps_in_parts(engine: Any, state: State, step: int, progress: float) -> Ite
     yield "adam", metrics
 
 
-def profile(
-    method: MultiresMethod, state: State, step: int, rounds: int, on_share: Callable[[float], None]
-) -> dict[str, Any]:
-    """Times `rounds` rounds at a state, which goes on from there. step: how many steps were done before.
+def profile(run: Run, rounds: int, on_share: Callable[[float], None]) -> dict[str, Any]:
+    """Times `rounds` rounds of steps that go on with the run.
 
     Medians, ms: of wall time, and of CPU time over all threads. The latter tells what a part costs (shares_of), as on a machine
     that others use, too; but not with an accelerator.
     """
     import jax
 
+    method: Any = run.method
+    state: Any = run.state
     laps: dict[str, list[np.ndarray]] = {}  # by part: wall and CPU time of each round, ms
     samples, rays = [], 0
     for turn in range(rounds + 1):
-        at = step + turn
+        at = run.step + turn
         left: Any = None
         begun = np.array([time.perf_counter(), time.process_time()])
         for name, left in steps_in_parts(method.engine, state, at, min(at / max(method.config.steps, 1), 1.0)):
@@ -140,7 +141,7 @@ def profile(
                    "share": round(cpu / max(cpu_ms, 1e-9) if by_cpu else wall / max(step_ms, 1e-9), 4)}
             for name, (wall, cpu) in medians.items()
         },
-        "step": step, "rows": len(state.values.table), "rays": rays, "rounds": rounds,
+        "scene": run.scene.path.name, "step": run.step, "rows": len(state.values.table), "rays": rays, "rounds": rounds,
         "device": f"{jax.device_count()} x {jax.devices()[0].device_kind}, {cores} cores",
     }  # fmt: skip
 
@@ -173,46 +174,40 @@ def profile_step(
     begin_libraries()
     from training.run import is_run
 
-    method, state, step, name = _of_run(subject) if is_run(subject) else _trained(subject, preset, downscale, steps)
+    run = _loaded(subject) if is_run(subject) else _trained(subject, preset, downscale, steps)
     with progress("timing", 1.0) as bar:
-        figures = {"scene": name, **profile(method, state, step, rounds, bar.update)}
+        figures = profile(run, rounds, bar.update)
     write_result(markdown, to_markdown(figures))
     if not write_json(json, figures):
         print(to_markdown(figures), end="")
 
 
-def _of_run(path: Path) -> tuple[Any, Any, int, str]:
+def _loaded(path: Path) -> Run:
     from training.run import load_run, read_description
 
     config = read_description(path).config
     if config.method != "multires":
         raise UserError("only the multi-resolution field can be profiled", where=path,
                         expected="a run of the presets quick, normal, full", found=f"method {config.method}")  # fmt: skip
-    run = load_run(path)
-    return run.method, run.state, run.step, run.scene.path.name
+    return load_run(path)
 
 
-def _trained(
-    path: Path, preset: ProfiledPreset, downscale: int | None, steps: int
-) -> tuple[Any, Any, int, str]:  # fmt: skip
-    import jax
-
+def _trained(path: Path, preset: ProfiledPreset, downscale: int | None, steps: int) -> Run:
     from training.config import PRESETS
-    from training.dataset import make_dataset
-    from training.run import make_method, settled
-    from training.scenes import load_scene
+    from training.run import start_run
+    from training.scenes import SceneOptions
     from training.scenes.presets import PRESETS as KINDS
     from training.scenes.read import suggested_downscale
 
-    scene = load_scene(path, downscale=downscale or suggested_downscale(path, KINDS[preset].longest_side))
-    config = settled(dataclasses.replace(PRESETS[preset], steps=steps))
-    method = make_method(config, make_dataset(scene))
-    state = method.start(jax.random.PRNGKey(config.seed))
+    options = SceneOptions(downscale or suggested_downscale(path, KINDS[preset].longest_side))
+    with tempfile.TemporaryDirectory(prefix="snerg-profile-") as folder:
+        run = start_run(Path(folder), path, dataclasses.replace(PRESETS[preset], steps=steps), options)
     with progress("training", steps) as bar:
         for step in range(steps):
-            state, _ = method.step(state, step)
+            run.state, _ = run.method.step(run.state, step)
             bar.update(step + 1)
-    return method, state, steps, path.name
+    run.step = steps
+    return run
 
 
 def main(args: Sequence[str] | None = None) -> int:
