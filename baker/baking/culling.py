@@ -99,21 +99,20 @@ def content_box(
 
 
 def opaque_macroblocks(
-    query: FieldQuery, grid: BakeGrid, occupied: Occupied | None, tick: Tick, work: WorkFolder | None
+    query: FieldQuery, grid: BakeGrid, occupied: Occupied, tick: Tick, work: WorkFolder | None
 ) -> Opacity:
     """Culling by opacity: evaluates the field at every voxel centre, layer by layer of macroblocks, and keeps cells.
 
-    occupied: tells which boxes may hold content, to skip the others (baker.baking.field_query). tick: called with the share done.
-    work: finished layers, for resuming.
+    occupied: which boxes may hold content, to skip the others; None where nothing is known (training.method). tick: called with
+    the share done. work: finished layers, for resuming.
     """
     bx, by, bz = grid.blocks
     size, per_block = grid.block_size, grid.block_size // grid.cell
-    holds = np.ones((bz, by, bx), bool)
-    if occupied is not None:
-        corners = np.argwhere(holds)[:, ::-1] * size
-        ends = grid.training_points(corners), grid.training_points(corners + size)
-        may_hold = occupied(np.minimum(*ends), np.maximum(*ends))
-        holds = holds if may_hold is None else may_hold.reshape(bz, by, bx)
+    every = np.ones((bz, by, bx), bool)
+    corners = np.argwhere(every)[:, ::-1] * size
+    ends = grid.training_points(corners), grid.training_points(corners + size)
+    may_hold = occupied(np.minimum(*ends), np.maximum(*ends))
+    holds = every if may_hold is None else may_hold.reshape(every.shape)
     opaque = np.zeros((bz, by, bx), bool)
     density = np.zeros((bz * per_block, by * per_block, bx * per_block), np.float32)
     layers = [k for k in range(bz) if holds[k].any()]

@@ -27,4 +27,5 @@ def culled(field: FieldQuery, grid: BakeGrid, dataset: RayDataset, work: WorkFol
     def quiet(share: float) -> None:
         pass
 
-    return seen_macroblocks(opaque_macroblocks(field, grid, None, quiet, work), grid, dataset, quiet, work)
+    opacity = opaque_macroblocks(field, grid, lambda low, high: None, quiet, work)
+    return seen_macroblocks(opacity, grid, dataset, quiet, work)
