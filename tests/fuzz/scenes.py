@@ -24,7 +24,7 @@ def write_base(name: str, folder: Path) -> None:
     from tests.training.test_captures import circle, forward, write_llff, write_transforms
 
     if name == "blender":
-        write_procedural_scene(folder, size=8, views=3, test_views=2, subpixels=1)
+        write_procedural_scene(folder, size=8, views=3, subpixels=1)
         Image.open(folder / "test" / "r_1.png", formats=["PNG"]).convert("RGB").save(folder / "test" / "r_1.jpg")
     elif name.startswith("llff"):
         poses = circle(5) if name == "llff-around" else forward(5)

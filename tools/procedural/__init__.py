@@ -56,23 +56,20 @@ def drawn(arrangement: Arrangement, seed: int, subpixels: int) -> Callable[[Came
 def write_procedural_scene(
     out: Path,
     *,
+    size: int,
+    views: int,
+    subpixels: int,
     arrangement: Arrangement = "still-life",
-    size: int = 200,
-    views: int = 60,
-    test_views: int | None = None,
     seed: int = 0,
-    subpixels: int = 3,
 ) -> Path:
     """Renders a scene into `out` in Blender layout and returns `out`.
 
-    arrangement: what there is.
-    size: pixels a side. views: training views; test_views (default a sixth, at least two) lie between them.
-    subpixels: rays a side of a pixel. The folder is made; pictures of the same names are replaced.
+    arrangement: what there is. size: pixels a side. views: training views; a sixth as many test views, at least two, lie between
+    them. subpixels: rays a side of a pixel. The folder is made; pictures of the same names are replaced.
     """
     out = Path(out)
     draw = drawn(arrangement, seed, subpixels)
-    test_views = max(2, views // 6) if test_views is None else test_views
-    splits = {"train": spread_cameras(views, size, 0.0), "test": spread_cameras(test_views, size, 0.5)}
+    splits = {"train": spread_cameras(views, size, 0.0), "test": spread_cameras(max(2, views // 6), size, 0.5)}
     jobs = []
     for split, cameras in splits.items():
         (out / split).mkdir(parents=True, exist_ok=True)

@@ -42,7 +42,7 @@ def height_map() -> np.ndarray:
     return heights.astype(np.float32)
 
 
-def make_island(seed: int = 0) -> Island:
+def make_island(seed: int) -> Island:
     """Everything in its place. seed: of plants, rocks and the fence."""
     heights = height_map()
     rng = np.random.default_rng(seed)
@@ -50,10 +50,11 @@ def make_island(seed: int = 0) -> Island:
     def on_ground(x: float, y: float) -> float:
         return float(ground(heights, x, y))
 
-    def scattered(count: int, least: float, apart: float, inside: float) -> list[Point]:
+    def scattered() -> list[Point]:
+        """Level places for plants, away from what is built, from the path and from one another."""
         found: list[Point] = []
         for _ in range(6000):
-            x, y = rng.uniform(-inside, inside, 2)
+            x, y = rng.uniform(-0.7, 0.7, 2)
             clear = (
                 np.hypot(x - TOWER_AT[0], y - TOWER_AT[1]) > 0.25
                 and np.hypot(x - COTTAGE_AT[0], y - COTTAGE_AT[1]) > 0.28
@@ -61,15 +62,16 @@ def make_island(seed: int = 0) -> Island:
             level = abs(on_ground(x + 0.03, y) - on_ground(x - 0.03, y)) + abs(
                 on_ground(x, y + 0.03) - on_ground(x, y - 0.03)
             )
-            clear = clear and level < 0.035 and on_ground(x, y) > WATER + least and _way_to(path, (x, y)) > 0.09
-            if clear and all(np.hypot(x - a, y - b) > apart for a, b in found):
+            clear = clear and level < 0.035 and on_ground(x, y) > WATER + 0.085
+            clear = clear and all(np.hypot(x - a, y - b) > 0.09 for a, b in path)
+            if clear and all(np.hypot(x - a, y - b) > 0.115 for a, b in found):
                 found.append((x, y))
-            if len(found) == count:
+            if len(found) == 19:
                 break
         return found
 
     path = _path()
-    places = scattered(19, 0.085, 0.115, 0.7)
+    places = scattered()
     pines = [(x, y, on_ground(x, y) - 0.01, rng.uniform(0.17, 0.30), rng.uniform(0.05, 0.072)) for x, y in places[:12]]
     trees = [(x, y, on_ground(x, y) - 0.01, rng.uniform(0.10, 0.15), rng.uniform(0.055, 0.075)) for x, y in places[12:]]
     rocks = []
@@ -100,11 +102,7 @@ def _path() -> list[Point]:
     ]
 
 
-def _way_to(path: list[Point], point: Point) -> float:
-    return float(min(np.hypot(point[0] - x, point[1] - y) for x, y in path))
-
-
-def island_picture(island: Island, camera: Camera, subpixels: int = 2) -> np.ndarray:
+def island_picture(island: Island, camera: Camera, subpixels: int) -> np.ndarray:
     """Renders uint8 [H, W, 4] with a transparent background and RGB not premultiplied."""
     feet = np.array([ground(island.heights, *TOWER_AT), ground(island.heights, *COTTAGE_AT)], np.float64)
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float64)

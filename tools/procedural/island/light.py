@@ -91,7 +91,7 @@ def mixed(out: np.ndarray, red: float, green: float, blue: float, share: float) 
 
 
 @njit(nogil=True, cache=True)
-def land(island: shapes.Island, p: np.ndarray, n: np.ndarray, out: np.ndarray) -> None:
+def land(p: np.ndarray, n: np.ndarray, out: np.ndarray) -> None:
     """Sand at the water, grass where it is flat, layered rock where it is steep."""
     x, y, z = p[0], p[1], p[2]
     spots = shapes.rough(14 * x, 14 * y, 14 * z)
@@ -138,7 +138,7 @@ def paint(island: shapes.Island, feet: np.ndarray, of: int, p: np.ndarray, n: np
         water(island, p, out)
         return 0.06
     if of == shapes.GROUND:
-        land(island, p, n, out)
+        land(p, n, out)
         return 0.0
     if of == shapes.TOWER:
         band = (z - feet[0]) / 0.125
