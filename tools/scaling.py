@@ -77,13 +77,12 @@ def times(pack: Pack, side: int, frames: int, reference: Pack) -> dict[str, floa
     return {**medians, "gpu_mib": contenders[1].gpu_bytes / 2**20}
 
 
-def without_drift(points: list[dict[str, float]]) -> list[dict[str, float]]:
-    """The points as if the machine had been equally busy at each: scaled by how long the reference scene took then."""
+def remove_drift(points: list[dict[str, float]]) -> None:
+    """Makes the points as if the machine had been equally busy at each: scaled by how long the reference scene took then."""
     usual = float(np.median([point["reference"] for point in points]))
     for point in points:
         slower = point["reference"] / usual
         point["exact"], point["paper"] = point["exact"] / slower, point["paper"] / slower
-    return points
 
 
 def measured(sides: Sequence[int], pixels: Sequence[int], frames: int) -> Figures:
@@ -97,7 +96,7 @@ def measured(sides: Sequence[int], pixels: Sequence[int], frames: int) -> Figure
         point = times(carved_pack(sides[0], opacity), MIDDLE_SIDE, frames, reference)
         result["opacity"].append({"opacity": opacity, **point})
     for what in ("resolution", "opacity"):
-        without_drift(result[what])
+        remove_drift(result[what])
     for side in pixels:  # no reference: it would be drawn at the same size
         result["size"].append({"pixels": side, **times(reference, side, frames, reference)})
     return result

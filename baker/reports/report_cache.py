@@ -100,7 +100,7 @@ class Study:
         """
         return self._scored(baked.name, baked.key, lambda: baked.path, mask_of)
 
-    def score_field(self, name: str, run: Run, mask_of: Baked | None = None) -> Score:
+    def score_field(self, name: str, run: Run, mask_of: Baked | None) -> Score:
         """The same of a trained field."""
         return self._scored(name, work_key(run, BakeConfig()), lambda: run, mask_of)
 

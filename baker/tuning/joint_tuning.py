@@ -311,7 +311,7 @@ class _Tiles:
         return np.where((y < self.rows[view, None]) & (x < self.width[view, None]), ids, -1).astype(np.int32)
 
 
-def _meeting(marcher: PackMarcher, tiles: _Tiles, most: int, on_share: OnShare = lambda share: None) -> np.ndarray:
+def _meeting(marcher: PackMarcher, tiles: _Tiles, most: int, on_share: OnShare) -> np.ndarray:
     """The first `most` rays of tiles that meet content, by a quarter of their rays."""
     found, count = [np.zeros(0, np.int32)], 0
     for start in range(0, len(tiles.numbers), TILES_TOGETHER):

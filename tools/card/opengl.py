@@ -60,6 +60,10 @@ def device() -> Facts:
         }
     finally:
         ctx.release()
+    packages = {}
+    for name in PACKAGES:
+        with suppress(PackageNotFoundError):
+            packages[name] = version(name)
     facts["software"] = is_software(facts["renderer"])
     with power_readings(facts["renderer"]) as idle:
         time.sleep(0.0 if facts["software"] else LEAST_IDLE_S)
@@ -70,7 +74,7 @@ def device() -> Facts:
         "processor": platform.machine(),
         "cores": os.cpu_count(),
         "python": sys.version.split()[0],
-        "packages": {name: found for name in PACKAGES if (found := _version(name))},
+        "packages": packages,
     }
     return facts
 
@@ -99,13 +103,6 @@ def card_facts(renderer: str) -> dict[str, Any]:
         with suppress(Exception):  # a card that does not tell this one
             facts[name] = ask()
     return facts
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return ""
 
 
 def pack_figures(path: Path, name: str, out: Path, sizes: Sizes, _: Budget) -> Facts:

@@ -41,7 +41,6 @@ def _device(device: Facts) -> Iterator[str]:
         "system": f"{device['system']}, {device['cores']} cores" if "system" in device else None,
         "Python": device.get("python"),
         "packages": ", ".join(f"{name} {number}" for name, number in device.get("packages", {}).items()),
-        "commit": device.get("commit"),
     }
     yield "\n".join(f"- {name}: {value}" for name, value in known.items() if value)
     if device.get("software"):
