@@ -50,7 +50,6 @@ class Subject:
         self.name, self.place = name, place
         self.module: Any = importlib.import_module(f"tests.fuzz.{name}")
         self.trees: dict[str, Tree] = {base: read_tree(bases / name / base) for base in self.module.BASES}
-        self.scene = self.module.prepare(place) if name == "runs" else None
         self.trespasses: list[str] = []
 
     def outcome(self, recipe: dict[str, Any]) -> Outcome:
@@ -84,8 +83,7 @@ class Subject:
 
     def _opened(self, path: Path, base: str) -> Outcome:
         try:
-            extra = {"packs": (), "runs": (base, self.scene)}.get(self.name, (base,))
-            self.module.open_it(path, *extra)
+            self.module.open_it(path, base)
             return Outcome(OPENED)
         except Exception as error:
             if _lacks_memory(error):

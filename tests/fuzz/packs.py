@@ -39,7 +39,7 @@ def write_base(name: str, folder: Path) -> None:
     save_pack(pack, folder, codec=codec, png_level=1 if codec == "png" else 6)
 
 
-def open_it(path: Path) -> None:
+def open_it(path: Path, base: str) -> None:
     """Reads it as the viewer and `snerg-pack info` and `check` do."""
     paper = Console(file=io.StringIO(), width=100)
     with open_pack(path) as reader:

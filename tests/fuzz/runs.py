@@ -24,16 +24,11 @@ def write_base(name: str, folder: Path) -> None:
     shutil.copy(newest, newest.with_name("step_00000300.safetensors"))
 
 
-def prepare(place: Path) -> Path:
-    """The photographs of all runs; where they lie."""
-    return shutil.copytree(SCENE, place / "scene", dirs_exist_ok=True)
-
-
-def open_it(path: Path, base: str, scene: Path) -> None:
+def open_it(path: Path, base: str) -> None:
     """Reads it as `snerg-train --resume`, `snerg-bake` and the viewer's plots do; makes one step where it is as configured."""
     description = read_description(path)
     moved = description.scene == read_description(STORED / base).scene
-    run = resume_run(path, description, scene if moved else description.scene, description.config)
+    run = resume_run(path, description, SCENE if moved else description.scene, description.config)
     recorder = Recorder(run)
     if not np.isfinite([recorder.seconds, recorder.training_seconds]).all():
         raise AssertionError("the run took no time that could be told")
