@@ -209,9 +209,3 @@ def test_a_disk_without_room_costs_one_line_and_the_old_pack_stays(made, tmp_pat
     assert {path.name: path.read_bytes() for path in pack.iterdir()} == before
     assert snerg_bake(words) == 0, "with room it goes on"
     assert [path.name for path in tmp_path.iterdir()] == ["pack"]
-
-
-def test_photographs_are_never_overwritten_by_a_pack(made: Path, scene: Path, refused: Callable[..., str]) -> None:
-    before = sorted(path.name for path in scene.rglob("*"))
-    assert str(scene) in refused(snerg_bake, made / "run", "--out", scene)
-    assert sorted(path.name for path in scene.rglob("*")) == before

@@ -44,6 +44,7 @@ WORK = ("viewer.commands.render.load_pack", "viewer.commands.bench.load_pack", "
         (snerg_pack, "convert {pack} --out {below}", "cannot be written"),
         (snerg_eval, "{pack} --scene {scene} --json {folder}", "cannot be written"),
         (snerg_bake, "{pack} --out {below}", "cannot be written"),
+        (snerg_bake, "{pack} --out {scene}", "not replaced"),
         (report, "{pack} --out {below}", "cannot be written"),
         (snerg_bench, "{pack} --json {folder}", "cannot be written"),
         (snerg_render, "{pack} --out {below} --orbit 3", "cannot be written"),
