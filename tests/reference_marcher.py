@@ -34,14 +34,13 @@ class ReferencePicture:
     """What was marched, float64 [H, W, ...], nothing rounded.
 
     rgb: the picture, [H, W, 3]. diffuse: the same without the view-dependent residual. features [H, W, 4].
-    alpha [H, W]. samples int [H, W]: how many contributed.
+    alpha [H, W].
     """
 
     rgb: np.ndarray
     diffuse: np.ndarray
     features: np.ndarray
     alpha: np.ndarray
-    samples: np.ndarray
 
 
 def render_reference(
@@ -65,7 +64,7 @@ def render_reference(
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         origins = (pixel_origins(camera) - pack.min_xyz) / pack.voxel_size
         first = near / pack.voxel_size
-    rgb, features, transmittance, samples = march(pack, origins, directions, first, crop)
+    rgb, features, transmittance = march(pack, origins, directions, first, crop)
     diffuse, shaded, features, transmittance = shade(pack, rgb, features, transmittance, viewdirs, background)
     size = (camera.height, camera.width)
     return ReferencePicture(
@@ -73,7 +72,6 @@ def render_reference(
         np.clip(diffuse, 0, 1).reshape(*size, 3),
         features.reshape(*size, 4),
         (1.0 - transmittance).reshape(size),
-        samples.reshape(size),
     )
 
 
@@ -143,10 +141,10 @@ def ndc_rays(
 
 def march(
     pack: Pack, origins: np.ndarray, directions: np.ndarray, first: np.ndarray, crop: Corners | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Composites every sample of rays given in voxels: origins and unit directions [R, 3].
 
-    first [R]: where a ray may begin, voxels. Returns rgb [R, 3], features [R, 4], transmittance [R], samples [R].
+    first [R]: where a ray may begin, voxels. Returns rgb [R, 3], features [R, 4], transmittance [R].
     """
     low, high = np.zeros(3), np.asarray(pack.grid_size, np.float64)
     if crop is not None:
@@ -156,8 +154,7 @@ def march(
     positions_at, counts = trace(pack, origins, directions, first, (low, high))
 
     count = len(origins)
-    rgb, features = np.zeros((count, 3)), np.zeros((count, 4))
-    transmittance, samples = np.ones(count), np.zeros(count, int)
+    rgb, features, transmittance = np.zeros((count, 3)), np.zeros((count, 4)), np.ones(count)
     k = 0
     alive = np.flatnonzero(counts > 0)
     while len(alive):
@@ -169,10 +166,9 @@ def march(
         rgb[rays] += transmittance[rays, None] * rgba[contributes, :3]
         features[rays] += transmittance[rays, None] * fetched[contributes]
         transmittance[rays] *= 1.0 - rgba[contributes, 3]
-        samples[rays] += 1
         k += 1
         alive = alive[(k < counts[alive]) & (transmittance[alive] > TRANSMITTANCE_STOP)]
-    return rgb, features, transmittance, samples
+    return rgb, features, transmittance
 
 
 def straight_samples(

@@ -101,7 +101,7 @@ def moved(pack: Pack, cells: np.ndarray, delta: np.ndarray) -> Pack:
 
 def accumulated(pack: Pack, rays: VoxelRays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Colour [R, 3], features [R, 4] and T [R], as composited."""
-    return march(pack, rays.origins, rays.directions, rays.first)[:3]
+    return march(pack, rays.origins, rays.directions, rays.first)
 
 
 def shown(pack: Pack, sums: tuple[np.ndarray, np.ndarray, np.ndarray], rays: VoxelRays, background) -> np.ndarray:
