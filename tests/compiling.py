@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -48,9 +48,9 @@ def _is_the_pinned_compiler() -> bool:
         return False
 
 
-def flags_of_users(environment: Mapping[str, str] = os.environ) -> str:
+def flags_of_users() -> str:
     """XLA_FLAGS without ours: for programs that a test starts."""
-    words = environment.get(FLAGS, "").split()
+    words = os.environ.get(FLAGS, "").split()
     return " ".join(word for word in words if word.lstrip("-").split("=")[0] not in QUICK)
 
 

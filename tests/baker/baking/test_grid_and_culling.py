@@ -40,10 +40,10 @@ def test_the_grid_covers_its_box_with_whole_blocks_and_stays_centred() -> None:
 
 
 def test_culling_keeps_the_shell_of_an_opaque_ball_and_drops_air_and_the_hidden_middle(dataset) -> None:
-    grid = make_grid(LOW * 0.7, HIGH * 0.7, 360, 30, BLENDER_FRAME)  # 12 blocks a side; the ball's radius is 4.6 blocks
+    grid = make_grid(LOW * 0.7, HIGH * 0.7, 120, 10, BLENDER_FRAME)  # 12 blocks a side; the ball's radius is 4.6 blocks
     culling = culled(ball, grid, dataset)
-    centres = (np.moveaxis(np.indices((12, 12, 12)), 0, -1) + 0.5) * 30 * grid.voxel_size + grid.min_xyz[0]
-    distance, diagonal = np.linalg.norm(centres, axis=-1), 30 * grid.voxel_size * np.sqrt(3) / 2
+    centres = (np.moveaxis(np.indices((12, 12, 12)), 0, -1) + 0.5) * 10 * grid.voxel_size + grid.min_xyz[0]
+    distance, diagonal = np.linalg.norm(centres, axis=-1), 10 * grid.voxel_size * np.sqrt(3) / 2
     assert not culling.kept[distance > RADIUS + diagonal].any(), "air is dropped"
     middle = distance < RADIUS - 2.2 * diagonal
     assert middle.sum() >= 8 and not culling.kept[middle].any(), "the hidden middle is dropped"

@@ -82,8 +82,9 @@ def test_no_more_is_emptied_than_the_score_allows(dataset) -> None:
     assert untouched is pack and figures.tau_weight == 0 and figures.voxels_after == figures.voxels_before > 0
 
 
-def fine_ball(side: int) -> tuple[Pack, np.ndarray]:
-    """An opaque ball of RADIUS in a grid of side³ voxels about it, and its outermost voxels' places [N, 3] as z, y, x."""
+def fine_ball() -> tuple[Pack, np.ndarray]:
+    """An opaque ball of RADIUS in a fine grid about it, and its outermost voxels' places [N, 3] as z, y, x."""
+    side = 140
     voxel = 2.2 * RADIUS / side
     axis = (np.arange(side) + 0.5 - side / 2) * voxel
     distance = np.sqrt(axis[:, None, None] ** 2 + axis[:, None] ** 2 + axis**2)
@@ -104,7 +105,7 @@ def shown(pack: Pack, places: np.ndarray, scene: Scene, slope: float = 0.7) -> n
 
 
 def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_fine_it_is(dataset, scene, monkeypatch) -> None:
-    pack, surface = fine_ball(140)
+    pack, surface = fine_ball()
     # fewer than a voxel of the surface has: as 1000³ of many photographs
     monkeypatch.setattr(pruning, "MOST_RAYS", 4000)
     seen = surface[shown(pack, surface, scene)]
