@@ -12,16 +12,13 @@ from console import UserError, not_written
 from console.atomic import try_folder
 from scenepack.files import PARAMS_NAME, ZIP_ERRORS
 from training.scenes.files import PICTURE_SUFFIXES
+from training.scenes.read import has_poses
 from training.scenes.sources import find_source, is_film
 
 Kind = Literal["pack", "run", "scene", "pictures", "session", "unknown"]
 SESSION_SUFFIX = ".snerg"
 POSED = "scene"  # in the folder for the results: the scene with the poses that were found
 REPORT = "poses.json"  # what that says of itself
-SCENE_FILES = (
-    "transforms_train.json", "transforms.json", "poses_bounds.npy", "sparse/0/cameras.bin", "sparse/cameras.bin",
-    "sparse/0/cameras.txt", "sparse/cameras.txt",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -40,16 +37,16 @@ def demo_pack() -> Path:
 
 
 def kind_of(path: Path) -> Kind:
-    """What is at `path`, by names alone. pictures: photographs without poses, or a film."""
+    """What is at `path`; no picture is decoded. pictures: photographs without poses, or a film."""
     if path.is_file():
         if path.suffix.lower() == SESSION_SUFFIX:
             return "session"
         if is_film(path):
             return "pictures"
         return "pack" if path.suffix.lower() == ".zip" and _holds_params(path) else "unknown"
-    if (path / PARAMS_NAME).is_file() or (any(path.glob(f"*/{PARAMS_NAME}")) and not _is_scene(path)):
+    if (path / PARAMS_NAME).is_file() or (any(path.glob(f"*/{PARAMS_NAME}")) and not has_poses(path)):
         return "pack"
-    if _is_scene(path):
+    if has_poses(path):
         return "scene"
     if any((path / folder / "config.json").is_file() for folder in ("", "run")):
         return "run"  # of snerg-train; or what snerg-make left when it was stopped
@@ -80,7 +77,7 @@ def scene_around(path: Path) -> Path:
         return path
     if not any(child.suffix.lower() in PICTURE_SUFFIXES for child in chain(path.iterdir(), path.glob("*/*"))):
         return path
-    return next((parent for parent in path.resolve().parents[:2] if _is_scene(parent)), path)
+    return next((parent for parent in path.resolve().parents[:2] if has_poses(parent)), path)
 
 
 def existing_folder(path: Path) -> Path:
@@ -96,10 +93,6 @@ def why_not_writable(folder: Path) -> str | None:
         words, remedy = not_written(error)
         return f"{folder} cannot be written: {words}; {remedy}."
     return None
-
-
-def _is_scene(path: Path) -> bool:
-    return any((path / name).is_file() for name in SCENE_FILES)
 
 
 def _holds_params(path: Path) -> bool:

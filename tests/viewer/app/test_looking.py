@@ -97,12 +97,12 @@ def test_two_packs_are_compared_under_one_camera(ui, app, pack_folder):
     app.interface.axes_shown = False
     alone = ui.picture()
     app.gallery.chosen = 1
-    app.compare_with(toy_pack(view_mlp=False), pack_folder)
+    app.comparison.with_pack(app, toy_pack(view_mlp=False), pack_folder)
     assert app.gallery.chosen is None  # it is not what the picture is compared with
     app.comparison.how = "difference"
     ui.settle()
     assert np.abs(ui.picture().astype(int) - alone)[200:500, 200:600].mean() > 20
-    app.compare_with(app.scene.pack, pack_folder)
+    app.comparison.with_pack(app, app.scene.pack, pack_folder)
     ui.settle()
     box = app.viewport
     assert ui.picture()[round(box.y) + 4 : round(box.y + box.height) - 4, 4 : round(box.width) - 4].max() <= 24
@@ -116,45 +116,24 @@ def test_a_crop_box_cuts_and_its_handles_can_be_dragged(ui, app):
     app.interface.page = "crop"
     app.set(crop=crop.whole(pack))
     ui.settle()
-    centre = crop.face_centre(app.settings.crop, 3)  # the top
-    place, _ = project(app.camera(), centre[None])
-    x, y = place[0] + (0, app.viewport.y)
+    x, y = ui.place_of(crop.face_centre(app.settings.crop, 3))  # the top
     rig = app.scene.rig.goal
     ui.drag([(x, y), (x, y + 20), (x, y + 40)])
     assert app.settings.crop[1][1] < crop.whole(pack)[1][1] - 0.05 and app.scene.rig.goal == rig
-    moved, _ = project(app.camera(), crop.face_centre(app.settings.crop, 3)[None])
-    assert moved[0][1] == pytest.approx(place[0][1] + 40, abs=6)
+    assert ui.place_of(crop.face_centre(app.settings.crop, 3))[1] == pytest.approx(y + 40, abs=6)
 
 
 def test_things_dropped_are_told_apart(tmp_path, pack_folder):
-    scene = tmp_path / "scene"
-    scene.mkdir()
-    (scene / "transforms_train.json").write_text("{}")
-    assert kind_of(pack_folder) == "pack" and kind_of(scene) == "scene"
+    for name in ("transforms_train.json", "reconstruction.json"):  # Blender's, OpenSfM's
+        (tmp_path / name).mkdir()
+        (tmp_path / name / name).write_text("{}")
+        assert kind_of(tmp_path / name) == "scene"
+    assert kind_of(pack_folder) == "pack"
     assert kind_of(pack_folder.parent) == "pack"  # the folder around it, as snerg-make leaves it
     assert kind_of(tmp_path / "nothing") == "unknown"
 
 
 # Moving and scaling the crop box with ImGuizmo, and taking that back in turn with the camera's moves
-
-
-def centre(app) -> np.ndarray:
-    return np.mean(app.settings.crop, axis=0)
-
-
-def size(app) -> np.ndarray:
-    return np.subtract(app.settings.crop[1], app.settings.crop[0])
-
-
-def arrow(app, axis: int, share: float = 0.75) -> np.ndarray:
-    """A point on the gizmo's arrow along an axis, in window units: found by what ImGuizmo draws, a constant size on screen."""
-    camera = app.camera()
-    middle = centre(app)
-    tip = middle.copy()
-    tip[axis] += 0.05
-    pixels, _ = project(camera, np.stack([middle, tip]))
-    direction = (pixels[1] - pixels[0]) / np.linalg.norm(pixels[1] - pixels[0])
-    return pixels[0] + (0, app.viewport.y) + 60 * share * direction
 
 
 def test_the_gizmo_moves_the_box_along_one_axis_and_beside_it_the_mouse_is_the_cameras(
@@ -164,12 +143,13 @@ def test_the_gizmo_moves_the_box_along_one_axis_and_beside_it_the_mouse_is_the_c
     ui = offscreen(app, pack, pack_folder)
     app.set(crop=crop.placed(pack, np.zeros(3), np.full(3, 0.8)))
     ui.settle()
-    before, rig = centre(app), app.scene.rig.goal
-    at = arrow(app, 1)
+    before, rig = np.mean(app.settings.crop, axis=0), app.scene.rig.goal
+    start, end = (np.array(ui.place_of(point)) for point in (before, before + np.array([0.0, 0.05, 0.0])))
+    at = start + 45 * (end - start) / np.linalg.norm(end - start)  # on the arrow, of a constant size on the screen
     ui.pull(at, at + np.array([0, -50]), 4)
-    moved = centre(app) - before
+    moved = np.mean(app.settings.crop, axis=0) - before
     assert moved[1] > 0.1 and np.abs(moved[[0, 2]]).max() < 1e-3
-    np.testing.assert_allclose(size(app), 0.8, atol=1e-3)
+    np.testing.assert_allclose(np.ptp(app.settings.crop, axis=0), 0.8, atol=1e-3)
     assert app.scene.rig.goal == rig and ui.ctx.error == "GL_NO_ERROR"
     cut = app.settings.crop
     ui.pull((120.0, 650.0), (180.0, 670.0), 4)
