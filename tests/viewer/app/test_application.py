@@ -28,29 +28,16 @@ from viewer.rendering.settings import MODES
 
 
 class FakeCanvas(Canvas):
-    """Remembers what it was told to show. refuse: a reason to refuse packs."""
+    """Draws grey pictures without OpenGL. refuse: a reason to refuse packs."""
 
     def __init__(self, refuse: str = "") -> None:
-        self.shown, self.refuse, self.renderer = [], refuse, None
+        self.refuse, self.renderer = refuse, None
 
     def show(self, pack):
         if self.refuse:
             raise UserError(self.refuse)
-        self.shown.append(pack)
 
-    def refine(self, pack):
-        self.shown[-1] = pack
-
-    def show_other(self, pack):
-        pass
-
-    @property
-    def gpu_bytes(self) -> int:
-        return 0
-
-    @property
-    def gpu_bytes_by_use(self) -> dict[str, int]:
-        return {}
+    refine = show_other = show
 
     @property
     def refines(self) -> bool:
@@ -65,11 +52,6 @@ def open_app(pack, pack_folder) -> App:
     app = App(canvas=FakeCanvas())
     app.show(pack, pack_folder)
     return app
-
-
-def finish_loading(app: App) -> None:
-    assert app.loading is not None
-    live(app, lambda: app.loading is None)
 
 
 def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
@@ -134,7 +116,7 @@ def opened(app: App, path: Path) -> str:
     """The toast once the pack is open."""
     app.messages.toast = ""
     app.open(path)
-    finish_loading(app)
+    live(app, lambda: app.loading is None)
     return app.messages.toast
 
 
