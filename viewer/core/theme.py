@@ -82,12 +82,6 @@ LENGTHS: dict[str, float | tuple[float, float]] = {
 }  # fmt: skip
 
 
-def use(name: str) -> None:
-    """Draws in another theme from now on; apply() sets imgui's own colours. An unknown name is the dark one."""
-    global _palette
-    _palette = PALETTES.get(name, PALETTES["dark"])
-
-
 def rgb(code: str, alpha: float = 1.0) -> ImVec4:
     """A name above, in the theme of the moment, or "#rrggbb", as imgui wants it."""
     code = _palette.get(code, code)
@@ -141,8 +135,10 @@ class Fonts:
 fonts: Fonts  # those of the imgui context that is drawn now; Ui sets them
 
 
-def apply(scale: float) -> None:
-    """Sets imgui's style for a display whose units are `scale` times denser than usual."""
+def apply(name: str, scale: float) -> None:
+    """Draws in a theme, on a display whose units are `scale` times denser than usual. An unknown name is the dark one."""
+    global _palette
+    _palette = PALETTES.get(name, PALETTES["dark"])
     style, plain = imgui.get_style(), imgui.Style()
     for name in dir(plain):  # scale_all_sizes multiplies all sizes that there are, also those that are not set below
         value = getattr(plain, name)

@@ -9,7 +9,7 @@ from viewer.app.application import App
 from viewer.app.commands import COMMANDS
 from viewer.core import theme
 from viewer.core.input import shown_keys
-from viewer.core.widgets import Box, Entry, coloured, draw_voxels, elided, font, more_button, px, write
+from viewer.core.widgets import Box, Entry, coloured, draw_voxels, elided, font, more_button, px, tip, write
 from viewer.interface import layout
 
 LEFT, MARK, WORD, NAME_GAP, GAP, EDGE = 12.0, 42.0, 52.0, 28.0, 12.0, 8.0  # units at 100 %
@@ -127,8 +127,7 @@ def _name(app: App, x: float, width: float, *, with_details: bool) -> None:
     draw.add_line(ImVec2(line, corner.y + px(15)), ImVec2(line, corner.y + px(33)), theme.packed(theme.LINE), px(1))
     imgui.set_cursor_pos(ImVec2(x + px(NAME_GAP), px(15)))
     imgui.text_unformatted(elided(scene.name, width))
-    if imgui.is_item_hovered():
-        imgui.set_tooltip(f"{scene.name}\n{scene.path}\n{state_of(app)}")
+    tip(f"{scene.name}\n{scene.path}\n{state_of(app)}")
     if not with_details:
         return
     imgui.same_line(0, px(GAP))

@@ -116,8 +116,7 @@ class Ui:
         if (scale, app.interface.theme) != (self.scale, self._theme):
             if self.scale and scale != self.scale:
                 self._docking.rescale(scale / self.scale)
-            theme.use(app.interface.theme)
-            theme.apply(scale)
+            theme.apply(app.interface.theme, scale)
             self.scale, self._theme = scale, app.interface.theme
         imgui.backends.opengl3_new_frame()
         if self._window is not None:

@@ -82,8 +82,7 @@ def _background(app: App) -> None:
         at = imgui.get_cursor_screen_pos()
         if imgui.invisible_button(f"##bg {name}", ImVec2(side, side)):
             app.set(background=colour, backdrop=None)
-        if imgui.is_item_hovered():
-            imgui.set_tooltip(name)
+        ui.tip(name)
         middle = ImVec2(at.x + side / 2, at.y + side / 2)
         shade = imgui.color_convert_float4_to_u32((*colour, 1.0))
         draw.add_circle_filled(middle, side / 2 - px(3), shade)
@@ -93,8 +92,7 @@ def _background(app: App) -> None:
         imgui.same_line(0, gap)
     flags = imgui.ColorEditFlags_.no_inputs | imgui.ColorEditFlags_.no_alpha
     changed, value = imgui.color_edit3("##other", list(current), flags)
-    if imgui.is_item_hovered():
-        imgui.set_tooltip("Another colour")
+    ui.tip("Another colour")
     if changed:
         app.set(background=tuple(float(v) for v in value[:3]), backdrop=None)
     now = app.settings.backdrop.style if app.settings.backdrop is not None else PLAIN
