@@ -229,11 +229,6 @@ class App:
         """Reads a pack in a thread; tick() delivers it. other: to compare with it. then: called once it is shown."""
         self.opening.start(self, path, other=other, then=then)
 
-    def compare_with(self, pack: Pack, path: Path) -> None:
-        """Compares with another pack under the same camera. UserError if both do not fit on the GPU."""
-        self.comparison.with_pack(self, pack, path)
-        self.gallery.chosen = None
-
     def drop(self, paths: list[Path]) -> None:
         """Handles files dropped on the window: opens a pack or session; offers to make a scene or run into one."""
         if not paths or self.kiosk is not None:
@@ -312,15 +307,13 @@ class App:
         parallel = rig.ortho_height * annotations.scale.factor if rig.orthographic and rig.held is None else None
         return pose_to_text(moved_pose(annotations.placed_T_grid, rig.matrix), self.fov, parallel)
 
-    def paste_pose(self, text: str | None = None) -> None:
-        """Goes to a pose from the clipboard (or `text`). ValueError if it is not a pose."""
-        if self.scene is not None:
-            text = self.clipboard.text if text is None else text
-            annotations = self.annotations.current
-            matrix, fov, height = pose_from_text(text)
-            height = None if height is None else height / annotations.scale.factor
-            self.scene.rig.set_matrix(moved_pose(np.linalg.inv(annotations.placed_T_grid), matrix), fov, height)
-            self.touch()
+    def go_to_pose(self, text: str) -> None:
+        """Goes to a pose as pose_text() writes it. ValueError if it is not one."""
+        matrix, fov, height = pose_from_text(text)
+        annotations = self.annotations.current
+        height = None if height is None else height / annotations.scale.factor
+        self.open_scene.rig.set_matrix(moved_pose(np.linalg.inv(annotations.placed_T_grid), matrix), fov, height)
+        self.touch()
 
     def paste(self) -> None:
         """Opens the path or goes to the pose on the clipboard. UserError or ValueError for other text."""
@@ -331,7 +324,7 @@ class App:
         elif looks_like_path(text):
             raise UserError("there is nothing at this path", where=text.strip()[:200])
         elif self.scene is not None:
-            self.paste_pose()
+            self.go_to_pose(text)
         else:
             self.messages.say("There is no path on the clipboard", "warning")
 
@@ -359,22 +352,18 @@ class App:
 
     def cut(self, **fields: object) -> None:
         """Changes crop or near plane in one step that can be undone."""
-        if self.scene is not None:
-            self.scene.rig.remember()
+        self.open_scene.rig.remember()
         self.set(**fields)
 
     def set_fov(self, degrees: float) -> None:
-        if self.scene is not None:
-            self.scene.rig.take_over()
-            self.scene.rig.fov = min(max(degrees, FOVS[0]), FOVS[1])
-            self.touch()
+        rig = self.open_scene.rig
+        rig.take_over()
+        rig.fov = min(max(degrees, FOVS[0]), FOVS[1])
+        self.touch()
 
-    def pivot_at(self, x: float, y: float) -> bool:
-        """Makes the surface under a point of the viewport (window units from its corner) the pivot; False for none."""
-        if self.scene is None or self.scene.rig.bounded:
-            return False
-        hit = surface_under(self, x, y)
-        if hit is not None:
-            self.scene.rig.set_pivot(hit.point)
+    def pivot_at(self, x: float, y: float) -> None:
+        """Makes the surface under a point of the viewport (window units from its corner) the pivot."""
+        rig = self.open_scene.rig
+        if not rig.bounded and (hit := surface_under(self, x, y)) is not None:
+            rig.set_pivot(hit.point)
             self.touch()
-        return hit is not None

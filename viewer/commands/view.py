@@ -172,7 +172,7 @@ class View:
     def _opened(self, app: App) -> None:
         if self.pose is not None:
             with app.messages.as_dialog("--pose"):
-                app.paste_pose(self.pose)
+                app.go_to_pose(self.pose)
         if self.photographs is not None or self.photograph is not None:
             with app.messages.as_dialog("The photographs cannot be shown"):
                 self._stand(app)

@@ -126,7 +126,7 @@ def _checking(app: App, scenes: Scenes) -> None:
 
 
 def _compare(app: App, scenes: Scenes) -> None:
-    app.compare_with(scenes.other, scenes.path)
+    app.comparison.with_pack(app, scenes.other, scenes.path)
     app.comparison.how = "difference"
 
 

@@ -179,7 +179,7 @@ def test_a_window_that_is_resized_shows_one_picture_and_no_tiles_of_another(movi
 
 def test_two_packs_are_seen_through_one_camera_while_it_moves(moving, app):
     """A pack against itself: whatever differs is a picture of another camera, or of another sharpness."""
-    app.compare_with(toy_pack(), app.scene.path)
+    app.comparison.with_pack(app, toy_pack(), app.scene.path)
     app.comparison.how = "difference"
     moving.settle()
     worst = []

@@ -137,7 +137,7 @@ def test_each_page_looks_as_before(ui, app, compare, page):
     elif page == "photographs":
         app.gallery.frusta = True
     elif page == "compare":
-        app.compare_with(toy_pack(view_mlp=False), Path("toy-diffuse"))
+        app.comparison.with_pack(app, toy_pack(view_mlp=False), Path("toy-diffuse"))
     elif page == "film":
         app.run("turntable")
     elif page == "performance":

@@ -69,7 +69,7 @@ def french(display, window):
 
 def test_every_quick_paste_is_a_paste_and_none_is_a_v(window, slow_frames, during_frames):
     pasted = []
-    window.app.paste_pose = lambda: pasted.append(window.app.scene.rig.flying)
+    window.app.go_to_pose = lambda text: pasted.append(window.app.scene.rig.flying)
     for _ in range(QUICK):
         during_frames("keydown", "ctrl")
         during_frames("keydown", "v", "keyup", "ctrl", "keyup", "v")  # within one frame

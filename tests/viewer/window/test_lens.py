@@ -115,7 +115,7 @@ def test_a_double_click_through_a_lens_finds_what_is_under_it(ui, app):
     far = np.argmax(np.hypot(columns - camera.cx, rows - camera.cy) * ((columns > 4) & (columns < width - 4)))
     x, y = columns[far] + 0.5, rows[far] + 0.5
     held = app.scene.rig.held
-    assert app.pivot_at(float(x), float(y))
+    app.pivot_at(float(x), float(y))
     pivot = np.asarray(app.scene.rig.goal.pivot)
     seen, _ = project(fitted(held, (width, height), 0.0), pivot[None])
     assert np.abs(seen[0] - (x, y)).max() < 1.0

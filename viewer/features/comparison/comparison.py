@@ -31,7 +31,7 @@ class Comparison:
     how: How = "wipe"  # beside, in turn, or subtracted
     split: float = 0.5  # 0 … 1, where the wipe's edge is
     gain: float = 4.0  # how much a difference is amplified
-    pixels: np.ndarray | None = None  # the photograph's, uint8 [h, w, 3]
+    pixels: np.ndarray | None = None  # the photograph's, uint8 [h, w, 3], for as long as its camera is held
     other_path: Path | None = None  # of the other pack, which the canvas has
     psnr_db: float | None = None  # against the photograph
     psnr_size: tuple[int, int] = (0, 0)  # width, height that it was measured at
@@ -42,18 +42,13 @@ class Comparison:
         """Shows the picture alone."""
         self.against, self.pixels, self.psnr_db, self._measured = "", None, None, ()
 
-    def with_photograph(self, pixels: np.ndarray) -> None:
-        """Compares with a photograph, uint8 [h, w, 3], for as long as its camera is held."""
-        self.stop()
-        self.against, self.pixels = "photograph", pixels
-
     def with_pack(self, app: App, pack: Pack, path: Path) -> None:
         """Compares with another pack under the same camera. UserError where the GPU has no room for both."""
         if app.canvas is not None:
             with app.messages.noting_warnings():
                 app.canvas.show_other(pack)
         self.stop()
-        self.other_path, self.against = path, "pack"
+        self.other_path, self.against, app.gallery.chosen = path, "pack", None
         app.touch()
 
     def drop_other(self, app: App) -> None:

@@ -25,7 +25,7 @@ from viewer.core.pose import project
 from viewer.core.state import Edits, OpenScene
 from viewer.core.tasks import Task
 from viewer.features.export.exporting import check_is_on_disk
-from viewer.features.measuring.surface import Hit, surface_under
+from viewer.features.measuring.surface import Hit, depth_of, surface_under
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import RenderSettings
@@ -178,8 +178,7 @@ class Erasing:
         camera, preview = app.viewport.camera, _preview(app)
         assert camera is not None
         size = float(preview.voxels.frame.sizes(hit.position[None])[0, :2].max())
-        away = float((camera.position - hit.point) @ camera.grid_T_camera[:3, 2])
-        pixels = camera.fx * size / (1.0 if camera.orthographic else max(away, 1e-9))
+        pixels = camera.fx * size / (1.0 if camera.orthographic else max(depth_of(camera, hit.point), 1e-9))
         return max(pixels / app.viewport.pixels_per_unit, 1e-6)
 
     # Rules

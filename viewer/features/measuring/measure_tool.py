@@ -137,13 +137,6 @@ class MeasureTool:
         """Forgets everything, because another scene is shown."""
         self.tool, self.draft, self.selected, self.cursor = "", (), None, None
 
-    # The cursor
-
-    def look_at(self, app: App, x: float, y: float) -> Hit | None:
-        """The surface at (x, y) of the viewport (window units from its corner)."""
-        self.cursor = surface_under(app, x, y)
-        return self.cursor
-
     # Placing
 
     def choose(self, app: App, tool: Tool) -> None:
@@ -161,11 +154,10 @@ class MeasureTool:
             app.interface.opens(PAGE)
 
     def click(self, app: App, x: float, y: float) -> None:
-        """Places a point on the surface under a point of the viewport, if there is one."""
-        if not self.tool:
-            return
-        if (hit := self.look_at(app, x, y)) is not None:
-            self._place(app, triple(hit.point))
+        """Places a point on the surface under a point of the viewport (window units from its corner), if there is one."""
+        self.cursor = surface_under(app, x, y)
+        if self.cursor is not None:
+            self._place(app, triple(self.cursor.point))
         else:
             app.messages.say("There is no surface under the cursor")
 
@@ -230,7 +222,8 @@ class MeasureTool:
             app.open_scene.rig.remember()
             self.draft = self.draft[:-1]
         elif self.selected is not None:
-            self.remove(app, self.selected)
+            app.annotations.change(app, app.annotations.current.with_measurement(self.selected, None))
+            self.selected = None
 
     def escape(self, app: App) -> bool:
         """Drops the draft; without one, puts the tool away. False where there was neither."""
@@ -243,18 +236,12 @@ class MeasureTool:
 
     def move_point(self, app: App, index: int, point: int, x: float, y: float) -> None:
         """Puts a point of a measurement on the surface under a point of the viewport; remember() beforehand."""
-        hit, annotations = self.look_at(app, x, y), app.annotations.current
-        if hit is None or not 0 <= index < len(annotations.measurements):
+        self.cursor, annotations = surface_under(app, x, y), app.annotations.current
+        if self.cursor is None or index >= len(annotations.measurements):  # it was undone meanwhile
             return
         before = annotations.measurements[index]
-        points = (*before.points[:point], triple(hit.point), *before.points[point + 1 :])
+        points = (*before.points[:point], triple(self.cursor.point), *before.points[point + 1 :])
         app.annotations.current = annotations.with_measurement(index, replace(before, points=points))
-
-    def remove(self, app: App, index: int) -> None:
-        annotations = app.annotations.current
-        if 0 <= index < len(annotations.measurements):
-            app.annotations.change(app, annotations.with_measurement(index, None))
-        self.selected = None
 
     def clear(self, app: App) -> None:
         app.annotations.change(app, replace(app.annotations.current, measurements=()))

@@ -15,6 +15,7 @@ from viewer.core.pose import triple
 from viewer.core.screen import Screen
 from viewer.core.widgets import Box, px
 from viewer.features.measuring.measure_tool import PAGE, UNMARKED, LengthFormat, Tool, angle, lengths
+from viewer.features.measuring.surface import surface_under
 from viewer.rendering.canvas import Canvas
 
 LIST_HEIGHT = 150.0
@@ -147,7 +148,7 @@ def draw(app: App, box: Box, over: bool) -> Handle | None:
     if not (active or measure_tool.shown):
         return None
     if over and active:
-        measure_tool.look_at(app, mouse.x - box[0], mouse.y - box[1])
+        measure_tool.cursor = surface_under(app, mouse.x - box[0], mouse.y - box[1])
     screen, measurements = Screen(app, box), app.annotations.current.measurements
     under = _handle_at(screen, measurements, mouse) if over and active else None
     with ui.clipped(box):

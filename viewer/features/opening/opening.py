@@ -152,7 +152,7 @@ class Opening:
 
     def _show_whole(self, app: App, pack: Pack, path: Path) -> None:
         if self.other and app.scene is not None:
-            app.compare_with(pack, path)
+            app.comparison.with_pack(app, pack, path)
         elif app.scene is not None and not app.scene.whole:
             app.refine(app.scene, pack)
             app.scene.whole = True

@@ -236,7 +236,7 @@ class Gallery:
         self.chosen, self.reveal = index, True
         app.comparison.stop()
         if self.photographs.reachable or shot.has_copy:  # else its place is all there is to see
-            app.comparison.with_photograph(self.photographs.pixels(index))
+            app.comparison.pixels, app.comparison.against = self.photographs.pixels(index), "photograph"
 
     def step(self, app: App, by: int) -> None:
         """Chooses the next listed photograph, or the previous one."""

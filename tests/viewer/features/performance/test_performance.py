@@ -46,7 +46,7 @@ def test_the_page_counts_while_the_camera_rests_once_a_view_and_not_at_all_when_
     assert counted.samples_mean > 1 and 0 < counted.hit < 1
     assert len(app.times.gpu_ms) == len(app.times.frame_ms) > 0
     assert set(ui.canvas.gpu_bytes_by_use) == {"Pack", "Pictures"}
-    app.compare_with(toy_pack(seed=1), pack_folder)
+    app.comparison.with_pack(app, toy_pack(seed=1), pack_folder)
     ui.settle()
     assert ui.canvas.gpu_bytes_by_use["Other pack"] > 0 and ui.ctx.error == "GL_NO_ERROR"
     app.costs.switch(False)
