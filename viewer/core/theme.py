@@ -109,7 +109,7 @@ class Fonts:
     @property
     def missing(self) -> str:
         """The letters of SAMPLES that cannot be shown."""
-        return "".join(letter for letter in SAMPLES if not self.regular.is_glyph_in_font(ord(letter)))
+        return "".join(letter for letter in SAMPLES if not self.has(letter))
 
     def has(self, letters: str) -> bool:
         return all(self.regular.is_glyph_in_font(ord(letter)) for letter in letters)

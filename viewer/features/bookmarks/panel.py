@@ -11,6 +11,7 @@ from viewer.core.annotations import Bookmark, named, worded
 from viewer.core.screen import Screen
 from viewer.core.widgets import Box, px
 from viewer.features.bookmarks.bookmarks import SIZE, Rearranging
+from viewer.features.film.camera_path import Keyframe
 from viewer.rendering.canvas import Canvas
 
 SHOWN = 6  # rows of the list
@@ -48,7 +49,7 @@ def _list(app: App, canvas: Canvas) -> None:
     with ui.list_box("##bookmarks", height):
         for i, (view, key) in enumerate(zip(views, bookmarks.keyframes(app), strict=True)):
             texts = view.name, "" if view.point is None else str(i + 1)
-            if row(app, canvas, f"bookmark{i}", (key.grid_T_camera, key.fov), texts, chosen=i == bookmarks.selected):
+            if row(app, canvas, f"bookmark{i}", key, texts, chosen=i == bookmarks.selected):
                 bookmarks.go(app, i)
 
 
@@ -143,16 +144,14 @@ HEIGHT, GAP = 44.0, 10.0
 WIDTH = HEIGHT * SIZE[0] / SIZE[1]
 
 
-def row(
-    app: App, canvas: Canvas, name: str, view: tuple[np.ndarray, float], texts: tuple[str, str], *, chosen: bool
-) -> bool:
-    """A line of a list; True where it was clicked. view: grid_T_camera and vertical fov. texts: at the left and at the right."""
+def row(app: App, canvas: Canvas, name: str, key: Keyframe, texts: tuple[str, str], *, chosen: bool) -> bool:
+    """A line of a list of views; True where it was clicked. texts: at the left and at the right."""
     at, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
     clicked = imgui.selectable(f"##{name}", chosen, 0, ImVec2(0, px(HEIGHT)))[0]
     if not imgui.is_item_visible():  # what is scrolled out needs no picture
         return clicked
     draw, high = imgui.get_window_draw_list(), ImVec2(at.x + px(WIDTH), at.y + px(HEIGHT))
-    texture = app.views.texture(app, canvas, *view)
+    texture = app.views.texture(app, canvas, key.grid_T_camera, key.fov)
     if texture is None:
         draw.add_rect_filled(at, high, theme.packed(theme.CONTROL), px(4))
     else:

@@ -376,7 +376,6 @@ def seen_within(
     ImageDraw.Draw(image).polygon(outline.ravel().tolist(), fill=1)
     inside = np.asarray(image)
     low, high = RayFrame(voxels.pack).box(settings)
-    camera_T_grid = np.linalg.inv(camera.grid_T_camera)
     near = max(camera.near, settings.near)
 
     def test(positions: np.ndarray) -> np.ndarray:
@@ -387,7 +386,7 @@ def seen_within(
         held &= np.all((positions >= low) & (positions <= high), axis=1)
         some = np.flatnonzero(held)
         column, row = column[some].astype(int), row[some].astype(int)
-        away = -(points[some] @ camera_T_grid[2, :3] + camera_T_grid[2, 3])
+        away = (camera.position - points[some]) @ camera.grid_T_camera[:3, 2]
         chosen = inside[row, column] & (away >= near)
         if depth is not None:
             h, w = depth.shape

@@ -69,7 +69,7 @@ def _keyframes(app: App, canvas: Canvas, filming: Filming) -> None:
     with ui.list_box("##keys", px(LIST_HEIGHT)):
         for i, key in enumerate(filming.path.keyframes):
             texts = f"Keyframe {i + 1}", f"{key.seconds:.1f} s"
-            if row(app, canvas, f"key{i}", (key.grid_T_camera, key.fov), texts, chosen=i == filming.selected):
+            if row(app, canvas, f"key{i}", key, texts, chosen=i == filming.selected):
                 filming.select(app, i)
     index = filming.selected
     if index is None or index >= len(filming.path.keyframes):
