@@ -190,7 +190,7 @@ PLACES: dict[str, Prepare] = {
     "measure, three of them": _page("measure", _measured),
     "measure, a known length": _page("measure", _scaling),
     "move, another origin": _page("move", lambda app, _: placing.put(app, Placement(origin=(0.0, -0.5, 0.0)))),
-    "photographs, frusta": _page("photographs", lambda app, _: setattr(app.comparison, "frusta", True)),
+    "photographs, frusta": _page("photographs", lambda app, _: setattr(app.gallery, "frusta", True)),
     "photographs, one of them": _page("photographs", _stand_in),
     "compare, two packs": _page("compare", _compare),
     "film, a path": _page("film", _film),

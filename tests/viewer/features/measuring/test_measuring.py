@@ -25,7 +25,8 @@ LOW, HIGH = np.array([11, 9, 17]), np.array([52, 31, 47])  # voxels of the block
 SIZE = (800, 600)
 
 
-def block_pack() -> Pack:
+@pytest.fixture(scope="module")
+def block() -> Pack:
     """A solid block of known corners in the box of -1 … 1."""
     rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
     (x0, y0, z0), (x1, y1, z1) = LOW, HIGH
@@ -36,11 +37,6 @@ def block_pack() -> Pack:
 def corner(*high: int) -> np.ndarray:
     """A corner of the block, grid frame: 1 for its far side along an axis."""
     return -1.0 + VOXEL * np.where(high, HIGH, LOW)
-
-
-@pytest.fixture(scope="module")
-def block() -> Pack:
-    return block_pack()
 
 
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0, 70), (33, 12), (150, 35), (245, 35)])
