@@ -10,7 +10,8 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -19,6 +20,7 @@ import numpy as np
 
 from console import UserError
 from console.memory import free_memory
+from scenepack.codecs.base import CodecError
 
 REMEDY = "snerg opens SNeRG packs; make one of the photographs: snerg-make PHOTOS --out DIR"
 HEADER_BYTES = 8192  # of a .ply, in which its properties are listed
@@ -85,9 +87,14 @@ class PackFiles:
         """A file for messages."""
         return f"{self.path}: {name}"
 
-    def undecodable(self, name: str, error: Exception) -> UserError:
-        """For a file that its codec refuses."""
-        return UserError(f"cannot be decoded: {error}", where=self.where(name), remedy=COPY_OR_BAKE)
+    @contextmanager
+    def decoding(self, name: str) -> Iterator[None]:
+        """What a codec refuses inside is a UserError that names the file; `name` where the codec does not say which."""
+        try:
+            yield
+        except CodecError as error:
+            where = self.where(error.file or name)
+            raise UserError(f"cannot be decoded: {error}", where=where, remedy=COPY_OR_BAKE) from error
 
     def read(self, name: str, most: int) -> bytes:
         """A whole file; UserError where it is missing or holds more than `most` bytes."""
@@ -114,7 +121,6 @@ class PackFiles:
 
 def open_files(path: Path) -> PackFiles:
     """The files of the pack at `path`. UserError where no folder or readable zip holds one."""
-    path = Path(path)
     try:
         if path.is_dir():
             files = _in_folder(path)

@@ -23,7 +23,7 @@ import numpy as np
 
 from console import UserError
 from scenepack.blocks import data_voxels, restore_padding
-from scenepack.codecs import Codec, CodecError, PngCodec
+from scenepack.codecs import Codec, PngCodec
 from scenepack.codecs.base import Layout, Shape
 from scenepack.codecs.images import probe_png
 from scenepack.codecs.quantisation import EXACT, MOST_STEP, Steps, steps_of, to_counts
@@ -148,10 +148,8 @@ def encoding_jobs(pack: Pack, codec: Codec, settings: Mapping[str, Any]) -> list
 
 def png_channels(files: PackFiles, name: str, width: int, height: int, entries: str, unit: str) -> str:
     """The channels of a PNG. UserError where it is none of the size that `entries` of the JSON ask for."""
-    try:
+    with files.decoding(name):
         *found, channels = probe_png(files.head(name, PngCodec.header_bytes), files.sizes[name])
-    except CodecError as error:
-        raise files.undecodable(name, error) from error
     if found != [width, height]:
         raise UserError(f"its size disagrees with the JSON's {entries}", where=files.where(name),
                         expected=f"{width}×{height} {unit}", found=f"{found[0]}×{found[1]}")  # fmt: skip

@@ -21,9 +21,9 @@ from console import UserError
 from console.atomic import recover_interrupted_write
 from console.json_text import MOST_BYTES
 from console.streams import one_line
-from scenepack.blocks import grid_block_counts, restore_padding
+from scenepack.blocks import grid_block_counts, restore_pack_padding
 from scenepack.coarse import coarse_pack, order_of_groups
-from scenepack.codecs import CodecError, PngCodec, codec_named
+from scenepack.codecs import PngCodec, codec_named
 from scenepack.codecs.base import decoding
 from scenepack.codecs.decoder_sandbox import Decoders
 from scenepack.codecs.images import decode_png
@@ -54,7 +54,6 @@ def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: 
     before the end, with the same scene in coarser voxels (scenepack.coarse). Raises UserError where the pack cannot be opened;
     warns with PackWarning where it is untidy. A folder that is replaced meanwhile is read anew.
     """
-    path = Path(path)
     for _ in range(3):
         before = _identity(path)
         try:
@@ -72,7 +71,6 @@ def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: 
 
 def open_pack(path: Path) -> PackReader:
     """Checks all but the pixels of a pack, at once; raises and warns like load_pack. Close the reader."""
-    path = Path(path)
     recover_interrupted_write(path)
     return PackReader(open_files(path))
 
@@ -152,8 +150,7 @@ class PackReader:
                         on_preview(coarse)
         # Left out of the grid's planes; lossy codecs make a copy differ from its original, which shows as a seam.
         if self._layout == "grid" or self.codec.default_quality is not None:
-            for atlas in atlases:
-                restore_padding(atlas, pack.atlas_indices, pack.block_size)
+            restore_pack_padding(pack)
         return pack
 
     def _decode(self, number: int, atlases: Sequence[np.ndarray], decoders: Decoders) -> None:
@@ -161,7 +158,7 @@ class PackReader:
         piece, names = self.pieces[number], self.names[number]
         most = 2 * int(np.prod(piece.shape)) * 4 + (1 << 20)  # no format grows noise by more
         data = {name: self.files.read(name, most) for name in names}
-        try:
+        with self.files.decoding(names[0]):
             if isinstance(piece, AtlasPiece) and isinstance(self.codec, PngCodec):
                 for name, atlas in zip(names, atlases, strict=True):
                     with decoding(name):
@@ -171,8 +168,6 @@ class PackReader:
             for values, atlas in zip(from_counts(*decoded, self.steps), atlases, strict=False):
                 if values is not None:
                     piece.scatter(values, atlas)
-        except CodecError as error:
-            raise self.files.undecodable(error.file or names[0], error) from error
 
     @property
     def _groups(self) -> int:
@@ -186,7 +181,7 @@ class PackReader:
         if missing := [name for name in needed if name not in self.files.sizes]:
             raise UserError("is missing", where=self.files.where(missing[0]), expected=f"{len(needed)} files of the atlas",
                             found=len(needed) - len(missing), remedy=COPY_OR_BAKE)  # fmt: skip
-        features = [name for names in every for name in names if name not in set(needed)]
+        features = [name for few, names in zip(always, every, strict=True) for name in names[len(few) :]]
         missing = [name for name in features if name not in self.files.sizes]
         # A diffuse pack has no use for features, and may leave all out.
         if missing and (self.outline.view_mlp is not None or len(missing) < len(features)):
@@ -207,10 +202,8 @@ class PackReader:
                     channels = png_channels(self.files, name, w, d * h, "atlas", f"pixels, {d} planes")
                     other |= {} if channels == "RGBA" else {name: channels}
                     continue
-                try:
+                with self.files.decoding(name):
                     self.codec.check(name, self.files.head(name, self.codec.header_bytes), piece.shape)
-                except CodecError as error:
-                    raise self.files.undecodable(name, error) from error
         if other:
             name, channels = next(iter(other.items()))
             problem = f"{self.files.where(name)} is {channels}, not RGBA ({len(other)} in all)"
@@ -222,10 +215,9 @@ class PackReader:
         x, y, z = grid_block_counts(pack.grid_size, pack.block_size)
         png_channels(self.files, INDICES_NAME, x, z * y, "grid and block_size", "pixels")
         image = np.empty((z * y, x, 4), np.uint8)
-        try:
-            decode_png(self.files.read(INDICES_NAME, 2 * image.nbytes + (1 << 20)), image)
-        except CodecError as error:
-            raise self.files.undecodable(INDICES_NAME, error) from error
+        data = self.files.read(INDICES_NAME, 2 * image.nbytes + (1 << 20))
+        with self.files.decoding(INDICES_NAME), decoding(INDICES_NAME):
+            decode_png(data, image)
         indices = np.ascontiguousarray(image.reshape(z, y, x, 4)[..., :3])
         occupied = indices[..., 0] != EMPTY_BLOCK
         if not occupied.any():

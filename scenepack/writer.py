@@ -72,7 +72,7 @@ def copy_pack(files: PackFiles, pack: Pack, path: Path) -> None:
 
 def _replace(path: Path, files: Generator[tuple[str, bytes], None, None]) -> None:
     """Writes a pack's files, names and contents; see save_pack."""
-    path = Path(path).resolve()  # through symbolic links: what they point to is replaced, not the link
+    path = path.resolve()  # through symbolic links: what they point to is replaced, not the link
     as_zip = path.suffix.lower() == ".zip"
     with writing_to(path):
         recover_interrupted_write(path)
@@ -88,7 +88,7 @@ def _replace(path: Path, files: Generator[tuple[str, bytes], None, None]) -> Non
 
 def check_target(path: Path) -> None:
     """UserError where save_pack would refuse or fail to write `path`: for commands to ask before hours of work, not after."""
-    path = Path(path).resolve()
+    path = path.resolve()
     with writing_to(path):
         recover_interrupted_write(path)
         _require_replaceable(path, path.suffix.lower() == ".zip")

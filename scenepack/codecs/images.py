@@ -81,20 +81,17 @@ def decode_png(data: bytes, out: np.ndarray) -> None:
     """Decodes a PNG of 8 bits or fewer into `out`, uint8 [H, W, 4], contiguous, of exactly its size.
 
     Layouts that optimisers leave behind are put back as the PNG standard has it: grey and palette become RGB,
-    a missing alpha is 255. Releases the GIL while it decodes RGBA. CodecError where it cannot be decoded.
+    a missing alpha is 255. Releases the GIL while it decodes RGBA. Raises anything; see `decoding`.
     """
     width, height, channels = probe_png(data[:PNG_HEADER_BYTES], len(data))
     if (height, width) != out.shape[:2]:
         raise CodecError(f"it is {width}×{height} pixels, expected {out.shape[1]}×{out.shape[0]}")
     _require_one_header(data)
-    try:
-        if channels == "RGBA":
-            imagecodecs.png_decode(data, out=out)
-            return
-        with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
-            out[...] = np.asarray(image.convert("RGBA"))
-    except Exception as error:  # imagecodecs and Pillow raise a dozen unrelated types
-        raise CodecError(" ".join(str(error).split()) or type(error).__name__) from error
+    if channels == "RGBA":
+        imagecodecs.png_decode(data, out=out)
+        return
+    with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
+        out[...] = np.asarray(image.convert("RGBA"))
 
 
 # --- WebP: each piece's planes one below another, RGBA, in as few pictures as WebP's size limit allows ---
