@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from rich.bar import Bar
 from rich.console import Console, RenderableType
+from rich.filesize import decimal
 from rich.table import Table
 from rich.text import Text
 
@@ -138,14 +139,12 @@ def _sections(facts: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]
     ]
     if facts["contraction"] is not None:
         grid.insert(2, ("contraction", f"of space beyond ±{facts['contraction']:.6g} world units"))
-    storage = [("on disk", _bytes(sizes["disk"]))]
+    storage = [("on disk", decimal(sizes["disk"]))]
     named = {"rgba": "rgba images", "feature": "feature images", "indices": "indices", "params": "JSON"}
-    storage += [(f"  {named.get(part, part)}", _bytes(sizes[part])) for part in (*named, "other") if sizes[part]]
-    storage += [
-        ("decoded", _bytes(sizes["memory"])),
-        ("dense, 8 bit", f"{_bytes(sizes['dense_8bit'])}, {ratio['against_dense_8bit']:.1f} times the disk size"),
-        ("dense, float", f"{_bytes(sizes['dense_float32'])}, {ratio['against_dense_float32']:.1f} times the disk size"),
-    ]
+    storage += [(f"  {named.get(part, part)}", decimal(sizes[part])) for part in (*named, "other") if sizes[part]]
+    storage.append(("decoded", decimal(sizes["memory"])))
+    for label, dense in (("dense, 8 bit", "dense_8bit"), ("dense, float", "dense_float32")):
+        storage.append((label, f"{decimal(sizes[dense])}, {ratio[f'against_{dense}']:.1f} times the disk size"))
     view = "34 → 16 → 16 → 3" if facts["view_mlp"] else "none: diffuse"
     rows = "; ".join(" ".join(f"{v:.4g}" for v in row) for row in facts["worldspace_T_opengl"])
     camera = facts["input"]
@@ -159,9 +158,11 @@ def _sections(facts: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]
     ]
     sections = [("grid", grid), ("storage", storage), ("shading", shading)]
     if facts["metadata"]:
-        rows_of_metadata = [(_shown(name), _shown(text)) for name, text in _flat(facts["metadata"])]
-        more = len(rows_of_metadata) - MOST_ROWS
-        sections.append(("metadata", rows_of_metadata[:MOST_ROWS] + ([("…", f"{more} more")] if more > 0 else [])))
+        entries = [
+            (one_line(name, LONGEST_TEXT), one_line(text, LONGEST_TEXT)) for name, text in _flat(facts["metadata"])
+        ]
+        more = len(entries) - MOST_ROWS
+        sections.append(("metadata", entries[:MOST_ROWS] + ([("…", f"{more} more")] if more > 0 else [])))
     return sections
 
 
@@ -179,23 +180,9 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     return rows
 
 
-def _shown(text: str) -> str:
-    """What anybody may have written, as a terminal can show it."""
-    text = one_line(text[:1000])
-    return text if len(text) <= LONGEST_TEXT else text[: LONGEST_TEXT - 1] + "…"
-
-
 def _by(sides: Sequence[int]) -> str:
     return " × ".join(map(str, sides))
 
 
 def _of(part: int, whole: int, what: str) -> str:
     return f"{part:,} of {whole:,} {what} ({100 * part / max(whole, 1):.3g} %)".replace(",", " ")
-
-
-def _bytes(count: float) -> str:
-    for unit in ("B", "KiB", "MiB", "GiB"):
-        if count < 1024 or unit == "GiB":
-            break
-        count /= 1024
-    return f"{count:.0f} B" if unit == "B" else f"{count:.1f} {unit}"
