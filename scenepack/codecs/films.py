@@ -33,9 +33,9 @@ CELLS_AT_ONCE = 128
 THREADS = 2  # of a decoder or encoder
 
 
-def _padded(values: np.ndarray) -> np.ndarray:
-    """[D, H, W, …] with rows and columns filled up to whole cells, by zeros."""
-    return np.pad(values, [(0, 0), *((0, -side % CELL) for side in values.shape[1:3]), *[(0, 0)] * (values.ndim - 3)])
+def _padded(values: np.ndarray, axes: tuple[int, ...] = (1, 2)) -> np.ndarray:
+    """[D, H, W, …], filled up to whole cells along `axes`, by zeros."""
+    return np.pad(values, [(0, -side % CELL if axis in axes else 0) for axis, side in enumerate(values.shape)])
 
 
 def _premultiplied(values: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -48,19 +48,13 @@ def _filled(
     values: np.ndarray, alpha: np.ndarray, smoothing: float = 0.0, *, premultiplied: bool = False
 ) -> np.ndarray:
     """uint8 [D, H, W, C] in whole cells: straight if it was `premultiplied`, and continued where alpha uint8 [D, H, W] is 0."""
-    depth, height, width, channels = values.shape
-    counts = tuple(-(-side // CELL) for side in (depth, height, width))
-    result = np.full((depth, counts[1] * CELL, counts[2] * CELL, channels), GREY, np.uint8)
-    cells = [tuple(slice(i * CELL, (i + 1) * CELL) for i in cell) for cell in np.ndindex(counts)]
-    cells = [cell for cell in cells if alpha[cell].any()]
-    for start in range(0, len(cells), CELLS_AT_ONCE):
-        some = cells[start : start + CELLS_AT_ONCE]
-        weight = np.zeros((len(some), CELL, CELL, CELL, 1), np.float32)
-        colour = np.zeros((len(some), CELL, CELL, CELL, channels), np.float32)
-        for i, cell in enumerate(some):
-            d, h, w = alpha[cell].shape
-            weight[i, :d, :h, :w, 0] = alpha[cell]
-            colour[i, :d, :h, :w] = values[cell]
+    whole, opacity = _padded(values, (0, 1, 2)), _padded(alpha[..., None], (0, 1, 2))
+    result = np.full_like(whole, GREY)
+    colours, weights, results = map(_cells, (whole, opacity, result))
+    used = np.argwhere(weights.any(axis=(3, 4, 5, 6)))
+    for start in range(0, len(used), CELLS_AT_ONCE):
+        some = tuple(used[start : start + CELLS_AT_ONCE].T)
+        colour, weight = colours[some].astype(np.float32), weights[some].astype(np.float32)
         if not premultiplied:
             weight = (weight > 0).astype(np.float32)
             colour *= weight
@@ -69,11 +63,15 @@ def _filled(
             inside = smoothing * (weight > 0)
             colour, weight = colour + inside * surroundings, weight + inside
         mean = _pull_push(colour, weight) * (255 if premultiplied else 1)
-        cube = np.clip(np.rint(mean), 0, 255).astype(np.uint8)
-        for i, cell in enumerate(some):
-            d = result[cell].shape[0]
-            result[cell] = cube[i, :d]
-    return result
+        results[some] = np.clip(np.rint(mean), 0, 255).astype(np.uint8)
+    return result[: len(values)]
+
+
+def _cells(values: np.ndarray) -> np.ndarray:
+    """A view of values [D, H, W, C] of whole cells, by cell: [D / CELL, H / CELL, W / CELL, CELL, CELL, CELL, C]."""
+    depth, height, width, channels = values.shape
+    sides = (depth // CELL, CELL, height // CELL, CELL, width // CELL, CELL)
+    return values.reshape(*sides, channels).transpose(0, 2, 4, 1, 3, 5, 6)
 
 
 def _blurred(values: np.ndarray) -> np.ndarray:
