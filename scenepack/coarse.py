@@ -16,11 +16,6 @@ from scenepack.pack import Pack
 FACTORS = (3, 2, 5, 4)  # the first that divides the block size
 
 
-def factor_for(block_size: int) -> int | None:
-    """f; None where no coarser macroblock fits the grid."""
-    return next((f for f in FACTORS if block_size % f == 0 and block_size > f), None)
-
-
 def order_of_groups(depth: int, padded_block_size: int) -> tuple[list[int], list[int]]:
     """All groups of four planes of an atlas of `depth` planes, each once, and how many of them make a picture each.
 
@@ -40,7 +35,7 @@ def coarse_pack(pack: Pack, known: np.ndarray) -> Pack | None:
 
     None where its block size allows none. The grid's far faces may lie up to f - 1 voxels farther out.
     """
-    if (f := factor_for(pack.block_size)) is None:
+    if (f := next((f for f in FACTORS if pack.block_size % f == 0 and pack.block_size > f), None)) is None:
         return None
     side = pack.padded_block_size
     kept = np.array([0, *range(1 + f // 2, side - 1, f), side - 1])

@@ -29,6 +29,11 @@ Place = tuple[int, int, int]
 Keep = Literal["all", "largest"] | float
 
 
+def straight_colours(rgba: np.ndarray) -> np.ndarray:
+    """[n, 3] in 0 ... 1 of premultiplied rgba [n, 4]."""
+    return np.clip(rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6), 0.0, 1.0)
+
+
 class Field:
     """crop: corners (min, max) of a box in the grid frame; voxels whose centre is not in it are empty."""
 

@@ -12,7 +12,6 @@ import gzip
 import json
 import struct
 from collections.abc import Sequence
-from functools import cache
 from math import atan
 from typing import Any
 
@@ -21,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from console import UserError
 from scenepack.cameras import photograph_cameras
-from scenepack.exports.field import ExportFrame, Field
+from scenepack.exports.field import ExportFrame, Field, straight_colours
 from scenepack.pack import Pack
 
 TYPES = {"f4": "float", "u1": "uchar"}
@@ -159,7 +158,6 @@ def gaussian_values(
     positions: np.ndarray, rgba: np.ndarray, field: Field, export_frame: ExportFrame
 ) -> list[np.ndarray]:
     """What fills COLUMNS: position, no normal, colour, opacity before the sigmoid, logarithms of sizes, rotation (w, x, y, z)."""
-    straight = np.clip(rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6), 0.0, 1.0)
     alphas, opacities = opacity_table()
     opacity = np.clip(np.interp(rgba[:, 3], alphas, opacities), 1e-3, MOST_OPACITY)[:, None]
     count = len(positions)
@@ -168,14 +166,13 @@ def gaussian_values(
     return [
         export_frame.points(positions),
         np.zeros((count, 3)),
-        (straight - 0.5) / SH_0,
+        (straight_colours(rgba) - 0.5) / SH_0,
         np.log(opacity / (1.0 - opacity)),
         np.log(sizes),
         np.broadcast_to(np.round([w, x, y, z], 12) + 0.0, (count, 4)),
     ]
 
 
-@cache
 def opacity_table() -> tuple[np.ndarray, np.ndarray]:
     """Opacities of a plane of voxels, rising, and the Gaussians' own that give them."""
     across = (np.arange(16) + 0.5) / 16 - 0.5

@@ -12,7 +12,7 @@ from tyro.conf import Suppress
 from console import UserError, write_result
 from console.command_line import require_in_range
 from scenepack.exports import file_formats
-from scenepack.exports.field import Corners, ExportFrame, Field, Frame, Keep
+from scenepack.exports.field import Corners, ExportFrame, Field, Frame, Keep, straight_colours
 from scenepack.exports.surface import (
     Surface,
     decimated,
@@ -257,8 +257,8 @@ def preview_geometry(pack: Pack, export: Export, on_progress: OnProgress = lambd
         return replace(geometry_of(pack, alike, on_progress), point_size=spacing * pack.voxel_size)
     export_frame = ExportFrame(pack)
     positions, rgba = _gaussian_voxels(Field(pack, coarser, export.crop), export, export_frame)
-    straight = np.clip(rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6), 0.0, 1.0)
-    points, colours = export_frame.points(positions).astype(np.float32), np.rint(255.0 * straight).astype(np.uint8)
+    points = export_frame.points(positions).astype(np.float32)
+    colours = np.rint(255.0 * straight_colours(rgba)).astype(np.uint8)
     no_faces, size = np.zeros((0, 3), np.int32), coarser * pack.voxel_size
     return Geometry(points, np.zeros_like(points), colours, no_faces, coarser, point_size=size)
 

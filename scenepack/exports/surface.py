@@ -19,7 +19,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from scenepack.exports.field import Field, Keep
+from scenepack.exports.field import Field, Keep, straight_colours
 
 WITHIN, EDGES = 3, 4  # a vertex within a cube, beside those on its edges along axes 0 ... 2; kinds of both together
 Shared = Callable[[float], None]
@@ -58,8 +58,7 @@ def extract(field: Field, level: float, on_progress: Shared = lambda share: None
         corner = np.asarray(place) * field.side
         names.append(_names(cells, corner, field))
         rgba = np.stack([map_coordinates(box[..., c], cells.T, order=1, prefilter=False) for c in range(4)], axis=-1)
-        straight = rgba[:, :3] / np.maximum(rgba[:, 3:], 1e-6)
-        colours.append(np.rint(255.0 * np.clip(straight, 0.0, 1.0)).astype(np.uint8))
+        colours.append(np.rint(255.0 * straight_colours(rgba)).astype(np.uint8))
         positions.append((field.coarser * (cells + corner + 0.5)).astype(np.float32)[:, ::-1])
         faces.append(triangles.astype(np.int32) + begun)
         begun += len(cells)
