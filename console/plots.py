@@ -31,14 +31,12 @@ COLOURS = ("#0969da", "#cf4a22", "#1a7f37", "#8250df", "#9a6700", "#bf3989", "#5
 
 @dataclass(frozen=True)
 class Line:
-    """xs, ys: its points. marked: a dot at each. levels: (text, y) of dashed horizontal lines in its colour; the texts
-    stand in the legend."""
+    """xs, ys: its points. marked: a dot at each."""
 
     label: str
     xs: Sequence[float]
     ys: Sequence[float]
     marked: bool = False
-    levels: Sequence[tuple[str, float]] = ()
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,11 @@ def _draw(axes: Axes, plot: Plot) -> None:
     from matplotlib.ticker import LogLocator, NullFormatter
 
     for i, line in enumerate(plot.lines):
-        _draw_line(axes, line, COLOURS[i % len(COLOURS)])
+        dots = "o" if line.marked or len(line.xs) == 1 else None
+        axes.plot(
+            line.xs, line.ys, color=COLOURS[i % len(COLOURS)], label=printable(line.label), marker=dots, markersize=5,
+            linewidth=1.8 if dots else 1.2,
+        )  # fmt: skip
     if plot.y_axis == "log":
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -117,21 +119,8 @@ def _draw(axes: Axes, plot: Plot) -> None:
 
 def _legend_shape(lines: Sequence[Line]) -> tuple[int, int]:
     """Rows and columns; no rows where nothing needs telling."""
-    if len(lines) < 2 and not any(line.levels for line in lines):
+    if len(lines) < 2:
         return 0, 1
-    widest = max(len(_label(line)) for line in lines)
+    widest = max(len(line.label) for line in lines)
     columns = min(len(lines), max(LEGEND_LETTERS // (widest + 6), 1))
     return -(-len(lines) // columns), columns
-
-
-def _label(line: Line) -> str:
-    return printable(line.label + "".join(f", {text}" for text, _ in line.levels))
-
-
-def _draw_line(axes: Axes, line: Line, colour: str) -> None:
-    dots = "o" if line.marked or len(line.xs) == 1 else None
-    axes.plot(
-        line.xs, line.ys, color=colour, label=_label(line), marker=dots, markersize=5, linewidth=1.8 if dots else 1.2
-    )
-    for _, level in line.levels:
-        axes.axhline(level, color=colour, linestyle=(0, (4, 3)), linewidth=1, alpha=0.55)

@@ -10,7 +10,7 @@ from console import UserError, plots
 from console.plots import COLOURS, Line, Plot, draw_plots
 
 RISING = Line("rising", [0.0, 50.0, 100.0], [1.0, 2.0, 3.0], marked=True)
-FALLING = Line("falling", range(101), [3.0 - i / 50 for i in range(101)], levels=[("p50 2 ms", 2.0)])
+FALLING = Line("falling", range(101), [3.0 - i / 50 for i in range(101)])
 
 
 def pixels_of(picture: np.ndarray, colour: str) -> np.ndarray:
@@ -38,8 +38,7 @@ def test_lines_are_drawn_where_their_numbers_are_and_plots_below_one_another(tmp
 
 @pytest.mark.parametrize("name", ["not UTF-8 \udcff", "an odd $ sign", "$a_$ and $b^^$", "\\frac", "\N{PILE OF POO}\n"])
 def test_any_name_of_a_file_may_be_a_title_and_a_label(tmp_path: Path, name: str) -> None:
-    lines = [Line(name, [0, 1], [2, 3], levels=[(name, 2.5)]), RISING]
-    drawn(tmp_path / "a.png", Plot(lines, name, "x", "y"))
+    drawn(tmp_path / "a.png", Plot([Line(name, [0, 1], [2, 3]), RISING], name, "x", "y"))
 
 
 def test_without_matplotlib_the_remedy_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
