@@ -97,11 +97,6 @@ class ChildProcess:
         with contextlib.suppress(OSError):
             self.input.close()
 
-    def interrupt(self) -> None:
-        """Asks it to end as with Ctrl-C, where it is not one that ends with its input."""
-        with contextlib.suppress(OSError):
-            self._process.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
-
     def kill(self) -> None:
         """Ends it, and all that it started, at once."""
         with contextlib.suppress(OSError):  # nothing of it is left

@@ -22,7 +22,7 @@ from typing import Any
 import tyro
 
 from console.atomic import is_stream, reserved, try_folder, write_file
-from console.errors import UserError, missing_extra, not_written, plain_notices, refusal
+from console.errors import UserError, handle_notices, missing_extra, not_written, refusal
 from console.progress_protocol import ending_with_stdin, write_failure
 from console.streams import lasting_output, one_line
 
@@ -55,7 +55,7 @@ def run_command(
     words = _with_joined_values([word for word in words if word != "--debug"])
     with lasting_output():
         try:
-            with plain_notices(prog), ending_with_stdin():
+            with handle_notices(lambda text: _say(prog, f"warning: {text}")), ending_with_stdin():
                 call = _parse(command, prog, description, words)
                 if not callable(call):
                     return call

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import errno
-import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -113,11 +112,6 @@ class Notice(UserWarning):
 
     def __init__(self, text: object) -> None:
         super().__init__(one_line(str(text), LONGEST_NOTICE))
-
-
-def plain_notices(prog: str) -> AbstractContextManager[None]:
-    """Prints each Notice as "PROG: warning: ..." on stderr; other warnings stay as Python shows them."""
-    return handle_notices(lambda text: print(f"{prog}: warning: {text}", file=sys.stderr))
 
 
 @contextmanager

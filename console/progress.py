@@ -142,8 +142,9 @@ class Progress:
             begun=float(self.begun), seconds_left=None if left is None else round(left, 2),
         ))  # fmt: skip
 
-    def advance(self, units: float = 1.0, metrics: Mapping[str, float] | None = None) -> None:
-        self.update(self.done + units, metrics=metrics)
+    def advance(self, metrics: Mapping[str, float] | None = None) -> None:
+        """One more unit is finished."""
+        self.update(self.done + 1, metrics=metrics)
 
 
 class _Live(Progress):

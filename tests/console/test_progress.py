@@ -45,8 +45,8 @@ def test_a_terminal_gets_a_bar(capsys: pytest.CaptureFixture[str], monkeypatch: 
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
     with progress("[b]baking", 4) as bar:
-        bar.update(2, "half")
-        bar.advance(2)
+        bar.update(3, "nearly")
+        bar.advance()
     assert bar.done == 4 and "[b]baking" in capsys.readouterr().err
 
 

@@ -5,7 +5,9 @@ killed where that does not help; what it has written until then still counts.
 """
 
 import json
+import os
 import shutil
+import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,7 +59,7 @@ def run_child(words: Sequence[str], log: Path, seconds: float) -> Ended:
         try:
             status = child.wait(max(seconds, 0.1))
             if status is None:
-                child.interrupt()
+                os.kill(child.pid, signal.SIGINT)
                 child.wait(ENDING_S)
         finally:
             child.close()
