@@ -6,8 +6,7 @@ set -u
 [ "$(uname -s)" = Linux ] || exit 0
 
 has_library() {
-    if command -v ldconfig >/dev/null 2>&1; then ldconfig -p 2>/dev/null | grep -q "$1" && return 0; fi
-    /sbin/ldconfig -p 2>/dev/null | grep -q "$1"
+    PATH="$PATH:/sbin" ldconfig -p 2>/dev/null | grep -q "$1"
 }
 
 needed=""

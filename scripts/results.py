@@ -58,8 +58,7 @@ def page(docs: Path = DOCS) -> str:
 def table_text(table: Mapping[str, Any]) -> str:
     columns, formats = table["columns"], table["formats"]
     bold = {tuple(place) for place in table.get("bold", ())}
-    rule = "|" + "---|" * len(columns) if table.get("tight") else "| " + " | ".join(["---"] * len(columns)) + " |"
-    lines = [_line(columns), rule]
+    lines = [_line(columns), _line(["---"] * len(columns))]
     for r, row in enumerate(table["rows"]):
         cells = []
         for c, (value, how) in enumerate(zip(row, formats, strict=True)):
