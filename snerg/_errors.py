@@ -49,8 +49,7 @@ def with_snerg_errors(function: Callable[P, R]) -> Callable[P, R]:
             from console.errors import UserError, missing_extra, refusal
 
             if isinstance(error, UserError):
-                fields = {name: getattr(error, name) for name in ("where", "expected", "found", "remedy")}
-                raise SnergError(error.what, **fields) from error
+                raise SnergError(**vars(error)) from error
             if (line := refusal(error) or missing_extra(error)) is None:
                 raise
             raise SnergError(line) from error

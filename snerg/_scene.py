@@ -199,9 +199,7 @@ class Scene:
         Raises:
             SnergError: Where a value makes no sense, there is no surface, or the extra is missing.
         """
-        from scenepack.exports.scene import Export
-
-        return self._geometry(Export("mesh", level=level, faces=faces or 0, smooth=smooth, frame=frame))
+        return self._geometry("mesh", level=level, faces=faces or 0, smooth=smooth, frame=frame)
 
     @with_snerg_errors
     def to_points(self, *, level: float = 0.15, spacing: float = 1.0, frame: MovedFrame = "placed") -> Geometry:
@@ -210,14 +208,12 @@ class Scene:
         Raises:
             SnergError: As `to_mesh`.
         """
-        from scenepack.exports.scene import Export
+        return self._geometry("points", level=level, spacing=spacing, frame=frame)
 
-        return self._geometry(Export("points", level=level, spacing=spacing, frame=frame))
+    def _geometry(self, kind: Literal["mesh", "points"], **options: Any) -> Geometry:
+        from scenepack.exports.scene import Export, geometry_of
 
-    def _geometry(self, export: Any) -> Geometry:
-        from scenepack.exports.scene import geometry_of
-
-        made = geometry_of(self._pack, export)
+        made = geometry_of(self._pack, Export(kind, **options))
         return Geometry(made.vertices, made.normals, made.colours, made.faces, tuple(made.cameras))
 
     @with_snerg_errors
