@@ -1,7 +1,7 @@
 """Replacing a file or a folder so that a kill at any moment leaves the old or the new one, never a mixture.
 
 All is written under a hidden name beside the target, flushed to disk, and then takes the target's place:
-- a file, or a target that is absent or an empty folder: one rename.
+- a file, or a target that is absent: one rename.
 - a folder over a folder: two renames, target → .NAME.old-…, new → target. A kill between them leaves no target but a
   complete .old; whoever next reads or writes that target puts it back (recover_interrupted_write).
 Hidden names are .NAME.KIND-PID-TOKEN: "new" being written or deleted, "old" complete and set aside. Those whose process
@@ -210,12 +210,9 @@ def _take_place(new: Path, target: Path) -> None:
             shutil.copymode(target, new)
         os.replace(new, target)
         return
-    try:
-        os.rename(new, target)  # absent, or an empty folder
+    if not target.is_dir():
+        os.rename(new, target)
         return
-    except OSError as error:
-        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EACCES, errno.EPERM) or not target.is_dir():
-            raise
     shutil.copymode(target, new)
     old = _sibling(target, OLD)
     os.rename(target, old)
