@@ -122,18 +122,16 @@ def random_pack(
     )
 
 
-def packs(
-    *, block_sizes: tuple[int, ...] = (14, 30), max_blocks: int = 3, ndc: bool | None = False
-) -> st.SearchStrategy[Pack]:
+def packs(*, block_sizes: tuple[int, ...] = (14, 30), ndc: bool | None = False) -> st.SearchStrategy[Pack]:
     """Hypothesis strategy over random_pack. ndc: None draws it."""
 
     def build(seed: int, block_size: int, blocks: tuple[int, int, int], **options: Any) -> Pack:
         # A macroblock of 30 has ten times the voxels of one of 14; keep examples cheap.
-        limit = max_blocks if block_size < 20 else 2
+        limit = 3 if block_size < 20 else 2
         x, y, z = (min(n, limit) for n in blocks)
         return random_pack(np.random.default_rng(seed), block_size=block_size, grid_blocks=(x, y, z), **options)
 
-    counts = st.integers(1, max_blocks)
+    counts = st.integers(1, 3)
     return st.builds(
         build,
         st.integers(0, 2**32 - 1),

@@ -24,7 +24,7 @@ from scenepack.placement import (
     placement_of,
     placement_to_json,
 )
-from tests.scenepack.volumes import cube_pack
+from tests.scenepack.volumes import centres, cube_pack, solid_pack
 
 SIDE, BLOCK, SLOPE = 60, 15, 0.25
 UP = np.array([-SLOPE, 1.0, 0.0]) / np.hypot(SLOPE, 1.0)
@@ -34,7 +34,7 @@ ANGLES = st.tuples(st.floats(-180, 180), st.floats(-89, 89), st.floats(-180, 180
 
 def sloping_pack(**options) -> Pack:
     """A floor that rises towards +x by SLOPE, a wall across it and a ball, in the box of -1 … 1."""
-    z, y, x = np.mgrid[:SIDE, :SIDE, :SIDE] * (2 / SIDE) - 1 + 1 / SIDE
+    x, y, z = centres(SIDE)
     rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
     height = y + 0.5 - SLOPE * x
     rgba[height < 0] = (90, 120, 80, 255)
@@ -85,12 +85,8 @@ def test_a_sloping_floor_is_found_and_levelled() -> None:
 
 
 def test_where_there_is_no_floor_none_is_found() -> None:
-    z, y, x = np.mgrid[:SIDE, :SIDE, :SIDE] * (2 / SIDE) - 1
-    rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
-    rgba[x**2 + y**2 + z**2 < 0.6] = 255
-    ball = cube_pack(rgba, BLOCK)
-    empty = cube_pack(0 * rgba, BLOCK)
-    for pack in (ball, empty):
+    inside = 0.6 - np.square(centres(SIDE)).sum(axis=0)
+    for pack in (solid_pack(10 * inside, (255, 255, 255)), solid_pack(0 * inside - 1, (0, 0, 0))):
         with pytest.raises(UserError, match="no ground"):
             ground_plane(pack, np.array([0.0, 1.0, 0.0]))
 

@@ -31,54 +31,23 @@ MATRICES = {
 OPTIONS: list[dict[str, Any]] = [{}, {"diffuse": True}, {"ndc": True}, {"block_size": 30, "grid_blocks": (2, 2, 1)}]
 
 
-class Published:
-    """A pack as another program reads it: JSON, images as arrays, the atlas as [z, y, x, 4]."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.params = json.loads((folder / "scene_params.json").read_text(encoding="utf-8"))
-        self.names = sorted(path.name for path in folder.iterdir())
-
-    def image(self, name: str) -> tuple[str, np.ndarray]:
-        with Image.open(self.folder / name) as image:
-            assert image.format == "PNG"
-            return image.mode, np.asarray(image)
-
-    def atlas(self, part: str) -> np.ndarray:
-        height, width, count = (self.params[key] for key in ("atlas_height", "atlas_width", "num_slices"))
-        planes = []
-        for k in range(count):
-            mode, pixels = self.image(f"{part}_{k:03d}.png")
-            assert mode == "RGBA" and pixels.dtype == np.uint8
-            assert pixels.shape == (4 * height, width, 4)
-            planes += [pixels[i * height : (i + 1) * height] for i in range(4)]
-        return np.stack(planes)
-
-    def indices(self) -> np.ndarray:
-        """[blocks z, blocks y, blocks x, 3]: an atlas block (x, y, z)."""
-        mode, pixels = self.image("atlas_indices.png")
-        assert mode in ("RGB", "RGBA") and pixels.dtype == np.uint8
-        x, y, z = self.grid_blocks()
-        assert pixels.shape[:2] == (z * y, x)
-        return pixels.reshape(z, y, x, -1)[..., :3]
-
-    def grid_blocks(self) -> tuple[int, ...]:
-        sides = (self.params[f"grid_{axis}"] for axis in ("width", "height", "depth"))
-        return tuple(-(-side // self.params["block_size"]) for side in sides)
+def image(file: Path) -> np.ndarray:
+    with Image.open(file) as opened:
+        assert opened.format == "PNG" and opened.mode == "RGBA"
+        return np.asarray(opened)
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_files_keys_types_and_frame_are_the_published_ones_and_no_others(options, tmp_path: Path) -> None:
     shape = {"block_size": 6, "grid_blocks": (3, 4, 2), "style": "blob", **options}
     save_pack(random_pack(np.random.default_rng(3), **shape), tmp_path / "pack", png_level=1)
-    published = Published(tmp_path / "pack")
-    count = published.params["num_slices"]
-    assert 4 * (count - 1) < published.params["atlas_depth"] <= 4 * count
+    params = json.loads((tmp_path / "pack" / "scene_params.json").read_text(encoding="utf-8"))
+    count = params["num_slices"]
+    assert 4 * (count - 1) < params["atlas_depth"] <= 4 * count
     parts = ("rgba",) if options.get("diffuse") else ("rgba", "feature")
     images = {f"{part}_{k:03d}.png" for part in parts for k in range(count)}
-    assert set(published.names) == {"scene_params.json", "atlas_indices.png"} | images
+    assert {file.name for file in (tmp_path / "pack").iterdir()} == {"scene_params.json", "atlas_indices.png"} | images
 
-    params = published.params
     for key in WHOLE:
         assert type(params[key]) is int and params[key] > 0, key
     for key in REAL:
@@ -110,8 +79,13 @@ def test_an_index_is_x_y_z_and_leads_to_the_voxels_of_its_place_in_the_grid(tmp_
     pack = random_pack(np.random.default_rng(0), block_size=size, grid_blocks=blocks, whole_blocks=True, diffuse=True)
     pack = replace(pack, atlas_indices=indices, atlas_rgba=rgba)
     save_pack(pack, tmp_path / "pack", png_level=1)
-    published = Published(tmp_path / "pack")
-    atlas, grid = published.atlas("rgba"), published.indices()
+    groups = [image(file) for file in sorted((tmp_path / "pack").glob("rgba_*.png"))]
+    lines = image(tmp_path / "pack" / "atlas_indices.png")[..., :3]  # all y of one z, then of the next
+    assert {group.shape for group in groups} == {
+        (4 * rgba.shape[1], rgba.shape[2], 4)
+    }  # four planes, one below another
+    assert lines.shape == (blocks[2] * blocks[1], blocks[0], 3)
+    atlas, grid = np.concatenate(groups).reshape(rgba.shape), lines.reshape(*blocks[::-1], 3)
     for bz, by, bx in np.ndindex(grid.shape[:3]):
         ax, ay, az = (int(i) * (size + 2) + 1 for i in grid[bz, by, bx])
         for corner in (0, size - 1):

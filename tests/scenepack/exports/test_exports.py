@@ -156,7 +156,7 @@ def test_gaussians_have_the_layout_of_splat_viewers_and_let_as_much_light_pass(f
     header = (tmp_path / "gaussians.ply").read_bytes().partition(b"end_header\n")[0]
     assert header.decode().split("property float ")[1:] == [f"{name}\n" for name, _ in COLUMNS]
     values = gaussians_of(tmp_path / "gaussians.ply")
-    assert len(values) == np.count_nonzero(ball_inside() > -0.48) + 7 + 12 or len(values) > 3000
+    assert len(values) > 3000 and np.abs(np.median(values[:, :3], axis=0) - CENTRE).max() < VOXEL
     assert np.allclose(values[:, AT["rot_0"] :], [1, 0, 0, 0])
     assert np.allclose(np.exp(values[:, AT["scale_0"]]), 0.5 * VOXEL)
     colour = 255 * (0.5 + 0.28209479 * values[:, AT["f_dc_0"] : AT["f_dc_0"] + 3])
@@ -179,24 +179,6 @@ def test_an_spz_holds_the_gaussians_of_the_ply_as_exactly_as_the_format_allows(f
     assert np.abs(read.scales - values[:, 10:13]).max() < 0.51 / 16
     assert np.abs(np.sum(read.quats * values[:, 13:], axis=1)).min() > 0.9999  # the same rotation
     assert (tmp_path / "a.spz").stat().st_size < (tmp_path / "gaussians.ply").stat().st_size / 8
-
-
-def test_the_axes_of_an_spz_are_right_up_and_back(tmp_path: Path) -> None:
-    """A long bar to the right, a shorter one upwards, the shortest to the back."""
-    gsply = pytest.importorskip("gsply", reason="gsply is not installed: the extra dev")
-    x, y, z = centres(SIDE)
-    bars = [(x, y, z, 0.9), (y, z, x, 0.6), (z, x, y, 0.3)]  # along, across, across, end
-    inside = [(a > -0.1) & (a < end) & (np.maximum(np.abs(b), np.abs(c)) < 0.1) for a, b, c, end in bars]
-    inside = np.logical_or.reduce(inside)
-    pack = solid_pack(np.where(inside, 1.0, -1.0), COLOUR)
-    for frame in ("grid", "world"):
-        export_scene(pack, tmp_path / "a.spz", Export("gaussians", frame=frame))
-        places = gsply.read_spz(tmp_path / "a.spz").means
-        grid = places if frame == "grid" else places @ BLENDER_FRAME[:3, :3]
-        assert np.abs(grid.max(axis=0) - [0.9, 0.6, 0.3]).max() < VOXEL and np.abs(grid.min(axis=0) + 0.1).max() < VOXEL
-    camera = np.linalg.inv(ViewCamera.look_at((0.0, 0.0, 5.0), (0.0, 0.0, 0.0)).grid_T_camera)
-    right, up, back = (camera[:3, :3] @ grid[grid[:, i].argmax()] for i in range(3))
-    assert right[0] > 0.8 and up[1] > 0.5 and back[2] > 0.2
 
 
 def test_frames_scale_and_crop(folder: str, tmp_path: Path) -> None:
