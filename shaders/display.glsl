@@ -116,13 +116,16 @@ vec3 displayed_colour(Ray ray, Marched marched) {
 
 #ifdef RAW
 // What mean values of rays are made of, with opacity as the fourth: depth: the opacity times mean_point; normals: times the
-// unit normal, in the grid frame; all else: the colour times opacity, nothing of the background in it.
+// unit normal, in the grid frame; samples and jumps: the numbers of both, and opacity; all else: the colour times opacity, nothing
+// of the background in it.
 vec4 raw_values(Ray ray, Marched marched) {
     float alpha = 1.0 - marched.transmittance;
 #if MODE == MODE_DEPTH
     return vec4(alpha * mean_point(ray, marched), alpha);
 #elif MODE == MODE_NORMALS
     return vec4(grid_normal(ray, marched), alpha);
+#elif MODE == MODE_SAMPLES || MODE == MODE_JUMPS
+    return vec4(marched.fetched, marched.jumps, alpha, alpha);
 #elif OVER_BACKGROUND
     vec3 shown = clamp(displayed_colour(ray, marched), 0.0, 1.0);
     return vec4(clamp(shown - marched.transmittance * background, 0.0, alpha), alpha);

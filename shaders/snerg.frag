@@ -15,7 +15,6 @@
 //   OVER_BACKGROUND  1 where the mode shows the background, else 0
 //   BACKDROP         defined where something is seen behind the scene instead of the plain background; see backdrop.glsl
 //   LOOK             defined where colours are shown with a look; see look.glsl
-//   RAW_COUNTS       defined to write samples fetched, steps over empty space and opacity instead of a colour
 //   BLOCK_SIZE, PADDED_BLOCK_SIZE, SLOT_WIDTH  data voxels per macroblock side, B, and atlas voxels to the next in x
 // Every length below is in voxels and every position in the grid, [0, grid size], unless said otherwise.
 #version 330 core
@@ -54,9 +53,7 @@ void main() {
 #ifdef NDC
     partially_unpremultiply(marched);
 #endif
-#ifdef RAW_COUNTS
-    fragment_colour = vec4(marched.fetched, marched.jumps, 1.0 - marched.transmittance, 1.0);
-#elif defined(RAW)
+#ifdef RAW
     fragment_colour = raw_values(ray, marched);
 #else
     vec3 shown = clamp(displayed_colour(ray, marched), 0.0, 1.0);

@@ -46,6 +46,7 @@ class ViewCamera:
     ray_near: float = 0.0  # rays begin so far from the camera (Pack.near)
     orthographic: bool = False
     eye_offset: float = 0.0  # of a panorama: how far to the right of the camera each ray begins, grid units
+    whole_height: float = 0.0  # pixels of the picture that this view is a part of; 0: it is all of it
 
     @classmethod
     def look_at(
@@ -117,8 +118,8 @@ class ViewCamera:
     def as_orthographic(self, height: float) -> ViewCamera:
         """The orthographic camera at the same place whose picture shows `height` (grid units, above 0) from top to bottom."""
         scale = self.height / height
-        middle = 0.5 * self.width, 0.5 * self.height
-        return replace(self, fx=scale, fy=scale, cx=middle[0], cy=middle[1], distortion=(0.0,) * 4, orthographic=True)
+        middle = {"cx": 0.5 * self.width, "cy": 0.5 * self.height}
+        return replace(self, fx=scale, fy=scale, **middle, distortion=(0.0,) * 4, orthographic=True)
 
     def as_panorama(
         self,
@@ -149,7 +150,12 @@ class ViewCamera:
         """The same view as a picture of another size."""
         sx, sy = width / self.width, height / self.height
         lens = {"fx": self.fx * sx, "fy": self.fy * sy, "cx": self.cx * sx, "cy": self.cy * sy}
-        return replace(self, width=width, height=height, **lens)
+        return replace(self, width=width, height=height, whole_height=self.whole_height * sy, **lens)
+
+    def part(self, x: int, y: int, width: int, height: int) -> ViewCamera:
+        """What a box of the picture shows, or one that reaches beyond it. x, y: its upper left corner, pixels."""
+        whole = self.whole_height or self.height
+        return replace(self, width=width, height=height, cx=self.cx - x, cy=self.cy - y, whole_height=whole)
 
     @property
     def key(self) -> tuple[object, ...]:

@@ -22,7 +22,7 @@ from viewer.rendering.dynamic_resolution import DynamicResolution, tiles
 from viewer.rendering.layers import depth_along_axis
 from viewer.rendering.opengl import GpuClock, free_framebuffer, new_framebuffer, read_pixels
 from viewer.rendering.renderer import Renderer
-from viewer.rendering.settings import RenderSettings, of_picture
+from viewer.rendering.settings import RenderSettings
 from viewer.rendering.targets import MARGIN, Box, Layer, Sheet, with_margin
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ class Canvas:
         self._preview_picture.release()
 
     def raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """The picture unrounded, raw values or counts of the whole pack, float32 [height, width, 4]; see layers."""
+        """The picture unrounded, or raw values, of the whole pack, float32 [height, width, 4]; see layers."""
         renderer = self._receive_all()
         framebuffer = new_framebuffer(self.ctx, camera.width, camera.height, "f4")
         try:
@@ -263,7 +263,6 @@ class Canvas:
         drawn = with_margin(camera.resized(*size))
         whole = with_margin(camera)
         target = self._quick.fit(whole.width, whole.height)
-        settings = of_picture(settings, camera.height, camera.fy)
         self._timed(target, drawn, settings, (0, 0))
         self.picture_ms, self.picture_gpu_ms = self.scene_ms, self.gpu_ms
         resolution.moved(self.scene_ms, drawn.width * drawn.height)
@@ -280,9 +279,7 @@ class Canvas:
             self._tiles, self._done = tiles(whole.width, whole.height, resolution.tile_side()), []
         target = self._full.fit(whole.width, whole.height)
         x, y, w, h = self._tiles.pop(0)
-        part = replace(whole, width=w, height=h, cx=whole.cx - x, cy=whole.cy - y)
-        settings = of_picture(settings, camera.height, camera.fy)
-        self._timed(target, part, settings, (x, whole.height - y - h))
+        self._timed(target, whole.part(x, y, w, h), settings, (x, whole.height - y - h))
         resolution.measured(self.scene_ms, w * h)
         self._done.append(((x, y - MARGIN, w, h), time.monotonic(), self.scene_ms, self.gpu_ms or 0.0))
         self._size, self._blending = size, True

@@ -1,9 +1,10 @@
 """What pictures are made of, as numbers: colour with opacity, depth, normals (docs/rendering.md, "Layers in files").
 
 A raw picture, float32 [h, w, 4], is what the renderer draws with RenderSettings.raw: in 0 ... 2 something times opacity, in 3 the
-opacity A, so that a mean over rays stays a mean over light (viewer.rendering.supersampling):
-  mode depth    A * p: the point at the ray's mean depth, in voxels; in forward-facing packs in the training frame, unwarped
-  mode normals  A * n: the unit vector that the surface faces along, grid frame
+opacity A, so that a mean over rays stays a mean over light (viewer.rendering.supersampling). Modes:
+  depth         A * p: the point at the ray's mean depth, in voxels; in forward-facing packs in the training frame, unwarped
+  normals       A * n: the unit vector that the surface faces along, grid frame
+  samples, jumps  no colour, but what the ray cost: samples fetched, steps over empty space, opacity
   all others    the colour times A, nothing of the background in it: premultiplied
 """
 

@@ -28,6 +28,7 @@ GL_DEPTH_CLAMP = 0x864F
 SHADED_MODES = ("normal", "view-dependent")
 LEAST_HALVED = 64  # voxels along the grid's longest side; smaller packs are not halved
 MODES_WITH_LOOK = ("normal", "diffuse")
+COST_MODES = ("samples", "jumps")  # as the components of a raw picture of either come
 MODES_WITH_BLUR = ("normal", "diffuse", "features", "view-dependent", "alpha")  # not those of numbers and costs
 # False colours of counts, RGB in 0 … 1, evenly spaced: black, blue, magenta, orange, white, like matplotlib's "inferno".
 COLOUR_STOPS = ((0.0, 0.0, 0.0), (0.25, 0.05, 0.45), (0.75, 0.2, 0.35), (0.98, 0.6, 0.1), (1.0, 1.0, 0.85))
@@ -131,7 +132,7 @@ class Renderer:
         settings = settings or RenderSettings()
         if camera.orthographic and self.pack.ndc:
             raise ValueError("a forward-facing pack has no orthographic view: its warp begins at one point")
-        aperture = settings.aperture if settings.mode in MODES_WITH_BLUR and not settings.counts else None
+        aperture = settings.aperture if settings.mode in MODES_WITH_BLUR else None
         if settings.samples > 1 or aperture is not None:
             self._supersampling.draw(self.render, framebuffer, camera, replace(settings, aperture=aperture), corner)
             return
@@ -145,10 +146,9 @@ class Renderer:
         ctx.wireframe = False
         scene.bind(rays.linked)
         if shades_hull_alone(self.pack, settings) and not any(camera.distortion):
-            over_background = settings.mode in MODES_OVER_BACKGROUND and not settings.counts
-            empty = (*settings.background, 1.0) if over_background else (0.0, 0.0, 0.0, 1.0)
+            colour = settings.background if settings.mode in MODES_OVER_BACKGROUND else (0.0, 0.0, 0.0)
             framebuffer.depth_mask = True
-            framebuffer.clear(*((0.0,) * 4 if settings.raw else empty), depth=1.0, viewport=box)
+            framebuffer.clear(*((0.0,) * 4 if settings.raw else (*colour, 1.0)), depth=1.0, viewport=box)
             if _style(settings):
                 self._draw_backdrop(framebuffer, settings, uniforms)
             if scene.hull is not None:
@@ -206,7 +206,7 @@ class Renderer:
 
     def _rays(self, settings: RenderSettings, camera: ViewCamera) -> Drawing:
         ablated, lens = settings.view_mlp_per_sample, any(camera.distortion)
-        key = (settings.marcher, settings.mode, settings.counts, settings.raw, ablated, lens, camera.orthographic)
+        key = (settings.marcher, settings.mode, settings.raw, ablated, lens, camera.orthographic)
         key += (_style(settings), settings.look is None)
         if key not in self._drawings:
             scene = self.scene(settings.marcher)
@@ -235,11 +235,11 @@ class Renderer:
             "content_max": scene.content_max,
             "background": settings.background,
             "cost_scale": settings.cost_scale,
+            "backdrop_height": camera.whole_height or camera.height,
             **look_uniforms(settings.look),
         }
         if (behind := settings.backdrop) is not None:
-            height = behind.span * camera.fy if behind.span else camera.height
-            values |= {"backdrop_height": height, "backdrop_first": behind.first, "backdrop_second": behind.second}
+            values |= {"backdrop_first": behind.first, "backdrop_second": behind.second}
         return values
 
 
@@ -262,7 +262,6 @@ def shader_defines(
     defines: dict[str, object] = {f"MARCHER_{name.upper()}": i for i, name in enumerate(MARCHERS)}
     defines |= {f"MODE_{name.upper().replace('-', '_')}": i for i, name in enumerate(MODES)}
     stored = features_stored(pack)
-    counting = settings.counts or mode in ("samples", "jumps")
     accumulates_features = stored and (shaded or mode == "features")
     return defines | {
         "MARCHER": MARCHERS.index(settings.marcher),
@@ -275,7 +274,7 @@ def shader_defines(
         "CELL": CELL,
         # Content comes in runs, so a second sample is rarely for nothing; but with features it costs too much. The
         # cost modes take the steps that the picture takes.
-        "SAMPLES_A_TEST": 1 if accumulates_features or (stored and counting) else 2,
+        "SAMPLES_A_TEST": 1 if accumulates_features or (stored and mode in COST_MODES) else 2,
         "NDC": pack.ndc,
         "CONTRACTED": pack.contraction is not None and mode != "atlas",
         "DISTORTION": distortion,
@@ -286,7 +285,6 @@ def shader_defines(
         "VIEW_MLP": shaded,
         "VIEW_MLP_PER_SAMPLE": shaded and settings.view_mlp_per_sample,
         "ACCUMULATE_NORMAL": mode == "normals",
-        "RAW_COUNTS": settings.counts,
         "RAW": settings.raw,
         "LOOK": settings.look is not None and mode in MODES_WITH_LOOK,
         "OVER_BACKGROUND": int(mode in MODES_OVER_BACKGROUND),
@@ -316,6 +314,6 @@ def look_uniforms(look: Look | None) -> dict[str, Any]:
 
 def _style(settings: RenderSettings) -> str:
     """Which backdrop is seen; "" for none."""
-    if settings.backdrop is None or settings.mode not in MODES_OVER_BACKGROUND or settings.counts or settings.raw:
+    if settings.backdrop is None or settings.mode not in MODES_OVER_BACKGROUND or settings.raw:
         return ""
     return settings.backdrop.style

@@ -1,6 +1,6 @@
 """What a picture shall show: one frozen dataclass, from a command line or from sliders."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 from scenepack.exports.field import Corners
@@ -22,7 +22,6 @@ class Backdrop:
     style: Literal["gradient", "checker"]
     first: tuple[float, float, float]  # sRGB in [0, 1], above, or of half of the squares
     second: tuple[float, float, float]  # below, or of the other squares
-    span: float = 0.0  # height of the whole picture over fy; 0: of what is drawn; for tiles, see of_picture
 
 
 @dataclass(frozen=True)
@@ -71,14 +70,5 @@ class RenderSettings:
     samples: int = 1  # rays along each side of a pixel, whose mean is shown (viewer.rendering.supersampling)
     aperture: Aperture | None = None  # of pictures that have colours or opacity; None: all is sharp
     cost_scale: float = 64.0  # the count shown brightest in the modes samples and jumps
-    counts: bool = False  # draw each ray's costs as numbers: samples fetched, jumps, opacity; for float32 framebuffers
     raw: bool = False  # numbers with opacity, for float32 framebuffers of four components (viewer.rendering.layers)
     view_mlp_per_sample: bool = False  # ablation (paper, table 1): the view MLP at every sample instead of once a pixel
-
-
-def of_picture(settings: RenderSettings, height: int, fy: float) -> RenderSettings:
-    """The settings for tiles of a picture of `height` pixels, seen with a focal length `fy` in pixels."""
-    backdrop = settings.backdrop
-    if backdrop is None or backdrop.span:
-        return settings
-    return replace(settings, backdrop=replace(backdrop, span=height / fy))

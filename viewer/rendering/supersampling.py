@@ -17,7 +17,7 @@ import moderngl
 
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.opengl import Drawing, begin_drawing
-from viewer.rendering.settings import Aperture, RenderSettings, of_picture
+from viewer.rendering.settings import Aperture, RenderSettings
 from viewer.rendering.shader_source import assemble
 from viewer.rendering.targets import Target
 
@@ -59,7 +59,6 @@ class Supersampling:
         draw: draws a view with one ray a pixel into the lower left corner of a framebuffer.
         """
         n, (left, bottom), width, height = settings.samples, corner, camera.width, camera.height
-        settings = of_picture(settings, camera.height, camera.fy)
         one, side = replace(settings, samples=1, aperture=None), max(1, TILE // n)
         cameras = [camera] if settings.aperture is None else lens_cameras(camera, settings.aperture)
         larger = [each.resized(n * width, n * height) for each in cameras]
@@ -72,8 +71,7 @@ class Supersampling:
                 mean.scissor = None  # pyright: ignore[reportAttributeAccessIssue]
                 mean.clear()
                 for each in larger:
-                    part = replace(each, width=n * w, height=n * h, cx=each.cx - n * x, cy=each.cy - n * y)
-                    draw(rays, part, one)
+                    draw(rays, each.part(n * x, n * y, n * w, n * h), one)
                     self._average(rays, n, count, mean, (0, 0, w, h))
                 self._average(mean, 1, 1, framebuffer, (left + x, bottom + height - y - h, w, h))
 

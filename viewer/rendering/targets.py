@@ -7,7 +7,7 @@ earlier picture has left there. Sizes are (width, height) in pixels; boxes x, y,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import moderngl
@@ -64,8 +64,7 @@ MARGIN = 1  # pixels above and at the right of each picture
 
 
 def with_margin(camera: ViewCamera) -> ViewCamera:
-    width, height = camera.width + MARGIN, camera.height + MARGIN
-    return replace(camera, width=width, height=height, cy=camera.cy + MARGIN)
+    return camera.part(0, -MARGIN, camera.width + MARGIN, camera.height + MARGIN)
 
 
 class Target:

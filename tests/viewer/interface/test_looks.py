@@ -138,7 +138,7 @@ def test_the_costs_have_a_scale_that_follows_the_slider(ui, app, mode):
     app.set(mode=mode, cost_scale=32.0)
     legend = not_none(display_panel.legend_of(app))
     assert (legend.low, legend.middle, legend.high) == ("0", "16", "≥ 32") and "ray" in legend.unit
-    counted = ui.canvas.raw(app.camera(), replace(app.settings, mode="normal", counts=True))
+    counted = ui.canvas.raw(app.camera(), replace(app.settings, raw=True))
     shown = ui.canvas.raw(app.camera(), app.settings)[..., :3]
     count = counted[..., 0 if mode == "samples" else 1]
     stops = np.array(legend.stops)

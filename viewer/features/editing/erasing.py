@@ -165,7 +165,7 @@ class Erasing:
         assert camera is not None
         corners = np.floor([outline.min(axis=0), outline.max(axis=0)])
         x, y, right, foot = np.clip(corners, 0, (camera.width - 1, camera.height - 1)).astype(int).ravel().tolist()
-        part = replace(camera, width=right - x + 1, height=foot - y + 1, cx=camera.cx - x, cy=camera.cy - y)
+        part = camera.part(x, y, right - x + 1, foot - y + 1)
         depth = None
         if not self.through and app.canvas is not None:
             size = max(1, round(scale * part.width)), max(1, round(scale * part.height))

@@ -26,11 +26,10 @@ from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.dynamic_resolution import tiles
 from viewer.rendering.layers import depth_along_axis, linear_rgb, straight_rgba, unit_normals
-from viewer.rendering.renderer import MODES_OVER_BACKGROUND
-from viewer.rendering.settings import MODES, Mode, RenderSettings, of_picture
+from viewer.rendering.renderer import COST_MODES, MODES_OVER_BACKGROUND
+from viewer.rendering.settings import MODES, Mode, RenderSettings
 
 PICTURE = "rgb"  # what the mode `normal` is called in lists and file names
-COUNTED = ("samples", "jumps")  # modes whose numbers come from RenderSettings.counts, in this order
 EXR, PNG = ".exr", ".png"
 VIEWS = (EXR, PNG)  # files of one view
 DEPTH_MEANS = "z-depth: distance along the optical axis, in units of the grid frame; 0 where there is nothing"
@@ -75,10 +74,9 @@ def passes_for(
     for mode in modes:
         of_mode, name = replace(settings, mode=mode), PICTURE if mode == "normal" else mode
         over = mode in MODES_OVER_BACKGROUND
-        if exr and mode in COUNTED:
-            passes.append(Pass(name, replace(of_mode, counts=True, samples=1), True))
-        elif (transparent and over) or (exr and not over):
-            passes.append(Pass(name, replace(of_mode, raw=True), True))
+        if (transparent and over) or (exr and not over):
+            samples = 1 if mode in COST_MODES else settings.samples  # whole numbers
+            passes.append(Pass(name, replace(of_mode, raw=True, samples=samples), True))
         else:
             passes.append(Pass(name, of_mode, exr))
     return passes
@@ -124,8 +122,8 @@ def write_exr(
 
 def _exr_channels(each: Pass, pixels: np.ndarray, camera: ViewCamera, pack: Pack) -> Mapping[str, np.ndarray]:
     """Channels [h, w] by name of one pass; pixels: float32 [h, w, 4]."""
-    if each.name in COUNTED:
-        return {each.name: pixels[..., COUNTED.index(each.name)]}
+    if each.name in COST_MODES:
+        return {each.name: pixels[..., COST_MODES.index(each.name)]}
     if each.name == "alpha":
         return {"A": pixels[..., 3]}
     if each.name == "depth":
@@ -322,10 +320,9 @@ class Export:
         with self._writer() as add:
             for number, camera in enumerate(self.cameras):
                 for tile, (x, y, w, h) in enumerate(boxes, 1):
-                    part = replace(camera, width=w, height=h, cx=camera.cx - x, cy=camera.cy - y)
                     for each, pixels in zip(self.passes, pictures, strict=True):
                         draw = self.canvas.raw if each.floats else self.canvas.snapshot
-                        pixels[y : y + h, x : x + w] = draw(part, of_picture(each.settings, height, camera.fy))
+                        pixels[y : y + h, x : x + w] = draw(camera.part(x, y, w, h), each.settings)
                     self.share = (number + tile / len(boxes)) / len(self.cameras)
                     yield
                 if self.finish is not None and not self.passes[0].floats:

@@ -87,7 +87,7 @@ class CostMeter:
         camera = app.camera()
         if not self.enabled or camera is None or app.canvas is None or app.scene is None:
             return
-        settings = replace(app.settings, mode="normal", counts=True)
+        settings = replace(app.settings, mode="samples", raw=True)
         key = (id(app.scene.pack), settings, camera.key)
         if key == self._measured:
             return

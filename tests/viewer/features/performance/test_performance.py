@@ -24,8 +24,8 @@ def test_costs_are_counted_over_the_rays_that_hit():
 def test_exact_marching_fetches_far_fewer_samples_than_brute_for_the_same_opacity(pack):
     camera = ViewCamera.orbit(pack, 35, 28, size=(48, 40))
     with OffscreenRenderer(pack) as renderer:
-        exact = renderer.render_float(camera, RenderSettings(counts=True))
-        brute = renderer.render_float(camera, RenderSettings(marcher="brute", counts=True))
+        exact = renderer.render_float(camera, RenderSettings(mode="samples", raw=True))
+        brute = renderer.render_float(camera, RenderSettings(mode="samples", marcher="brute", raw=True))
     np.testing.assert_allclose(exact[..., 2], brute[..., 2], atol=1e-3)  # the same opacity
     hit = exact[..., 2] > 0.5
     assert hit.any() and exact[..., 0][hit].min() >= 1
