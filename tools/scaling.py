@@ -71,8 +71,8 @@ def times(pack: Pack, side: int, frames: int, reference: Pack) -> dict[str, floa
     """Median milliseconds of each marcher at side × side pixels, of `reference`, and MiB of textures for `exact`."""
     cameras = orbit_path(pack, frames, FOV, (side, side))
     paper = RenderSettings(marcher="paper")
-    contenders = [Contender("paper", paper), Contender("exact", RenderSettings())]
-    measured = measure(pack, cameras, [*contenders, Contender("reference", paper, reference)])
+    contenders = [Contender("paper", paper, pack), Contender("exact", RenderSettings(), pack)]
+    measured = measure(cameras, [*contenders, Contender("reference", paper, reference)])
     medians = {contender.name: contender.statistics()["ms_p50"] for contender in measured.contenders}
     return {**medians, "gpu_mib": contenders[1].gpu_bytes / 2**20}
 

@@ -266,17 +266,17 @@ def performance_table(study: Study) -> dict[str, Any]:
     ours, theirs = study.baked("snerg"), study.baked("paper")
     pack, papers = load_pack(ours.path), load_pack(theirs.path)
     contenders = [
-        Contender("ours", RenderSettings()),
-        Contender("paper-marcher", RenderSettings(marcher="paper")),
+        Contender("ours", RenderSettings(), pack),
+        Contender("paper-marcher", RenderSettings(marcher="paper"), pack),
         Contender("paper", RenderSettings(marcher="paper"), papers),
     ]
     if pack.view_mlp is not None:
-        contenders.append(Contender("no-mlp", RenderSettings(mode="diffuse")))
-        contenders.append(Contender("mlp-per-sample", RenderSettings(view_mlp_per_sample=True)))
+        contenders.append(Contender("no-mlp", RenderSettings(mode="diffuse"), pack))
+        contenders.append(Contender("mlp-per-sample", RenderSettings(view_mlp_per_sample=True), pack))
     if study.without_sparsity is not None:
         dense = study.baked("snerg", study.without_sparsity)
         contenders.append(Contender("no-sparsity", RenderSettings(), load_pack(dense.path)))
-    measured, about = timed(pack, contenders, study.options, POWER_SECONDS)
+    measured, about = timed(contenders, study.options, POWER_SECONDS)
     rows: list[Row] = []
     for name, label in LABELS.items():
         missing = against_command(study) if name == "no-sparsity" else "none: this field has no view MLP"
@@ -307,22 +307,22 @@ def resolution_table(study: Study) -> dict[str, Any]:
             printed = paper_figures.RESOLUTION.get(n) if study.kind == "synthetic" and is_own else None
             named = None if printed is None else dict(zip(("psnr", "ssim", "lpips", "fps", "mb"), printed, strict=True))
             rows.append(row | {"paper": named, "release": None})
-    first = next(iter(packs.values()))
     contenders = [Contender(name, RenderSettings(), pack) for name, pack in packs.items()]
-    measured, about = timed(first, contenders, study.options)
+    measured, about = timed(contenders, study.options)
     for row in rows:
         row |= measured.get(row["row"], {})
     return {"preset": preset, "rows": rows, **about}
 
 
 def timed(
-    pack: Pack, contenders: Sequence[Contender], options: ReportOptions, power_seconds: float = 0.0
+    contenders: Sequence[Contender], options: ReportOptions, power_seconds: float = 0.0
 ) -> tuple[Mapping[str, Row], dict[str, Any]]:
     """ms_mean, ms_std, ms_p50, fps, gpu_bytes, watts and fps_per_watt of contenders by name, and fps_per_nominal_watt where that
     power was given; and device, clock and path."""
+    pack = contenders[0].pack
     flown = flight(pack, protocol_for(pack), options.frames, size=options.pixels)
     notices: list[str] = []
-    with handle_notices(notices.append, show_too=True), taking_turns(pack, contenders) as turns:
+    with handle_notices(notices.append, show_too=True), taking_turns(contenders) as turns:
         turns.warm_up(flown.cameras[0])
         turns.time(flown.cameras)
         power = {c.name: _power(turns, c, flown, power_seconds) for c in turns.contenders}
@@ -342,8 +342,7 @@ def _power(turns: Turns, contender: Contender, flown: Flight, seconds: float) ->
     """watts and fps_per_watt while a contender draws without a pause; None where no card tells them."""
     if seconds <= 0 or "nvidia" not in turns.device.lower():
         return {"watts": None, "fps_per_watt": None}
-    own = contender.pack or turns.pack
-    views = [same_view(camera, turns.pack, own) for camera in flown.cameras]
+    views = [same_view(camera, turns.contenders[0].pack, contender.pack) for camera in flown.cameras]
     times = sustained(turns.drawn_by[contender.name], views, contender.settings, seconds)
     return {key: times[key] for key in ("watts", "fps_per_watt")}
 

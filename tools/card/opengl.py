@@ -131,7 +131,7 @@ def pack_figures(path: Path, name: str, out: Path, sizes: Sizes, _: Budget) -> F
             marcher: sustained(renderer, cameras, RenderSettings(marcher=marcher), sizes.power_s)
             for marcher in ("exact", "paper")
         }
-    facts["times"] = times(pack, list(cameras))
+    facts["times"] = times(pack, cameras)
     held = facts["exactness"]["holds"]
     return facts | {"problems": [] if held else ["exact is not the picture of every sample: see exactness"]}
 
@@ -178,8 +178,8 @@ def timer(renderer: OffscreenRenderer, cameras: Sequence[ViewCamera]) -> Facts:
 
 def times(pack: Pack, cameras: Sequence[ViewCamera]) -> Facts:
     """`exact` and `paper`, frames alternating, as snerg-bench measures them."""
-    contenders = [Contender("exact", RenderSettings()), Contender("paper", RenderSettings(marcher="paper"))]
-    measured = measure(pack, list(cameras), contenders)
+    ways = {"exact": RenderSettings(), "paper": RenderSettings(marcher="paper")}
+    measured = measure(cameras, [Contender(name, settings, pack) for name, settings in ways.items()])
     exact, paper = measured.contenders
     return {
         "frames": len(cameras),

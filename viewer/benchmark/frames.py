@@ -40,10 +40,10 @@ class Contender:
 
     name: str
     settings: RenderSettings
-    pack: Pack | None = None  # what it draws; None: the pack that is measured
+    pack: Pack  # what it draws
     ms: list[float] = field(default_factory=list)  # that each frame took
     gpu_bytes: int = 0  # of its textures
-    psnr: float = nan  # against the first contender, of the same pack alone, dB; infinite where equal
+    psnr: float = nan  # against the first contender, where that draws the same pack, dB; infinite where equal
     photographs_psnr: float | None = None  # dB, the mean over views; None where there are no photographs
 
     def statistics(self) -> dict[str, float]:
@@ -62,18 +62,18 @@ class Contender:
 
 
 class Turns:
-    """Contenders that draw in turn, in one OpenGL context. pack: whose grid frame cameras are in. drawn_by: by name."""
+    """Contenders that draw in turn, in one context. Cameras are in the grid frame of the first one's pack. drawn_by: by name."""
 
-    def __init__(self, pack: Pack, contenders: Sequence[Contender], drawn_by: Mapping[str, OffscreenRenderer]) -> None:
-        self.pack, self.contenders, self.drawn_by = pack, list(contenders), drawn_by
-        self.offscreen = drawn_by[self.contenders[0].name]
+    def __init__(self, contenders: Sequence[Contender], drawn_by: Mapping[str, OffscreenRenderer]) -> None:
+        self.contenders, self.drawn_by = contenders, drawn_by
+        self.offscreen = drawn_by[contenders[0].name]
         self.device = str(self.offscreen.ctx.info["GL_RENDERER"])
         self.clock = "wall time around finish()" if is_software(self.device) else "GPU timer queries"
 
     def _drawing(self, contender: Contender, camera: ViewCamera) -> Callable[[], None]:
         """Draws a camera with a contender, in the grid frame of the pack that it draws."""
         framebuffer = self.offscreen.framebuffer(camera.width, camera.height)
-        view = same_view(camera, self.pack, contender.pack or self.pack)
+        view = same_view(camera, self.contenders[0].pack, contender.pack)
         return lambda: self.drawn_by[contender.name].renderer.render(framebuffer, view, contender.settings)
 
     def warm_up(self, camera: ViewCamera) -> None:
@@ -108,8 +108,8 @@ def same_view(camera: ViewCamera, pack: Pack, other: Pack) -> ViewCamera:
 
 
 @contextmanager
-def taking_turns(pack: Pack, contenders: Sequence[Contender], *, allow_half: bool = False) -> Iterator[Turns]:
-    """Opens `pack`, and the packs that contenders bring, in one context. Contenders of one pack share its textures.
+def taking_turns(contenders: Sequence[Contender], *, allow_half: bool = False) -> Iterator[Turns]:
+    """Opens the packs of contenders in one context. Contenders of one pack share its textures.
 
     UserError where there is no OpenGL or a pack does not fit, unless half its resolution does and is allowed.
     """
@@ -117,12 +117,11 @@ def taking_turns(pack: Pack, contenders: Sequence[Contender], *, allow_half: boo
         opened: dict[int, OffscreenRenderer] = {}
         ctx = None
         for contender in contenders:
-            own = contender.pack or pack
-            if id(own) not in opened:
-                offscreen = OffscreenRenderer(own, contender.settings.marcher, ctx, allow_half=allow_half)
-                opened[id(own)] = stack.enter_context(offscreen)
+            if id(contender.pack) not in opened:
+                offscreen = OffscreenRenderer(contender.pack, contender.settings.marcher, ctx, allow_half=allow_half)
+                opened[id(contender.pack)] = stack.enter_context(offscreen)
                 ctx = offscreen.ctx
-        yield Turns(pack, contenders, {c.name: opened[id(c.pack or pack)] for c in contenders})
+        yield Turns(contenders, {c.name: opened[id(c.pack)] for c in contenders})
 
 
 # --- The GPU's power ---
@@ -187,26 +186,26 @@ class Measurement:
 
 
 def measure(
-    pack: Pack,
-    cameras: list[ViewCamera],
+    cameras: Sequence[ViewCamera],
     contenders: list[Contender],
     *,
     scene: Scene | None = None,
     split: str = "test",
     allow_half: bool = False,
 ) -> Measurement:
-    """Draws every camera with every contender in turn. UserError where there is no OpenGL or a pack does not fit.
+    """Draws every camera, in the grid frame of the first contender's pack, with every contender in turn.
 
+    UserError where there is no OpenGL or a pack does not fit.
     scene, split: photographs to compare with. allow_half: a pack that does not fit is measured at half its resolution.
     """
-    with taking_turns(pack, contenders, allow_half=allow_half) as turns:
+    with taking_turns(contenders, allow_half=allow_half) as turns:
         turns.warm_up(cameras[0])
         with power_readings(turns.device) as power:
             turns.time(cameras)
-        compared, first = cameras[:: max(1, len(cameras) // PSNR_FRAMES)], contenders[0].settings
+        compared, first = cameras[:: max(1, len(cameras) // PSNR_FRAMES)], contenders[0]
         for contender in contenders[1:]:
-            if contender.pack is None:
-                contender.psnr = _psnr(turns.offscreen, compared, contender.settings, first)
+            if contender.pack is first.pack:
+                contender.psnr = _psnr(turns.offscreen, compared, contender.settings, first.settings)
         if scene is not None:
             _compare_with_photographs(turns, scene, split)
         return Measurement(turns.device, turns.clock, contenders, mean_watts(power), turns.offscreen.pack.grid_size)
@@ -221,7 +220,7 @@ def _compare_with_photographs(turns: Turns, scene: Scene, split: str) -> None:
             rgba = view.load()
             truth = rgba[..., :3] * rgba[..., 3:] + np.asarray(scene.background, np.float32) * (1 - rgba[..., 3:])
             for contender in turns.contenders:
-                camera = ViewCamera.from_scene_camera(contender.pack or turns.pack, view.camera)
+                camera = ViewCamera.from_scene_camera(contender.pack, view.camera)
                 settings = replace(contender.settings, background=scene.background)
                 picture = turns.drawn_by[contender.name].render(camera, settings) / np.float32(255)
                 error = max(float(np.mean(np.square(picture - truth, dtype=np.float64))), 1e-12)
@@ -231,7 +230,7 @@ def _compare_with_photographs(turns: Turns, scene: Scene, split: str) -> None:
         contender.photographs_psnr = float(np.mean(scores[contender.name]))
 
 
-def _psnr(offscreen: OffscreenRenderer, cameras: list[ViewCamera], a: RenderSettings, b: RenderSettings) -> float:
+def _psnr(offscreen: OffscreenRenderer, cameras: Sequence[ViewCamera], a: RenderSettings, b: RenderSettings) -> float:
     differences = (offscreen.render_float(camera, a) - offscreen.render_float(camera, b) for camera in cameras)
     error = float(np.mean([np.mean(np.square(difference, dtype=np.float64)) for difference in differences]))
     return inf if error == 0 else -10.0 * float(np.log10(error))

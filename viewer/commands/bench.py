@@ -170,8 +170,7 @@ def bench(
     for contender in contenders:
         contender.settings = replace(contender.settings, surroundings=surroundings)
     try:
-        cameras = list(flown.cameras)
-        measurement = measure(loaded, cameras, contenders, scene=photographs, split=split, allow_half=allow_half)
+        measurement = measure(flown.cameras, contenders, scene=photographs, split=split, allow_half=allow_half)
     except NoRoomError as error:
         raise error if allow_half else error.with_remedy(OR_HALF) from error
     result = {
@@ -213,7 +212,7 @@ def _systems(path: Path, pack: Pack, against: Path, marchers: tuple[str, str]) -
     if names[0] == names[1]:
         names[1] += ", again"
     first, second = (RenderSettings(marcher=marcher) for marcher in marchers)  # type: ignore[arg-type]
-    return [Contender(names[0], first), Contender(names[1], second, other)]
+    return [Contender(names[0], first, pack), Contender(names[1], second, other)]
 
 
 def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
@@ -225,7 +224,7 @@ def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
         ways["exact, view MLP at every sample"] = RenderSettings(view_mlp_per_sample=True)
     if ablations:
         ways["no skipping: every sample"] = RenderSettings(marcher="brute")
-    return [Contender(name, settings) for name, settings in ways.items()]
+    return [Contender(name, settings, pack) for name, settings in ways.items()]
 
 
 def main(args: Sequence[str] | None = None) -> int:
