@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from math import ceil, sqrt
 from pathlib import Path
@@ -11,9 +11,9 @@ from typing import Any, Literal
 import numpy as np
 from PIL import Image
 
-from console import UserError, check_results, not_written, progress, run_command
+from console import UserError, check_results, progress, run_command
 from console.atomic import replacing, writing_alone
-from console.command_line import parse_corners, parse_point, parse_size, require_in_range
+from console.command_line import parse_corners, parse_point, parse_size, require_in_range, writing_to
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from scenepack.placement import placed_T_grid
@@ -215,16 +215,14 @@ def render(
                 print(*write_pngs(file, passes, pictures), sep="\n")
 
 
-def _written_by_us_alone(out: Path) -> ExitStack:
+@contextmanager
+def _written_by_us_alone(out: Path) -> Iterator[None]:
     """UserError where another process is rendering to the same place; files of two films or views would be mixed."""
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        claim = ExitStack()
-        claim.enter_context(writing_alone(out))
-        return claim
-    except OSError as error:
-        words, remedy = not_written(error)
-        raise UserError(f"cannot be written: {words}", where=out, remedy=remedy) from error
+    with ExitStack() as claim:
+        with writing_to(out):
+            out.parent.mkdir(parents=True, exist_ok=True)
+            claim.enter_context(writing_alone(out))
+        yield
 
 
 def _check_choice(given: Mapping[str, Any]) -> None:

@@ -113,9 +113,10 @@ class View:
     def run(self) -> int:
         """Shows the window until it is closed; the exit status."""
         if self.register or self.unregister:
-            made = [] if self.unregister else desktop_entry.register(desktop_entry.own_command())
-            gone = desktop_entry.unregister() if self.unregister else []
-            said = [str(path) for path in made] + [f"removed {path}" for path in gone]
+            if self.unregister:
+                said = [f"removed {path}" for path in desktop_entry.unregister()]
+            else:
+                said = desktop_entry.register(desktop_entry.own_command())
             print(*(said or ["snerg-view: nothing was registered"]), sep="\n")
             return 0
         if self.serve is not None:

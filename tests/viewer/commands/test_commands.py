@@ -204,7 +204,9 @@ def test_a_folder_gets_a_file_for_each_mode_of_each_view_or_one_exr_for_each_vie
 # snerg-bench
 
 
-def test_the_benchmarks_json_is_what_scripts_expect(folder: str, tmp_path: Path) -> None:
+def test_the_benchmarks_json_is_what_scripts_expect_and_its_table_has_a_row_for_each_way_to_draw(
+    folder: str, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
     result = benched(folder, tmp_path / "a.json", "--frames", 4, "--compare", "paper", "--ablations")
     promised = {"renderer", "width", "height", "frames", "ms_mean", "ms_std", "ms_p50", "ms_p95", "fps", "gpu_bytes"}
     assert promised | {"watts", "compare"} <= set(result)
@@ -213,6 +215,10 @@ def test_the_benchmarks_json_is_what_scripts_expect(folder: str, tmp_path: Path)
     assert compare["ratio"] == pytest.approx(compare["paper"]["ms_p50"] / result["ms_p50"])
     assert 15 < compare["psnr"] < 60 and result["gpu_bytes"] > 0
     assert len(result["ablations"]) == 3
+    printed = capsys.readouterr().out
+    rows = [line.split("│")[1].strip() for line in printed.splitlines() if line.startswith("│")]
+    expected = "exact", "paper", "exact, no view MLP", "exact, view MLP at every sample", "no skipping: every sample"
+    assert "p99" in printed and rows == [*expected]
 
 
 @pytest.fixture(scope="module")
@@ -244,9 +250,8 @@ def scene(tmp_path_factory: pytest.TempPathFactory, shapes: Pack) -> str:
 def test_two_systems_are_compared_under_their_own_marchers_and_against_photographs(
     folder, turned_folder, scene, tmp_path, capsys
 ):
-    out = tmp_path / "bench.json"
-    words = [folder, "--against", turned_folder, "--scene", scene, "--frames", 3]
-    result = benched(folder, out, *words[1:])
+    out, words = tmp_path / "bench.json", ["--against", turned_folder, "--scene", scene, "--frames", 3]
+    result = benched(folder, out, *words)
     assert "compare" not in result and "ablations" not in result
     against, shown = result["against"], result["photographs"]
     assert against["systems"] == ["shapes, exact", "turned, paper"]
@@ -255,10 +260,9 @@ def test_two_systems_are_compared_under_their_own_marchers_and_against_photograp
     assert (shown["views"], shown["width"], shown["height"]) == (2, SIDE, SIDE)
     assert 30 < shown["psnr"] < 40  # the noise; the photographs were made from this pack
     assert 10 < against["psnr"] < shown["psnr"] - 2
-    assert bench.main([*map(str, words), *SMALL]) == 0  # a table instead
     printed = " ".join(capsys.readouterr().out.split())
     assert "as fast as turned, paper" in printed and "2 photographs" in printed
-    again = benched(folder, out, *words[1:], "--algorithms", "brute,exact")
+    again = benched(folder, out, *words, "--algorithms", "brute,exact")
     assert again["against"]["systems"] == ["shapes, brute", "turned, exact"]
     assert again["photographs"]["psnr"] == pytest.approx(shown["psnr"], abs=0.05)
 
@@ -290,15 +294,6 @@ def test_systems_that_cannot_be_compared_are_refused_in_one_line(folder, ndc_fol
     words = [places.get(word, word) for word in words]
     refused(bench.main, folder, "--frames", 1, *words, "--json", tmp_path / "a.json", *SMALL)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_the_benchmarks_table_has_a_row_for_each_way_to_draw(folder: str, capsys: pytest.CaptureFixture) -> None:
-    assert bench.main([folder, "--frames", "4", "--compare", "paper", "--ablations", *SMALL]) == 0
-    printed = capsys.readouterr().out
-    rows = [line.split("│")[1].strip() for line in printed.splitlines() if line.startswith("│")]
-    expected = "exact", "paper", "exact, no view MLP", "exact, view MLP at every sample", "no skipping: every sample"
-    assert "p99" in printed and rows == [*expected]
 
 
 @pytest.mark.slow
