@@ -8,10 +8,6 @@ from contextlib import contextmanager
 SCREEN = (1400, 900)
 
 
-class NoScreen(Exception):
-    """Xvfb does not start."""
-
-
 @contextmanager
 def virtual_screen(program: str = "Xvfb") -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """An Xvfb that ends with the `with` block, and its DISPLAY. FileNotFoundError where it is not installed."""
@@ -24,8 +20,7 @@ def virtual_screen(program: str = "Xvfb") -> Iterator[tuple[str, subprocess.Pope
     try:
         with os.fdopen(read) as pipe:
             number = pipe.readline().strip()
-        if not number:
-            raise NoScreen("Xvfb does not start")
+        assert number, "Xvfb does not start"
         yield f":{number}", server
     finally:
         server.terminate()

@@ -17,15 +17,13 @@ from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import RenderSettings
 from viewer.rendering.targets import Target
 
-GL_VERSION = 330
-
 
 def create_context() -> moderngl.Context:
     """An offscreen OpenGL >= 3.3 core context. UserError, one line, where there is none to be had."""
     # macOS and Windows know no EGL; there moderngl opens a hidden native context.
     options: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
     try:
-        return moderngl.create_context(standalone=True, require=GL_VERSION, **options)
+        return moderngl.create_context(standalone=True, require=330, **options)
     except Exception as error:  # glcontext raises bare Exception for a missing library, moderngl its own for versions
         raise opengl.opengl_refusal("", str(error)) from error
 
@@ -86,7 +84,7 @@ class OffscreenRenderer:
         return self._draw_and_read(camera, settings, "f4")
 
     def render_raw(self, camera: ViewCamera, settings: RenderSettings) -> np.ndarray:
-        """What `settings` with raw or counts give, float32 [height, width, 4]; see viewer.rendering.layers."""
+        """What `settings` with raw give, float32 [height, width, 4]; see viewer.rendering.layers."""
         return self._draw_and_read(camera, settings, "f4", components=4)
 
     def _draw_and_read(

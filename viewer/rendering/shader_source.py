@@ -53,13 +53,8 @@ def shared_constants() -> str:
     return define_lines({**shared, "VIEW_INPUTS": inputs, "VIEW_HIDDEN": hidden, "PI": float(np.pi)})
 
 
-def assemble(
-    name: str,
-    defines: Mapping[str, object] | None = None,
-    generated: Mapping[str, str] | None = None,
-    folder: Path = SHADER_FOLDER,
-) -> str:
-    """The shader `name` of `folder` with its includes in place and `defines` behind its #version line.
+def assemble(name: str, defines: Mapping[str, object] | None = None, generated: Mapping[str, str] | None = None) -> str:
+    """The shader `name` with its includes in place and `defines` behind its #version line.
 
     generated: texts to include that are no files; "constants" is always there.
     """
@@ -70,7 +65,7 @@ def assemble(
         if piece in included:
             return ""
         included.add(piece)
-        text = texts[piece] if piece in texts else (folder / piece).read_text(encoding="utf-8")
+        text = texts[piece] if piece in texts else (SHADER_FOLDER / piece).read_text(encoding="utf-8")
         return INCLUDE.sub(lambda include: whole(include[1]), text)
 
     return VERSION.sub(lambda version: f"{version[0]}\n{define_lines(defines or {})}", whole(name), count=1)

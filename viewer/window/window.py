@@ -87,7 +87,6 @@ class Window:
     """A window on `app`; size: screen units. NoDisplay where there is no display, UserError where it lacks OpenGL."""
 
     def __init__(self, app: App, size: tuple[int, int] = (1280, 800)) -> None:
-        require_display()
         self.app, self._placed = app, (0, 0, *size)
         self._touched = True
         self.handle = _open(size)

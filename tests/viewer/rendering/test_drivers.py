@@ -19,7 +19,7 @@ from scenepack import constants
 from tests.viewer.window.running import ROOT, run_view
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.opengl import DRIVER_CHOICES, OVERRIDE, GpuClock, is_software, opengl_refusal
+from viewer.rendering.opengl import DRIVER_CHOICES, OVERRIDE, Drawing, GpuClock, is_software, opengl_refusal
 from viewer.rendering.settings import RenderSettings
 from viewer.rendering.shader_source import assemble, glsl_float, shared_constants
 from viewer.rendering.software_rasteriser import HUGE, huge_pages, move_to_huge_pages
@@ -157,21 +157,17 @@ def test_numbers_survive_the_way_into_a_shader_and_nothing_else_does() -> None:
 
 # The numbers that Python and GLSL share: shaders see Python's values
 
-NAMES = [line.split()[1] for line in shared_constants().splitlines()]
-DERIVED = {"VIEW_INPUTS": constants.VIEW_MLP_WIDTHS[0], "VIEW_HIDDEN": constants.VIEW_MLP_WIDTHS[1], "PI": np.pi}
 
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_shader_computes_with_the_value_that_python_has(ctx: moderngl.Context, tmp_path: Path, name: str) -> None:
-    vertex = "#version 330 core\nin vec2 at;\nvoid main() { gl_Position = vec4(at, 0, 1); }\n"
-    (tmp_path / "all.vert").write_text(vertex)
-    fragment = f'#version 330 core\n#include "constants"\nout float value;\nvoid main() {{ value = float({name}); }}\n'
-    (tmp_path / "one.frag").write_text(fragment)
-    vertex, fragment = (assemble(file, folder=tmp_path) for file in ("all.vert", "one.frag"))
-    program = ctx.program(vertex_shader=vertex, fragment_shader=fragment)
-    target = ctx.framebuffer([ctx.texture((1, 1), 1, dtype="f4")])
+def test_a_shader_computes_with_the_values_that_python_has(ctx: moderngl.Context) -> None:
+    names = [line.split()[1] for line in shared_constants().splitlines()]
+    inputs, hidden, *_ = constants.VIEW_MLP_WIDTHS
+    known = {**vars(constants), "VIEW_INPUTS": inputs, "VIEW_HIDDEN": hidden, "PI": np.pi}
+    values = ", ".join(f"float({name})" for name in names)
+    main = f"void main() {{ value = float[]({values})[int(gl_FragCoord.x)]; }}"
+    text = f'#version 330 core\n#include "constants"\nout float value;\n{main}\n'
+    drawing = Drawing(ctx, assemble("fullscreen.vert"), assemble("all", generated={"all": text}))
+    target = ctx.framebuffer([ctx.texture((len(names), 1), 1, dtype="f4")])
     target.use()
-    corners = ctx.buffer(np.array([-1, -1, 3, -1, -1, 3], "f4"))
-    ctx.vertex_array(program, [(corners, "2f", "at")]).render(vertices=3)
-    expected = DERIVED[name] if name in DERIVED else getattr(constants, name)
-    assert np.frombuffer(target.read(components=1, dtype="f4"), np.float32)[0] == np.float32(expected)
+    drawing.draw(3)
+    found = np.frombuffer(target.read(components=1, dtype="f4"), np.float32)
+    assert dict(zip(names, found, strict=True)) == {name: np.float32(known[name]) for name in names}

@@ -162,10 +162,7 @@ def test_a_pack_made_elsewhere_matches_the_reference(offscreen) -> None:
 # Contracted packs: every marcher against the reference, and depth, normals and framing of known things
 
 
-SIZE = (40, 30)
 VOXEL = 4.0 / 128  # of the fixture, in contracted space
-LENS = (0.09, -0.03, 0.004, -0.006)
-
 inside = ViewCamera.look_at((0.5, 0.3, 0.9), (1.75, -0.1, -0.9), fov_degrees=75, size=SIZE)
 outside = ViewCamera.look_at((-6.0, 2.5, 5.0), (0.0, 0.0, 0.0), fov_degrees=60, size=SIZE)
 CAMERAS = {
@@ -176,7 +173,7 @@ CAMERAS = {
     "on a side of the cube": ViewCamera.look_at((1.0, 0.0, 0.0), (1.0, 0.0, 1.0), fov_degrees=60, size=(41, 31)),
     "orthographic": ViewCamera.look_at((-3.0, 2.0, 3.0), (0.0, 0.0, 0.0), size=SIZE).as_orthographic(4.0),
     "orthographic from within": inside.as_orthographic(1.0),
-    "lens": replace(inside, distortion=LENS),
+    "lens": replace(inside, distortion=LENSES["opencv"]),
     "photograph": replace(outside, ray_near=2.0, near=0.5),
 }
 
