@@ -20,12 +20,9 @@ function texelsOf(slot, atlas, { width, block }) {
 
 function bytesOfBase64(text) {
   if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
-  const bytes = new Uint8Array((text.length * 3) / 4 - (text.endsWith("==") ? 2 : text.endsWith("=") ? 1 : 0));
-  const step = 1 << 20; // characters, a multiple of four
-  for (let start = 0, at = 0; start < text.length; start += step) {
-    const piece = atob(text.slice(start, start + step));
-    for (let i = 0; i < piece.length; i++) bytes[at++] = piece.charCodeAt(i);
-  }
+  const characters = atob(text);
+  const bytes = new Uint8Array(characters.length);
+  for (let i = 0; i < bytes.length; i++) bytes[i] = characters.charCodeAt(i);
   return bytes;
 }
 

@@ -16,7 +16,7 @@ const SHARPEST = 2; // pixels of a screen pixel that is larger than others, at m
 const ASK_MS = 2000; // between questions for a newer scene
 const COARSE = "#coarse"; // of the address: the last attempt to show more ended with the graphics driver
 const SHARES = ["", "half", "a quarter of its", "an eighth of its"];
-const TURNTABLE = 0.06; // of a picture's height that a second's dragging would be
+const TURNTABLE = 0.6; // of a picture's height that a second's dragging would be
 
 const { read, fail } = globalThis.snerg;
 /** @returns {any} */
@@ -82,7 +82,7 @@ function timed(size, box, moving) {
 function play(seconds) {
   if (!player.playing) return false;
   const { path } = scene;
-  if (!path) camera.orbit(-TURNTABLE * seconds * 10, 0);
+  if (!path) camera.orbit(-TURNTABLE * seconds, 0);
   else {
     player.seconds += seconds;
     const count = path.frames.length;
