@@ -145,9 +145,9 @@ class Cells(NamedTuple):
         return self.coarse[_flat_index(cell, self.coarse_dims)] > 0
 
 
-def segments_across(dims: tuple[int, ...] | np.ndarray, step: float = 1.0) -> int:
+def segments_across(dims: np.ndarray, step: float) -> int:
     """How many runs of COARSE steps the longest ray through a grid of dims voxels has. step: in voxels."""
-    return int(np.ceil(float(np.linalg.norm(np.asarray(dims, np.float64))) / step / COARSE)) + 1
+    return int(np.ceil(np.linalg.norm(dims) / step / COARSE)) + 1
 
 
 def _flat_index(cell: jax.Array, dims: jax.Array) -> jax.Array:
@@ -172,10 +172,9 @@ def dilate(volume: np.ndarray) -> np.ndarray:
     """bool volume grown by one voxel along every axis and diagonal."""
     for axis in range(3):
         grown = volume.copy()
-        ahead, behind = [slice(None)] * 3, [slice(None)] * 3
-        ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
-        grown[tuple(ahead)] |= volume[tuple(behind)]
-        grown[tuple(behind)] |= volume[tuple(ahead)]
+        source, target = np.moveaxis(volume, axis, 0), np.moveaxis(grown, axis, 0)
+        target[1:] |= source[:-1]
+        target[:-1] |= source[1:]
         volume = grown
     return volume
 
@@ -234,17 +233,13 @@ def march(cells: Cells, rays: GridRays, phase: jax.Array, sizes: MarchSizes, ste
     inside = (t < rays.end[ray]) & listed[:, None]
     fine = inside & cells.has_support(g)
 
-    ones, rows = fine.astype(jnp.int32), fine.astype(jnp.int32).sum(1)
-    place = (jnp.cumsum(rows) - rows)[:, None] + jnp.cumsum(ones, axis=1) - ones  # exclusive running sums, row by row
-    total = place[-1, -1] + fine[-1, -1]
-    padded = jnp.concatenate([place[:, 0], total[None]])  # samples before each coarse entry, and before the end
-    first = padded[jnp.minimum(starts, sizes.coarse)]
-    counts = padded[jnp.minimum(ends, sizes.coarse)] - first
+    # samples before each coarse entry, and before the end
+    before = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(fine.sum(1))])
+    first = before[jnp.minimum(starts, sizes.coarse)]
+    counts = before[jnp.minimum(ends, sizes.coarse)] - first
     complete = (first + counts <= sizes.samples) & (ends <= sizes.coarse) & (counts <= sizes.per_ray)
 
-    place, index = place.ravel(), jnp.arange(fine.size, dtype=jnp.int32)
-    chosen = jnp.full(sizes.samples, fine.size, jnp.int32)
-    chosen = chosen.at[jnp.where(fine.ravel(), place, sizes.samples)].set(index, mode="drop")
+    chosen = _compact(fine.ravel(), sizes.samples)
     valid = chosen < fine.size
     chosen = jnp.minimum(chosen, fine.size - 1)
     sample_ray = ray[chosen // COARSE, 0]
