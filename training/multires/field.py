@@ -68,6 +68,12 @@ def split_parameters(flat: jax.Array, inputs: int) -> tuple[jax.Array, jax.Array
     return w0, b0, w1, b1, ViewMlpParams(tuple(layers[::2]), tuple(layers[1::2]))  # type: ignore[arg-type]
 
 
+def view_mlp_of(parameters: jax.Array, settings: Settings) -> ViewMlpParams | None:
+    """The view MLP that lies in parameters [P]; None for a diffuse model."""
+    inputs = inputs_of(len(settings.resolutions))
+    return split_parameters(parameters, inputs)[-1] if settings.own.view_dependence else None
+
+
 def corners(level: Level, maps: jax.Array, points: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Rows int32 [N, 8] of the vertices around points [N, 3] of the unit cube, and their weights [N, 8]."""
     place = points * level.resolution
@@ -198,8 +204,7 @@ def loss(
     fixed = jax.lax.stop_gradient(raw)
     density, values = activate(fixed + target.shares[:, None] * (raw - fixed))
     gathered, weights, lit = composite(density, values, samples, target.step_lengths, count, sizes.per_ray)
-    view_mlp = split_parameters(parameters, x.shape[1])[-1] if settings.own.view_dependence else None
-    rgb = shade(gathered, view_mlp, target.viewdirs, target.background).rgb
+    rgb = shade(gathered, view_mlp_of(parameters, settings), target.viewdirs, target.background).rgb
     counted = (samples.complete & (samples.counts > 0))[:, None]
     total = jnp.maximum(counted.sum(), 1)
     colour = jnp.where(counted, jnp.square(rgb - target.colours), 0.0).sum() / total

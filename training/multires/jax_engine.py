@@ -4,14 +4,13 @@ Samples are spread over the devices of the dataset's mesh. Lists have a fixed le
 size: sizes are rounded up, and looked at again where the occupancy grid changes.
 """
 
-from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, NamedSharding
+from jax.sharding import NamedSharding
 
 from training.dataset import RayDataset, evenly_spread
 from training.devices import WHOLE, agree, here, put_whole, split
@@ -157,17 +156,14 @@ def adam(
     return tuple(map(Trainable, tables, parameters))  # type: ignore[return-value]
 
 
-@lru_cache
-def compiled_update(mesh: Mesh) -> Callable[..., Any]:
-    """`update`, jitted for the devices of a mesh; the trainable values and their moments are given away."""
-    return jax.jit(update, static_argnames="constants", donate_argnums=0, out_shardings=NamedSharding(mesh, WHOLE))
-
-
 class JaxEngine:
     """See training.multires.method.Engine."""
 
     def __init__(self, dataset: RayDataset, settings: Settings, seed: int) -> None:
         self.dataset, self.settings, self.seed, self.key = dataset, settings, seed, jax.random.key(seed)
+        # the trainable values and their moments are given away
+        whole = NamedSharding(dataset.mesh, WHOLE)
+        self._update: Any = jax.jit(update, static_argnames="constants", donate_argnums=0, out_shardings=whole)
         self.geometry = dataset.local()  # what happens between steps needs no pixels, and each process does it alike
 
     def adopt(self, state: State) -> State:
@@ -184,7 +180,7 @@ class JaxEngine:
         rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
         constants, key = self._constants(state), jax.random.fold_in(self.key, step)
         ids = evenly_spread(state.next_ray, constants.rays, dataset.count)
-        optimised, metrics = compiled_update(mesh)(
+        optimised, metrics = self._update(
             (state.values, state.first, state.second), *put_whole((cells, maps, decay, self.pairs(state, step), ids), mesh),
             dataset, key, rates, constants=constants,
         )  # fmt: skip
@@ -212,7 +208,7 @@ class JaxEngine:
 
     def render(self, state: State, rays: Rays) -> RenderOutput:
         cells, maps, _, levels, _ = self._derived(state)
-        segments = segments_across(np.asarray(state.box.dims), state.step_cells)
+        segments = segments_across(state.box.dims, state.step_cells)
         sizes = MarchSizes(segments, RENDER_SAMPLES, RENDER_SAMPLES, segments * COARSE)
         constants = Constants(levels, sizes, RENDER_RAYS, state.step_cells, self.settings)
         trained, host = here(state.values), [np.asarray(array) for array in rays]
@@ -243,7 +239,7 @@ class JaxEngine:
         """What a step is compiled for. Sizes of lists are rounded up to powers of √2, so that programs are compiled seldom."""
         cells, _, _, levels, _ = self._derived(state)
         if (step := state.step_cells) not in state.kept:
-            segments = segments_across(np.asarray(state.box.dims), step)
+            segments = segments_across(state.box.dims, step)
             ids = jnp.asarray(np.random.default_rng(0).integers(0, self.dataset.count, PROBE_RAYS).astype(np.int32))
             coarse, fine = (agree(np.asarray(a)) for a in _count(cells, self.geometry, ids, segments, step))
             capacity = LISTED * self.settings.samples
@@ -277,8 +273,7 @@ def _render_chunk(
     x = field.encode(trained.table, constants.levels, maps, samples.g / settings.resolution)
     density, values = field.activate(field.decode(trained.parameters, x))
     gathered, *_ = field.composite(density, values, samples, target.step_lengths, count, constants.sizes.per_ray)
-    view_mlp = field.split_parameters(trained.parameters, x.shape[1])[-1] if settings.own.view_dependence else None
-    output = field.shade(gathered, view_mlp, rays.viewdirs, background)
+    output = field.shade(gathered, field.view_mlp_of(trained.parameters, settings), rays.viewdirs, background)
     return output._replace(rgb=jnp.clip(output.rgb, 0, 1)), samples.complete
 
 

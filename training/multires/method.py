@@ -20,7 +20,7 @@ from training.dataset import RayDataset
 from training.devices import agree, here
 from training.method import FieldOutput, Rays, RenderOutput, ViewMlpParams
 from training.multires import levels
-from training.multires.field import initial_parameters, inputs_of, split_parameters
+from training.multires.field import initial_parameters, view_mlp_of
 from training.multires.fused.compiled import Workers
 from training.multires.jax_engine import JaxEngine
 from training.multires.occupancy import box_around, boxes_meeting, hull_codes, is_on, visited, without_specks
@@ -113,10 +113,7 @@ class MultiresMethod:
         return state.box.cell * (self.settings.resolution / self.settings.resolutions[-1])
 
     def view_mlp(self, state: State) -> ViewMlpParams | None:
-        if not self.settings.own.view_dependence:
-            return None
-        parameters = jnp.asarray(here(state.values.parameters))
-        return split_parameters(parameters, inputs_of(len(self.settings.resolutions)))[-1]
+        return view_mlp_of(jnp.asarray(here(state.values.parameters)), self.settings)
 
     def gains(self, state: State) -> np.ndarray | None:
         return state.gains

@@ -15,7 +15,7 @@ import numpy as np
 from scenepack.constants import TRANSMITTANCE_SHADED, TRANSMITTANCE_STOP
 from training.dataset import RayDataset, evenly_spread
 from training.method import Rays, RenderOutput
-from training.multires.field import HIDDEN, decoder_size, inputs_of, shade, split_parameters
+from training.multires.field import HIDDEN, decoder_size, inputs_of, shade, split_parameters, view_mlp_of
 from training.multires.fused import view_mlp as mlp
 from training.multires.fused.chunk import (
     CHUNK,
@@ -203,18 +203,16 @@ class FusedEngine:
         return values
 
     def render(self, state: State, rays: Rays) -> RenderOutput:
-        origins, directions, near, far = (np.asarray(a) for a in (rays.origins, rays.directions, rays.near, rays.far))
-        box, gathered, contraction = state.box, np.empty((len(near), 8), np.float32), self.photographs.contraction
-        for low in range(0, len(near), RENDERED_TOGETHER):
+        geometry = [np.asarray(a) for a in (rays.origins, rays.directions, rays.near, rays.far)]
+        box, gathered, contraction = state.box, np.empty((len(rays.near), 8), np.float32), self.photographs.contraction
+        for low in range(0, len(gathered), RENDERED_TOGETHER):
             some = slice(low, low + RENDERED_TOGETHER)
-            batch = empty_batch(len(near[some]), contraction)
+            batch = empty_batch(len(gathered[some]), contraction)
             batch.phase[:] = 0.5
-            geometry = origins[some], directions[some], near[some], far[some]
-            take_rays(*geometry, contraction, box.origin, box.cell, box.dims, batch)
+            take_rays(*(a[some] for a in geometry), contraction, box.origin, box.cell, box.dims, batch)
             gathered[some] = self._gather(state, batch)
-        *_, view_mlp = split_parameters(state.values.parameters, self.inputs)
         background = jnp.asarray(self.settings.background, jnp.float32)
-        view_mlp = view_mlp if self.settings.own.view_dependence else None
+        view_mlp = view_mlp_of(state.values.parameters, self.settings)
         output = shade(jnp.asarray(gathered), view_mlp, rays.viewdirs, background)
         return output._replace(rgb=jnp.clip(output.rgb, 0, 1))
 
