@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from console import UserError
+from training.checkpoints import kind_of, misfit
 from training.exposure import GAINS
 from training.multires.field import VIEW_PARAMETERS, decoder_size, inputs_of
 from training.multires.levels import ALL_HASHED, FEATURES, HASHED_FROM, bricks_along, is_dense, make_levels
@@ -81,11 +81,11 @@ def restored(arrays: Mapping[str, np.ndarray], resolutions: tuple[int, ...], sid
     ) -> np.ndarray:
         found = arrays[name]
         if found.shape != shape or found.dtype != dtype:
-            raise _unfit(name, _kind(np.empty(shape, dtype)), _kind(found))
+            raise misfit(name, kind_of(np.empty(shape, dtype)), kind_of(found))
         if found.dtype.kind == "f" and not np.isfinite(found).all():
-            raise _unfit(name, "finite numbers", "NaN or infinity")
+            raise misfit(name, "finite numbers", "NaN or infinity")
         if least is not None and (found.min() < least or found.max() > most):
-            raise _unfit(name, f"{least:g} to {most:g}", f"{found.min():g} to {found.max():g}")
+            raise misfit(name, f"{least:g} to {most:g}", f"{found.min():g} to {found.max():g}")
         return found
 
     box = Box(
@@ -118,18 +118,7 @@ def _bricks(arrays: Mapping[str, np.ndarray], resolution: int) -> np.ndarray | N
         return ALL_HASHED
     expected = np.empty(0 if is_dense(resolution) else present.size, np.int32)
     if present.shape != expected.shape or present.dtype != expected.dtype:
-        raise _unfit(name, _kind(expected), _kind(present))
+        raise misfit(name, kind_of(expected), kind_of(present))
     if (present < 0).any() or (present >= bricks_along(resolution) ** 3).any() or (np.diff(present) <= 0).any():
-        raise _unfit(name, "bricks of the cube, in order", "others")
+        raise misfit(name, "bricks of the cube, in order", "others")
     return present
-
-
-def _kind(array: np.ndarray) -> str:
-    return f"{array.dtype} {list(array.shape)}"
-
-
-def _unfit(name: str, expected: object, found: object) -> UserError:
-    return UserError(
-        f'array "{name}" does not fit', where="checkpoint", expected=expected, found=found,
-        remedy="the file is damaged, or belongs to another run or other photographs",
-    )  # fmt: skip
