@@ -1,15 +1,12 @@
 """`snerg-train SCENE --out RUN`: photographs to a trained radiance field (docs/commands.md)."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import dataclasses
 import sys
 from collections.abc import Callable, Container, Sequence
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import Annotated, cast
 
 import tyro
 
@@ -19,9 +16,6 @@ from training.libraries import find_devices, import_libraries
 from training.scenes import SceneOptions
 from training.scenes.presets import PresetName, names_with_about
 from training.scenes.scene_options import parse_box, parse_up
-
-if TYPE_CHECKING:
-    from training.run import RunDescription
 
 DEFAULT_PRESET = "normal"
 PRESET_HELP = f"Named settings. The defaults below are those of the chosen preset. {names_with_about(PresetName)}."
@@ -42,17 +36,12 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
     Bad values of --preset and --out are left to the parser and the command.
     """
     name, out, resuming = _look_ahead(args)
-
-    @cache
-    def describe(run: Path) -> RunDescription:
-        from training.run import read_description
-
-        return read_description(run)
-
     defaults = PRESETS.get(cast(PresetName, name), PRESETS[DEFAULT_PRESET])
     if resuming and out is not None:
+        from training.run import read_description
+
         with contextlib.suppress(UserError):  # the command raises it again
-            defaults = describe(out).config
+            defaults = read_description(out).config
 
     def snerg_train(
         scene: Path,
@@ -96,16 +85,17 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
         join_processes(coordinator, processes, process_id)
         find_devices()
         from training.loop import train
+        from training.run import read_description
 
         box, upwards = parse_box(aabb), parse_up(up)
         if resume:
-            stored = describe(out)
+            stored = read_description(out)
             if changed := changed_settings(stored.config, config, leave_out=FREE):
                 names = ", ".join("--" + name for name in changed)
                 remedy = "leave them out, or start another run"
                 raise UserError("a resumed run keeps its settings", where=names, remedy=remedy)
-            read = {"spherify": spherify or None, "masks": masks or None, "aabb": box, "up": upwards}  # None: left out
-            for name, value in {"downscale": downscale, **read}.items():
+            flags = {"spherify": spherify or None, "masks": masks or None}  # None: left out
+            for name, value in {"downscale": downscale, **flags, "aabb": box, "up": upwards}.items():
                 before = getattr(stored.options, name)
                 if value is not None and value != before:
                     raise UserError("a run cannot change how its scene is read", where=f"--{name}", found=value,
