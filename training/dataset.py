@@ -78,14 +78,6 @@ class RayDataset:
     gains: jax.Array | None = None  # [V, 3]: what the colours of each view are divided by (training.exposure)
 
     @property
-    def near(self) -> float:
-        return self.facts.near
-
-    @property
-    def far(self) -> float:
-        return self.facts.far
-
-    @property
     def aabb(self) -> np.ndarray:
         """Box that holds the content, float32 [2, 3], in the frame of the rays; all of space where that is contracted."""
         inner = self.facts.contraction
@@ -198,7 +190,7 @@ class RayDataset:
         origins, viewdirs = pose[:, :, 3], directions
         if self.facts.ndc_camera is not None:
             origins, directions = ndc_rays(origins, directions, *self.facts.ndc_camera, xp=jnp)
-        near, far = (jnp.full(origins.shape[:-1], t, jnp.float32) for t in (self.near, self.far))
+        near, far = (jnp.full(origins.shape[:-1], t, jnp.float32) for t in (self.facts.near, self.facts.far))
         return Rays(origins, directions, viewdirs, jnp.where(shown, near, far), far)
 
     def view_rays(self, camera: Camera) -> Rays:
@@ -207,7 +199,7 @@ class RayDataset:
         viewdirs = directions
         if self.facts.ndc_camera is not None:
             origins, directions = ndc_rays(origins, directions, *self.facts.ndc_camera)
-        near, far = (np.full(len(origins), t, np.float32) for t in (self.near, self.far))
+        near, far = (np.full(len(origins), t, np.float32) for t in (self.facts.near, self.facts.far))
         bounds = np.where(shown_pixels(camera).ravel(), near, far), far
         return Rays(*(jnp.asarray(v, jnp.float32) for v in (origins, directions, viewdirs)), *map(jnp.asarray, bounds))
 

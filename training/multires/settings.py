@@ -98,7 +98,7 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
         random_background=own.random_background or dataset.kind != "object" or dataset.facts.cut_out,
         sparsity=config.sparsity_weight * by_kind.sparsity_factor * SPARSITY_SAMPLES / _ray_length(dataset),
         sparsity_scale=config.sparsity_scale,
-        near=dataset.near,
+        near=dataset.facts.near,
         whole_from=dataset.facts.contraction or 0.0,
     )
 
@@ -154,8 +154,9 @@ def samples_for(pixels: int, kind: Kind) -> int:
 
 def _ray_length(dataset: RayDataset) -> float:
     """Over which the paper would spread its coarse samples of a ray, in world units."""
-    if dataset.facts.contraction is not None:
-        return 4.0 * dataset.facts.contraction
-    if dataset.facts.disparity:  # even in 1/t: as far apart as at distance 1 (the cameras', by the readers)
-        return 1.0 / dataset.near
-    return NDC_DEPTH if dataset.ndc else dataset.far - dataset.near
+    facts = dataset.facts
+    if facts.contraction is not None:
+        return 4.0 * facts.contraction
+    if facts.disparity:  # even in 1/t: as far apart as at distance 1 (the cameras', by the readers)
+        return 1.0 / facts.near
+    return NDC_DEPTH if dataset.ndc else facts.far - facts.near

@@ -25,6 +25,7 @@ from training.multires.occupancy import INITIAL as INITIAL_CODE
 from training.multires.occupancy import LONGEST, NEVER, _in_panorama, box_around, hull_codes, is_on
 from training.multires.settings import DEEPEST, FEWEST_RAYS, PARALLAX, SHALLOWEST, ndc_depth
 from training.scenes import Scene, load_scene
+from training.scenes.scene import pixels_of
 
 SMALL = MultiresConfig(
     resolutions=(8, 16, 128, 256), occupancy=32, samples_per_step=4096, steps_across=(16, 48, 64), finest_from=0.2
@@ -99,10 +100,9 @@ def test_nothing_can_be_where_alpha_leaves_nothing(procedural_scene: Scene, lear
     alpha = procedural_scene.splits["train"][0].load()[..., 3] > 0
     z, y, x = np.nonzero(state.codes != NEVER)
     centres = state.box.origin + (np.stack([x, y, z], -1) + 0.5) * state.box.cell
-    local = (centres - camera.world_T_camera[:3, 3]) @ camera.world_T_camera[:3, :3]
-    px = np.rint(camera.fx * local[:, 0] / -local[:, 2] + camera.cx - 0.5).astype(int)
-    py = np.rint(camera.fy * -local[:, 1] / -local[:, 2] + camera.cy - 0.5).astype(int)
-    reach = int(np.ceil(camera.fx * 2 * state.box.cell.max() / -local[:, 2].max()))
+    px, py = np.floor(pixels_of(camera, centres)[0]).astype(int).T
+    depths = (camera.world_T_camera[:3, 3] - centres) @ camera.world_T_camera[:3, 2]
+    reach = int(np.ceil(camera.fx * 2 * state.box.cell.max() / depths.min()))
     grown = np.array([
         alpha[max(b - reach, 0) : b + reach + 1, max(a - reach, 0) : a + reach + 1].any() for a, b in zip(px, py, strict=True)
     ])  # fmt: skip
@@ -182,7 +182,7 @@ def test_contracted_space_is_empty_before_cameras_and_between_the_sides_of_the_i
     assert (np.abs(places) > 1).any() and (np.abs(places) > 1).sum(1).max() == 1
     eyes = np.asarray(dataset.world_T_camera)[:, :, 3]
     distances = np.linalg.norm(inner * uncontract(places)[:, None] - eyes, axis=-1)
-    assert dataset.near <= distances.min() < 2 * dataset.near
+    assert dataset.facts.near <= distances.min() < 2 * dataset.facts.near
     state.codes[:] = INITIAL_CODE
     within, beyond = inner * np.array([[1.5, 1 - 1e-6, 0.2]]), inner * np.array([[1.5, 1.02, 0.2]])
     for found, expected in zip(*(method.query(state, jnp.asarray(p)) for p in (beyond, within)), strict=True):

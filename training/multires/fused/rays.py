@@ -56,16 +56,15 @@ class Batch(NamedTuple):
 
 def photographs_of(dataset: RayDataset) -> Photographs:
     """The photographs of a dataset that lies on this process's CPU; pixels are not copied."""
-    ndc = dataset.facts.ndc_camera or (0, 0, 0.0)
+    facts = dataset.facts
     poses, intrinsics, lenses, ndc = (
-        np.asarray(array, np.float64) for array in (dataset.world_T_camera, dataset.intrinsics, dataset.distortion, ndc)
+        np.asarray(array, np.float64)
+        for array in (dataset.world_T_camera, dataset.intrinsics, dataset.distortion, facts.ndc_camera or (0, 0, 0.0))
     )
-    first, width = np.asarray(dataset.first, np.int64), np.asarray(dataset.width, np.int64)
-    pixels, near, far = np.asarray(dataset.pixels), float(dataset.near), float(dataset.far)
-    contraction = dataset.facts.contraction or 0.0
     return Photographs(
-        pixels, poses, intrinsics, lenses, first, width, dataset.facts.row_step, ndc, near, far, contraction
-    )
+        np.asarray(dataset.pixels), poses, intrinsics, lenses, np.asarray(dataset.first, np.int64),
+        np.asarray(dataset.width, np.int64), facts.row_step, ndc, facts.near, facts.far, facts.contraction or 0.0,
+    )  # fmt: skip
 
 
 def empty_batch(rays: int, contraction: float) -> Batch:
