@@ -33,12 +33,10 @@ def test_shading_puts_the_background_behind_before_it_asks_the_view_mlp():
     view = init_view_mlp(jax.random.key(0))
     diffuse, features = jnp.asarray([[0.1, 0.2, 0.3]]), jnp.asarray([[0.1, 0.2, 0.3, 0.4]])
     alpha, v = jnp.asarray([0.75]), jnp.asarray([[0.0, 0.0, 1.0]])
-    out = shade(view, diffuse, features, alpha, v, background=(1.0, 0.5, 0.0))
+    plain, seen = (shade(mlp, diffuse, features, alpha, v, background=(1.0, 0.5, 0.0)).rgb for mlp in (None, view))
     behind = diffuse + 0.25 * jnp.asarray([1.0, 0.5, 0.0])
-    np.testing.assert_allclose(
-        shade(None, diffuse, features, alpha, v, background=(1.0, 0.5, 0.0)).rgb, behind, rtol=1e-6
-    )
-    np.testing.assert_allclose(out.rgb, behind + apply_view_mlp(view, behind, features, v), rtol=1e-5)
+    np.testing.assert_allclose(plain, behind, rtol=1e-6)
+    np.testing.assert_allclose(seen, behind + apply_view_mlp(view, behind, features, v), rtol=1e-5)
 
 
 # Loss terms, learning rate, clipping: against numbers worked out by hand
@@ -91,10 +89,8 @@ def test_gradients_are_clipped_by_value_then_by_norm():
 def test_the_paper_preset_holds_the_papers_numbers():
     assert (PAPER.steps, PAPER.sparsity_weight, PAPER.sparsity_scale) == (250_000, 1e-4, 0.5)
     assert (SYNTHETIC_BATCH, REAL_BATCH, PAPER.batch_size) == (8192, 16_384, None)
-    assert (PAPER.nerf.coarse_samples, PAPER.nerf.fine_samples) == (
-        192,
-        384,
-    )  # what else it has: the tests above, and of nerf
+    # what else it has: the tests above, and of nerf
+    assert (PAPER.nerf.coarse_samples, PAPER.nerf.fine_samples) == (192, 384)
     assert TrainConfig().method == PAPER.method == "nerf" and PAPER.sparsity_over_samples == "paper"
 
 

@@ -1,5 +1,6 @@
 """The fused step against the field's definition in JAX and against finite differences, for every kind of scene."""
 
+import copy
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
@@ -70,8 +71,8 @@ class Trained:
         samples = march(cells, rays, jnp.asarray(b.phase), sizes, state.step_cells)  # type: ignore[arg-type]
         assert np.asarray(samples.complete).all()
         constants = Constants(levels, sizes, len(b.phase), state.step_cells, self.method.settings)
-        lengths = b.length * np.float32(state.step_cells / (state.box.cell[0] * self.method.settings.resolution))
         reference = np.float32(state.box.cell[0] * self.method.settings.resolution)
+        lengths = b.length * np.float32(state.step_cells) / reference
         shares = gradient_shares(samples, jnp.asarray(b.length), self.engine.settings)
         # the cameras' surroundings count
         assert bool((shares < 1).any()) == (self.method.dataset.kind == "unbounded")
@@ -144,10 +145,9 @@ def test_gradients_by_some_of_the_samples_are_right_on_average(trained: Trained)
 @pytest.mark.slow
 def test_adam_moves_as_the_definition_does(trained: Trained) -> None:
     constants, *_ = trained.jax()
-    state = trained.state
     _, metrics, gradient = trained.fused()
-    first, second, third = (Trainable(*(a.copy() for a in p)) for p in (state.values, state.first, state.second))
-    before = first, second, third
+    state = copy.deepcopy(trained.state)
+    before = trained.state.values, trained.state.first, trained.state.second
     rates = np.array(trained.method.settings.rates_at(state.updates, 0.3), np.float32)
     settings = trained.method.settings
     decay = settings.annealing(0.3) * decay_of_blocks(trained.engine._derived(state)[1], settings.by_kind.feature_decay)
@@ -157,14 +157,11 @@ def test_adam_moves_as_the_definition_does(trained: Trained) -> None:
     summed[:] = gradient.table * rays
     marks[:] = (summed.reshape(len(marks), -1) != 0).any(1)
     trained.engine._adam(state, summed, marks, gradient.parameters * rays, metrics["rays"], 0.3)
-    try:
-        for ours, theirs in zip((state.values, state.first, state.second), expected, strict=True):
-            for one, other in zip(ours, theirs, strict=True):
-                np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-7)
-        assert not summed.any() and not marks.any()
-        assert (np.asarray(expected[0].table) != before[0].table).any()
-    finally:
-        state.values, state.first, state.second = before
+    for ours, theirs in zip((state.values, state.first, state.second), expected, strict=True):
+        for one, other in zip(ours, theirs, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-7)
+    assert not summed.any() and not marks.any()
+    assert (np.asarray(expected[0].table) != before[0].table).any()
 
 
 def parts_of(trained: Trained) -> Iterator[tuple[str, Trainable]]:
@@ -188,7 +185,7 @@ def parts_of(trained: Trained) -> Iterator[tuple[str, Trainable]]:
 def test_gradients_are_what_finite_differences_say(trained: Trained, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trained.engine, "settings", trained.engine.settings._replace(whole_from=0.0))
     _, _, gradient = trained.fused()
-    values = Trainable(*(a.copy() for a in trained.state.values))
+    values = trained.state.values
     for name, mask in parts_of(trained):
         direction = Trainable(*(g * m for g, m in zip(gradient, mask, strict=True)))
         norm = float(np.sqrt(sum(np.square(d, dtype=np.float64).sum() for d in direction)))
@@ -206,14 +203,9 @@ def test_gradients_are_what_finite_differences_say(trained: Trained, monkeypatch
 @pytest.mark.slow
 @pytest.mark.parametrize("extreme", [1e3, -1e3, 1e6])
 def test_no_value_however_extreme_makes_a_gradient_that_is_not_finite(trained: Trained, extreme: float) -> None:
-    values = trained.state.values
-    wild = Trainable(values.table.copy(), values.parameters.copy())
-    wild.table[64:] += np.float32(extreme) * np.sign(wild.table[64:])
-    trained.state.values = wild
-    try:
-        loss, _, gradient = trained.fused()
-    finally:
-        trained.state.values = values
+    wild = copy.deepcopy(trained.state)
+    wild.values.table[64:] += np.float32(extreme) * np.sign(wild.values.table[64:])
+    loss, _, gradient = dataclasses.replace(trained, state=wild).fused()
     assert np.isfinite(loss)
     assert all(np.isfinite(part).all() for part in gradient)
 

@@ -37,10 +37,7 @@ def nerf_head(width: int) -> int:
 @pytest.mark.parametrize(
     ("preset", "of_one_model"),
     [
-        ("paper", TRUNK_512 + 512 * 8 + 8 + VIEW_MLP),
-        ("deferred", TRUNK_512 + 512 * 8 + 8 + VIEW_MLP),
-        ("no-sparsity", TRUNK_512 + 512 * 8 + 8 + VIEW_MLP),
-        ("tinyview", TRUNK_512 + 512 * 8 + 8 + VIEW_MLP),
+        *((preset, TRUNK_512 + 512 * 8 + 8 + VIEW_MLP) for preset in ("paper", "deferred", "no-sparsity", "tinyview")),
         ("diffuse", TRUNK_512 + 512 * 4 + 4),
         ("jaxnerf-plus", TRUNK_512 + 512 * 1 + 1 + nerf_head(512)),
         ("jaxnerf", TRUNK_256 + 256 * 1 + 1 + nerf_head(256)),
