@@ -22,7 +22,7 @@ from training.scenes.files import notice
 from training.scenes.pictures import as_bytes
 from training.scenes.scene import camera_rays
 from training.scenes.scene_options import with_box
-from training.scenes.space import PointCloud, in_picture, space_of_capture
+from training.scenes.space import PointCloud, rows_in_picture, space_of_capture
 
 MOST_PHOTOGRAPHS = 120  # that are matched; of more, so many at even distances
 LEAST_ANGLE = 2.0  # degrees between two rays; where narrower ones come closest is uncertain
@@ -47,9 +47,7 @@ def with_depths(scene: Scene) -> Scene:
         return scene
     places, meeting = meeting_places(origins, directions)
     cameras = [photograph.camera for photograph in photographs]
-    points = PointCloud(
-        places, np.ones(len(places)), [np.flatnonzero(in_picture(camera, places)) for camera in cameras]
-    )
+    points = PointCloud(places, np.ones(len(places)), [rows_in_picture(camera, places) for camera in cameras])
     if not points.suffices:
         notice(scene.path, f"{GUESS}: only {len(places)} features of the photographs match")
         return scene

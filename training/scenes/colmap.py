@@ -15,7 +15,7 @@ from training.scenes.colmap_files import Reconstruction, model_suffix, read_reco
 from training.scenes.files import PICTURE_SUFFIXES, FileFinder, clean_name, is_hidden, notice
 from training.scenes.llff import choose_factor, masks_folder, masks_of, picture_folders
 from training.scenes.photographs import moved, photographs_of
-from training.scenes.pictures import picture_size
+from training.scenes.picture_headers import read_header
 from training.scenes.pixels import may_be_transparent
 from training.scenes.poses import faces_forward
 from training.scenes.scene import HELD_OUT_BY_NAME, Direction, Photograph, Scene, Space, hold_out
@@ -81,10 +81,8 @@ def _choose_folder(path: Path, names: tuple[str, ...], options: SceneOptions) ->
     """The folder of pictures images_K with the largest K up to the downscale, and K (1 for images). Passes over folders that lack
     most pictures or (where wanted) masks, or whose pictures are not K times smaller than those in images."""
     folders = picture_folders(path)
-    if list(folders) == [1]:
-        return folders[1], 1
     found = {k: [file for file in FileFinder(folder).find_all(names) if file] for k, folder in folders.items()}
-    sizes = {k: picture_size(pictures[0]) for k, pictures in found.items() if pictures}
+    sizes = {k: read_header(pictures[0]).size for k, pictures in found.items() if pictures}
 
     def is_usable(k: int) -> bool:
         full = zip(sizes[k], sizes[1], strict=True) if k in sizes and 1 in sizes else ()

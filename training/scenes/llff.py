@@ -31,11 +31,9 @@ def read(path: Path, options: SceneOptions) -> Scene:
     folders = picture_folders(path)
     factor = choose_factor(path, list(folders), options.downscale)
     sources = visible_files(folders[factor])
-    if not sources:
-        raise UserError("no pictures", where=folders[factor], expected="PNG, JPEG or another format that is read")
     if len(sources) != len(P):
         expected = f"{len(P)} pictures"
-        raise UserError("pictures and poses disagree", where=sources[0].parent, expected=expected, found=len(sources))
+        raise UserError("pictures and poses disagree", where=folders[factor], expected=expected, found=len(sources))
     masks = masks_of(path, factor, [source.name for source in sources]) if options.masks else [None] * len(sources)
     spherified = options.spherify
     if spherified is None and not faces_forward(P):

@@ -26,11 +26,6 @@ GREY = 16 / 255  # channels of a mask that differ by no more are grey
 LUMA = np.array([0.299, 0.587, 0.114])  # of R'G'B' (BT.601)
 
 
-def picture_size(path: Path) -> tuple[int, int]:
-    """(width, height) of a picture from its header. UserError where it is missing or no picture."""
-    return read_header(path).size
-
-
 def decoded(path: Path, as_stored: bool = False) -> np.ndarray:
     """A picture uint8 [H, W, 3 or 4], or float32 where the file has more than 8 bits. UserError where it cannot be decoded."""
     header = read_header(path)

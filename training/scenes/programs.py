@@ -25,11 +25,11 @@ from training.scenes.colmap import scene_of
 from training.scenes.colmap_files import OPENGL_FROM_OPENCV, Reconstruction
 from training.scenes.files import FileFinder
 from training.scenes.lens import EQUIRECTANGULAR, FISHEYE, MODELS, PERSPECTIVE, Model
-from training.scenes.pictures import picture_size
+from training.scenes.picture_headers import read_header
 from training.scenes.poses import pose
 from training.scenes.scene import Camera, Scene, camera_of
 from training.scenes.scene_options import SceneOptions
-from training.scenes.space import in_picture
+from training.scenes.space import rows_in_picture
 
 MOST_JSON_BYTES = 512 << 20  # reconstructions of OpenSfM hold all points
 PINHOLE = MODELS["PINHOLE"]
@@ -77,7 +77,7 @@ def _reconstruction(cameras: Cameras, points: Any = (), colours: Any = (), seen:
         raise ValueError("no camera has a pose")
     names = sorted(cameras)
     places, rgb = (_numbers(values, -1, 3) for values in (points, colours))
-    shown = [np.flatnonzero(in_picture(cameras[name], places)) if seen is None else seen[name] for name in names]
+    shown = [rows_in_picture(cameras[name], places) if seen is None else seen[name] for name in names]
     tracks = np.bincount(np.concatenate(shown), minlength=len(places)) if len(places) else np.zeros(0)
     return Reconstruction(tuple(names), tuple(cameras[name] for name in names), places,
                           np.clip(rgb, 0, 255).astype(np.uint8), tracks, tuple(shown))  # fmt: skip
@@ -185,7 +185,7 @@ def read(path: Path, options: SceneOptions) -> Scene:
 
     def size_of(name: str) -> tuple[int, int]:
         picture = finder.find(name)
-        return UNKNOWN_SIZE if picture is None else picture_size(picture)
+        return UNKNOWN_SIZE if picture is None else read_header(picture).size
 
     with _refusing_damage(program.name, file):
         reconstruction = program.read(file, size_of)

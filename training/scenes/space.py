@@ -217,10 +217,10 @@ def _published_bounds_suit(cameras: Sequence[Camera], centre: np.ndarray) -> boo
     return looks_inwards(P) and abs(distance - 1) <= SYNTHETIC_SUITS and abs(framed - 1) <= SYNTHETIC_SUITS
 
 
-def in_picture(camera: Camera, places: np.ndarray) -> np.ndarray:
-    """bool [M]: which places [M, 3] lie within the picture."""
+def rows_in_picture(camera: Camera, places: np.ndarray) -> np.ndarray:
+    """Rows of the places [M, 3] that lie within the picture."""
     pixels, shown = pixels_of(camera, places)
-    return shown & ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(-1)
+    return np.flatnonzero(shown & ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(-1))
 
 
 def cube(half_side: float) -> np.ndarray:

@@ -307,8 +307,7 @@ def _points(path: Path, document: dict[str, Any], cameras: Sequence[Camera], fra
         notice(None, f"{error}; its points are not used")
         return None
     places = frame.points(places[:: -(-len(places) // MOST_POINTS) or 1])
-    seen = [np.flatnonzero(space.in_picture(camera, places)) for camera in cameras]
-    points = PointCloud(places, np.ones(len(places)), seen)
+    points = PointCloud(places, np.ones(len(places)), [space.rows_in_picture(camera, places) for camera in cameras])
     return points if points.suffices else None
 
 

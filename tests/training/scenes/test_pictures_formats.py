@@ -2,7 +2,6 @@
 
 import io
 import os
-import shutil
 import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,18 +14,11 @@ import pytest
 from PIL import EpsImagePlugin, Image, ImageOps, features
 
 from console import UserError
+from tests.training.test_captures import circle, write_transforms
 from training.posing.photograph import link_or_convert, read_photograph
 from training.scenes import load_pixels, load_scene
 from training.scenes.picture_headers import SCAN, read_header
-from training.scenes.pictures import (
-    PictureLoader,
-    as_floats,
-    decoded,
-    picture_size,
-    read_mask,
-    small_picture,
-    with_alpha,
-)
+from training.scenes.pictures import PictureLoader, as_floats, decoded, read_mask, small_picture, with_alpha
 
 RNG = np.random.default_rng(0)
 COLOURS = RNG.random((20, 30, 4)).astype(np.float32)
@@ -102,7 +94,7 @@ DEEP = {
 def test_pictures_of_more_than_8_bits_keep_their_values_posed_and_bare(tmp_path: Path, kind: str) -> None:
     path = DEEP[kind](tmp_path)
     tolerance = 2e-3 if "half" in kind else 2e-5
-    assert picture_size(path) == (30, 20) and read_header(path).transparent
+    assert read_header(path).size == (30, 20) and read_header(path).transparent
     found = read_picture(path)
     np.testing.assert_allclose(straight(found), straight(COLOURS), atol=tolerance)
     loaded = PictureLoader(path, (30, 20), (30, 20)).pixels()
@@ -161,7 +153,7 @@ def test_pictures_are_upright_as_exif_says_or_as_stored(tmp_path: Path, suffix: 
     with Image.open(path) as image:
         upright = np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
     assert np.array_equal(decoded(path), upright)
-    assert picture_size(path) == upright.shape[1::-1] and read_header(path).stored == (80, 48)
+    assert read_header(path).size == upright.shape[1::-1] and read_header(path).stored == (80, 48)
     assert (read_header(path).orientation != 1) == (orientation != 1)
     stored = PictureLoader(path, (80, 48), (80, 48), as_stored=True)()
     most = 1e-6 if suffix in ("png", "tif") else 0.15
@@ -184,7 +176,7 @@ def test_formats_that_are_not_read_are_refused_by_name(tmp_path: Path, name: str
     # what many of them are: a TIFF, whose first picture is a preview
     write_tiff(tmp_path / name, RGBA8[..., :3], t254=1)
     with pytest.raises(UserError, match=said):
-        picture_size(tmp_path / name)
+        read_header(tmp_path / name)
 
 
 @pytest.mark.parametrize("kind", ["tif", "exr"])
@@ -302,22 +294,17 @@ showpage
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the stand-in for Ghostscript is a shell script")
-@pytest.mark.parametrize("name", ["r_4.png", "r_4.jpg"])
-def test_postscript_named_like_a_photograph_does_not_start_ghostscript(procedural_path, tmp_path, name, monkeypatch):
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_postscript_named_like_a_photograph_does_not_start_ghostscript(tmp_path: Path, suffix: str, monkeypatch):
     programs, started = tmp_path / "programs", tmp_path / "started"
     programs.mkdir()
     (programs / "gs").write_text(f"#!/bin/sh\ntouch '{started}'\n")
     (programs / "gs").chmod(0o755)
     monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setattr(EpsImagePlugin, "gs_binary", None)  # it remembers where it found one
-    scene = Path(shutil.copytree(procedural_path, tmp_path / "scene"))
-    picture = scene / "train" / "r_4.png"
-    picture.write_bytes(EPS)
-    if name != picture.name:
-        description = scene / "transforms_train.json"
-        description.write_text(description.read_text().replace('r_4"', f'{name}"'))
-        picture = picture.rename(picture.with_name(name))
-    with pytest.raises(UserError, match=r"r_4.*found PostScript"):
+    scene = write_transforms(tmp_path / "scene", circle(4), size=(48, 48), lens={"fl_x": 50})
+    picture = write((scene / "images/001.png").rename(scene / f"images/001{suffix}"), EPS)
+    with pytest.raises(UserError, match=r"001.*found PostScript"):
         load_pixels(load_scene(scene).splits["train"])
     for read in (read_picture, lambda path: PictureLoader(path, (48, 48), (48, 48)).thumbnail(16)):
         with pytest.raises(UserError, match="found PostScript"):

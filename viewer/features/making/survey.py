@@ -23,7 +23,7 @@ from console import UserError
 from console.json_text import read_json_file
 from console.progress_protocol import Report
 from training.scenes import Scene, load_scene
-from training.scenes.pictures import UNREADABLE, picture_size
+from training.scenes.picture_headers import UNREADABLE, read_header
 from training.scenes.presets import PRESETS, voxels_for
 from training.scenes.read import has_poses, suggested_downscale
 from training.scenes.sources import FEWEST, Source, find_source
@@ -236,7 +236,7 @@ class Survey(Task[None]):
         if is_film:
             return f"A film of {source.files[0].stat().st_size / 1e6:,.0f} MB"
         try:
-            size = picture_size(source.files[0])
+            size = read_header(source.files[0]).size
         except UserError:  # HEIC, say: what cannot be read is reported when poses are found
             return f"{count} photographs"
         self.automatic = {name: max(math.ceil(max(size) / side), 1) for name, side in LONGEST_SIDES.items()}
