@@ -23,7 +23,7 @@ from console import Progress, UserError, progress
 from console.atomic import replacing
 from training.posing.child_process import ask
 from training.posing.find import require
-from training.posing.photograph import PREVIEW_SIDE, sharpness
+from training.posing.photograph import preview_of, sharpness
 from training.posing.prepare import IMAGES, LOG, Prepared, camera_groups, prepare
 from training.scenes.pictures import small_picture
 from training.scenes.sources import FEWEST, Source
@@ -126,7 +126,7 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
     """The verdict on pictures, by the pairs that match: see mapping.matching_pairs."""
     names = [picture.display_name for picture in prepared.pictures]
     row = {file.name: index for index, file in enumerate(files)}
-    previews = [np.asarray(small_picture(file, PREVIEW_SIDE, "L", at_least=1), np.float32) / 255 for file in files]
+    previews = [preview_of(file) for file in files]
     matches = np.zeros((len(files),) * 2)
     for pair in pairs:
         i, j = row[pair["first"]], row[pair["second"]]
@@ -193,11 +193,8 @@ def expected_psnr(
 
 def _exposures(previews: Sequence[np.ndarray], pairs: Sequence[dict[str, Any]], row: dict[str, int]) -> np.ndarray:
     """x [N], by least squares over the pairs; those that match none stay at 0."""
-    small = []
-    for preview in previews:
-        step = max(max(preview.shape) // BRIGHTNESS_SIDE, 1)
-        height, width = (side // step * step for side in preview.shape)
-        small.append(preview[:height, :width].reshape(height // step, step, width // step, step).mean((1, 3)))
+    steps = [max(max(preview.shape) // BRIGHTNESS_SIDE, 1) for preview in previews]
+    small = [np.asarray(Image.fromarray(preview).reduce(step)) for preview, step in zip(previews, steps, strict=True)]
     system, ratios = [], []
     for pair in pairs:
         both = row[pair["first"]], row[pair["second"]]

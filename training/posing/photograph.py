@@ -4,7 +4,6 @@ Notation: a preview is a grey picture float32 [h, w] in [0, 1], its longer side 
 """
 
 import contextlib
-import hashlib
 import os
 import shutil
 from dataclasses import dataclass
@@ -33,7 +32,6 @@ class PhotographFile:
     is_lossy: bool  # converted to JPEG, others to PNG
     camera: str  # the same for pictures of one camera with one focal length
     focal: float | None  # in pixels, as EXIF says; None where it does not
-    digest: str  # of the bytes
     sharpness: float
     thumbnail: np.ndarray
 
@@ -44,13 +42,16 @@ def read_photograph(file: Path) -> PhotographFile:
     plain = header.mode in ("RGB", "L") or (header.mode == "RGBA" and header.format == "PNG")
     named = file.suffix.lower() in LINKED.get(header.format, ())
     camera, focal = _lens(header.exif, header.size)
-    preview = np.asarray(small_picture(file, PREVIEW_SIDE, "L", at_least=1), np.float32) / 255.0
-    with file.open("rb") as data:
-        digest = hashlib.file_digest(data, "sha256").hexdigest()
+    preview = preview_of(file)
     return PhotographFile(
         file, not (plain and named and header.orientation == 1 and not header.deep), header.format in LOSSY,
-        camera, focal, digest, sharpness(preview), thumbnail(preview),
+        camera, focal, sharpness(preview), thumbnail(preview),
     )  # fmt: skip
+
+
+def preview_of(file: Path) -> np.ndarray:
+    """The preview of a picture."""
+    return np.asarray(small_picture(file, PREVIEW_SIDE, "L", at_least=1), np.float32) / 255.0
 
 
 def link_or_convert(photograph: PhotographFile, folder: Path, stem: str) -> str:
@@ -96,21 +97,14 @@ def sharpness(preview: np.ndarray) -> float:
     that it leaves. The lesser of both directions, since a camera may have moved. Comparable only between pictures of the same
     things.
     """
-    half = _halved(preview)
-    fine, coarse = _curvature(half), _curvature(_halved(half))
+    half = Image.fromarray(preview).reduce(2)
+    fine, coarse = _curvature(half), _curvature(half.reduce(2))
     return min(a / (b + 1e-7) for a, b in zip(fine, coarse, strict=True))
 
 
-def _halved(picture: np.ndarray) -> np.ndarray:
-    """Means of 2 × 2 pixels."""
-    height, width = (side // 2 * 2 for side in picture.shape)
-    rows = picture[:height:2, :width] + picture[1:height:2, :width]
-    return (rows[:, ::2] + rows[:, 1::2]) / 4.0
-
-
-def _curvature(picture: np.ndarray) -> list[float]:
+def _curvature(picture: Image.Image) -> list[float]:
     """Variance of second differences along rows, and along columns; 0 for pictures of a few pixels."""
-    differences = (np.diff(picture, 2, axis=axis) for axis in (1, 0))
+    differences = (np.diff(np.asarray(picture), 2, axis=axis) for axis in (1, 0))
     return [float(values.var()) if values.size else 0.0 for values in differences]
 
 

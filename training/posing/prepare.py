@@ -19,7 +19,7 @@ from console.atomic import write_file
 from console.json_text import read_json_file
 from training.posing.child_process import ask
 from training.posing.photograph import PhotographFile, link_or_convert, read_photograph, same_view, write_picture
-from training.scenes.files import is_hidden
+from training.scenes.files import distinct, is_hidden, times
 from training.scenes.pictures import as_bytes, read_mask
 from training.scenes.pixels import notice_masks
 from training.scenes.sources import MASKS, Source
@@ -103,7 +103,7 @@ def choose(
 ) -> tuple[list[PhotographFile], dict[str, str]]:
     """Those that are neither blurred nor there before; and why the others, and those with errors, are not used, by name."""
     aside = {name: "; ".join(filter(None, (error.what, error.remedy))) for name, error in errors.items()}
-    repeats = repeated([one.digest for one in photographs], [one.thumbnail for one in photographs])
+    repeats = repeated([one.thumbnail for one in photographs])
     chosen = []
     is_blurred = blurred([one.sharpness for one in photographs])
     for photograph, earlier, bad in zip(photographs, repeats, is_blurred, strict=True):
@@ -126,30 +126,19 @@ def blurred(sharpnesses: Sequence[float]) -> list[bool]:
     return found if sum(found) <= MOST_BLURRED * len(found) else [False] * len(found)
 
 
-def repeated(digests: Sequence[str], thumbnails: Sequence[np.ndarray]) -> list[int | None]:
+def repeated(thumbnails: Sequence[np.ndarray]) -> list[int | None]:
     """For each picture the number of an earlier one that it repeats, None where it repeats none."""
-    first: dict[str, int] = {}
     out: list[int | None] = []
-    for i, digest in enumerate(digests):
+    for thumbnail in thumbnails:
         kept = (j for j, repeats in enumerate(out) if repeats is None)
-        alike = (j for j in kept if same_view(thumbnails[i], thumbnails[j]))
-        out.append(first[digest] if digest in first else next(alike, None))
-        first.setdefault(digest, i)
+        out.append(next((j for j in kept if same_view(thumbnail, thumbnails[j])), None))
     return out
 
 
 def file_stems(names: Sequence[str]) -> list[str]:
     """A name without suffix for each picture, no two alike, as COLMAP's lists can hold: no blanks, leading # or backslashes."""
-    stems: dict[str, str] = {}  # by their lower case
-    for name in names:
-        plain = re.sub(r"[\s#\\]+", "_", name.replace("/", "-"))
-        stem = base = plain.rpartition(".")[0] or plain
-        number = 1
-        while stem.lower() in stems:
-            number += 1
-            stem = f"{base}-{number}"
-        stems[stem.lower()] = stem
-    return list(stems.values())
+    plain = [re.sub(r"[\s#\\]+", "_", name.replace("/", "-")) for name in names]
+    return distinct([name.rpartition(".")[0] or name for name in plain])
 
 
 def masked_names(work: Path) -> list[str]:
@@ -201,6 +190,5 @@ def _frames(source: Source, work: Path, most: int, bar: Progress) -> Prepared:
             aside[display_name] = "blurred"
             (work / IMAGES / frame["name"]).unlink()
         else:
-            width, height = frame["size"]
-            pictures.append(Picture(frame["name"], display_name, f"{width}x{height}"))
+            pictures.append(Picture(frame["name"], display_name, times(frame["size"])))
     return Prepared(tuple(pictures), aside)

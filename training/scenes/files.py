@@ -10,6 +10,7 @@ is found by the strictest rule that leads to one file alone:
 """
 
 import contextlib
+import itertools
 import os
 import unicodedata
 import warnings
@@ -45,6 +46,16 @@ def without_suffix(name: str) -> str:
     """A name without its suffix, where that is one of a picture: r_0.5 has none."""
     suffix = PurePosixPath(name).suffix
     return name.removesuffix(suffix) if suffix.lower() in (*PICTURE_SUFFIXES, *UNREAD_FORMATS) else name
+
+
+def distinct(stems: Sequence[str]) -> list[str]:
+    """The stems, those that repeat another numbered (a, a-2), as of a.png and a.jpg; some file systems take R_3 for r_3."""
+    found: dict[str, str] = {}  # by lower case
+    for stem in stems:
+        numbered = (f"{stem}-{number}" for number in itertools.count(2))
+        free = next(one for one in itertools.chain([stem], numbered) if one.lower() not in found)
+        found[free.lower()] = free
+    return list(found.values())
 
 
 def is_hidden(path: Path) -> bool:

@@ -18,6 +18,7 @@ import numpy as np
 
 from console import UserError
 from scenepack.constants import NDC_NEAR
+from training.scenes.files import distinct
 from training.scenes.lens import Lens, Model, directions_at, image_of, shows
 
 # What was photographed: cut out by alpha; from around, within a box or without an end; from one side.
@@ -73,14 +74,9 @@ class Photograph:
 def picture_stems(photographs: Sequence[Photograph]) -> list[str]:
     """A file name without suffix for each, no two alike: r_3 of train/r_3.png; left-003 where right/003.png is there as well."""
     stems = [Path(photograph.name).stem for photograph in photographs]
-    if len({stem.lower() for stem in stems}) < len(stems):  # some file systems take R_3 for r_3
+    if distinct(stems) != stems:
         stems = ["-".join(part for part in Path(p.name).with_suffix("").parts if part.strip("./")) for p in photographs]
-    taken: set[str] = set()
-    for i, stem in enumerate(stems):
-        while stems[i].lower() in taken:  # a.png and a.jpg
-            stems[i] = f"{stem}-{i}"
-        taken.add(stems[i].lower())
-    return stems
+    return distinct(stems)
 
 
 @dataclass(frozen=True)

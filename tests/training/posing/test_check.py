@@ -85,14 +85,6 @@ def test_a_missing_package_is_named(tmp_path: Path, refused: Callable[..., str],
     assert not (tmp_path / "out").exists()
 
 
-def test_copies_of_an_llff_scene_s_photographs_are_not_checked_beside_them(tmp_path: Path):
-    (tmp_path / "poses_bounds.npy").touch()
-    for folder in ("images_4", "images_8"):
-        (tmp_path / folder).mkdir()
-        Image.new("RGB", (32, 32)).save(tmp_path / folder / "a.png")
-    assert require_source(tmp_path).files == (tmp_path / "images_4/a.png",)
-
-
 # Which photographs are used, and which pairs are matched
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from console import UserError
-from training.scenes.files import FileFinder
+from training.scenes.files import FileFinder, distinct
 from training.scenes.sources import CONTAINERS, FEWEST, Source, container_of, find_source, require_source
 
 MANY = [f"p{i}.jpg" for i in range(FEWEST)]
@@ -33,7 +33,9 @@ def test_photographs_are_found_in_the_folder_or_just_below_it_in_the_order_of_th
     assert names_of(found(tmp_path / "a", "IMG_10.jpg", "IMG_9.JPG", "notes.txt")) == ["IMG_9.JPG", "IMG_10.jpg"]
     assert names_of(found(tmp_path / "b", "images/1.heic", "masks/1.png")) == ["images/1.heic"]
     assert names_of(found(tmp_path / "c", "left/1.png", "right/1.png")) == ["left/1.png", "right/1.png"]
-    assert find_source(files(tmp_path / "d", "notes.txt")) is None and find_source(tmp_path / "none") is None
+    copies = "images_8/1.png", "images_4/1.png"  # an LLFF scene's, of the same photograph
+    assert names_of(found(tmp_path / "d", "poses_bounds.npy", *copies)) == ["images_4/1.png"]
+    assert find_source(files(tmp_path / "e", "notes.txt")) is None and find_source(tmp_path / "none") is None
 
 
 def test_a_film_with_its_cover_is_a_film_and_a_film_beside_enough_photographs_is_not(tmp_path: Path):
@@ -97,6 +99,10 @@ def test_what_is_named_exactly_wins(tmp_path: Path):
     assert finder.find("a.jpg") == tmp_path / "a.jpg" and finder.find("A.jpg") == tmp_path / "A.jpg"
     assert finder.find("images/a.jpg") == tmp_path / "images/a.jpg"
     assert finder.find("a") == tmp_path / "a.png", "as Blender's names without a suffix mean it"
+
+
+def test_file_stems_that_repeat_another_are_numbered():
+    assert distinct(["a", "A", "a-2", "b"]) == ["a", "A-2", "a-2-2", "b"], "some file systems take A for a"
 
 
 def test_two_names_never_lead_to_one_picture_by_guessing(tmp_path: Path):
