@@ -4,9 +4,11 @@ from functools import lru_cache
 
 import numpy as np
 from PIL import Image
+from scipy.ndimage import map_coordinates
 
 from training.scenes import Camera
 from training.scenes.poses import look_at
+from training.scenes.scene import camera_rays
 
 SIZE, FOCAL = (256, 192), 268.8  # pixels
 TILE = 512  # pixels of a wall's texture, over WALL units of length
@@ -37,15 +39,12 @@ def cameras(count: int) -> list[Camera]:
 
 def photograph(camera: Camera, walls: int = 0) -> np.ndarray:
     """What the camera sees of the walls x = 0, y = 0 and the floor z = 0: uint8 [H, W, 3]. walls: the first of their textures."""
-    x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-    at = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, -np.ones_like(x)], axis=-1)
-    directions = at @ camera.world_T_camera[:3, :3].T
-    origin = camera.world_T_camera[:3, 3]
+    origins, directions = camera_rays(camera)
     with np.errstate(divide="ignore"):
-        reach = np.where(directions < 0, -origin / directions, np.inf)
+        reach = np.where(directions < 0, -origins / directions, np.inf)
     wall = reach.argmin(axis=-1)
-    points = origin + directions * reach.min(axis=-1)[..., None]
-    out = np.zeros((*x.shape, 3), np.float32)
+    points = origins + directions * reach.min(axis=-1)[..., None]
+    out = np.zeros(points.shape, np.float32)
     for axis in range(3):
         seen = wall == axis
         u, v = (np.clip(points[seen][:, other] / WALL, 0, 0.998) * (TILE - 1) for other in range(3) if other != axis)
@@ -55,7 +54,4 @@ def photograph(camera: Camera, walls: int = 0) -> np.ndarray:
 
 def bilinear(values: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Values [N, C] of a picture between its pixels (u, v)."""
-    i, j = u.astype(int), v.astype(int)
-    a, b = (u - i)[:, None], (v - j)[:, None]
-    low = values[i, j] * (1 - b) + values[i, j + 1] * b
-    return low * (1 - a) + (values[i + 1, j] * (1 - b) + values[i + 1, j + 1] * b) * a
+    return np.stack([map_coordinates(channel, (u, v), order=1) for channel in np.moveaxis(values, -1, 0)], axis=-1)

@@ -75,12 +75,10 @@ def test_features_of_the_photographs_tell_how_near_things_are(tmp_path: Path):
     assert found.near == pytest.approx(0.7 * nearest * scaled / unit, rel=0.1)
     assert not found.guessed and found.contraction == scene.contraction
     assert with_depths(found) is found
-    box = (-0.2, -0.2, -0.2, 0.2, 0.2, 0.2)
-    boxed = with_depths(load_scene(path, aabb=box))
-    assert boxed.near == found.near and tuple(boxed.aabb.ravel()) == box
 
-    out, config = tmp_path / "run", replace(PRESETS["quick"], steps=1)
-    assert start_run(out, path, config, SceneOptions()).scene.near == found.near
+    box, out, config = (-0.2, -0.2, -0.2, 0.2, 0.2, 0.2), tmp_path / "run", replace(PRESETS["quick"], steps=1)
+    boxed = start_run(out, path, config, SceneOptions(aabb=box)).scene
+    assert boxed.near == found.near and tuple(boxed.aabb.ravel()) == box
     document = json.loads((out / "config.json").read_text())
     document["depths"]["near"] = 0.125
     (out / "config.json").write_text(json.dumps(document))

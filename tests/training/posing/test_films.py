@@ -15,7 +15,7 @@ from training.scenes.sources import find_source
 av = pytest.importorskip("av", reason="films need PyAV (the extra video)")
 
 from training.posing import film as films  # noqa: E402
-from training.posing.film import HLG, PQ, SRGB_T_BT2020, SRGB_T_P3, srgb_to_linear  # noqa: E402
+from training.posing.film import BT709, BT2020, HLG, P3, PQ, SRGB_T_BT2020, SRGB_T_P3, srgb_to_linear  # noqa: E402
 
 WIDTH, HEIGHT = 192, 128
 # Matrices of ISO/IEC 14496-12, as phones write them, by how often a picture is to be turned clockwise by 90°.
@@ -151,9 +151,7 @@ def test_a_camera_that_slows_down_leaves_most_frames_to_where_it_moves(tmp_path:
 
 # Colours of films: HLG, PQ and wide gamuts come as sRGB
 
-BT709, BT2020 = 1, 9  # matrices, as ITU-T H.273 numbers them
-UNSPECIFIED, LIMITED = 2, 1
-P3 = 12
+LIMITED = 1  # range of a signal, as ITU-T H.273 numbers it
 SIZE = (96, 64)
 
 
@@ -179,17 +177,19 @@ def pq_inverse_eotf(nits: np.ndarray) -> np.ndarray:
 
 
 def write_coded(
-    file: Path, signal: np.ndarray, codec: str, pix_fmt: str, matrix: int, tags: dict[str, int], options: dict[str, str]
-) -> Path:
-    """Three frames of a signal, float [H, W, 3] in [0, 1], coded by a matrix and tagged as `tags` say."""
+    file: Path, signal: np.ndarray, codec: str, pix_fmt: str, options: dict[str, str],
+    *, matrix: int, transfer: int, primaries: int,
+) -> Path:  # fmt: skip
+    """Three frames of a signal, float [H, W, 3] in [0, 1], coded by that matrix and tagged as said."""
     coded = np.rint(np.clip(signal, 0, 1) * 65535).astype(np.uint16)
+    tags = {"colorspace": matrix, "color_range": LIMITED, "color_trc": transfer, "color_primaries": primaries}
     with av.open(str(file), "w", format="matroska" if file.suffix == ".mkv" else "mov") as film:
         stream = film.add_stream(codec, rate=10, options=options)
         stream.height, stream.width = coded.shape[:2]
         stream.pix_fmt = pix_fmt
         for i in range(3):
             frame = av.VideoFrame.from_ndarray(coded, format="rgb48le").reformat(
-                format=pix_fmt, dst_colorspace=matrix, dst_color_range=tags["color_range"] or LIMITED
+                format=pix_fmt, dst_colorspace=matrix, dst_color_range=LIMITED
             )
             for target in (stream.codec_context, frame):
                 for name, value in tags.items():
@@ -198,10 +198,6 @@ def write_coded(
             film.mux(stream.encode(frame))
         film.mux(stream.encode())
     return file
-
-
-def tags(matrix: int, color_range: int, transfer: int = UNSPECIFIED, primaries: int = UNSPECIFIED) -> dict[str, int]:
-    return {"colorspace": matrix, "color_range": color_range, "color_trc": transfer, "color_primaries": primaries}
 
 
 def saturation(values: np.ndarray) -> float:
@@ -223,7 +219,7 @@ def test_an_hdr_film_has_the_colours_of_its_picture(transfer, name, codec, pix_f
     white = float(films.hlg_to_scene(np.array(films.DIFFUSE_WHITE_HLG)))
     signal = hlg_oetf(light * white) if transfer == HLG else pq_inverse_eotf(light * films.DIFFUSE_WHITE_PQ)
     film = write_coded(
-        tmp_path / name, signal, codec, pix_fmt, BT2020, tags(BT2020, LIMITED, transfer, BT2020), options
+        tmp_path / name, signal, codec, pix_fmt, options, matrix=BT2020, transfer=transfer, primaries=BT2020
     )
     found = taken(film, 1)[0][1].astype(float)
     middle = (shown.max(axis=-1) < 255 * 0.9) & (shown.min(axis=-1) > 8)
@@ -240,8 +236,8 @@ def test_wide_gamuts_become_srgb(primaries: int, matrix: np.ndarray, tmp_path: P
     shown = picture()
     light = srgb_to_linear(shown / 255.0) @ np.linalg.inv(matrix).T
     signal = np.where(light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 0) ** (1 / 2.4) - 0.055)
-    said = tags(BT709, LIMITED, 1, primaries)
-    film = write_coded(tmp_path / "film.mkv", signal, "ffv1", "yuv444p10le", BT709, said, {})
+    coding = {"matrix": BT709, "transfer": BT709, "primaries": primaries}
+    film = write_coded(tmp_path / "film.mkv", signal, "ffv1", "yuv444p10le", {}, **coding)
     found = taken(film, 1)[0][1].astype(float)
     assert np.abs(found - shown).mean() < 0.012 * 255
     assert saturation(found) == pytest.approx(saturation(shown), rel=0.06)

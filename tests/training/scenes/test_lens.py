@@ -1,16 +1,14 @@
 """Lens models: COLMAP's show points where pycolmap does; transforms.json names the same; all engines cast the same rays."""
 
-import json
 from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 import pycolmap
 import pytest
-from PIL import Image
 
 from tests.training.reconstructions import FLIP, LENSES, SIZE, ball, write_colmap
-from tests.training.test_captures import circle
+from tests.training.test_captures import circle, write_transforms
 from training.dataset import make_dataset
 from training.scenes.colmap_files import read_reconstruction
 from training.scenes.lens import (
@@ -101,16 +99,9 @@ def test_where_a_lens_shows_nothing_rays_end_at_once_in_training_and_in_evaluati
 
 
 def test_a_panorama_is_read_whatever_focal_length_is_named_and_is_fisheye_is_opencvs(tmp_path: Path):
-    (tmp_path / "images").mkdir()
-    frames = [{"file_path": f"images/{i}.png", "transform_matrix": p.tolist()} for i, p in enumerate(circle(9))]
-    for frame in frames:
-        Image.new("RGB", SIZE).save(tmp_path / frame["file_path"])
-    document = {"camera_model": "EQUIRECTANGULAR", "frames": frames}
-    for keys, projection in (
-        (document, EQUIRECTANGULAR),
-        ({"is_fisheye": True, "fl_x": 20, "frames": frames}, FISHEYE),
-    ):
-        (tmp_path / "transforms.json").write_text(json.dumps(keys))
-        camera = load_scene(tmp_path).splits["train"][0].camera
-        assert projection_of(camera.distortion) == projection
-    assert projection_of(load_scene(tmp_path, downscale=2).splits["train"][0].camera.distortion) == FISHEYE
+    panorama = write_transforms(tmp_path / "a", circle(9), size=SIZE, lens={}, camera_model="EQUIRECTANGULAR", fl_x=7)
+    fisheye = write_transforms(tmp_path / "b", circle(9), size=SIZE, lens={}, is_fisheye=True, fl_x=20)
+    for path, projection, fx in ((panorama, EQUIRECTANGULAR, SIZE[0] / (2 * np.pi)), (fisheye, FISHEYE, 20)):
+        for downscale in (1, 2):
+            camera = load_scene(path, downscale=downscale).splits["train"][0].camera
+            assert projection_of(camera.distortion) == projection and camera.fx == pytest.approx(fx / downscale)

@@ -93,15 +93,8 @@ def record3d(path: Path) -> None:
 def opensfm(path: Path) -> None:
     pictures(path / "images")
     lens = {"projection_type": "brown", "width": WIDE, "height": HIGH, "focal_x": FOCAL / WIDE, "focal_y": FOCAL / WIDE}
-    lens |= {
-        "c_x": (CX - WIDE / 2) / WIDE,
-        "c_y": (CY - HIGH / 2) / WIDE,
-        "k1": K1,
-        "k2": K2,
-        "k3": 0,
-        "p1": P1,
-        "p2": P2,
-    }
+    lens |= {"c_x": (CX - WIDE / 2) / WIDE, "c_y": (CY - HIGH / 2) / WIDE}
+    lens |= {"k1": K1, "k2": K2, "k3": 0, "p1": P1, "p2": P2}
     shots = {}
     for i, P in enumerate(POSES):
         T = np.linalg.inv(P @ FLIP)
