@@ -305,6 +305,8 @@ class OrbitCamera:
         self.take_over()
         eye = self.goal.eye(self.table)
         back = eye - np.asarray(point, np.float64)
+        if not back.any():
+            return
         pose = replace(self.goal, pivot=triple(point))
         if not self.orthographic:  # there, turning would show another side, and the distance tells the size
             azimuth, elevation = self.table.angles(back)

@@ -13,7 +13,7 @@ from viewer.core.widgets import Box, px
 from viewer.features.making.make_job import MakeJob, RejectedPhotographs, preview_title
 from viewer.features.making.make_plan import RESOLUTIONS, Plan
 from viewer.features.making.review import Kind, Review
-from viewer.features.making.survey import OFFERED, BarePreview, few_with_reasons, memory, result_lines
+from viewer.features.making.survey import OFFERED, BarePreview, few_with_reasons, result_lines
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.targets import Sheet
 
@@ -123,7 +123,7 @@ def what_it_needs(plan: Plan, side: int) -> str:
     disk = estimate.disk(plan.preset, side) if estimate is not None else None
     if estimate is None or disk is None:
         return ""
-    needs = f"up to {memory(plan.preset, side) / 1e9:.1f} GB of memory and {disk / 1e9:.1f} GB on the disk"
+    needs = f"up to {estimate.memory(plan.preset, side) / 1e9:.1f} GB of memory and {disk / 1e9:.1f} GB on the disk"
     seconds = estimate.seconds(plan.preset, side)
     if seconds is None:
         measuring = "Measuring how long it takes on this computer… " if not estimate.finished else ""

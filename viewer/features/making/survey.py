@@ -81,8 +81,9 @@ class BarePreview(JsonTask, Sheet):
 
 # --- Time, memory and disk ---
 
-# Of five captures in docs/results.md: baking took 0.8 to 1.1 times as long as training.
-BAKING_BY_TRAINING = 1.0
+# In the time of so many samples of training a bake at 1000 voxels ends: 600 to 1,400 CPU seconds of docs/results.md, where lego
+# takes 1.1 a million samples.
+SAMPLES_OF_1000 = 7e8
 # Peaks of snerg-make on lego at 800 x 800: 2.8, 3.5 and 4.8 GB at 512, 750 and 1000 voxels.
 MEMORY, MEMORY_OF_1000 = 2.2e9, 2.6e9
 # Bytes of a bake's pieces, and its pack: lego took half of that, rooms take up to twice as many blocks.
@@ -98,7 +99,7 @@ class TimeNeeded(JsonTask):
     def __init__(self, sides: Sequence[int], unbounded: bool, after: Task[None] | None) -> None:
         self._runs: Mapping[str, Any] = {}
         self._per_sample: float | None = None
-        self._after = after
+        self._after, self._unbounded = after, unbounded
         words = ["unbounded"] * unbounded + [str(side) for side in sorted(set(sides))]
         super().__init__("training.speed", words, self._take)
 
@@ -113,26 +114,25 @@ class TimeNeeded(JsonTask):
         run = self._runs.get(preset, {}).get(str(side))
         if run is None or self._per_sample is None:
             return None
-        return (1.0 + BAKING_BY_TRAINING) * self._per_sample * run["samples"]
+        return self._per_sample * (run["samples"] + SAMPLES_OF_1000 * self._share(preset, side))
 
     def disk(self, preset: str, side: int) -> float | None:
         """Bytes for the run, the bake's pieces and the pack; None where it is not known."""
         run = self._runs.get(preset, {}).get(str(side))
-        return None if run is None else run["disk"] + DISK_OF_1000 * _share(preset, side)
+        return None if run is None else run["disk"] + DISK_OF_1000 * self._share(preset, side)
+
+    def memory(self, preset: str, side: int) -> float:
+        """Bytes that making a scene holds at most, about."""
+        return MEMORY + MEMORY_OF_1000 * self._share(preset, side)
+
+    def _share(self, preset: str, side: int) -> float:
+        """Of what a bake at 1000 voxels takes: it grows with surfaces."""
+        resolution = PRESETS[preset].resolution or voxels_for(side, contracted=self._unbounded)  # type: ignore[index]
+        return (resolution / 1000) ** 2
 
     def _take(self, message: Mapping[str, Any]) -> None:
         self._runs = message.get("runs", self._runs)
         self._per_sample = message.get("seconds_per_sample", self._per_sample)
-
-
-def memory(preset: str, side: int) -> float:
-    """Bytes that making a scene holds at most, about."""
-    return MEMORY + MEMORY_OF_1000 * _share(preset, side)
-
-
-def _share(preset: str, side: int) -> float:
-    """Of what a bake at 1000 voxels takes: it grows with surfaces."""
-    return ((PRESETS[preset].resolution or voxels_for(side)) / 1000) ** 2  # type: ignore[index]
 
 
 # --- Survey ---
