@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from training.scenes.pictures import LOSSY, area_average, as_bytes, decoded, read_header, small_picture
+from training.scenes.pictures import LOSSY, as_bytes, decoded, read_header, small_picture
 
 PREVIEW_SIDE = 1000
 QUALITY = 95
@@ -110,10 +110,7 @@ def _curvature(picture: Image.Image) -> list[float]:
 
 def thumbnail(preview: np.ndarray) -> np.ndarray:
     """The preview as float32 [THUMBNAIL, THUMBNAIL]."""
-    height, width = (min(THUMBNAIL, side) for side in preview.shape)
-    out = np.zeros((THUMBNAIL, THUMBNAIL), np.float32)
-    out[:height, :width] = area_average(area_average(preview, height, 0), width, 1)
-    return out
+    return np.asarray(Image.fromarray(preview).resize((THUMBNAIL, THUMBNAIL), Image.Resampling.BOX))
 
 
 def same_view(a: np.ndarray, b: np.ndarray) -> bool:
