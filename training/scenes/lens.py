@@ -34,6 +34,7 @@ NO_END = 1e6  # how far a lens reaches that never folds over
 FOLDS = 1e-6  # a determinant squared, below which a step of Newton's method goes nowhere
 
 Lens = tuple[float, ...]
+NO_DISTORTION: Lens = (0.0, 0.0, 0.0, 0.0)
 
 
 class Model(NamedTuple):

@@ -19,7 +19,7 @@ import numpy as np
 from console import UserError
 from scenepack.constants import NDC_NEAR
 from training.scenes.files import distinct
-from training.scenes.lens import Lens, Model, directions_at, image_of, shows
+from training.scenes.lens import NO_DISTORTION, Lens, Model, directions_at, image_of, shows
 
 # What was photographed: cut out by alpha; from around, within a box or without an end; from one side.
 Kind = Literal["object", "surroundings", "unbounded", "forward"]
@@ -38,7 +38,7 @@ class Camera:
     fy: float
     cx: float
     cy: float
-    distortion: Lens = (0.0, 0.0, 0.0, 0.0)  # k1, k2, p1, p2, or what training.scenes.lens calls a lens
+    distortion: Lens = NO_DISTORTION  # k1, k2, p1, p2, or what training.scenes.lens calls a lens
 
     def resized(self, width: int, height: int) -> Camera:
         """The same camera for a picture of another size."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from console import UserError
 from scenepack.constants import NDC_NEAR
-from training.scenes.lens import PERSPECTIVE, directions_at, projection_of
+from training.scenes.lens import NO_DISTORTION, PERSPECTIVE, directions_at, projection_of
 from training.scenes.poses import axes_along, focus_point, mean_pose
 from training.scenes.scene import Camera, Photograph, Space, camera_rays, ndc_rays, pixel_grid, pixels_of
 
@@ -281,11 +281,8 @@ def _with_frames(box: np.ndarray, cameras: Sequence[Camera], points: PointCloud)
         depths = -(points.places[rows] - pose[:3, 3]) @ pose[:3, 2]
         _, depth = _quantiles(depths, points.weights[rows], (0.0, FRAMED))
         x, y = pixel_grid(camera, 2)
-        corners = (x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy
-        if projection_of(camera.distortion) == PERSPECTIVE:
-            corners = np.stack([corners[0], -corners[1], np.full_like(x, -1.0)], -1)
-        else:
-            corners = directions_at(*corners, camera.distortion)
+        lens = NO_DISTORTION if projection_of(camera.distortion) == PERSPECTIVE else camera.distortion
+        corners = directions_at((x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, lens)
         frames.append(pose[:3, 3] + depth * corners.reshape(4, 3) @ pose[:3, :3].T)
     if not frames:
         return box

@@ -165,7 +165,7 @@ def test_the_points_that_a_file_names_say_where_things_are(tmp_path: Path, text:
     points = np.random.default_rng(0).normal(size=(400, 3)) * 0.2 + [1.0, -2.0, 0.5]
     path = write_capture(tmp_path, ply_file_path="points.ply")
     edit(path / "transforms.json", lambda d: d.update(fl_x=30.0))
-    vertices = np.rec.fromarrays(points.T.astype("<f4"), names="x,y,z")
+    vertices = points.astype("<f4").view([(axis, "<f4") for axis in "xyz"])[:, 0]
     PlyData([PlyElement.describe(vertices, "vertex")], text=text).write(str(path / "points.ply"))
     for file in (path / "images").iterdir():
         Image.new("RGBA", SIZE, (9, 9, 9, 0)).save(file)  # nothing needs to be in the box up to the corners
