@@ -28,16 +28,20 @@ from viewer.rendering.settings import MODES
 
 
 class FakeCanvas(Canvas):
-    """Draws grey pictures without OpenGL. refuse: a reason to refuse packs."""
+    """Draws grey pictures without OpenGL and remembers what it shows. refuse: a reason to refuse packs."""
 
     def __init__(self, refuse: str = "") -> None:
-        self.refuse, self.renderer = refuse, None
+        self.shown, self.refuse, self.renderer = [], refuse, None
 
     def show(self, pack):
         if self.refuse:
             raise UserError(self.refuse)
+        self.shown.append(pack)
 
-    refine = show_other = show
+    def refine(self, pack):
+        self.shown[-1] = pack
+
+    show_other = show
 
     @property
     def refines(self) -> bool:

@@ -479,7 +479,9 @@ def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_
     ],
 )
 def test_the_dialog_says_what_is_known(seconds, finished, line):
-    known: Any = SimpleNamespace(seconds=lambda *_: seconds, disk=lambda *_: 0.51e9, finished=finished)
+    known: Any = SimpleNamespace(
+        seconds=lambda *_: seconds, disk=lambda *_: 0.51e9, memory=lambda *_: 2.88e9, finished=finished
+    )  # fmt: skip
     plan: Any = SimpleNamespace(preset="quick", survey=SimpleNamespace(time=known))
     assert what_it_needs(plan, 200).startswith(line)
     plan.survey.time = None
