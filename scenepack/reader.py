@@ -54,6 +54,7 @@ def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: 
     before the end, with the same scene in coarser voxels (scenepack.coarse). Raises UserError where the pack cannot be opened;
     warns with PackWarning where it is untidy. A folder that is replaced meanwhile is read anew.
     """
+    path = Path(path)
     for _ in range(3):
         before = _identity(path)
         try:

@@ -72,7 +72,7 @@ def copy_pack(files: PackFiles, pack: Pack, path: Path) -> None:
 
 def _replace(path: Path, files: Generator[tuple[str, bytes], None, None]) -> None:
     """Writes a pack's files, names and contents; see save_pack."""
-    path = path.resolve()  # through symbolic links: what they point to is replaced, not the link
+    path = Path(path).resolve()  # through symbolic links: what they point to is replaced, not the link
     as_zip = path.suffix.lower() == ".zip"
     with writing_to(path):
         recover_interrupted_write(path)

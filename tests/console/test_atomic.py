@@ -19,7 +19,7 @@ from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
 from training.checkpoints import write_checkpoint
 from viewer.commands.render import main as snerg_render
-from viewer.features.film.camera_path import CameraPath, save_path
+from viewer.features.film.camera_path import CameraPath, Keyframe, save_path
 from viewer.features.film.picture_export import write_film
 from viewer.features.preferences.preferences import save
 
@@ -38,7 +38,10 @@ def film(path: Path) -> None:
     [
         ("figures.json", lambda path: write_json(path, {"psnr": 30.0})),
         ("viewer.json", lambda path: save({"page": "view"}, path)),
-        ("path.json", lambda path: save_path(CameraPath(), path, np.eye(4), (320, 200), 30.0)),
+        (
+            "path.json",
+            lambda path: save_path(CameraPath([Keyframe(np.eye(4), 50.0)]), path, np.eye(4), (320, 200), 30.0),
+        ),
         ("sections.png", lambda path: draw_sections(path, {"empty": EMPTY})),
         ("film.mp4", film),
         ("step_00000007.safetensors", lambda path: write_checkpoint(path.parent, 7, {"a": np.zeros(3, np.float32)})),
