@@ -89,7 +89,7 @@ class PackFiles:
 
     @contextmanager
     def decoding(self, name: str) -> Iterator[None]:
-        """What a codec refuses inside is a UserError that names the file; `name` where the codec does not say which."""
+        """Turns a CodecError of the block into a UserError that names the codec's file, or `name` where it has none."""
         try:
             yield
         except CodecError as error:

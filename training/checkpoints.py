@@ -46,20 +46,20 @@ def from_arrays(template: Tree, arrays: Mapping[str, np.ndarray]) -> Tree:
     """
     leaves = []
     for name, wanted in named_leaves(template).items():
-        expected, found = kind_of(wanted), kind_of(arrays.get(name))
+        expected, found = type_and_shape(wanted), type_and_shape(arrays.get(name))
         if expected != found:
             raise misfit(name, expected, found)
         leaves.append(jnp.asarray(arrays[name]))
     return jax.tree.unflatten(jax.tree.structure(template), leaves)
 
 
-def kind_of(array: Any) -> str:
-    """Type and shape, as messages have them."""
+def type_and_shape(array: Any) -> str:
+    """Type and shape of an array as text for messages."""
     return "none" if array is None else f"{array.dtype} {list(array.shape)}"
 
 
 def misfit(name: str, expected: str, found: str) -> UserError:
-    """What to raise for an array of a checkpoint that belongs elsewhere."""
+    """The error for an array of a checkpoint that does not fit the run."""
     remedy = "the file is damaged, or belongs to another run or other photographs"
     return UserError(f'array "{name}" does not fit', where="checkpoint", expected=expected, found=found, remedy=remedy)
 

@@ -22,7 +22,7 @@ NO_SUCH_FIELD = "It shares the head and the sparsity term of the paper's deferre
 
 
 def number(value: float | None, digits: int = 2, unit: float = 1.0) -> str:
-    """A figure as a cell says it, in `unit`; a dash for None."""
+    """A figure in `unit` as the text of a cell; a dash for None."""
     return NONE if value is None else f"{value / unit:,.{digits}f}"
 
 
@@ -247,7 +247,7 @@ def _quality(table: Table, about: Mapping[str, Any]) -> list[str]:
 
 
 def codec_columns(png_bytes: int) -> list[Column]:
-    """What codecs make of one pack (baker.reports.report.measured), its size with PNG among it."""
+    """Columns for rows of baker.reports.report.measured. png_bytes: what the pack takes as PNG."""
 
     def quality(row: Row) -> str:
         if "codec" not in row:

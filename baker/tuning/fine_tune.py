@@ -47,7 +47,7 @@ def fine_tune(
     by_opacity: photographs also show what lies outside of the pack's box. Errors are weighted by the pack's own opacity, as
     the paper masks pictures of such scenes (appendix C.2).
 
-    A diffuse pack, and one that no training pixel meets, comes back as it is, without figures.
+    Returns the same pack and no figures where it is diffuse or no training pixel meets it.
     """
     pixels = None if pack.view_mlp is None else shaded_pixels(pack, dataset, seed, on_share)
     if pack.view_mlp is None or pixels is None:

@@ -81,7 +81,7 @@ def decode_png(data: bytes, out: np.ndarray) -> None:
     """Decodes a PNG of 8 bits or fewer into `out`, uint8 [H, W, 4], contiguous, of exactly its size.
 
     Layouts that optimisers leave behind are put back as the PNG standard has it: grey and palette become RGB,
-    a missing alpha is 255. Releases the GIL while it decodes RGBA. Raises anything; see `decoding`.
+    a missing alpha is 255. Releases the GIL while it decodes RGBA. Call it within `decoding`: it raises errors of many types.
     """
     width, height, channels = probe_png(data[:PNG_HEADER_BYTES], len(data))
     if (height, width) != out.shape[:2]:

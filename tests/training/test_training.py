@@ -326,7 +326,7 @@ def test_help_explains_every_preset(command, kind, capsys: pytest.CaptureFixture
         assert f"{name} ({PRESETS[name].about})" in help_text
 
 
-def test_packs_are_about_as_fine_as_photographs_and_twice_as_fine_where_half_a_side_is_the_surroundings() -> None:
+def test_packs_are_about_as_fine_as_photographs_and_those_of_unbounded_scenes_four_times_as_fine() -> None:
     assert [voxels_for(pixels) for pixels in (200, 400, 504, 640, 800, 4000)] == [512, 512, 630, 800, 1000, 1000]
     assert [voxels_for(pixels, contracted=True) for pixels in (64, 128, 240, 256)] == [512, 640, 1000, 1000]
 

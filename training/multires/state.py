@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from training.checkpoints import kind_of, misfit
+from training.checkpoints import misfit, type_and_shape
 from training.exposure import GAINS
 from training.multires.field import VIEW_PARAMETERS, decoder_size, inputs_of
 from training.multires.levels import ALL_HASHED, FEATURES, HASHED_FROM, bricks_along, is_dense, make_levels
@@ -81,7 +81,7 @@ def restored(arrays: Mapping[str, np.ndarray], resolutions: tuple[int, ...], sid
     ) -> np.ndarray:
         found = arrays[name]
         if found.shape != shape or found.dtype != dtype:
-            raise misfit(name, kind_of(np.empty(shape, dtype)), kind_of(found))
+            raise misfit(name, type_and_shape(np.empty(shape, dtype)), type_and_shape(found))
         if found.dtype.kind == "f" and not np.isfinite(found).all():
             raise misfit(name, "finite numbers", "NaN or infinity")
         if least is not None and (found.min() < least or found.max() > most):
@@ -118,7 +118,7 @@ def _bricks(arrays: Mapping[str, np.ndarray], resolution: int) -> np.ndarray | N
         return ALL_HASHED
     expected = np.empty(0 if is_dense(resolution) else present.size, np.int32)
     if present.shape != expected.shape or present.dtype != expected.dtype:
-        raise misfit(name, kind_of(expected), kind_of(present))
+        raise misfit(name, type_and_shape(expected), type_and_shape(present))
     if (present < 0).any() or (present >= bricks_along(resolution) ** 3).any() or (np.diff(present) <= 0).any():
         raise misfit(name, "bricks of the cube, in order", "others")
     return present

@@ -49,7 +49,7 @@ def without_suffix(name: str) -> str:
 
 
 def distinct(stems: Sequence[str]) -> list[str]:
-    """The stems, those that repeat another numbered (a, a-2), as of a.png and a.jpg; some file systems take R_3 for r_3."""
+    """The stems of a.png and a.jpg as a and a-2: repeated ones get a number. Case does not count, as in some file systems."""
     found: dict[str, str] = {}  # by lower case
     for stem in stems:
         numbered = (f"{stem}-{number}" for number in itertools.count(2))

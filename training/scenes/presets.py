@@ -21,8 +21,8 @@ VOXELS_PER_PIXEL, FEWEST_VOXELS, MOST_VOXELS = 1.25, 512, 1000
 
 
 def voxels_for(pixels: int, *, contracted: bool = False) -> int:
-    """Voxels along a pack's longest side, by pixels along the photographs'. contracted: half of a side is the inner cube, and
-    much of what cameras see lies closer to them than its middle."""
+    """Voxels along a pack's longest side, by pixels along the photographs'. contracted: unbounded scenes need more, for the
+    inner cube takes half of a side, and many things are nearer to the cameras than its middle."""
     return max(FEWEST_VOXELS, min(MOST_VOXELS, round(VOXELS_PER_PIXEL * pixels * (4 if contracted else 1))))
 
 

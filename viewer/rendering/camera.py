@@ -153,7 +153,7 @@ class ViewCamera:
         return replace(self, width=width, height=height, whole_height=self.whole_height * sy, **lens)
 
     def part(self, x: int, y: int, width: int, height: int) -> ViewCamera:
-        """What a box of the picture shows, or one that reaches beyond it. x, y: its upper left corner, pixels."""
+        """The camera of a part of the picture, which may reach beyond it. x, y: the part's upper left corner, pixels."""
         whole = self.whole_height or self.height
         return replace(self, width=width, height=height, cx=self.cx - x, cy=self.cy - y, whole_height=whole)
 

@@ -93,7 +93,7 @@ def _catmull_rom(points: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def save_path(path: CameraPath, file: Path, training_T_grid: np.ndarray, size: tuple[int, int], fps: float) -> None:
-    """Writes nerfstudio's camera-path JSON; there are keyframes. size: width, height of the film, pixels. OSError."""
+    """Writes a path with keyframes as nerfstudio's camera-path JSON. size: width, height of the film, pixels. Raises OSError."""
     aspect = size[0] / size[1]
     keyframes = [
         {

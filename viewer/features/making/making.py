@@ -32,7 +32,7 @@ PARTING_S = 30.0  # for the process to save, where the program ends and there is
 
 
 class SparsePreviewJob(Task[SparsePreview | None]):
-    """Reads the sparse points of a plan's scene. Of a plan for poses only a review follows. before: the one that it replaces."""
+    """Reads the sparse points of a plan's scene. If the plan ends with poses, a review follows. before: the one it replaces."""
 
     def __init__(self, plan: Plan, before: Review | None = None) -> None:
         self.plan, self.before = plan, before

@@ -81,8 +81,8 @@ class BarePreview(JsonTask, Sheet):
 
 # --- Time, memory and disk ---
 
-# In the time of so many samples of training a bake at 1000 voxels ends: 600 to 1,400 CPU seconds of docs/results.md, where lego
-# takes 1.1 a million samples.
+# A bake at 1000 voxels takes as long as training on so many samples: 600 to 1,400 CPU seconds in docs/results.md, where a
+# million samples of lego take 1.1.
 SAMPLES_OF_1000 = 7e8
 # Peaks of snerg-make on lego at 800 x 800: 2.8, 3.5 and 4.8 GB at 512, 750 and 1000 voxels.
 MEMORY, MEMORY_OF_1000 = 2.2e9, 2.6e9
