@@ -25,7 +25,7 @@ from viewer.commands.render import main as snerg_render
 from viewer.commands.view import main as snerg_view
 
 UNTUNED = ["--quality", "draft"]  # where it does not matter how good the pack is
-TRAINING = ["--preset", "tiny", "--steps", "200"]
+TRAINING = ["--preset", "quick", "--steps", "200"]
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_photographs_become_a_pack_whose_pictures_are_near_the_photographs(made,
         assert snerg_eval([str(made / subject), "--scene", str(scene), "--json", str(report)]) == 0
         scores[subject] = json.loads(report.read_text())
     assert scores["pack"]["width"] == 48 and len(scores["pack"]["views"]) >= 2
-    assert scores["run"]["psnr"] > 13 and scores["pack"]["psnr"] > 13
+    assert scores["run"]["psnr"] > 19 and scores["pack"]["psnr"] > 18
     assert abs(scores["run"]["psnr"] - scores["pack"]["psnr"]) < 1.5, "little is lost in baking"
     capsys.readouterr()
     assert snerg_eval([str(made / "pack"), "--scene", str(scene), "--json", "-"]) == 0
@@ -102,7 +102,8 @@ def test_a_box_can_be_baked_alone(made: Path, tmp_path: Path, refused: Callable[
     assert pack.voxel_size == pytest.approx(1.2 / 60), "as many voxels along the longest side of the box"
     assert pack.metadata["provenance"]["aabb"] == pytest.approx(box.ravel())
     tuned = pack.metadata["provenance"]["fine_tuning"]
-    assert tuned["quality"] == "compact" and tuned["train_psnr_after"] >= tuned["train_psnr_before"]
+    assert tuned["quality"] == "compact"
+    assert tuned["train_psnr_after"] > tuned["train_psnr_before"] - 0.6, "coarser steps cost little"
     assert steps_of(pack.atlas_rgba, pack.atlas_features) == COMPACT
     z, y, x = np.nonzero(dense_from_pack(pack)[0][..., 3])
     content = (np.stack([x, y, z], -1) + 0.5) * pack.voxel_size + pack.min_xyz

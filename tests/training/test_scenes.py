@@ -167,7 +167,7 @@ def test_the_box_takes_the_place_of_the_readers_and_far_reaches_its_end(procedur
 
 
 def test_a_run_keeps_its_box_through_resuming_and_loading(procedural_path: Path, tmp_path: Path, capsys):
-    train(procedural_path, tmp_path, MINUTE, SceneOptions(aabb=BOX))
+    train(procedural_path, tmp_path, dataclasses.replace(MINUTE, method="multires"), SceneOptions(aabb=BOX))
     assert json.loads((tmp_path / "config.json").read_text())["scene_options"]["aabb"] == list(BOX)
     assert main([str(procedural_path), "--out", str(tmp_path), "--resume", "--steps", "13", "--aabb", WORDS]) == 0
     assert f"box of the content: {WORDS} where cameras stand 4" in capsys.readouterr().err

@@ -57,7 +57,10 @@ def losses(run: Path) -> dict[int, float]:
 
 # compiles and steps as fast as can be
 NERF = dataclasses.replace(TINY.nerf, depth=1, width=8, coarse_samples=4, fine_samples=4, warmup_steps=2)
-MINUTE = dataclasses.replace(TINY, steps=12, batch_size=32, log_every=1, checkpoint_every=4, nerf=NERF)
+FEATURES = MultiresConfig(resolutions=(12,), occupancy=16, samples_per_step=1024, steps_across=(16, 16, 16))
+MINUTE = dataclasses.replace(
+    TINY, steps=12, batch_size=32, log_every=1, checkpoint_every=4, nerf=NERF, multires=FEATURES
+)
 
 
 @pytest.fixture(scope="module")
@@ -136,8 +139,7 @@ def test_a_full_disk_stops_training_with_a_plain_line(procedural_path: Path, tmp
 @pytest.mark.parametrize("method", ["nerf", "multires"])
 def test_a_run_that_time_ends_ends_with_the_last_learning_rate(procedural_path, tmp_path, monkeypatch, method):
     monkeypatch.setattr(Recorder, "seconds", property(lambda recorder: 5.0 * recorder.run.step))  # a step takes 5 s
-    multires = MultiresConfig(resolutions=(12,), occupancy=16, samples_per_step=1024, steps_across=(16, 16, 16))
-    config = dataclasses.replace(MINUTE, method=method, engine="jax", steps=100_000, minutes=1.0, multires=multires)
+    config = dataclasses.replace(MINUTE, method=method, engine="jax", steps=100_000, minutes=1.0)
     moved = []
     if method == "multires":
         step = JaxEngine.step

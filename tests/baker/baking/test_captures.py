@@ -64,6 +64,7 @@ def field_and_pack(folder: Path, steps: int) -> tuple[float, float]:
     return field_psnr(run), shown_psnr(bake(run, BakeConfig(45, "paper", "draft")), run.dataset, 0)
 
 
+@pytest.mark.slow
 def test_a_forward_facing_mlp_loses_nothing_at_the_far_plane_when_it_is_baked(tmp_path: Path) -> None:
     poses = forward()
     wall = poses[:, 2, 3].mean() - DEPTH
