@@ -50,9 +50,9 @@ OnPreview = Callable[[Pack], object]
 def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: OnPreview | None = None) -> Pack:
     """Reads a pack, a folder or one .zip of it, completely.
 
-    on_progress(done, total) is called in this thread after each of `total` pieces, and on_preview(pack) a few times
-    before the end, with the same scene in coarser voxels (scenepack.coarse). Raises UserError where the pack cannot be opened;
-    warns with PackWarning where it is untidy. A folder that is replaced meanwhile is read anew.
+    on_progress(done, total) is called in this thread after each of `total` pieces, and on_preview(pack) a few times, the last
+    of them at the end, with the same scene in coarser voxels (scenepack.coarse). Raises UserError where the pack cannot be
+    opened; warns with PackWarning where it is untidy. A folder that is replaced meanwhile is read anew.
     """
     path = Path(path)
     for _ in range(3):
@@ -132,6 +132,8 @@ class PackReader:
         order, previews = list(range(self.total)), [1, self.total // 4, self.total // 2]
         if self._layout == "atlas" and self._planes == PLANES_PER_IMAGE:
             order, previews = order_of_groups(depth, pack.padded_block_size)
+        if self.total > 1:
+            previews.append(self.total)  # it is shown until all voxels are on the GPU
         # Planes that are decoded; in the "grid" layout all count, for there are zeros where nothing has arrived.
         known, decoders = np.full(depth, self._layout == "grid"), Decoders()
 
@@ -145,7 +147,7 @@ class PackReader:
             for done in in_threads(decode, self.total):
                 if on_progress is not None:
                     on_progress(done, self.total)
-                if on_preview is not None and done in previews and done < self.total:
+                if on_preview is not None and done in previews:
                     coarse = coarse_pack(pack, known)
                     if coarse is not None:
                         on_preview(coarse)

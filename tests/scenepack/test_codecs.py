@@ -207,12 +207,15 @@ def test_the_coarse_pack_lies_where_the_whole_does():
     assert np.all(coarse.max_xyz >= pack.max_xyz - 1e-9)
 
 
-def test_previews_come_before_the_end_and_the_pack_is_the_same(tmp_path):
+def test_previews_come_before_the_end_and_at_it_and_the_pack_is_the_same(tmp_path):
     pack, seen, shares = toy_pack(), [], []
     save_pack(pack, tmp_path / "toy")
     read = load_pack(tmp_path / "toy", on_progress=lambda done, _: shares.append(done),
                      on_preview=lambda preview: seen.append((len(shares), preview)))  # fmt: skip
-    assert seen and seen[0][0] < shares[-1]
+    assert seen[0][0] < shares[-1] == len(shares) == seen[-1][0]
+    whole = coarse_pack(pack, np.ones(len(pack.atlas_rgba), bool))
+    assert whole is not None
+    np.testing.assert_array_equal(seen[-1][1].atlas_rgba, whole.atlas_rgba)
     assert all(preview.atlas_rgba[..., 3].any() for _, preview in seen)
     np.testing.assert_array_equal(read.atlas_rgba, pack.atlas_rgba)
     np.testing.assert_array_equal(read.atlas_features, pack.atlas_features)

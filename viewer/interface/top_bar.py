@@ -132,7 +132,8 @@ def _name(app: App, x: float, width: float, *, with_details: bool) -> None:
         return
     imgui.same_line(0, px(GAP))
     imgui.set_cursor_pos_y(px(16))
-    write(state_of(app), theme.FAINT if scene.whole else theme.WARN, size=theme.SMALL)
+    whole = scene.whole and not _is_uploading(app)
+    write(state_of(app), theme.FAINT if whole else theme.WARN, size=theme.SMALL)
 
 
 def state_of(app: App) -> str:
@@ -142,4 +143,11 @@ def state_of(app: App) -> str:
     if not app.scene.whole:
         images = app.loading.images if app.loading is not None else (0, 0)
         return f"loading {images[0]} of {images[1]} images" if images[1] else "loading"
+    if _is_uploading(app):
+        return "uploading to the graphics card"
     return " × ".join(str(side) for side in app.scene.pack.grid_size) + " voxels"
+
+
+def _is_uploading(app: App) -> bool:
+    """Whether a coarser version is shown until the pack is on the GPU."""
+    return app.canvas is not None and app.canvas.refines
