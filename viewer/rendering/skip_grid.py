@@ -106,24 +106,20 @@ def content_eighths(pack: Pack) -> np.ndarray:
 
     A texel cube across a macroblock's border counts for both macroblocks, whose padded copies need not agree.
     """
-    size, side = pack.block_size, CELL // 2
-    cells = np.zeros([n * size // side + 1 for n in pack.grid_blocks[::-1]], bool)
+    size, side = pack.block_size, pack.padded_block_size
+    cells = np.zeros([n * size // 2 + 1 for n in pack.grid_blocks[::-1]], bool)
     for block in map(tuple, np.argwhere(pack.occupied).tolist()):
-        content = np.asarray(block_copy(pack, pack.atlas_rgba, block)[..., 3] > 0)
         first = [b * size for b in block]  # of the copy's first texel cube, counted from j = -1
-        for axis in range(3):
-            content = _pairs_then_cells(content, axis, first[axis] % side, side)
-        at = tuple(slice(f // side, f // side + n) for f, n in zip(first, content.shape, strict=True))
+        before = [f % 2 for f in first]  # cubes of the first eighth that are the neighbour's
+        voxels = np.zeros([(b + side) // 2 * 2 + 1 for b in before], bool)
+        voxels[tuple(slice(b, b + side) for b in before)] = block_copy(pack, pack.atlas_rgba, block)[..., 3] > 0
+        # Two cubes along an axis blend three voxels
+        voxels = voxels[:-1:2] | voxels[1::2] | voxels[2::2]
+        voxels = voxels[:, :-1:2] | voxels[:, 1::2] | voxels[:, 2::2]
+        content = voxels[..., :-1:2] | voxels[..., 1::2] | voxels[..., 2::2]
+        at = tuple(slice(f // 2, f // 2 + n) for f, n in zip(first, content.shape, strict=True))
         cells[at] |= content[tuple(slice(0, c.stop - c.start) for c in at)]
     return cells
-
-
-def _pairs_then_cells(content: np.ndarray, axis: int, phase: int, side: int) -> np.ndarray:
-    """Along `axis`: voxels [B] to texel cubes [B - 1] to the cells that hold them; phase: where in a cell the first is."""
-    voxels = np.moveaxis(content, axis, 0)
-    cubes = voxels[:-1] | voxels[1:]
-    starts = np.arange(-phase, len(cubes), side).clip(0)
-    return np.moveaxis(np.logical_or.reduceat(cubes, starts), 0, axis)
 
 
 def chebyshev_distances(content: np.ndarray) -> np.ndarray:
