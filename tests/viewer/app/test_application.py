@@ -23,6 +23,7 @@ from viewer.core.tasks import Cancelled
 from viewer.features.display.display import modes_for
 from viewer.features.opening import opening as loading_module
 from viewer.features.placing import placing
+from viewer.interface.top_bar import state_of
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.settings import MODES
 
@@ -57,6 +58,13 @@ def open_app(pack, pack_folder) -> App:
     app = App(canvas=FakeCanvas())
     app.show(pack, pack_folder)
     return app
+
+
+def test_the_bar_says_that_a_pack_is_uploaded_before_it_says_how_large_it_is(open_app, monkeypatch):
+    monkeypatch.setattr(FakeCanvas, "refines", True)
+    assert state_of(open_app) == "uploading to the graphics card"
+    monkeypatch.undo()
+    assert state_of(open_app) == "44 × 44 × 44 voxels"
 
 
 def test_loading_can_be_cancelled(open_app, pack_folder, monkeypatch):
