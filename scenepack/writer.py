@@ -38,7 +38,6 @@ def save_pack(
     pack: Pack,
     path: Path,
     *,
-    png_level: int = 6,
     codec: str = "png",
     quality: int | None = None,
     on_progress: Callable[[int, int], None] | None = None,
@@ -47,14 +46,14 @@ def save_pack(
 
     A kill at any moment leaves the old pack or the new one. The JSON is pack.params with whatever has changed since; "snerg" gets
     version and codec where the pack is ours.
-    png_level: 0 (fast, large) to 9 (slow, small). codec: see scenepack.codecs; only PNG is the published layout. quality: 1
-    (worst) to 100, of codecs that lose something; by default the codec's own. on_progress(done, total) follows each piece.
+    codec: see scenepack.codecs; only PNG is the published layout. quality: 1 (worst) to 100, of codecs that lose something; by
+    default the codec's own. on_progress(done, total) follows each piece.
     UserError where the disk is full or refuses, `path` holds anything that is no pack, a library that the codec needs is missing,
     or a number would be refused when it is read. ValueError for arrays that do not fit together, a bug of the caller.
     """
     _require_consistent(pack)
     chosen = codec_named(codec, "codec")
-    _replace(path, _files(pack, chosen, chosen_quality(chosen, quality), png_level, on_progress))
+    _replace(path, _files(pack, chosen, chosen_quality(chosen, quality), on_progress))
 
 
 def copy_pack(files: PackFiles, pack: Pack, path: Path) -> None:
@@ -132,11 +131,11 @@ def _require_replaceable(path: Path, as_zip: bool) -> None:
 
 
 def _files(
-    pack: Pack, codec: Codec, quality: int | None, level: int, on_progress: Callable[[int, int], None] | None
+    pack: Pack, codec: Codec, quality: int | None, on_progress: Callable[[int, int], None] | None
 ) -> Generator[tuple[str, bytes], None, None]:
     """The pack's files in order, name and content; images are encoded ahead in threads."""
     metadata = {key: value for key, value in pack.metadata.items() if key != SETTINGS}
-    how = settings_for(pack, codec, level if codec.name == "png" else quality)
+    how = settings_for(pack, codec, quality)
     jobs, settings = encoding_jobs(pack, codec, how), {} if codec.name == "png" else {SETTINGS: how}
     if metadata or settings or not pack.params:  # a pack made elsewhere keeps its keys as they are
         metadata = {"version": _version(), **metadata, "codec": codec.name, **settings}
@@ -147,7 +146,7 @@ def _files(
     text = json.dumps(params_json(pack, codec.name, metadata), default=_plain).encode()
     parse_params(text, PARAMS_NAME, lambda note: None)  # what is written can be read
     yield PARAMS_NAME, text
-    yield INDICES_NAME, encode_png(indices, level)
+    yield INDICES_NAME, encode_png(indices)
     with (
         ThreadPoolExecutor(ENCODING_THREADS, "snerg-encode") as pool,
         closing(pool.map(lambda job: job(), jobs)) as encoded,  # type: ignore[type-var]  (a generator: cancels what is left)

@@ -147,7 +147,6 @@ PREVIEW_FILE = "preview.zip"  # beside run and pack
 PREVIEW_RESOLUTION = 150  # voxels along the longest side: five macroblocks
 FIRST_STEP = 100  # before, nothing is to be seen
 MOST_OF_TIME = 0.1  # of a run's time that its previews take
-PNG_LEVEL = 1  # fast: it lives for a minute
 
 
 def preview_pack(run: Run, resolution: int = PREVIEW_RESOLUTION) -> Pack | None:
@@ -187,7 +186,7 @@ class Previews:
         began = time.monotonic()
         with suppress(UserError, OSError, MemoryError):  # a full disk, say, of which the training's own files will tell
             if (pack := preview_pack(run)) is not None:
-                save_pack(pack, self.out, png_level=PNG_LEVEL)
+                save_pack(pack, self.out)
         ended = time.monotonic()
         self._due = ended + max(self.every, (ended - began) / MOST_OF_TIME)
 

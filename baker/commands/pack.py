@@ -77,9 +77,7 @@ def check(pack: Path, /, json: Path | None = None, strict: bool = False) -> None
         raise UserError(f"breaks {len(broken)} rules ({rules})", where=pack, remedy="bake it again")
 
 
-def convert(
-    pack: Path, /, out: Path, codec: str = "avif", quality: int | None = None, png_level: int = 6, force: bool = False
-) -> None:
+def convert(pack: Path, /, out: Path, codec: str = "avif", quality: int | None = None, force: bool = False) -> None:
     """Converts a pack to another codec: png (published layout), webp (lossless), avif, h264 or jpeg.
 
     Args:
@@ -88,10 +86,8 @@ def convert(
         codec: png (the published web viewer opens it), webp (lossless, about 60 % of PNG), avif (lossy, about a third of
             PNG), h264 (lossy, the paper's; needs PyAV) or jpeg (lossy).
         quality: Quality of a lossy codec, 1 (smallest) ... 100 (best). The default is 83 for avif, 85 for h264, 95 for jpeg.
-        png_level: Compression level of PNG, 0 (fast, large) ... 9 (slow, small).
         force: Let a lossy codec replace the pack that is converted. What is lost then cannot be brought back.
     """
-    require_in_range("--png-level", png_level, 0, 9)
     lossy = chosen_quality(codec_named(codec, "--codec"), quality) is not None  # now, not after the work is done
     if lossy and not force and _is_same(out, pack):
         raise UserError(f"{codec} is lossy, and would replace the pack that is converted", where=out,
@@ -100,7 +96,7 @@ def convert(
     with open_pack(pack) as reader:
         before, stored = _read_all(reader), stored_bytes(pack)
     with progress("encoding", 1) as bar:
-        save_pack(before, out, codec=codec, quality=quality, png_level=png_level,
+        save_pack(before, out, codec=codec, quality=quality,
                   on_progress=lambda done, total: bar.update(done / total))  # fmt: skip
     print(f"{out}: {codec}, {_size(out, stored)}")
 

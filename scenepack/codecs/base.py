@@ -65,7 +65,7 @@ class Codec(ABC):
 
     @abstractmethod
     def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
-        """The contents of `names`, in their order, for uint8 [D, H, W, 4] of each. quality: of PNG, zlib's level."""
+        """The contents of `names`, in their order, for uint8 [D, H, W, 4] of each."""
 
     def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
         """rgba and features (None without) uint8 [D, H, W, 4] from `files`. CodecError where it cannot."""

@@ -36,7 +36,7 @@ def write_base(name: str, folder: Path) -> None:
     ]  # fmt: skip
     pack = pack.with_metadata(cameras=cameras, provenance={"scene": "/nowhere", "steps": 3, "spherify": False})
     codec = name if name in CODECS else "png"
-    save_pack(pack, folder, codec=codec, png_level=1 if codec == "png" else 6)
+    save_pack(pack, folder, codec=codec)
 
 
 def open_it(path: Path, base: str) -> None:

@@ -40,7 +40,7 @@ def smooth_pack() -> Pack:
 
 
 def written(folder: Path, pack: Pack | None = None) -> Path:
-    save_pack(small_pack() if pack is None else pack, folder, png_level=1)
+    save_pack(small_pack() if pack is None else pack, folder)
     return folder
 
 

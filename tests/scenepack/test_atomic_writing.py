@@ -49,16 +49,16 @@ def die_at_each_step(target: Path) -> None:
     tidy after the next writer. Forks here, in a process without the threads of a whole test run.
     """
     for step in range(1, 200):
-        save_pack(OLD, target, png_level=0)
+        save_pack(OLD, target)
         child = os.fork()
         if child == 0:
             die_at(step)
-            save_pack(NEW, target, png_level=0)
+            save_pack(NEW, target)
             os._exit(0)
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         pack = load_pack(target)
         found = [name for name, known in (("old", OLD), ("new", NEW)) if same_pack(pack, known)]
-        save_pack(OLD, target, png_level=0)
+        save_pack(OLD, target)
         tidy = not [name for name in os.listdir(target.parent) if name.startswith(".")]
         print(status, *found, "tidy" if tidy else "untidy", flush=True)
         if status == 0:
@@ -94,11 +94,11 @@ def test_a_writer_that_fails_half_way_leaves_the_old_pack_and_nothing_else(tmp_p
     target = written(tmp_path / name, OLD)
     real, written_files = images.encode_png, []
 
-    def failing(pixels: np.ndarray, level: int) -> bytes:
+    def failing(pixels: np.ndarray) -> bytes:
         written_files.append(1)
         if len(written_files) > 1:  # after the indices and the first image
             raise kind
-        return real(pixels, level)
+        return real(pixels)
 
     monkeypatch.setattr(images, "encode_png", failing)
     with pytest.raises(UserError if isinstance(kind, OSError) else KeyboardInterrupt) as caught:

@@ -40,7 +40,7 @@ def image(file: Path) -> np.ndarray:
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_files_keys_types_and_frame_are_the_published_ones_and_no_others(options, tmp_path: Path) -> None:
     shape = {"block_size": 6, "grid_blocks": (3, 4, 2), "style": "blob", **options}
-    save_pack(random_pack(np.random.default_rng(3), **shape), tmp_path / "pack", png_level=1)
+    save_pack(random_pack(np.random.default_rng(3), **shape), tmp_path / "pack")
     params = json.loads((tmp_path / "pack" / "scene_params.json").read_text(encoding="utf-8"))
     count = params["num_slices"]
     assert 4 * (count - 1) < params["atlas_depth"] <= 4 * count
@@ -78,7 +78,7 @@ def test_an_index_is_x_y_z_and_leads_to_the_voxels_of_its_place_in_the_grid(tmp_
     indices, rgba, _ = atlas_from_dense(place, None, size, np.ones(blocks[::-1], bool))
     pack = random_pack(np.random.default_rng(0), block_size=size, grid_blocks=blocks, whole_blocks=True, diffuse=True)
     pack = replace(pack, atlas_indices=indices, atlas_rgba=rgba)
-    save_pack(pack, tmp_path / "pack", png_level=1)
+    save_pack(pack, tmp_path / "pack")
     groups = [image(file) for file in sorted((tmp_path / "pack").glob("rgba_*.png"))]
     lines = image(tmp_path / "pack" / "atlas_indices.png")[..., :3]  # all y of one z, then of the next
     assert {group.shape for group in groups} == {

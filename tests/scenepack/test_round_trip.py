@@ -29,7 +29,7 @@ from tests.scenepack.volumes import atlas_from_dense
 @given(pack=packs(block_sizes=(3, 14), ndc=None), as_zip=st.booleans())
 def test_any_valid_pack_survives_saving_and_loading(tmp_path: Path, pack, as_zip: bool) -> None:
     path = tmp_path / "deep" / "er" / ("pack.zip" if as_zip else "pack")
-    save_pack(pack, path, png_level=0)
+    save_pack(pack, path)
     assert same_pack(load_pack(path), pack)
 
 
@@ -39,7 +39,7 @@ def test_a_real_pack_round_trips_byte_for_byte_in_pixels_and_key_for_key(tmp_pat
         pack = load_pack(source)
     assert pack.view_mlp is None and pack.atlas_rgba.shape == (32, 1024, 1024, 4)
     assert not [finding for finding in check_pack(pack) if finding.severity == "error"]
-    save_pack(pack, tmp_path / "pack", png_level=1)
+    save_pack(pack, tmp_path / "pack")
     del pack
     assert {f.name for f in source.iterdir()} == {f.name for f in (tmp_path / "pack").iterdir()}
     for file in source.glob("*.png"):

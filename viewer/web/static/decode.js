@@ -69,12 +69,14 @@ function decodeChunk(bits, differences, first, layout, atlas) {
           const total = rgba[i + 3] + rgba[j + 3] + rgba[k + 3];
           const mean = filled ? Math.floor((2 * total + filled) / (2 * filled)) : 0;
           const alpha = (differences[3 * stored + next] + mean) & 255;
+          const green = differences[stored + next];
           for (let part = 0; part < parts; part++) {
             const volume = volumes[part];
             for (let c = 0; c < 4; c++) {
               const sum = volume[i + c] + volume[j + c] + volume[k + c];
               const predicted = total ? Math.min(Math.floor((2 * sum * alpha + total) / (2 * total)), 255) : 0;
-              volume[4 * voxel + c] = (differences[(4 * part + c) * stored + next] + predicted) & 255;
+              const shared = part === 0 && c !== 1 ? green : 0; // by red and blue; alpha is set below
+              volume[4 * voxel + c] = (differences[(4 * part + c) * stored + next] + shared + predicted) & 255;
             }
           }
           rgba[4 * voxel + 3] = alpha;
