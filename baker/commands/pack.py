@@ -83,7 +83,7 @@ def convert(pack: Path, /, out: Path, codec: str = "avif", quality: int | None =
     Args:
         pack: The pack, a folder or a .zip.
         out: Folder of the new pack, or a file name that ends in .zip. A new pack replaces an old one when it is complete.
-        codec: png (the published web viewer opens it), webp (lossless, about 60 % of PNG), avif (lossy, about a third of
+        codec: png (the published web viewer opens it), webp (lossless, two thirds of PNG), avif (lossy, about a third of
             PNG), h264 (lossy, the paper's; needs PyAV) or jpeg (lossy).
         quality: Quality of a lossy codec, 1 (smallest) ... 100 (best). The default is 83 for avif, 85 for h264, 95 for jpeg.
         force: Let a lossy codec replace the pack that is converted. What is lost then cannot be brought back.
