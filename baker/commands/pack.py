@@ -96,8 +96,7 @@ def convert(pack: Path, /, out: Path, codec: str = "avif", quality: int | None =
     with open_pack(pack) as reader:
         before, stored = _read_all(reader), stored_bytes(pack)
     with progress("encoding", 1) as bar:
-        save_pack(before, out, codec=codec, quality=quality,
-                  on_progress=lambda done, total: bar.update(done / total))  # fmt: skip
+        save_pack(before, out, codec=codec, quality=quality, on_progress=lambda done, total: bar.update(done / total))
     print(f"{out}: {codec}, {_size(out, stored)}")
 
 

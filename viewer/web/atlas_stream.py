@@ -8,9 +8,8 @@ the three voxels before it (in x, y and z, in the same macroblock) that hold any
     a:    S[3] / n            c != 3:    min(255, S[c] a / S[3])            rounded; 0 where it would divide by 0.
 
 Colours are premultiplied, so it is the colour S[c] / S[3] that continues from voxel to voxel. The differences of red and blue are
-stored less that of green, which they mostly share. What is left is noise: Huffman codes and
-runs are smaller than with references to what came before, in a fiftieth of the time. Every browser brings the inflater, and no
-picture decoder can change a byte.
+stored less that of green, which they mostly share. What is left is noise: DEFLATE without references to earlier bytes makes it
+smaller, in a fiftieth of the time. Every browser brings the inflater, and no picture decoder can change a byte.
 """
 
 import zlib
@@ -47,7 +46,7 @@ def compressed_chunks(pack: Pack, *, features: bool, padding: bool) -> Iterator[
         copies = [np.concatenate([block_copy(pack, atlas, block)[inside] for atlas in atlases], -1) for block in some]
         filled, differences = differences_from_prediction(np.stack(copies))
         bits = np.packbits(filled, bitorder="little")
-        compressor = zlib.compressobj(memLevel=9, strategy=zlib.Z_RLE)
+        compressor = zlib.compressobj(memLevel=9, strategy=zlib.Z_RLE)  # which refers to the byte before only
         yield zlib.compress(bits.tobytes(), 9), compressor.compress(differences.tobytes()) + compressor.flush()
 
 
