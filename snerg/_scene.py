@@ -301,7 +301,7 @@ class Geometry:
 
 # --- A window of its own, or a cell of a notebook ---
 
-LARGEST_PAGE = 64 << 20  # bytes that a cell of a notebook may hold
+LARGEST_PAGE = 42 << 20  # bytes that a cell may hold; a notebook takes half as many again, in UTF-8
 
 
 @with_snerg_errors
@@ -348,7 +348,6 @@ def _display_in_cell(scene: Scene, size: tuple[int, int]) -> None:
 
         display.display(Image.fromarray(scene.render(size=size)))
         return
-    frame = (
-        f'<iframe srcdoc="{html.escape(page.decode())}" width="{size[0]}" height="{size[1]}" style="border:0"></iframe>'
-    )
+    text = html.escape(page.decode("utf-16"))
+    frame = f'<iframe srcdoc="{text}" width="{size[0]}" height="{size[1]}" style="border:0"></iframe>'
     display.display(display.HTML(frame))

@@ -139,7 +139,7 @@ def test_a_scene_is_saved_as_a_pack_and_as_a_page(toy: Path, tmp_path: Path) -> 
     again = snerg.load(tmp_path / "again")
     assert again.metadata == scene.metadata | {"codec": "webp"} and len(again.cameras) == 1
     scene.save(tmp_path / "page.html", title="A <toy>")
-    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    page = (tmp_path / "page.html").read_text(encoding="utf-16")
     assert page.startswith("<!") and "A &lt;toy&gt;" in page
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("do not lose this")

@@ -85,14 +85,13 @@ def test_an_avif_pack_is_that_of_the_desktop(diffuse, show, filmed):
 def test_an_avif_pack_stays_coarse_where_the_browser_decodes_no_films(browser, tmp_path, filmed):
     content = filmed(shapes_pack())
     assert content.source is not None
-    page = scene_page(load_pack(content.source), content).decode()
+    page = scene_page(load_pack(content.source), content).decode("utf-16")
     start = page.rindex('class="data">') + 13
     middle = (start + page.index("</script>", start)) // 2
-    middle -= (middle - start) % 4
     damaged = page[:middle] + "A" * 400 + page[middle + 400 :]
     for text, script, words in ((page, NO_DECODER, "does not decode AV1"), (damaged, "", "damaged")):
         file = tmp_path / "films.html"
-        file.write_text(text)
+        file.write_text(text, encoding="utf-16")
         with browser.before_scripts(script):
             browser.open(file.as_uri())
             browser.evaluate("snerg.ready.then(() => true)")
@@ -102,12 +101,12 @@ def test_an_avif_pack_stays_coarse_where_the_browser_decodes_no_films(browser, t
 
 @pytest.mark.slow
 def test_damaged_data_are_told_and_never_shown(browser: Browser, tmp_path: Path) -> None:
-    page = scene_page(shapes_pack(), PageContent("test")).decode()
+    page = scene_page(shapes_pack(), PageContent("test")).decode("utf-16")
     start = page.index('class="data">') + 13
     middle = start + (page.index("</script>", start) - start) // 2
-    for damaged in (page[:middle] + "AAAAAAAA" + page[middle + 8 :], page[:start] + page[middle // 4 * 4 :]):
+    for damaged in (page[:middle] + "AAAAAAAA" + page[middle + 8 :], page[:start] + page[middle:]):
         file = tmp_path / "damaged.html"
-        file.write_text(damaged)
+        file.write_text(damaged, encoding="utf-16")
         browser.open(file.as_uri())
         assert browser.evaluate("snerg.ready.then(() => 'shown', () => 'refused')") == "refused"
         assert browser.evaluate("document.getElementById('notice').className") == "failed"

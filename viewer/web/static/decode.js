@@ -1,9 +1,8 @@
 // The worker that unpacks a scene: the other end of viewer/web/atlas_stream.py, which has the notation.
 //
-// Receives { data: a Blob of bytes or of their base64, inside: whether of their base64, level: of the page's description }. Answers
-// { progress } while it works; { grids: { indirection, skipGrid, hull } }, bytes of the textures and of the hull's corners; { slot,
-// texels } for each macroblock, which shall be sent back, since browsers would keep their memory for a while; and at the end {}.
-// { error } where the file is damaged.
+// Receives { data: a Blob, level: of the page's description }. Answers { progress } while it works; { grids: { indirection, skipGrid,
+// hull } }, bytes of the textures and of the hull's corners; { slot, texels } for each macroblock, which shall be sent back, since
+// browsers would keep their memory for a while; and at the end {}. { error } where the file is damaged.
 //
 // The atlas is an array by slot: Uint32Array of block × block × width voxels, the features beside the rest along x. A macroblock is
 // kept as long as others look at it: three layers of the grid, where not all is decoded at once.
@@ -18,22 +17,9 @@ function texelsOf(slot, atlas, { width, block }) {
   return atlas[slot];
 }
 
-function bytesOfBase64(text) {
-  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
-  const characters = atob(text);
-  const bytes = new Uint8Array(characters.length);
-  for (let i = 0; i < bytes.length; i++) bytes[i] = characters.charCodeAt(i);
-  return bytes;
-}
-
 // A section of the data, inflated.
-async function inflate({ data, inside }, [offset, length]) {
-  let section = data.slice(offset, offset + length);
-  if (inside) {
-    const first = Math.floor(offset / 3); // groups of three bytes are four characters
-    const text = await data.slice(4 * first, 4 * Math.ceil((offset + length) / 3)).text();
-    section = new Blob([bytesOfBase64(text).subarray(offset - 3 * first, offset - 3 * first + length)]);
-  }
+async function inflate(data, [offset, length]) {
+  const section = data.slice(offset, offset + length);
   return new Uint8Array(await new Response(section.stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer());
 }
 
@@ -132,10 +118,10 @@ const DAMAGED = "the scene's data are damaged";
 const NO_FILMS = "This browser does not decode AV1 in 4:4:4. Chrome, Edge and Firefox do, from disk and over https.";
 
 // each(number, planes): called for every frame, with its planes [bytes, bytes from row to row].
-async function playFilm(source, { codec, at, sizes }, codedWidth, codedHeight, each) {
+async function playFilm(data, { codec, at, sizes }, codedWidth, codedHeight, each) {
   const settings = { codec, codedWidth, codedHeight, hardwareAcceleration: /** @type {const} */ ("prefer-software") };
   if (!("VideoDecoder" in self) || !(await VideoDecoder.isConfigSupported(settings)).supported) throw new Error(NO_FILMS);
-  const samples = await inflate(source, at);
+  const samples = await inflate(data, at);
   let [number, from, buffer] = [0, 0, new Uint8Array(0)];
   let copied = Promise.resolve();
   const copy = async (frame) => {
@@ -150,8 +136,8 @@ async function playFilm(source, { codec, at, sizes }, codedWidth, codedHeight, e
   });
   decoder.configure(settings);
   for (const [i, size] of sizes.entries()) {
-    const data = samples.subarray(from, from + size);
-    decoder.decode(new EncodedVideoChunk({ type: i ? "delta" : "key", timestamp: i, data }));
+    const sample = samples.subarray(from, from + size);
+    decoder.decode(new EncodedVideoChunk({ type: i ? "delta" : "key", timestamp: i, data: sample }));
     from += size;
     while (decoder.decodeQueueSize > FRAMES_AHEAD) await new Promise((resolve) => decoder.addEventListener("dequeue", resolve, { once: true }));
     await copied;
@@ -179,9 +165,9 @@ function inPlane({ corner, shape: [width, height] }, z, layout, indirection, [nx
     }
 }
 
-async function decodePiece(source, piece, layout, indirection, grid, atlas, onFrame) {
+async function decodePiece(data, piece, layout, indirection, grid, atlas, onFrame) {
   const { shape: [width, height], films } = piece;
-  const occupied = await inflate(source, piece.occupied);
+  const occupied = await inflate(data, piece.occupied);
   const cubes = [width, height].map((side) => (side + 1) >> 1); // a byte for each 2³ voxels
   const isOccupied = (x, y, z) =>
     (occupied[(x >> 1) + cubes[0] * ((y >> 1) + cubes[1] * (z >> 1))] >> (7 - (x & 1) - 2 * (y & 1) - 4 * (z & 1))) & 1;
@@ -211,7 +197,7 @@ async function decodePiece(source, piece, layout, indirection, grid, atlas, onFr
     colour(second),
     grey((value, texels, to) => { texels[to + second + 3] = times(value, texels[to + 3]); }),
   ];
-  for (const [i, film] of films.entries()) await playFilm(source, film, coded(width), coded(height), steps[i]);
+  for (const [i, film] of films.entries()) await playFilm(data, film, coded(width), coded(height), steps[i]);
 }
 
 // Words from all their low bytes, then all their high bytes.
@@ -231,14 +217,13 @@ function slotsBefore(indirection, [nx, ny, nz]) {
   return before;
 }
 
-async function decode({ data, inside, level }) {
-  const source = { data, inside };
+async function decode({ data, level }) {
   const layout = { ...level.atlas, width: level.atlas.block * (level.atlas.features ? 2 : 1) };
   const { padding, count } = layout;
   const grid = level.indirection.size;
-  const indirection = await inflate(source, level.indirection.at);
-  const skipGrid = interleaved(await inflate(source, level.skip_grid.at));
-  const hull = level.hull ? await inflate(source, level.hull) : null;
+  const indirection = await inflate(data, level.indirection.at);
+  const skipGrid = interleaved(await inflate(data, level.skip_grid.at));
+  const hull = level.hull ? await inflate(data, level.hull) : null;
   postMessage({ grids: { indirection, skipGrid, hull } });
   const before = slotsBefore(indirection, grid);
   const atlas = [];
@@ -259,11 +244,11 @@ async function decode({ data, inside, level }) {
   if (layout.pieces) {
     const frames = layout.pieces.flatMap(({ films }) => films.map(({ sizes }) => sizes.length)).reduce((sum, n) => sum + n, 0);
     const report = () => { if (!(++done % 32)) postMessage({ progress: done / frames }); };
-    for (const piece of layout.pieces) await decodePiece(source, piece, layout, indirection, grid, atlas, report);
+    for (const piece of layout.pieces) await decodePiece(data, piece, layout, indirection, grid, atlas, report);
     send(count);
   } else {
     for (const [bits, differences] of layout.chunks) {
-      done += decodeChunk(await inflate(source, bits), await inflate(source, differences), done, layout, atlas);
+      done += decodeChunk(await inflate(data, bits), await inflate(data, differences), done, layout, atlas);
       send(done);
       postMessage({ progress: done / count });
       while (away > AWAY) await new Promise((resolve) => { onReturn = resolve; });
@@ -273,7 +258,7 @@ async function decode({ data, inside, level }) {
   postMessage({});
 }
 
-// Browsers have words of their own for what cannot be inflated, played or read as base64.
+// Browsers have words of their own for what cannot be inflated or played.
 function wordsFor(error) {
   if (error instanceof RangeError || error.name === "NotReadableError") return "there is not enough memory for this scene";
   return error.message === NO_FILMS ? NO_FILMS : DAMAGED;

@@ -316,7 +316,9 @@ async function follow() {
     try {
       const answer = await fetch(location.pathname, { headers: { "If-None-Match": tag } });
       if (answer.status !== 200) continue;
-      const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+      const bytes = new Uint8Array(await answer.arrayBuffer());
+      const letters = new TextDecoder(bytes[0] === 0xff ? "utf-16" : "utf-8").decode(bytes); // the finished pack has files
+      const page = new DOMParser().parseFromString(letters, "text/html");
       const text = page.getElementById("scene").textContent;
       if (text !== shown) await load(sceneOf(await read(page), page));
       shown = text;

@@ -11,11 +11,24 @@ export function sceneOf(scene, page = document) {
   return scene;
 }
 
-// The data of a level, or their base64 where they are inside the page. onProgress: called with the share that has arrived.
+const FIRST_LETTER = 0x5000;
+
+// The bytes of letters that hold 15 bits each: viewer/web/page.py.
+function bytesOf(letters) {
+  const bytes = new Uint8Array((15 * letters.length) / 8);
+  let [bits, known, at] = [0, 0, 0];
+  for (let i = 0; i < letters.length; i++) {
+    bits = (bits << 15) | (letters.charCodeAt(i) - FIRST_LETTER);
+    for (known += 15; known >= 8; known -= 8) bytes[at++] = bits >> (known - 8);
+  }
+  return bytes;
+}
+
+// The data of a level. onProgress: called with the share that has arrived.
 async function dataOf(scene, index, onProgress) {
   const inside = scene.inside[index];
   if (inside) {
-    const data = new Blob([inside.textContent]); // outside of the page's memory
+    const data = new Blob([bytesOf(inside.textContent)]); // outside of the page's memory
     inside.textContent = "";
     return data;
   }
@@ -38,8 +51,7 @@ async function dataOf(scene, index, onProgress) {
 
 // Unpacks a level into the textures of a renderer. onProgress: called with the share that is done.
 export async function unpack(scene, index, renderer, onProgress) {
-  const inside = index in scene.inside;
-  const begun = inside ? 0 : 0.5;
+  const begun = index in scene.inside ? 0 : 0.5;
   const data = await dataOf(scene, index, (share) => onProgress(begun * share));
   const { worker } = scene;
   return new Promise((resolve, reject) => {
@@ -57,6 +69,6 @@ export async function unpack(scene, index, renderer, onProgress) {
         reject(problem);
       }
     };
-    worker.postMessage({ data, inside, level: scene.levels[index] });
+    worker.postMessage({ data, level: scene.levels[index] });
   });
 }

@@ -55,7 +55,7 @@ def test_the_scene_is_exported_as_a_web_page(shown: App, tmp_path: Path) -> None
     shown.file_request.then(tmp_path / "scene.html")
     until(lambda: shown.exporting.tick(shown) or shown.exporting.writing is None)
     assert not shown.messages.dialogs
-    assert (tmp_path / "scene.html").read_bytes().startswith(b"<!doctype html>")
+    assert (tmp_path / "scene.html").read_text(encoding="utf-16").startswith("<!doctype html>")
 
 
 def test_a_failure_is_a_dialog_with_the_commands_own_line(shown: App, tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_the_scene_is_shared_as_it_is_seen_until_that_is_stopped(shown: App, pac
     try:
         until(lambda: app.sharing.tick(app) or server.address != "")
         with urlopen(server.address, timeout=20) as answer:
-            page = described(answer.read())
+            page = described(answer.read().decode())
         assert page["title"] == app.open_scene.name and page["path"]["frames"]
         assert page["levels"][-1]["box"][1][0] == pytest.approx(0.5 * pack.grid_size[0], abs=1)
         home = page["camera"]["home"]
