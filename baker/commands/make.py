@@ -23,10 +23,6 @@ from training.posing.find import FRAMES, SCENE, posed_scene
 from training.scenes.presets import BAKED_AS_THE_PAPER, PRESETS, BakeablePreset, names_with_about
 from training.scenes.sources import FEWEST, require_source
 
-DESCRIPTION = (
-    "Turns photographs or a film into a scene that you can fly through: finds camera poses, trains, bakes, "
-    "and opens the viewer."
-)
 PRESET_HELP = f"Named settings: {names_with_about(BakeablePreset)}."
 
 
@@ -53,7 +49,8 @@ def snerg_make(
     previews: float = 0.0,
     no_view: bool = False,
 ) -> None:
-    """Finds camera poses, trains, bakes and opens the viewer. If it stops, the same command line continues.
+    """Turns photographs or a film into a scene that you can fly through: finds camera poses, trains, bakes, and opens the viewer.
+    If it stops, the same command line continues.
 
     Args:
         scene: Folder of photographs, or a film. If the folder has no camera poses, they are found first. docs/scenes.md lists
@@ -134,7 +131,11 @@ def snerg_make(
             if asked is not None and asked != before:
                 raise UserError("a run cannot change how its scene is read", where=option, expected=before or "none",
                                 found=asked, remedy="leave it out, or choose another --out")  # fmt: skip
+        asked = dataclasses.replace(config, engine=stored.config.engine)
         config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
+        if asked != config:
+            kept = f"{run_path}: goes on with the settings that it began with; for others, choose another --out"
+            warnings.warn(Notice(kept), stacklevel=2)
     else:
         downscale = downscale or suggested_downscale(scene, PRESETS[preset].longest_side)
     options = SceneOptions(downscale or 1, spherify or None, masks, box, upwards)
@@ -160,7 +161,7 @@ def _check(scene: Path, out: Path, frames: int, json: Path | None) -> None:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    return run_command(snerg_make, prog="snerg-make", description=DESCRIPTION, args=args)
+    return run_command(snerg_make, prog="snerg-make", args=args)
 
 
 if __name__ == "__main__":
