@@ -8,7 +8,7 @@
 The names in `__all__` are public. Modules that begin with an underscore, and all other packages of this installation, are
 private: they change without notice.
 
-Frames. `grid`: the pack's own frame, y up, in which the viewer shows coordinates. `world`: the training frame, in which the
+Frames. `grid`: the pack's own frame, y up. `world`: the training frame, in which the
 photographs' poses are. Both are right-handed (but `grid` of forward-facing scenes, which mirrors z) and have the scene's own unit
 of length. Cameras have OpenGL axes: x right, y up, z back. Pixel (x, y) is seen through (x + 0.5, y + 0.5), y down.
 
