@@ -3,7 +3,6 @@
 import json
 import os
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,6 @@ from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.texture_limits import limit_textures
-from tools.card.__main__ import main as card_report
 from viewer.commands.bench import main as snerg_bench
 from viewer.commands.render import main as snerg_render
 
@@ -91,12 +89,6 @@ def test_snerg_pack_refuses_what_cannot_be_and_writes_nothing(words, expected, p
     out = ["--to", tmp_path / options.pop(0)] if command == "export" else ["--out", tmp_path / "new"]
     assert expected in refused(snerg_pack, command, places["pack"], *out, *options)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("words", ["--size 0x3", "--frames 0", "--minutes 0", "--train-minutes 30", "--pack nowhere"])
-def test_so_does_the_report_of_a_card(words: str, refused: Callable[..., str], tmp_path: Path) -> None:
-    assert refused(card_report, "--out", tmp_path / "card", *words.split())
-    assert not (tmp_path / "card").exists()
 
 
 @pytest.mark.parametrize("command, words", [(snerg_eval, "--scene {scene}"), (snerg_bench, "--frames 1 --size 48x36")])

@@ -1,7 +1,6 @@
 """Progress: plain lines, rarely, with the time left once it can be told; and in a file, for programs that start our commands."""
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -10,7 +9,6 @@ from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -125,16 +123,7 @@ def test_a_change_of_speed_is_followed_without_a_jump() -> None:
     assert known[-50] == pytest.approx(150, rel=0.25)  # 50 units of 3 s
 
 
-# Programs that start our commands, and those that we start: progress in a file, odd JSON, an end that comes with theirs
-
-WAITS = """
-import sys, time
-from console import run_command
-def wait():
-    print("ready", flush=True)
-    time.sleep(60)
-sys.exit(run_command(wait, prog="waits", args=[]))
-"""
+# Programs that start our commands, and those that we start: progress in a file, odd JSON
 
 
 @pytest.fixture
@@ -187,22 +176,6 @@ def test_a_file_that_cannot_be_written_does_not_stop_the_work(tmp_path: Path, mo
     with progress("training", 10) as bar:
         bar.update(10)
     assert bar.done == 10
-
-
-@pytest.mark.parametrize("set_", [True, False])
-def test_the_end_of_standard_input_is_ctrl_c_where_it_is_asked_for(set_: bool) -> None:
-    env = {**os.environ, **({"SNERG_ENDS_WITH_STDIN": "1"} if set_ else {})}
-    pipes: Any = {name: subprocess.PIPE for name in ("stdin", "stdout", "stderr")}
-    with subprocess.Popen([sys.executable, "-c", WAITS], env=env, **pipes) as child:
-        assert child.stdout is not None and child.stdin is not None and child.stderr is not None
-        assert child.stdout.readline() == b"ready\n"
-        child.stdin.close()
-        if set_:
-            assert child.wait(30) == 130 and b"interrupted" in child.stderr.read()
-        else:
-            with pytest.raises(subprocess.TimeoutExpired):
-                child.wait(0.5)
-            child.kill()
 
 
 # JSON that nobody writes by mistake

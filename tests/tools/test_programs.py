@@ -1,6 +1,5 @@
-"""Programs for makers of the project: the report of a card, the profile of a step, procedural scenes."""
+"""Programs for makers of the project: the report of a card, which users are asked for (docs/card.md)."""
 
-import dataclasses
 import json
 import re
 from pathlib import Path
@@ -11,15 +10,8 @@ from PIL import Image
 
 from scenepack import Pack, save_pack
 from tests.messages import without_progress
-from tests.stored_runs import STORED
 from tools.card import __main__ as card_report
 from tools.card.parts import Budget, Skipped
-from tools.procedural.__main__ import procedural
-from tools.profile_step import PARTS
-from tools.profile_step import main as profile_step
-from training.config import QUICK
-from training.multires.config import MultiresConfig
-from training.scenes import load_scene
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("hardly_optimised")]
 SHORT = ["--size", "48x36", "--frames", "3", "--views", "2", "--power-seconds", "0.05"]
@@ -80,36 +72,3 @@ def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(folder, tmp_
     parts = json.loads((out / "report.json").read_text())["parts"]
     assert parts["device"]["status"] == "failed" and "broken" in parts["device"]["traceback"]
     assert parts["pack shapes"]["status"] == "done" and "the driver is moody" in (out / "report.md").read_text()
-
-
-# The profile of a step
-
-SMALL = MultiresConfig(resolutions=(8, 16), occupancy=16, samples_per_step=2048, steps_across=(16, 16, 16))
-TINY = dataclasses.replace(QUICK, steps=20, multires=SMALL)
-
-
-def test_photographs_become_a_table_and_json(procedural_path, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("training.config.PRESETS", {"quick": TINY})
-    words = [str(procedural_path), "--steps", "3", "--rounds", "2"]
-    assert profile_step([*words, "--json", str(tmp_path / "p.json"), "--markdown", str(tmp_path / "p.md")]) == 0
-    figures = json.loads((tmp_path / "p.json").read_text())
-    assert figures["step"] == 3 and figures["step_ms"] > 0 and figures["samples_per_cpu_second"] > 0
-    assert set(figures["parts"]) == set(PARTS[figures["engine"]])
-    assert capsys.readouterr().out == (tmp_path / "p.md").read_text()
-
-
-def test_only_runs_of_the_field_can_be_profiled(capsys: pytest.CaptureFixture[str]) -> None:
-    assert profile_step([str(STORED / "nerf")]) == 2
-    assert "only the multi-resolution field can be profiled" in capsys.readouterr().err
-
-
-# Procedural scenes
-
-
-@pytest.mark.parametrize("name", ["glass", "wires"])
-def test_the_program_writes_each_arrangement(name, tmp_path):
-    procedural(tmp_path / "a", scene=name, size=16, views=2, subpixels=1)
-    assert {split: len(views) for split, views in load_scene(tmp_path / "a").splits.items()} == {"train": 2, "test": 2}
-    procedural(tmp_path / "b", size=16, views=2, subpixels=1)
-    one, other = (load_scene(tmp_path / folder).splits["train"][0].load() for folder in "ab")
-    assert not np.array_equal(one, other), "it is not the demo's"

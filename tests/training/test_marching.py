@@ -103,16 +103,3 @@ def test_a_contracted_ray_is_a_path_through_the_contracted_points_of_the_ray() -
         np.testing.assert_allclose(found.points(jnp.arange(200), s), there, atol=2e-3)
         np.testing.assert_allclose(grid_points(box, points), there, atol=2e-3)
     np.testing.assert_allclose(found.times(0 * found.end), 0.3, atol=1e-6)
-    fused = pytest.importorskip("training.multires.fused.rays", reason="pip install 'snerg[train]'")
-    batch = fused.empty_batch(200, inner)
-    fused.take_rays(
-        *(np.asarray(a) for a in (rays.origins, rays.directions, rays.near, rays.far)), inner, np.full(3, -2 * inner),
-        np.full(3, 4 * inner / side), np.full(3, side, np.int32), batch,
-    )  # fmt: skip
-    for name in ("start", "end", "length"):
-        np.testing.assert_allclose(getattr(batch, name), getattr(found, name), rtol=1e-4, atol=1e-4)
-    for share in (0.1, 0.5, 0.95):
-        s = np.float32(share) * batch.end
-        piece = (batch.begins <= s[:, None]).sum(1) - 1
-        at = batch.origins[np.arange(200), piece] + s[:, None] * batch.directions[np.arange(200), piece]
-        np.testing.assert_allclose(at, found.points(jnp.arange(200), jnp.asarray(s)), atol=2e-3)

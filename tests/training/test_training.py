@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
@@ -23,14 +22,7 @@ from console.progress import Progress
 from console.progress_protocol import PROGRESS, read_report
 from tests.compiling import as_users_have_it
 from tests.stored_runs import SCENE, STORED
-from training.checkpoints import (
-    from_arrays,
-    list_checkpoints,
-    read_checkpoint,
-    read_newest_checkpoint,
-    to_arrays,
-    write_checkpoint,
-)
+from training.checkpoints import from_arrays, read_newest_checkpoint, to_arrays, write_checkpoint
 from training.commands.train import main
 from training.config import PRESETS as CONFIGS
 from training.config import TINY, from_json
@@ -257,25 +249,6 @@ def test_no_checkpoint_and_no_readable_one_are_errors_with_a_remedy(tmp_path: Pa
     write_checkpoint(tmp_path, 10, ARRAYS).write_bytes(b"nonsense")
     with pytest.warns(Notice), pytest.raises(UserError, match="can be read"):
         read_newest_checkpoint(tmp_path)
-
-
-def test_a_writer_killed_at_any_moment_leaves_a_readable_checkpoint(tmp_path: Path):
-    code = (
-        "import sys, numpy as np; from pathlib import Path; from training.checkpoints import write_checkpoint\n"
-        "for step in range(1, 10**6):\n"
-        "    write_checkpoint(Path(sys.argv[1]), step, {'a': np.full(400_000, step, np.float32)})\n"
-    )
-    for round_, delay in enumerate((0.02, 0.05, 0.09)):
-        folder = tmp_path / str(round_)
-        writer = subprocess.Popen([sys.executable, "-c", code, str(folder)])
-        while not list_checkpoints(folder):
-            time.sleep(0.005)
-        time.sleep(delay)
-        writer.send_signal(signal.SIGKILL)
-        writer.wait()
-        for step, path in list_checkpoints(folder):
-            read, arrays = read_checkpoint(path)
-            assert read == step and (arrays["a"] == step).all()
 
 
 def test_arrays_of_another_shape_or_a_missing_one_are_refused():

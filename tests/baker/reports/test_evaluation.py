@@ -15,7 +15,6 @@ from baker.reports.evaluation import evaluate, reading_of
 from scenepack import Pack, save_pack
 from tests.scenepack.helpers import small_pack
 from tests.scenepack.random_packs import random_pack
-from tools.codec_report import codec_report
 from training.scenes import Scene
 
 Spoil = Callable[[np.ndarray], np.ndarray]
@@ -92,7 +91,7 @@ def test_two_methods_are_scored_on_the_same_pixels_with_the_mask_of_one(scene, m
     assert evaluate(narrow, scene, "test", mask_of=wide)["psnr"] < 40, "what it lacks of the mask counts"
 
 
-# snerg-pack compare, and the table of codecs
+# snerg-pack compare
 
 
 @pytest.fixture(scope="module")
@@ -118,16 +117,3 @@ def test_the_json_has_each_view_and_their_means(pack: Pack, tmp_path: Path, caps
     save_pack(pack, tmp_path / "c.zip", codec="webp")
     assert main(["compare", str(tmp_path / "a"), str(tmp_path / "c.zip"), "--views", "2", "--size", "40x30"]) == 0
     assert capsys.readouterr().out.count(": identical\n") == 3, "with its lossless copy"
-
-
-def test_the_table_has_a_row_for_each_codec(pack: Pack, procedural_path: Path, tmp_path: Path, monkeypatch) -> None:
-    save_pack(pack, tmp_path / "a")
-    monkeypatch.setattr("tools.codec_report.LADDER", [("png", None), ("jpeg", 90), ("avif", None)])
-    codec_report(tmp_path / "a", scene=procedural_path, out=tmp_path / "table.md")
-    rows = json.loads((tmp_path / "table.json").read_text())
-    assert [row["codec"] for row in rows] == ["png", "jpeg", "avif"]
-    assert rows[0]["psnr_against_pack"] == 120 and rows[1]["psnr_against_pack"] < 100
-    assert all(row["bytes"] > 0 and row["encode_s"] > 0 and row["decode_s"] > 0 for row in rows)
-    table = (tmp_path / "table.md").read_text().splitlines()
-    assert len(table) == 2 + 3 and len({line.count("|") for line in table}) == 1
-    assert "lossless" in table[2] and "identical" in table[2] and "83 (default)" in table[4]

@@ -1,13 +1,13 @@
 """Why no poses are found, told in one plain line; and masks, which remedy one of the reasons."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image, ImageFilter
+from PIL import Image
 
 from baker.commands.make import main as snerg_make
 from console import Notice, UserError
@@ -140,18 +140,7 @@ def test_snerg_make_of_nothing_is_refused_in_one_line(name, content, message, mo
 
 # Photographs that people took (the folder that SNERG_DATA names)
 
-FOX, FERN, MARY = "transforms_json/fox/images", "nerf_llff_data/fern/images_4", "real_360/mary_rose/images_4"
-SIDE = 480
-
-
-def taken(real_data: Path, into: Path, scene: str, which: Sequence[int]) -> None:
-    """Copies of photographs of a scene, SIDE pixels at most."""
-    into.mkdir(exist_ok=True)
-    files = sorted((real_data / scene).iterdir())
-    for i in which:
-        with Image.open(files[i], formats=["JPEG", "PNG"]) as picture:
-            picture.thumbnail((SIDE, SIDE), Image.Resampling.LANCZOS)
-            picture.convert("RGB").save(into / f"{scene.split('/')[1]}{i:02d}.jpg", quality=92)
+FOX, FERN = "transforms_json/fox/images", "nerf_llff_data/fern/images_4"
 
 
 def test_photographs_that_share_nothing_are_refused_by_name(real_data: Path, tmp_path: Path) -> None:
@@ -166,20 +155,3 @@ def test_photographs_that_share_nothing_are_refused_by_name(real_data: Path, tmp
                 quarter.save(photographs / f"{name}{i}.jpg", quality=92)
     with pytest.raises(UserError, match=r"do not overlap enough.* match no other: fern0\.jpg, fern1\.jpg"):
         posed_scene(photographs, tmp_path / "out")
-
-
-@pytest.mark.slow
-def test_of_two_places_the_larger_is_made_and_blurred_and_repeated_pictures_are_named(real_data, tmp_path):
-    photographs = tmp_path / "photographs"
-    taken(real_data, photographs, FERN, range(9))
-    taken(real_data, photographs, MARY, (0, 30))
-    (photographs / "twice.jpg").write_bytes((photographs / "fern04.jpg").read_bytes())
-    with Image.open(photographs / "fern06.jpg", formats=["JPEG"]) as picture:
-        picture.filter(ImageFilter.GaussianBlur(8)).save(photographs / "shaken.jpg")
-    with warnings.catch_warnings(record=True, action="always") as caught:
-        scene = posed_scene(photographs, tmp_path / "out")
-    message = "\n".join(str(warning.message) for warning in caught)
-    assert "twice.jpg = fern04.jpg" in message and "blurred (shaken.jpg)" in message
-    assert "mary_rose00.jpg, mary_rose30.jpg" in message
-    names = {view.name for views in load_quietly(scene).splits.values() for view in views}
-    assert {Path(name).stem for name in names} == {f"fern{i:02d}" for i in range(9)}

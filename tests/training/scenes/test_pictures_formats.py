@@ -1,7 +1,6 @@
 """Photographs of every format become the same pictures: also of 16 bits, of floats, turned by EXIF; or are refused by name."""
 
 import io
-import os
 import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,12 +10,10 @@ import imagecodecs
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from PIL import EpsImagePlugin, Image, ImageOps, features
+from PIL import Image, ImageOps, features
 
 from console import UserError
-from tests.training.test_captures import circle, write_transforms
 from training.posing.photograph import link_or_convert, read_photograph
-from training.scenes import load_pixels, load_scene
 from training.scenes.picture_headers import SCAN, read_header
 from training.scenes.pictures import PictureLoader, as_floats, decoded, read_mask, small_picture, with_alpha
 
@@ -281,40 +278,8 @@ def test_a_mask_of_another_shape_is_refused_in_one_line(tmp_path: Path, size: tu
         PictureLoader(photograph(tmp_path), SIZE, SIZE, tmp_path / "m.png").pixels()
 
 
-# What lies under the name of a photograph is opened as a picture or not at all: no other program is started for it
-
-# All that Pillow wants to see before it hands a file to Ghostscript; 48 × 48, as the photographs are.
-EPS = b"""%!PS-Adobe-3.0 EPSF-3.0
-%%BoundingBox: 0 0 48 48
-%%EndComments
-0 0 48 48 rectfill
-showpage
-%%EOF
-"""
-
-
-@pytest.mark.skipif(os.name == "nt", reason="the stand-in for Ghostscript is a shell script")
-@pytest.mark.parametrize("suffix", [".png", ".jpg"])
-def test_postscript_named_like_a_photograph_does_not_start_ghostscript(tmp_path: Path, suffix: str, monkeypatch):
-    programs, started = tmp_path / "programs", tmp_path / "started"
-    programs.mkdir()
-    (programs / "gs").write_text(f"#!/bin/sh\ntouch '{started}'\n")
-    (programs / "gs").chmod(0o755)
-    monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
-    monkeypatch.setattr(EpsImagePlugin, "gs_binary", None)  # it remembers where it found one
-    scene = write_transforms(tmp_path / "scene", circle(4), size=(48, 48), lens={"fl_x": 50})
-    picture = write((scene / "images/001.png").rename(scene / f"images/001{suffix}"), EPS)
-    with pytest.raises(UserError, match=r"001.*found PostScript"):
-        load_pixels(load_scene(scene).splits["train"])
-    for read in (read_picture, lambda path: PictureLoader(path, (48, 48), (48, 48)).thumbnail(16)):
-        with pytest.raises(UserError, match="found PostScript"):
-            read(picture)
-    assert not started.exists()
-
-    # The trap works: whoever does not name the formats starts it.
-    with pytest.raises(Exception), Image.open(picture) as opened:  # noqa: B017
-        opened.load()
-    assert started.exists()
+# What lies under the name of a photograph is opened as a picture or not at all. (That no other program is started for it:
+# tests/fuzz/findings.jsonl.)
 
 
 @pytest.mark.parametrize(

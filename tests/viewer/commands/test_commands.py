@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from console import run_command
 from scenepack import Pack, load_pack, save_pack
 from scenepack.blocks import dense_from_pack
 from tests.scenepack.volumes import cube_pack
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.scenes import SIDE, photographed
-from tools.scaling import scaling
 from viewer.benchmark.frames import same_view
 from viewer.commands import bench, render
 from viewer.rendering import offscreen
@@ -294,21 +292,6 @@ def test_systems_that_cannot_be_compared_are_refused_in_one_line(folder, ndc_fol
     words = [places.get(word, word) for word in words]
     refused(bench.main, folder, "--frames", 1, *words, "--json", tmp_path / "a.json", *SMALL)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_the_scaling_script_plots_all_three(tmp_path: Path) -> None:
-    def run(*words: str) -> int:
-        return run_command(scaling, prog="scaling", args=["--out", *words])
-
-    assert run(str(tmp_path), "--frames", "1", "--resolutions", "40,64", "--sizes", "16,32") == 0
-    result = json.loads((tmp_path / "scaling.json").read_text())
-    assert [point["voxels"] for point in result["resolution"]] == [40, 64] and len(result["size"]) == 2
-    assert all(point["exact"] > 0 and point["paper"] > 0 for points in result.values() for point in points)
-    assert set(tmp_path.glob("*.png")) == {
-        tmp_path / f"scaling-{what}.png" for what in ("resolution", "size", "opacity")
-    }
-    assert run(str(tmp_path), "--resolutions", "5") == 2
 
 
 def test_a_context_that_is_lost_is_one_line(folder, tmp_path, monkeypatch, refused):

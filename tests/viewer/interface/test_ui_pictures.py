@@ -18,7 +18,6 @@ from console.progress_protocol import Report
 from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.offscreen_ui import OffscreenUi
-from tests.viewer.rendering.golden_variants import GOLDEN
 from tests.viewer.rendering.pictures import compare_with_golden, flip
 from tests.viewer.scenes import photographed
 from tests.viewer.waiting import not_none, until
@@ -34,7 +33,6 @@ from viewer.features.making.survey import Survey
 from viewer.features.performance.frame_stats import FrameStats
 from viewer.interface.layout import PAGES
 
-FOLDER = GOLDEN / "ui"
 SIZE = (900, 640)
 USUAL = ((800, 600), (1280, 800))
 WHOLE = [*((size, 1.0, theme) for size in USUAL for theme in THEMES), ((1920, 1080), 2.0, "dark")]
@@ -246,16 +244,4 @@ def test_whole_windows_look_as_before(window, app, compare, size, density, theme
     ui = window(size, density)
     app.set_theme(theme)
     app.interface.opens("view")
-    compare(ui, _whole_name(size, theme))
-
-
-def _whole_name(size: tuple[int, int], theme: str) -> str:
-    return f"whole-{size[0]}x{size[1]}-{theme}"
-
-
-def test_no_picture_is_left_over():
-    names = {f"page-{page.id}" for page in PAGES}
-    names |= {"start", "small-bar", "small-page", "small-keys", "export", *WINDOWS}
-    names |= {f"make-{what}" for what in ("scene", "again", "run", "refused", "job")}
-    names |= {_whole_name(size, theme) for size, _, theme in WHOLE}
-    assert {path.stem for path in FOLDER.glob("*.png")} == names
+    compare(ui, f"whole-{size[0]}x{size[1]}-{theme}")

@@ -1,4 +1,4 @@
-"""Drivers: work-arounds for software rasterisers, the message where OpenGL is too old, and constants in shaders."""
+"""Drivers: work-arounds for software rasterisers, the message where OpenGL is too old, and numbers in shaders."""
 
 import os
 import platform
@@ -11,17 +11,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import moderngl
 import numpy as np
 import pytest
 
-from scenepack import constants
 from tests.viewer.window.running import ROOT, run_view
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
-from viewer.rendering.opengl import DRIVER_CHOICES, OVERRIDE, Drawing, GpuClock, is_software, opengl_refusal
+from viewer.rendering.opengl import DRIVER_CHOICES, OVERRIDE, GpuClock, is_software, opengl_refusal
 from viewer.rendering.settings import RenderSettings
-from viewer.rendering.shader_source import assemble, glsl_float, shared_constants
+from viewer.rendering.shader_source import glsl_float
 from viewer.rendering.software_rasteriser import HUGE, huge_pages, move_to_huge_pages
 
 # What a software rasteriser allocates ends in huge pages, and its contents stay
@@ -143,7 +141,7 @@ def test_no_driver_is_told_with_what_to_install(display, pack_folder, tmp_path, 
     assert done.returncode == 2 and "install a graphics driver" in line and "libgl1-mesa-dri" in line
 
 
-# Injected numbers, and the constants of Python in shaders
+# Injected numbers
 
 
 def test_numbers_survive_the_way_into_a_shader_and_nothing_else_does() -> None:
@@ -153,21 +151,3 @@ def test_numbers_survive_the_way_into_a_shader_and_nothing_else_does() -> None:
     for value in (float("nan"), float("inf"), "1.0); discard; (", "0; }"):
         with pytest.raises(ValueError):
             glsl_float(value)  # type: ignore[arg-type]
-
-
-# The numbers that Python and GLSL share: shaders see Python's values
-
-
-def test_a_shader_computes_with_the_values_that_python_has(ctx: moderngl.Context) -> None:
-    names = [line.split()[1] for line in shared_constants().splitlines()]
-    inputs, hidden, *_ = constants.VIEW_MLP_WIDTHS
-    known = {**vars(constants), "VIEW_INPUTS": inputs, "VIEW_HIDDEN": hidden, "PI": np.pi}
-    values = ", ".join(f"float({name})" for name in names)
-    main = f"void main() {{ value = float[]({values})[int(gl_FragCoord.x)]; }}"
-    text = f'#version 330 core\n#include "constants"\nout float value;\n{main}\n'
-    drawing = Drawing(ctx, assemble("fullscreen.vert"), assemble("all", generated={"all": text}))
-    target = ctx.framebuffer([ctx.texture((len(names), 1), 1, dtype="f4")])
-    target.use()
-    drawing.draw(3)
-    found = np.frombuffer(target.read(components=1, dtype="f4"), np.float32)
-    assert dict(zip(names, found, strict=True)) == {name: np.float32(known[name]) for name in names}

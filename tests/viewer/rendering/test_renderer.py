@@ -10,7 +10,7 @@ import pytest
 from console import Notice, UserError
 from scenepack import Pack
 from tests.scenepack.random_packs import random_pack
-from tests.viewer.rendering.golden_variants import GOLDEN, VARIANTS, camera_for
+from tests.viewer.rendering.golden_variants import VARIANTS, camera_for
 from tests.viewer.rendering.pictures import compare_with_golden
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.texture_limits import limit_textures
@@ -25,7 +25,6 @@ from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 from viewer.rendering.renderer import Renderer
 from viewer.rendering.settings import MODES, RenderSettings
-from viewer.rendering.skip_grid import chebyshev_distances
 
 
 @pytest.fixture
@@ -184,17 +183,6 @@ def arrived(scene: GpuScene, pack: Pack) -> np.ndarray:
     return indirection[1:-1, 1:-1, 1:-1, 3][pack.occupied] == 0
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_chebyshev_distances_are_those_of_a_plain_search(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    content = rng.random((9, 12, 7)) < (0.01, 0.1)[seed % 2]
-    content[tuple(rng.integers(0, n) for n in content.shape)] = True
-    places = np.argwhere(content)
-    everywhere = np.moveaxis(np.indices(content.shape), 0, -1)
-    expected = np.abs(everywhere[..., None, :] - places).max(axis=-1).min(axis=-1)
-    assert np.array_equal(chebyshev_distances(content), expected)
-
-
 # Packs that are too large for the card: half the resolution, the same place, a warning with both sizes
 
 
@@ -259,7 +247,3 @@ def test_each_picture_looks_as_before(request: pytest.FixtureRequest, offscreen,
     picture = renderer.render(camera_for(renderer.pack), wanted)
     assert picture.std() > 5, "there is nothing to see"
     compare_with_golden(request.config, renderer.ctx.info["GL_RENDERER"], name, picture)
-
-
-def test_no_golden_picture_is_left_over() -> None:
-    assert {path.stem for path in GOLDEN.glob("*.png")} <= set(VARIANTS)

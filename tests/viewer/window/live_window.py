@@ -5,7 +5,6 @@ is opened while another test's EGL context is current in the same thread.
 """
 
 import os
-import sys
 import time
 from typing import Any
 
@@ -15,11 +14,8 @@ import pytest
 
 from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
-from tests.viewer.features.making.conftest import FAKE
 from tests.viewer.screen import SCREEN
 from tests.viewer.window.conftest import SIZE, pump, wait
-from viewer.app.application import App
-from viewer.features.making.make_plan import Plan
 from viewer.window.window import Window
 
 
@@ -126,20 +122,8 @@ def test_the_arrow_keys_turn_slide_and_fly(window, xdotool, act):
         assert np.argmax(np.abs(way)) == axis and np.sign(way[axis]) == sign, arrow
 
 
-def test_closing_asks_while_a_scene_is_made_and_leaves_no_child(window, tmp_path, monkeypatch):
-    app = window.app
-    monkeypatch.setattr(Plan, "command", lambda plan: [sys.executable, str(FAKE), "wait", str(tmp_path)])
-    app.making.plan = Plan("scene", tmp_path / "photographs", tmp_path)
-    app.making.start(app)
-    wait(window, (tmp_path / "pid").exists)
-    glfw.set_window_should_close(window.handle, True)  # the cross; the loop answers it with a question
-    ask = app.making.ask_to_quit
-
-    def answer(app: App) -> None:
-        ask(app)
-        assert not app.quitting and "still being made" in app.messages.dialogs.pop().title
-        app.making.stop_and_quit(app)
-
-    app.making.ask_to_quit = answer
+def test_the_cross_quits_as_the_command_does(window):
+    """Which asks while a scene is made: tests/viewer/features/making/test_making.py."""
+    glfw.set_window_should_close(window.handle, True)
     window.run()
-    assert app.quitting and (tmp_path / "saved").exists() and app.making.job is None
+    assert window.app.quitting and not glfw.window_should_close(window.handle)

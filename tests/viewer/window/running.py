@@ -18,7 +18,6 @@ from tests.viewer.waiting import not_none, until
 VIEW = [sys.executable, "-m", "viewer.commands.view"]
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0
-RAIL_X, RAIL_TOP, RAIL_STEP = 25, 78, 42  # of the icons: from the right edge, from the top, from one to the next
 
 
 def without_display() -> dict[str, str]:
@@ -82,16 +81,6 @@ class RunningViewer:
             return self.xdotool("search", "--onlyvisible", "--pid", self.process.pid)
 
         return until(found).split()[0]
-
-    def click(self, x: float, y: float, button: int = 1) -> None:
-        """Clicks into the window; negative numbers count from the right and from below."""
-        shape = dict(line.split("=") for line in self.xdotool("getwindowgeometry", "--shell", self.window).split())
-        x, y = (int(at + int(shape[side]) if at < 0 else at) for at, side in ((x, "WIDTH"), (y, "HEIGHT")))
-        self.xdotool("mousemove", "--window", self.window, x, y, "sleep", 0.2, "click", button)
-
-    def open_page(self, place: int) -> None:
-        """Clicks the rail's icon of that place, 0 the uppermost."""
-        self.click(-RAIL_X, RAIL_TOP + RAIL_STEP * place)
 
     def errors(self) -> str:
         """What is left of its stderr, once it has ended."""

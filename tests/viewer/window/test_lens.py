@@ -100,23 +100,3 @@ def test_points_are_drawn_where_the_lens_shows_them(distorted):
     assert before.all() and np.abs(seen - pixels).max() < 1e-6
     corners = frustum_points(view, 1.7)[1:]  # of the photograph, not of a picture without its lens
     assert np.abs(project(view, corners)[0] - [[0, 0], [64, 0], [64, 64], [0, 64]]).max() < 1e-6
-
-
-def test_a_double_click_through_a_lens_finds_what_is_under_it(ui, app):
-    app.gallery.stand_in(app, 0)
-    app.comparison.stop()
-    app.resolution.rest_scale = 1.0
-    ui.settle()
-    camera = app.camera()
-    width, height = app.viewport.pixels
-    picture = ui.picture()[round(app.viewport.y) :, :width].astype(int)
-    plate = (picture[..., 1] > picture[..., 0] + 40) & (picture[..., 1] > picture[..., 2] + 20)
-    rows, columns = np.nonzero(plate[: height - 5])
-    far = np.argmax(np.hypot(columns - camera.cx, rows - camera.cy) * ((columns > 4) & (columns < width - 4)))
-    x, y = columns[far] + 0.5, rows[far] + 0.5
-    held = app.scene.rig.held
-    app.pivot_at(float(x), float(y))
-    pivot = np.asarray(app.scene.rig.goal.pivot)
-    seen, _ = project(fitted(held, (width, height), 0.0), pivot[None])
-    assert np.abs(seen[0] - (x, y)).max() < 1.0
-    assert abs(pivot[1] + 0.75) < 0.3 or abs(pivot[1] - 0.75) < 0.3  # on the plate

@@ -8,15 +8,28 @@ from pathlib import Path
 
 import pytest
 
-from scenepack import Pack, save_pack
 from tests.viewer.conftest import installed
+from tests.viewer.features.making.conftest import FAKE
 from tests.viewer.features.making.test_making import gone
 from tests.viewer.screen import virtual_screen
 from tests.viewer.waiting import until
 from tests.viewer.window.running import RunningViewer
 
-CAMERA = 1  # the place of its icon
-MAKING = Path(__file__).with_name("making_viewer.py")
+# snerg-view in which fake_make.py is at work: python -c MAKING FOLDER FAKE
+MAKING = """
+import sys
+from pathlib import Path
+from viewer.commands import view
+from viewer.features.making.make_plan import Plan
+folder, start = Path(sys.argv[1]), view.apply_preferences
+Plan.command = lambda plan: [sys.executable, sys.argv[2], "wait", str(folder)]
+def use(app, preferences):
+    start(app, preferences)
+    app.making.plan = Plan("scene", folder / "photographs", folder)
+    app.making.start(app)
+view.apply_preferences = use
+sys.exit(view.main([]))
+"""
 
 
 @pytest.fixture
@@ -29,11 +42,11 @@ def viewer(display: str, tmp_path: Path, pack_folder: Path) -> Iterator[RunningV
 
 def test_what_was_changed_outlives_kill_9(viewer: RunningViewer, pack_folder: Path) -> None:
     assert viewer.saved["recent"] == [str(pack_folder)]
-    viewer.open_page(CAMERA)
-    until(lambda: viewer.saved.get("page") == "camera")
+    viewer.xdotool("windowfocus", "--sync", viewer.window, "key", "ctrl+shift+l")
+    until(lambda: viewer.saved.get("theme") == "light")
     assert viewer.saved["window"] == [900, 600] and "Docking" in viewer.saved["layout"]
     assert viewer.signal(signal.SIGKILL) == -signal.SIGKILL
-    assert viewer.saved["page"] == "camera"
+    assert viewer.saved["theme"] == "light"
     assert [path.name for path in viewer.file.parent.iterdir()] == ["viewer.json"]
 
 
@@ -52,52 +65,23 @@ def own_display() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 
 
 @pytest.mark.slow
-def test_a_display_that_goes_away_ends_it_and_nothing_is_lost(own_display, tmp_path, pack_folder):
-    name, server = own_display
-    with RunningViewer(name, tmp_path / "home", pack_folder, "--size", "900x600") as viewer:
-        until(lambda: viewer.saved.get("recent"))
-        server.kill()
-        assert viewer.process.wait(60) == 129
-        errors = viewer.errors()
-        assert "the connection to the display is lost" in errors and "Traceback" not in errors
-        assert viewer.saved["recent"] == [str(pack_folder)]
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("how", ["SIGTERM", "SIGHUP", "display"])
 def test_what_is_being_made_saves_when_the_session_ends(own_display, tmp_path, how):
     name, server = own_display
-    command = [sys.executable, str(MAKING), str(tmp_path)]
+    command = [sys.executable, "-c", MAKING, str(tmp_path), str(FAKE)]
     with RunningViewer(name, tmp_path / "home", command=command) as viewer:
         until((tmp_path / "pid").exists)
         until(lambda: viewer.saved)
         if how == "display":
             server.kill()
             assert viewer.process.wait(60) == 129
+            errors = viewer.errors()
+            assert "the connection to the display is lost; settings are saved" in errors and "Traceback" not in errors
         else:
             number = getattr(signal, how)
             assert viewer.signal(number) == 128 + number
         until((tmp_path / "saved").exists)  # before the viewer ended, but on a busy machine
         until(lambda: gone(int((tmp_path / "pid").read_text())))
-
-
-@pytest.mark.slow
-def test_two_viewers_at_once_keep_each_others_packs(display: str, tmp_path: Path, pack: Pack) -> None:
-    for name in ("one", "two", "three"):
-        save_pack(pack, tmp_path / name)
-    home = tmp_path / "home"
-    with RunningViewer(display, home, tmp_path / "one") as first:
-        until(lambda: first.saved.get("recent"))
-        with RunningViewer(display, home, tmp_path / "two") as second:
-            until(lambda: len(second.saved.get("recent", [])) == 2)
-            second.open_page(CAMERA)
-            until(lambda: second.saved.get("page") == "camera")
-            first.xdotool("windowsize", "--sync", first.window, 800, 560)
-            until(lambda: first.saved.get("window") == [800, 560])
-            assert first.saved["page"] == "camera"  # the first did not change it back
-            assert first.signal(signal.SIGTERM) == 128 + signal.SIGTERM
-            assert second.signal(signal.SIGTERM) == 128 + signal.SIGTERM
-            assert [Path(name).name for name in second.saved["recent"]] == ["two", "one"]
 
 
 @pytest.mark.slow

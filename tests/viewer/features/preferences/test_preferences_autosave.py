@@ -10,12 +10,7 @@ import pytest
 from tests.viewer.waiting import until
 from viewer.app.application import App
 from viewer.features.preferences import preferences
-from viewer.features.preferences.preferences import (
-    PreferencesAutosave,
-    current_preferences,
-    load,
-    save,
-)
+from viewer.features.preferences.preferences import PreferencesAutosave, apply_preferences, load, save
 
 
 @pytest.fixture
@@ -62,12 +57,16 @@ def test_a_failure_is_told_once_and_the_next_change_is_tried_again(autosave, fil
     assert load(file)["page"] == "log"
 
 
-def test_only_what_was_changed_here_is_written_and_unknown_keys_stay(file):
-    before = {**current_preferences(App()), "recent": ["/b"]}
-    assert save(before, file) is None
-    file.write_text(json.dumps({**json.loads(file.read_text()), "from a newer version": 3}))
-    assert save({**before, "page": "film", "recent": ["/c", "/b"]}, file, before) is None
-    assert save({**before, "target_fps": 60.0, "recent": ["/d", "/b"]}, file, before) is None
+def test_two_viewers_write_only_what_changed_in_each_and_unknown_keys_stay(autosave, file):
+    autosave.app.preferences.recent = ["/b"]
+    assert autosave.finish() is None
+    file.write_text(json.dumps({**load(file), "from a newer version": 3}))
+    other = App()
+    apply_preferences(other, load(file))
+    second = PreferencesAutosave(other, file, lambda: (640, 480), lambda: "a layout")
+    autosave.app.interface.page, autosave.app.preferences.recent = "film", ["/c", "/b"]
+    other.resolution.target_fps, other.preferences.recent = 60.0, ["/d", "/b"]
+    assert autosave.finish() is None and second.finish() is None
     found = load(file)
     assert (found["page"], found["target_fps"], found["recent"]) == ("film", 60.0, ["/d", "/c", "/b"])
     assert found["from a newer version"] == 3
