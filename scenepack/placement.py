@@ -67,7 +67,7 @@ class Placement:
         origin = np.array(self.origin)
         if through is not None:
             origin = origin - ((origin - through) @ up) * up
-        return Placement(_rows(turned), _triple(origin))
+        return Placement(_rows(turned), triple(origin))
 
     def matrix(self, factor: float = 1.0) -> np.ndarray:
         """placed_T_grid, float64 [4, 4]."""
@@ -80,7 +80,8 @@ class Placement:
 NOT_MOVED = Placement()
 
 
-def _triple(vector: np.ndarray) -> Triple:
+def triple(vector: np.ndarray) -> Triple:
+    """float [3] as a hashable tuple of Python floats."""
     x, y, z = (float(v) + 0.0 for v in vector)  # no -0.0
     return x, y, z
 
@@ -89,7 +90,7 @@ def _rows(rotation: np.ndarray) -> Rows:
     """The rotation closest to a matrix [3, 3]."""
     left, _, right = np.linalg.svd(rotation)
     a, b, c = np.round(left @ right, 15)
-    return _triple(a), _triple(b), _triple(c)
+    return triple(a), triple(b), triple(c)
 
 
 def placement_to_json(placement: Placement) -> dict[str, Any]:
@@ -105,7 +106,7 @@ def placement_from_json(value: Any) -> Placement:
     if skew > SKEWED or np.linalg.det(rotation) < 0:
         raise ValueError("a placement's rotation: expected a rotation")
     x, y, z = rotation if skew < ROUNDED else np.array(_rows(rotation))
-    return Placement((_triple(x), _triple(y), _triple(z)), _triple(origin))
+    return Placement((triple(x), triple(y), triple(z)), triple(origin))
 
 
 def _array(value: Any, shape: tuple[int, ...], expected: str) -> np.ndarray:

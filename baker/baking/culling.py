@@ -15,9 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from baker.baking.field_query import BATCH, FieldQuery, Occupied
-from baker.baking.grid import BakeGrid, to_training
+from baker.baking.grid import BakeGrid
 from baker.baking.work_folder import Arrays, Tick, WorkFolder, in_order, once
 from baker.tuning.marcher import box_of, share_rays
+from scenepack.exports.field import transformed
 from training.dataset import RayDataset
 from training.marching import GridFrameRays, dilate
 from training.multires.fused.compiled import Workers, kernel
@@ -82,7 +83,8 @@ def content_box(
         z, y, x = np.unravel_index(np.arange(start, min(start + BATCH, total)), counts[::-1])
         cells = np.stack([x, y, z], -1)
         points = low + (cells + rng.random(cells.shape)) * cell
-        alpha = 1 - np.exp(-np.asarray(query(to_training(worldspace_T_opengl, points)).density) * length)
+        placed = transformed(worldspace_T_opengl, points).astype(np.float32)
+        alpha = 1 - np.exp(-np.asarray(query(placed).density) * length)
         alpha[alpha < TAU_ALPHA] = 0
         for axis in range(3):
             mass[axis] += np.bincount(cells[:, axis], alpha, minlength=counts[axis])

@@ -55,11 +55,6 @@ class BakeGrid:
         return (moved + offset.astype(kind)).astype(np.float32, copy=False)
 
 
-def to_training(worldspace_T_opengl: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Grid-frame points [N, 3] in the training frame, float32."""
-    return (points @ worldspace_T_opengl[:3, :3].T + worldspace_T_opengl[:3, 3]).astype(np.float32)
-
-
 def box_in_grid_frame(aabb: np.ndarray, worldspace_T_opengl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The axis-aligned box (low, high) [3] in the grid frame around a training-frame box [2, 3]."""
     corners = np.stack(np.meshgrid(*np.asarray(aabb, np.float64).T, indexing="ij"), -1).reshape(-1, 3)

@@ -10,8 +10,6 @@ from console.command_line import require_in_range
 from scenepack.constants import CodecName
 from training.libraries import begin_libraries
 
-DESCRIPTION = "Bakes a trained run into a pack: a sparse voxel grid that the viewer renders in real time."
-
 
 def snerg_bake(
     run: Path,
@@ -29,7 +27,7 @@ def snerg_bake(
     process_id: int | None = None,
     pictures: int = 0,
 ) -> None:
-    """Bakes a trained run into a pack.
+    """Bakes a trained run into a pack: a sparse voxel grid that the viewer renders in real time.
 
     Args:
         run: Folder of the run, from snerg-train.
@@ -73,7 +71,7 @@ def snerg_bake(
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    return run_command(snerg_bake, prog="snerg-bake", description=DESCRIPTION, args=args)
+    return run_command(snerg_bake, prog="snerg-bake", args=args)
 
 
 if __name__ == "__main__":

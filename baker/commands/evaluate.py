@@ -9,8 +9,6 @@ from console import check_results, run_command, write_json
 from console.streams import one_line
 from training.libraries import begin_libraries
 
-DESCRIPTION = "Compares a run, or a pack rendered with OpenGL, with the photographs of a scene."
-
 
 def snerg_eval(
     subject: Path,
@@ -26,8 +24,10 @@ def snerg_eval(
     json: Path | None = None,
     images: Path | None = None,
 ) -> None:
-    """Measures PSNR (dB), SSIM and LPIPS against photographs. "Matched" is the PSNR after a gain and an offset for each colour
-    channel, fitted to each photograph: exposure and white balance of photographs that were not trained on cannot be known.
+    """Compares a run, or a pack rendered with OpenGL, with the photographs of a scene: PSNR (dB), SSIM and LPIPS.
+
+    "Matched" is the PSNR after a gain and an offset for each colour channel, fitted to each photograph: exposure and white
+    balance of photographs that were not trained on cannot be known.
 
     Args:
         subject: Folder of a run, or a pack (folder or .zip).
@@ -77,7 +77,7 @@ def _psnr(scores: Mapping[str, Any]) -> str:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    return run_command(snerg_eval, prog="snerg-eval", description=DESCRIPTION, args=args)
+    return run_command(snerg_eval, prog="snerg-eval", args=args)
 
 
 if __name__ == "__main__":

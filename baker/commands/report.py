@@ -16,13 +16,11 @@ from baker.reports.options import ReportOptions
 from console import UserError, check_results, run_command, write_json, write_result
 from training.libraries import begin_libraries
 
-DESCRIPTION = "Measures the SNeRG paper's tables on a trained run, or puts the reports of several scenes side by side."
-
 
 def snerg_report(
     subjects: tuple[Path, ...], /, options: Annotated[ReportOptions, tyro.conf.arg(name="")]
 ) -> None:  # fmt: skip
-    """Measures the paper's tables on a trained run and writes them as Markdown, JSON and pictures.
+    """Measures the SNeRG paper's tables on a trained run, or puts the reports of several scenes side by side.
 
     Args:
         subjects: Folder of a run, from snerg-train; or folders of several earlier reports, to put their scenes side by side.
@@ -55,7 +53,7 @@ def _side_by_side(folders: Sequence[Path], out: Path) -> None:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    return run_command(snerg_report, prog="snerg-report", description=DESCRIPTION, args=args)
+    return run_command(snerg_report, prog="snerg-report", args=args)
 
 
 if __name__ == "__main__":

@@ -146,12 +146,12 @@ class ExportFrame:
     def points(self, positions: np.ndarray) -> np.ndarray:
         """float64 [n, 3] of positions [n, 3] in voxels."""
         if self.pack.ndc:
-            return self.scale * _moved(self._frame_T_training, _unwarped(self.pack, self._ndc(positions)))
+            return self.scale * transformed(self._frame_T_training, _unwarped(self.pack, self._ndc(positions)))
         if self.pack.contraction is not None:
             grid = self.pack.contraction * uncontract(self._contracted(positions))
         else:
             grid = self.pack.min_xyz + self.pack.voxel_size * positions
-        return self.scale * _moved(self._frame_T_grid, grid)
+        return self.scale * transformed(self._frame_T_grid, grid)
 
     def sizes(self, positions: np.ndarray) -> np.ndarray:
         """float64 [n, 3]: how long a voxel there is along x, y, z of the grid; in forward-facing packs before the warp, in
@@ -211,7 +211,7 @@ class ExportFrame:
 
     def _ndc(self, positions: np.ndarray) -> np.ndarray:
         grid = self.pack.min_xyz + self.pack.voxel_size * np.asarray(positions, np.float64)
-        return _moved(self._training_T_grid, grid)
+        return transformed(self._training_T_grid, grid)
 
 
 def ndc_camera(pack: Pack) -> tuple[float, float, float]:
@@ -228,5 +228,6 @@ def _unwarped(pack: Pack, ndc: np.ndarray) -> np.ndarray:
     return np.stack([-ndc[:, 0] * z * width / (2 * focal), -ndc[:, 1] * z * height / (2 * focal), z], axis=1)
 
 
-def _moved(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
-    return points @ matrix[:3, :3].T + matrix[:3, 3]
+def transformed(to_T_from: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points float64 [M, 3] in another frame."""
+    return points @ to_T_from[:3, :3].T + to_T_from[:3, 3]

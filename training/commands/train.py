@@ -19,7 +19,6 @@ from training.scenes.scene_options import parse_box, parse_up
 
 DEFAULT_PRESET = "normal"
 PRESET_HELP = f"Named settings. The defaults below are those of the chosen preset. {names_with_about(PresetName)}."
-DESCRIPTION = "Trains a radiance field on photographs with camera poses. You can stop and resume a run at any time."
 # Settings that --resume may change: the run's length and its reports.
 FREE = ("steps", "minutes", "log_every", "validate_every", "validate_views", "checkpoint_every")
 
@@ -27,7 +26,7 @@ FREE = ("steps", "minutes", "log_every", "validate_every", "validate_views", "ch
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
     args = sys.argv[1:] if args is None else args
-    return run_command(make_command(args), prog="snerg-train", description=DESCRIPTION, args=args)
+    return run_command(make_command(args), prog="snerg-train", args=args)
 
 
 def make_command(args: Sequence[str]) -> Callable[..., None]:

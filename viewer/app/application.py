@@ -33,7 +33,6 @@ from viewer.features.export.exporting import Exporting, Sharing
 from viewer.features.film.camera_path import CameraPath
 from viewer.features.film.filming import Filming, Kiosk
 from viewer.features.making.making import Making
-from viewer.features.making.review import SparsePreview
 from viewer.features.measuring.measure_tool import MeasureTool
 from viewer.features.measuring.surface import surface_under
 from viewer.features.opening.opening import Loading, Opening, OpenPacks, OpenPrompt, looks_like_path, path_in
@@ -154,25 +153,6 @@ class App:
         scene.crop, scene.near = self.settings.crop, self.settings.near
         scene.camera_path, scene.annotations = self.filming.path, self.annotations.current
         return scene
-
-    def show_sparse_preview(self, sparse_preview: SparsePreview, path: Path, name: str) -> None:
-        """Shows the points and cameras of a scene that is being made, from outside, with their photographs."""
-        self.show(sparse_preview.pack, path, name, stays=False).rig.begin_at(sparse_preview.overview())
-        self.gallery.frusta = True
-        self.touch()
-
-    def show_training_preview(self, pack: Pack, path: Path, name: str) -> None:
-        """Shows a preview of the training. If an earlier preview or the sparse points are shown, the camera stays."""
-        before = self.scene
-        if before is not None and before.path == path and before.pack.ndc == pack.ndc:
-            if self.filming.export is not None:
-                return  # a film is of one scene; the next state may be shown
-            self.refine(before, pack, dialog=False)
-            before.name = name
-            before.rig.follow(orbit_camera_for(pack))
-        else:
-            self.show(pack, path, name, stays=False)
-        self.touch()
 
     def refine(self, scene: OpenScene, pack: Pack, *, dialog: bool = True) -> None:
         """Shows a finer version of the open scene. UserError where it does not fit on the GPU. dialog: also shows notices."""

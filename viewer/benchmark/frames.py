@@ -24,6 +24,7 @@ import numpy as np
 from console import UserError, progress
 from scenepack.pack import Pack
 from training.scenes import Scene, load_scene
+from training.scenes.pictures import over_background
 from training.scenes.scene_options import recorded_options
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
@@ -217,8 +218,7 @@ def _compare_with_photographs(turns: Turns, scene: Scene, split: str) -> None:
     scores: dict[str, list[float]] = {c.name: [] for c in turns.contenders}
     with progress("comparing with photographs", len(views)) as bar:
         for view in views:
-            rgba = view.load()
-            truth = rgba[..., :3] * rgba[..., 3:] + np.asarray(scene.background, np.float32) * (1 - rgba[..., 3:])
+            truth = over_background(view.load(), scene.background)
             for contender in turns.contenders:
                 camera = ViewCamera.from_scene_camera(contender.pack, view.camera)
                 settings = replace(contender.settings, background=scene.background)

@@ -105,8 +105,6 @@ def print_table(result: Mapping[str, Any], measurement: Measurement) -> None:
 
 # --- The command ---
 
-DESCRIPTION = "Measures frame times along a camera path, as the paper does. Renders offscreen, without vertical sync."
-
 
 def bench(
     pack: Path,
@@ -127,7 +125,7 @@ def bench(
     surroundings: bool = True,
     json: Path | None = None,
 ) -> None:
-    """Measures frame times along a camera path.
+    """Measures frame times along a camera path, as the paper does. Renders offscreen, without vertical sync.
 
     Args:
         pack: Folder or .zip of a baked scene.
@@ -228,7 +226,7 @@ def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    return run_command(bench, prog="snerg-bench", description=DESCRIPTION, args=args, on_failure=tell_if_unseen)
+    return run_command(bench, prog="snerg-bench", args=args, on_failure=tell_if_unseen)
 
 
 if __name__ == "__main__":

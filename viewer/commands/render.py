@@ -42,7 +42,6 @@ from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import LENS_RAYS, MOST_SAMPLES, Aperture, Marcher, RenderSettings
 from viewer.web.description import with_annotations
 
-DESCRIPTION = "Renders pictures of a pack without a display: one view, an orbit, or the views of photographs."
 DEFAULT_SIZE, DEFAULT_FOV = "800x800", 39.0
 FIRST_AZIMUTH = 30.0  # degrees, of the one picture that is made where no pose is given
 TRANSPARENT = "transparent"
@@ -97,7 +96,7 @@ def render(
     sheet: bool = False,
     fps: int = 30,
 ) -> None:
-    """Renders pictures of a pack without a display.
+    """Renders pictures of a pack without a display: one view, an orbit, or the views of photographs.
 
     Args:
         pack: Folder or .zip of a baked scene.
@@ -391,7 +390,7 @@ def fly_over(pack: Pack, name: str, folder: Path, fov: float, settings: RenderSe
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    return run_command(render, prog="snerg-render", description=DESCRIPTION, args=args, on_failure=tell_if_unseen)
+    return run_command(render, prog="snerg-render", args=args, on_failure=tell_if_unseen)
 
 
 if __name__ == "__main__":

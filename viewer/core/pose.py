@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from console.json_text import parse_json
-from scenepack.placement import NOT_TURNED, Rows
+from scenepack.placement import NOT_TURNED, Rows, triple
 from training.scenes.lens import image_of
 from viewer.rendering.camera import ViewCamera, rays_through
 
@@ -98,12 +98,6 @@ class Pose:
             azimuth, _ = table.angles(-np.sign(elevation) * grid_T_camera[:3, 1])
         pose = cls((0.0, 0.0, 0.0), azimuth, float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION)), distance)
         return pose.seen_from(grid_T_camera[:3, 3], table)
-
-
-def triple(vector: np.ndarray) -> tuple[float, float, float]:
-    """float [3] as a hashable tuple of Python floats."""
-    x, y, z = (float(v) for v in vector)
-    return x, y, z
 
 
 def view_camera(grid_T_camera: np.ndarray, fov: float, size: tuple[int, int], near: float = 0.0) -> ViewCamera:

@@ -4,12 +4,13 @@ Sources: freedesktop.org's Desktop Entry, Icon Theme and Shared MIME-info specif
 ($XDG_DATA_HOME, by default ~/.local/share); nothing outside of it is touched.
 """
 
-import os
 import shutil
 import subprocess
 import sys
 from importlib import resources
 from pathlib import Path
+
+import platformdirs
 
 from console import UserError, write_result
 from console.child_process import module_command
@@ -25,16 +26,10 @@ ENTRY, ICON, TYPES = (
 REFRESH = (("update-desktop-database", "applications"), ("update-mime-database", "mime"))
 
 
-def data_folder() -> Path:
-    """Where the user's own files for desktops lie."""
-    given = os.environ.get("XDG_DATA_HOME", "")
-    return Path(given) if os.path.isabs(given) else Path.home() / ".local" / "share"
-
-
 def register(command: list[str]) -> list[Path]:
     """Writes the three files and returns them. command: what starts the viewer. UserError where they cannot be written."""
     _check_system("--register")
-    folder = data_folder()
+    folder = platformdirs.user_data_path()
     types = [PACK_TYPE, "inode/directory", *(kind for container in CONTAINERS for kind in container.mime_types)]
     values = {"{command}": " ".join(map(_quoted, command)), "{types}": ";".join(types)}
     for path in (ENTRY, ICON, TYPES):
@@ -49,7 +44,7 @@ def register(command: list[str]) -> list[Path]:
 def unregister() -> list[Path]:
     """Removes them; those that were there. UserError as of register()."""
     _check_system("--unregister")
-    folder = data_folder()
+    folder = platformdirs.user_data_path()
     gone = [folder / path for path in (ENTRY, ICON, TYPES) if (folder / path).exists()]
     for path in gone:
         try:

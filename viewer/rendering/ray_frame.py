@@ -4,7 +4,6 @@ Notation: "voxel" coordinates are (grid - min_xyz) / voxel_size; "training" is t
 NDC packs before the warp; "ndc" after it. Source: docs/rendering.md and docs/format.md; NeRF, appendix C.
 """
 
-from math import atan, degrees
 from typing import Any
 
 import numpy as np
@@ -14,12 +13,6 @@ from scenepack.pack import Pack
 from training.scenes.lens import LENS_SIZE, lens_reach, whole_lens
 from viewer.rendering.camera import ViewCamera, inner_box
 from viewer.rendering.settings import RenderSettings
-
-
-def ndc_fov(pack: Pack) -> float:
-    """Vertical field of view of the photographs whose frustum the NDC cube is, degrees."""
-    _, height, focal = ndc_camera(pack)
-    return degrees(2.0 * atan(0.5 * height / focal))
 
 
 class RayFrame:

@@ -24,16 +24,11 @@ from scenepack.codecs import CodecError
 from scenepack.codecs.films import AvifCodec, cubes_in, numbers_in
 from scenepack.codecs.quantisation import EXACT
 from scenepack.pack import Pack
-from scenepack.piece_files import GridPiece, follows_grid
+from scenepack.piece_files import GridPiece
 from scenepack.reader import open_pack
 
 BLOCKS_A_CHUNK = 48  # macroblocks compressed together; the page shows its progress by chunks
 ALPHA = 3
-
-
-def has_copied_padding(pack: Pack) -> bool:
-    """Whether all padding is a copy of the neighbours' voxels, as it should be, so that it need not be stored."""
-    return all(follows_grid(pack, atlas) for atlas in pack.atlases)
 
 
 def compressed_chunks(pack: Pack, *, features: bool, padding: bool) -> Iterator[tuple[bytes, bytes]]:

@@ -17,6 +17,7 @@ from console.streams import one_line
 from scenepack.blocks import Triple
 from scenepack.exports.field import Corners
 from scenepack.pack import Pack
+from scenepack.piece_files import follows_grid
 from scenepack.placement import moved_pose
 from scenepack.writer import metadata_writable
 from viewer.core import annotations as notes
@@ -41,7 +42,7 @@ from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import Look, Mode, RenderSettings
 from viewer.rendering.shader_source import assemble_es, define_lines, glsl_vec3
 from viewer.rendering.skip_grid import skip_grid_of
-from viewer.web.atlas_stream import BLOCKS_A_CHUNK, FilmedPiece, compressed_chunks, films_of, has_copied_padding
+from viewer.web.atlas_stream import BLOCKS_A_CHUNK, FilmedPiece, compressed_chunks, films_of
 
 MODES: tuple[Mode, ...] = ("normal", "diffuse", "features", "view-dependent", "depth", "normals")
 SIDES = (512, 1024, 2048)  # voxels of a 3D texture; the smallest that holds the pack, for small devices take less
@@ -159,7 +160,7 @@ def _level(
     }  # fmt: skip
     if renderer.shades_hull_alone(pack, RenderSettings()):
         description["hull"] = _add(sections, zlib.compress(skip_grid.hull.astype("<f4").tobytes(), 9))
-    padding = films is None and not has_copied_padding(pack)
+    padding = films is None and not all(follows_grid(pack, atlas) for atlas in pack.atlases)
     layout: dict[str, Any] = {
         "size": size, "slots": slots, "block": pack.padded_block_size, "features": features, "padding": padding, "count": count,
     }  # fmt: skip

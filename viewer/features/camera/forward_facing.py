@@ -5,15 +5,15 @@ As in the published viewer, the camera starts 0.25 units behind the photographs'
 """
 
 from dataclasses import replace
-from math import radians, tan
+from math import atan, degrees, radians, tan
 
 import numpy as np
 
 from console import UserError
+from scenepack.exports.field import ndc_camera
 from scenepack.pack import Pack
 from viewer.core.pose import Pose, shortest_turn
 from viewer.features.camera.orbit_camera import OrbitCamera
-from viewer.rendering.ray_frame import ndc_fov
 
 AHEAD = 180.0  # azimuth: the grid frame's z is mirrored, so the scene lies towards +z
 START_DISTANCE = 0.25
@@ -27,7 +27,8 @@ class ForwardFacingCamera(OrbitCamera):
     bounded = True
 
     def __init__(self, pack: Pack) -> None:
-        super().__init__(pack, fov=ndc_fov(pack))
+        _, height, focal = ndc_camera(pack)
+        super().__init__(pack, fov=degrees(2.0 * atan(0.5 * height / focal)))  # that of the photographs
         self.middle, self.radius = np.zeros(3), 1.0  # the content box is in warped space, of no use here
         self.speed = 0.1
 

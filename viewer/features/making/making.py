@@ -18,6 +18,7 @@ from training.scenes.scene import Direction
 from viewer.core.files import FileRequest, existing_folder
 from viewer.core.log import Dialog
 from viewer.core.tasks import CommandProcess, Task
+from viewer.features.camera.forward_facing import orbit_camera_for
 from viewer.features.making.make_job import MakeJob, preview_title, rejected_photographs_of
 from viewer.features.making.make_plan import Plan, Subject
 from viewer.features.making.review import Kind, Review, SparsePreview, read_sparse_preview
@@ -183,11 +184,12 @@ class Making:
             self.review = None
 
     def show_points(self, app: App) -> None:
-        """Shows the points and cameras of what is being made."""
+        """Shows the points and cameras of what is being made, from outside, with their photographs."""
         under_way = self.review or self.job
         if self.sparse_preview is not None and under_way is not None:
-            plan = under_way.plan
-            app.show_sparse_preview(self.sparse_preview, plan.pack, f"{plan.name}: camera poses")
+            plan, sparse = under_way.plan, self.sparse_preview
+            app.show(sparse.pack, plan.pack, f"{plan.name}: camera poses", stays=False).rig.begin_at(sparse.overview())
+            app.gallery.frusta = True
 
     def sparse_preview_shown(self, app: App) -> bool:
         """Whether they are what is shown now."""
@@ -197,10 +199,17 @@ class Making:
         """Shows what is trained so far; of what comes later, the newest, as long as this is shown."""
         if self.job is None or self.job.preview is None:
             return
-        plan, preview = self.job.plan, self.job.preview
-        shown, stand_there = self.training_preview_shown(app), self._kept_camera(app)
-        app.show_training_preview(preview, plan.preview_file, f"{plan.name}: {preview_title(preview)}")
-        if not shown:
+        plan, preview, before = self.job.plan, self.job.preview, app.scene
+        name = f"{plan.name}: {preview_title(preview)}"
+        if before is not None and before.path == plan.preview_file and before.pack.ndc == preview.ndc:
+            if app.filming.export is not None:
+                return  # a film is of one scene; the next state may be shown
+            app.refine(before, preview, dialog=False)
+            before.name = name
+            before.rig.follow(orbit_camera_for(preview))
+        else:
+            stand_there = self._kept_camera(app)
+            app.show(preview, plan.preview_file, name, stays=False)
             stand_there()
 
     def training_preview_shown(self, app: App) -> bool:

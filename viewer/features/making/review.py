@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from scenepack.blocks import fill_atlas, restore_padding
+from scenepack.exports.field import transformed
 from scenepack.pack import Pack
 from training.scenes import Scene, load_scene
 from training.scenes.colmap import SparsePoints, sparse_points
@@ -58,7 +59,7 @@ class SparsePreview:
 
     def places_in_grid(self) -> np.ndarray:
         """The points float64 [M, 3] in the pack's grid frame."""
-        return _placed(np.linalg.inv(self.pack.worldspace_T_opengl), self.points.places)
+        return transformed(np.linalg.inv(self.pack.worldspace_T_opengl), self.points.places)
 
     def eyes(self) -> np.ndarray:
         """Where the cameras stand, float64 [N, 3], training frame."""
@@ -125,7 +126,7 @@ def points_pack(scene: Scene, points: SparsePoints) -> Pack:
     low, high = low - margin, high + margin
     voxel_size = float((high - low).max()) / SIDE
     blocks = np.ceil((high - low) / (voxel_size * BLOCK_SIZE)).astype(int)
-    voxels = np.floor((_placed(grid_T_training, points.places) - low) / voxel_size).astype(int)
+    voxels = np.floor((transformed(grid_T_training, points.places) - low) / voxel_size).astype(int)
     inside = ((voxels >= 0) & (voxels < blocks * BLOCK_SIZE)).all(axis=1)
     if not inside.any():
         raise ValueError("no point lies in the box")
@@ -265,10 +266,5 @@ class Review:
 
 def _turned(box: np.ndarray, to_T_from: np.ndarray) -> np.ndarray:
     """The box [2, 3] in another frame, whose axes are the same but for their order and signs."""
-    corners = _placed(to_T_from, np.asarray(box))
+    corners = transformed(to_T_from, np.asarray(box))
     return np.stack([corners.min(0), corners.max(0)])
-
-
-def _placed(to_T_from: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points float64 [M, 3] in another frame."""
-    return points @ to_T_from[:3, :3].T + to_T_from[:3, 3]

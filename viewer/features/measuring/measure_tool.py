@@ -51,7 +51,7 @@ def angle(points: tuple[Point, ...]) -> float:
 
 
 def _moved(to_T_from: np.ndarray, point: Point | np.ndarray) -> Point:
-    return triple((to_T_from @ np.array([*point, 1.0]))[:3] + 0.0)  # no -0.0
+    return triple((to_T_from @ np.array([*point, 1.0]))[:3])
 
 
 class LengthFormat:

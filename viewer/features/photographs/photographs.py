@@ -23,7 +23,7 @@ from console import UserError
 from scenepack.cameras import PhotographCamera, has_picture, label_of, photograph_cameras, picture_of
 from scenepack.pack import Pack
 from training.scenes import load_scene
-from training.scenes.pictures import PictureLoader
+from training.scenes.pictures import PictureLoader, as_bytes, as_floats, over_background
 from training.scenes.scene import Photograph
 from training.scenes.scene_options import recorded_options
 from viewer.core.pose import frustum_points
@@ -121,9 +121,7 @@ class Photographs:
             if not self.reachable and self.shots[index].has_copy:
                 pixels = self.copy(index)
             else:
-                rgba = self.photograph(index).load()
-                rgb = rgba[..., :3] * rgba[..., 3:] + np.asarray(self.background) * (1 - rgba[..., 3:])
-                pixels = np.round(255 * np.clip(rgb, 0, 1)).astype(np.uint8)
+                pixels = as_bytes(over_background(self.photograph(index).load(), self.background))
             if len(self._cache) > 32:
                 self._cache.pop(next(iter(self._cache)))
             self._cache[index] = _shrunk(pixels, LONGEST_SIDE)
@@ -190,10 +188,8 @@ class Thumbnails(Task[None], Sheet):
             return _shrunk(self.photographs.copy(index), self.cell)
         load = self.photographs.photograph(index).load
         assert isinstance(load, PictureLoader)
-        picture = load.thumbnail(self.cell)
-        colour = tuple(round(255 * v) for v in self.photographs.background)
-        behind = Image.new("RGBA", picture.size, (*colour, 255))
-        return np.asarray(Image.alpha_composite(behind, picture.convert("RGBA")).convert("RGB"))
+        picture = as_floats(np.asarray(load.thumbnail(self.cell).convert("RGBA")))
+        return as_bytes(over_background(picture, self.photographs.background))
 
 
 def _shrunk(pixels: np.ndarray, side: int) -> np.ndarray:

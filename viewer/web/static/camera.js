@@ -192,11 +192,6 @@ export class Camera {
     this.go(home, fov);
     this.goal = this.home;
   }
-
-  // Shows exactly a view, { axes, eye, fov }, until the next movement.
-  hold(view) {
-    this.held = view;
-  }
 }
 
 function poseOf({ pivot, azimuth, elevation, distance }) {

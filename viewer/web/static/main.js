@@ -67,7 +67,7 @@ function tick(now) {
     renderer.show(...size);
   }
   const view = camera.view(near);
-  overlay.cover((point) => renderer.covers(view, settings, point));
+  for (const place of overlay.places) place.covered = renderer.covers(view, settings, place.point);
   overlay.draw(view);
 }
 
@@ -89,7 +89,7 @@ function play(seconds) {
     const at = player.seconds * path.fps;
     if (!path.closed && at >= count - 1) setPlaying(false);
     const row = (index) => path.frames[path.closed ? index % count : Math.min(index, count - 1)];
-    camera.hold(between(row(Math.floor(at)), row(Math.floor(at) + 1), at % 1));
+    camera.held = between(row(Math.floor(at)), row(Math.floor(at) + 1), at % 1);
   }
   return true;
 }

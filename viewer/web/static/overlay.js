@@ -34,14 +34,6 @@ export class Overlay {
     return { point: bookmark.point, group, covered: false };
   }
 
-  // Hides the places that `covers` tells are behind something.
-  cover(covers) {
-    for (const place of this.places) {
-      place.covered = covers(place.point);
-      if (place.covered) place.group.style.display = "none";
-    }
-  }
-
   element(name) {
     return this.svg.appendChild(document.createElementNS(this.svg.namespaceURI, name));
   }
