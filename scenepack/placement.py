@@ -139,6 +139,11 @@ def placed_T_grid(pack: Pack) -> np.ndarray:
     return placement_of(pack).matrix(factor or 1.0)
 
 
+def transformed(to_T_from: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points float64 [M, 3] in another frame."""
+    return points @ to_T_from[:3, :3].T + to_T_from[:3, 3]
+
+
 def moved_pose(to_T_from: np.ndarray, from_T_camera: np.ndarray) -> np.ndarray:
     """to_T_camera, float64 [4, 4]: where a similarity takes a camera; its axes stay of unit length."""
     moved = to_T_from @ from_T_camera

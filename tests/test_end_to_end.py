@@ -79,14 +79,14 @@ def test_the_same_line_again_goes_on_instead_of_starting_over(
     line = [str(scene), "--out", str(out), "--resolution", "40", *UNTUNED, "--no-view", "--codec", "webp", *TRAINING]
 
     assert snerg_make(line) == 0
-    assert "settings" not in capsys.readouterr().err
+    assert "keeps its own settings" not in capsys.readouterr().err
     assert list((out / "pack").glob("rgba_*.webp")) and not list((out / "pack").glob("*_000.png"))
     assert load_pack(out / "pack").grid_size[0] <= 60, "40 in whole macroblocks: it is baked again, as this line says"
     assert (run / "metrics.jsonl").read_bytes() == journal, "not one step was taken again"
     assert {path.name: path.read_bytes() for path in (run / "checkpoints").iterdir()} == checkpoints
 
     assert snerg_make([*line[:-1], "220", "--seed", "7"]) == 0
-    assert "goes on with the settings that it began with" in capsys.readouterr().err
+    assert "keeps its own settings" in capsys.readouterr().err
     after = (run / "metrics.jsonl").read_bytes()
     assert after.startswith(journal), "what was done is kept"
     taken = [json.loads(row) for row in after[len(journal) :].splitlines()]

@@ -18,7 +18,7 @@ from baker.baking.field_query import BATCH, FieldQuery, Occupied
 from baker.baking.grid import BakeGrid
 from baker.baking.work_folder import Arrays, Tick, WorkFolder, in_order, once
 from baker.tuning.marcher import box_of, share_rays
-from scenepack.exports.field import transformed
+from scenepack.placement import transformed
 from training.dataset import RayDataset
 from training.marching import GridFrameRays, dilate
 from training.multires.fused.compiled import Workers, kernel

@@ -134,8 +134,8 @@ def snerg_make(
         asked = dataclasses.replace(config, engine=stored.config.engine)
         config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
         if asked != config:
-            kept = f"{run_path}: goes on with the settings that it began with; for others, choose another --out"
-            warnings.warn(Notice(kept), stacklevel=2)
+            text = f"{run_path}: this run keeps its own settings; choose another --out to train with new ones"
+            warnings.warn(Notice(text), stacklevel=2)
     else:
         downscale = downscale or suggested_downscale(scene, PRESETS[preset].longest_side)
     options = SceneOptions(downscale or 1, spherify or None, masks, box, upwards)

@@ -21,7 +21,7 @@ from scenepack.blocks import block_data
 from scenepack.constants import NDC_NEAR, PUBLISHED_NDC_CAMERA
 from scenepack.contraction import uncontract
 from scenepack.pack import Pack
-from scenepack.placement import placed_T_grid
+from scenepack.placement import placed_T_grid, transformed
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 Place = tuple[int, int, int]
@@ -226,8 +226,3 @@ def _unwarped(pack: Pack, ndc: np.ndarray) -> np.ndarray:
     width, height, focal = ndc_camera(pack)
     z = 2.0 * NDC_NEAR / np.minimum(ndc[:, 2] - 1.0, -1e-9)
     return np.stack([-ndc[:, 0] * z * width / (2 * focal), -ndc[:, 1] * z * height / (2 * focal), z], axis=1)
-
-
-def transformed(to_T_from: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points float64 [M, 3] in another frame."""
-    return points @ to_T_from[:3, :3].T + to_T_from[:3, 3]

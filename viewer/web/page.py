@@ -1,9 +1,9 @@
 """A pack as a web page that shows it: one HTML file, or index.html and the files that it loads; and the server of such pages.
 
 One file needs no network, and its Content-Security-Policy forbids any; index.html may ask its own server. What comes from a pack
-stands in the page in letters: JSON and numbers of shaders (viewer.rendering.shader_source.glsl_float) as base64, textures with 15
-bits a letter, which takes a page in UTF-16 7 % more than the bytes. The page shows names as text, never as markup. The server is
-for who has its address, of which a random token is part. It serves nothing but the page's files, from memory.
+stands in the page as text: JSON and numbers of shaders (viewer.rendering.shader_source.glsl_float) as base64; textures as UTF-16,
+15 bits in each character of 16. The page shows names as text, never as markup. The server is for who has its address, of which a
+random token is part. It serves nothing but the page's files, from memory.
 """
 
 import base64
@@ -37,8 +37,8 @@ from viewer.web.description import LONGEST_TITLE, OnProgress, PageContent, descr
 FOLDER = Path(__file__).parent / "static"
 MODULES = ["vectors", "scene", "renderer", "camera", "overlay", "resolution", "controls", "main"]
 INDEX = "index.html"
-FIRST_LETTER = 0x5000  # and the 2 ** 15 - 1 after it: none means anything to HTML, or is half of a character
-LETTERS_AT_ONCE = 1 << 19
+FIRST_CHARACTER = 0x5000  # of 2 ** 15: none is markup or a surrogate
+BYTES_AT_ONCE = 15 << 16  # a multiple of 15, which fill 8 characters
 
 
 def scene_page(pack: Pack, content: PageContent, on_progress: OnProgress = lambda share: None) -> bytes:
@@ -74,7 +74,7 @@ def _assemble_page(title: str, description: Mapping[str, Any], data: Iterable[by
         "style": style,
         "loader": loader,
         "scene": _base64(zlib.compress(text.encode(), 9)),
-        "data": "\n".join(f'<script type="text/plain" class="data">{_letters(each)}</script>' for each in inside),
+        "data": "\n".join(f'<script type="text/plain" class="data">{_characters_of(each)}</script>' for each in inside),
     }
     page = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _text(INDEX))
     return page.encode("utf-16" if inside else "utf-8")
@@ -88,15 +88,15 @@ def _base64(data: bytes) -> str:
     return base64.b64encode(data).decode("ascii")
 
 
-def _letters(data: bytes) -> str:
-    """15 bits in each, the earlier bits the higher; zeros fill the last."""
-    letters = []
-    for at in range(0, len(data), LETTERS_AT_ONCE // 8 * 15):
-        part = data[at : at + LETTERS_AT_ONCE // 8 * 15]
+def _characters_of(data: bytes) -> str:
+    """15 bits in each character, the earlier bits the higher; zero bytes fill the last eight characters."""
+    texts = []
+    for at in range(0, len(data), BYTES_AT_ONCE):
+        part = data[at : at + BYTES_AT_ONCE]
         bits = np.unpackbits(np.frombuffer(part + bytes(-len(part) % 15), np.uint8)).reshape(-1, 15)
         words = np.packbits(bits, axis=1).view(">u2") >> 1
-        letters.append((words + FIRST_LETTER).astype("<u2").tobytes().decode("utf-16-le"))
-    return "".join(letters)
+        texts.append((words + FIRST_CHARACTER).astype("<u2").tobytes().decode("utf-16-le"))
+    return "".join(texts)
 
 
 def _hash(text: str) -> str:

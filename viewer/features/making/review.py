@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from scenepack.blocks import fill_atlas, restore_padding
-from scenepack.exports.field import transformed
 from scenepack.pack import Pack
+from scenepack.placement import transformed
 from training.scenes import Scene, load_scene
 from training.scenes.colmap import SparsePoints, sparse_points
 from training.scenes.scene import Box, Direction, cameras_of

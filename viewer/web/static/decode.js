@@ -115,7 +115,7 @@ function restorePadding(atlas, indirection, layout, [nx, ny], z) {
 
 const FRAMES_AHEAD = 8; // that a decoder may have; browsers stop where too many are kept
 const DAMAGED = "the scene's data are damaged";
-const NO_FILMS = "This browser does not decode AV1 in 4:4:4 byte by byte. Chrome and Edge do, from disk and over https.";
+const NO_FILMS = "This browser does not decode AV1 in 4:4:4 exactly. Chrome and Edge do, from disk and over https.";
 
 // each(number, planes): called for every frame, with its planes [bytes, bytes from row to row].
 async function playFilm(data, { codec, at, sizes }, codedWidth, codedHeight, each) {

@@ -317,8 +317,9 @@ async function follow() {
       const answer = await fetch(location.pathname, { headers: { "If-None-Match": tag } });
       if (answer.status !== 200) continue;
       const bytes = new Uint8Array(await answer.arrayBuffer());
-      const letters = new TextDecoder(bytes[0] === 0xff ? "utf-16" : "utf-8").decode(bytes); // the finished pack has files
-      const page = new DOMParser().parseFromString(letters, "text/html");
+      // A preview is one file in UTF-16; the finished pack has files, index.html in UTF-8.
+      const html = new TextDecoder(bytes[0] === 0xff ? "utf-16" : "utf-8").decode(bytes);
+      const page = new DOMParser().parseFromString(html, "text/html");
       const text = page.getElementById("scene").textContent;
       if (text !== shown) await load(sceneOf(await read(page), page));
       shown = text;

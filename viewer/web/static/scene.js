@@ -11,14 +11,14 @@ export function sceneOf(scene, page = document) {
   return scene;
 }
 
-const FIRST_LETTER = 0x5000;
+const FIRST_CHARACTER = 0x5000;
 
-// The bytes of letters that hold 15 bits each: viewer/web/page.py.
-function bytesOf(letters) {
-  const bytes = new Uint8Array((15 * letters.length) / 8);
+// The bytes of a text whose characters hold 15 bits each: viewer/web/page.py.
+function bytesOf(text) {
+  const bytes = new Uint8Array((15 * text.length) / 8);
   let [bits, known, at] = [0, 0, 0];
-  for (let i = 0; i < letters.length; i++) {
-    bits = (bits << 15) | (letters.charCodeAt(i) - FIRST_LETTER);
+  for (let i = 0; i < text.length; i++) {
+    bits = (bits << 15) | (text.charCodeAt(i) - FIRST_CHARACTER);
     for (known += 15; known >= 8; known -= 8) bytes[at++] = bits >> (known - 8);
   }
   return bytes;
