@@ -1,5 +1,6 @@
 """Background work: functions in threads, child processes that print lines of JSON, and our commands as child processes."""
 
+import atexit
 import shutil
 import signal
 import subprocess
@@ -7,7 +8,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
@@ -19,6 +20,10 @@ from console.child_process import ChildProcess, module_command
 from console.progress_protocol import ENDS_WITH_STDIN, PROGRESS, Report, read_report
 
 T = TypeVar("T")
+PARTING_S = 5.0
+
+
+_running: "set[Task[Any]]" = set()
 
 
 class Cancelled(Exception):
@@ -32,6 +37,7 @@ class Task(Generic[T]):
         self.cancelled = False
         self._future: Future[T] = Future()
         self._seen: object = None
+        _running.add(self)
         threading.Thread(target=self._run, args=(function,), daemon=not kept).start()
 
     @property
@@ -63,6 +69,17 @@ class Task(Generic[T]):
         except BaseException as error:
             self._future.set_exception(error)
             raise  # a bug, reported like any exception of a thread, whoever takes the result
+        finally:
+            _running.discard(self)
+
+
+@atexit.register
+def _end_running() -> None:
+    """Before Python ends threads: ended within a library's C++, one aborts the process."""
+    running = list(_running)
+    for task in running:
+        task.cancel()
+    wait([task._future for task in running], PARTING_S)
 
 
 class JsonTask(Task[None]):
@@ -77,8 +94,8 @@ class JsonTask(Task[None]):
     def state(self) -> object:
         return self._heard
 
-    def close(self) -> None:
-        self.cancel()
+    def cancel(self) -> None:
+        super().cancel()
         if self._child is not None:
             self._child.close()
 
@@ -138,7 +155,7 @@ class Autosave(Generic[T]):
 
 # --- Our commands ---
 
-LOOK_EVERY_S, PARTING_S = 0.1, 5.0
+LOOK_EVERY_S = 0.1
 
 
 def temporary_folder(prefix: str) -> Path:

@@ -86,7 +86,7 @@ class Making:
         """Closes the question."""
         self.end_check()
         if self._survey is not None:
-            self._survey.close()
+            self._survey.cancel()
         self.plan = None
 
     def ask_for_photographs(self, app: App) -> None:

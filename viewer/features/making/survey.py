@@ -177,12 +177,11 @@ class Survey(Task[None]):
     def state(self) -> object:
         return [(each.state(), each.finished) for each in (self.preview, self.time) if each is not None]
 
-    def close(self) -> None:
-        """Nobody asks any more."""
-        self.cancel()
+    def cancel(self) -> None:
+        super().cancel()
         for each in (self.preview, self.time):
             if each is not None:
-                each.close()
+                each.cancel()
 
     @property
     def choices(self) -> list[int]:
@@ -232,7 +231,7 @@ class Survey(Task[None]):
             with suppress(UserError):  # no temporary folder: there is no preview then
                 self.preview = BarePreview(source)
             if self.cancelled and self.preview is not None:  # in the meantime
-                self.preview.close()
+                self.preview.cancel()
         if is_film:
             return f"A film of {source.files[0].stat().st_size / 1e6:,.0f} MB"
         try:
