@@ -326,7 +326,7 @@ def show(scene: Scene, *, size: tuple[int, int] = (960, 600)) -> None:
         raise SnergError("there is no display to show a window on", remedy="scene.render() gives pictures without one")
 
     words = ["--size", f"{size[0]}x{size[1]}"]
-    done = subprocess.run(module_command("viewer.commands.view", str(scene.path.resolve()), *words), check=False)
+    done = subprocess.run(module_command("snerg", "view", str(scene.path.resolve()), *words), check=False)
     if done.returncode:
         raise SnergError("the viewer could not show it", where=scene.path, found=f"exit status {done.returncode}")
 

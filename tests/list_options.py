@@ -13,9 +13,11 @@ import runpy
 import sys
 import warnings
 from collections.abc import Mapping
+from importlib import import_module
 from typing import Any
 
 import console
+from snerg_commands import MODULES
 
 Options = dict[str, dict[str, Any]]
 run_command = console.run_command
@@ -64,7 +66,10 @@ def commands_of(modules: list[str]) -> dict[str, Options]:
     for module in modules:
         sys.argv = [module]
         with contextlib.suppress(SystemExit):
-            runpy.run_module(module, run_name="__main__", alter_sys=True)
+            if module in MODULES.values():
+                import_module(module).main()
+            else:
+                runpy.run_module(module, run_name="__main__", alter_sys=True)
     return options
 
 

@@ -26,6 +26,7 @@ with snerg.load("toy.zip") as scene:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the variables are Mesa's")
 def test_pictures_are_the_same_where_there_is_opengl_3_3_or_4_1_alone(tmp_path: Path) -> None:
     pictures = []

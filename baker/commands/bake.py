@@ -1,6 +1,5 @@
 """`snerg-bake RUN --out PACK`: a trained run becomes a pack (docs/commands.md)."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -72,7 +71,3 @@ def snerg_bake(
 
 def main(args: Sequence[str] | None = None) -> int:
     return run_command(snerg_bake, prog="snerg-bake", args=args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,5 @@
 """`snerg-eval (RUN|PACK) --scene SCENE`: image quality against photographs (docs/commands.md)."""
 
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -78,7 +77,3 @@ def _psnr(scores: Mapping[str, Any]) -> str:
 
 def main(args: Sequence[str] | None = None) -> int:
     return run_command(snerg_eval, prog="snerg-eval", args=args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

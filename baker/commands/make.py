@@ -2,7 +2,6 @@
 
 import dataclasses
 import subprocess
-import sys
 import time
 import warnings
 from collections.abc import Sequence
@@ -43,6 +42,7 @@ def snerg_make(
     exposure: Literal["auto", "on", "off"] = "auto",
     seed: int = 0,
     frames: int = FRAMES,
+    find_poses: bool = False,
     poses_only: bool = False,
     check: bool = False,
     json: Path | None = None,
@@ -75,6 +75,8 @@ def snerg_make(
             photographs whose exposures differ, never for rendered scenes (Blender).
         seed: Random seed of the training, and of finding poses.
         frames: Number of frames of a film that are used, at most.
+        find_poses: Find the camera poses even if the folder has some: those of a phone's tracking may be off by several
+            pixels, and those of LLFF scenes know no lens distortion.
         poses_only: Find camera poses into DIR/scene, and stop there.
         check: Look at the photographs, write DIR/check.html about them, and stop there: sharpness, overlap, exposure, what moves,
             which to take again, and the PSNR to expect.
@@ -113,7 +115,7 @@ def snerg_make(
     baking = BakeConfig(resolution, "paper" if preset in BAKED_AS_THE_PAPER else "snerg", quality)
     baking.check()
     began = time.monotonic()
-    scene = posed_scene(scene, out, seed=seed, most_frames=frames)
+    scene = posed_scene(scene, out, anew=find_poses, seed=seed, most_frames=frames)
     if poses_only:
         if scene != out / SCENE:
             load_scene(scene)  # else nothing would have looked at it
@@ -149,7 +151,7 @@ def snerg_make(
     print(f"{posed}trained in {duration(trained - started)}, baked in {duration(baked - trained)}")
     if not no_view and has_display():
         # A process of its own: JAX holds most of a GPU's memory until this one ends.
-        subprocess.Popen(module_command("viewer.commands.view", str(pack_path)))
+        subprocess.Popen(module_command("snerg", "view", str(pack_path)))
 
 
 def _check(scene: Path, out: Path, frames: int, json: Path | None) -> None:
@@ -162,7 +164,3 @@ def _check(scene: Path, out: Path, frames: int, json: Path | None) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     return run_command(snerg_make, prog="snerg-make", args=args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

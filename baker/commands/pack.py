@@ -358,7 +358,3 @@ COMMANDS = {each.__name__: each for each in (info, check, convert, edit, move, e
 
 def main(args: Sequence[str] | None = None) -> int:
     return run_command(COMMANDS, prog="snerg-pack", description=DESCRIPTION, args=args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

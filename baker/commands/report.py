@@ -5,7 +5,6 @@ lie in DIR/scores and DIR/pictures. Typed again, the line goes on: what is there
 for this time. Given the folders of several reports instead of a run, it puts their scenes side by side, with their mean.
 """
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -54,7 +53,3 @@ def _side_by_side(folders: Sequence[Path], out: Path) -> None:
 
 def main(args: Sequence[str] | None = None) -> int:
     return run_command(snerg_report, prog="snerg-report", args=args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

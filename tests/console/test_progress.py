@@ -208,7 +208,7 @@ def test_commands_that_are_started_do_not_run_modules_of_the_user(tmp_path, monk
         place.write_text(f"open({str(imported)!r}, 'a').write(__name__)\nraise ImportError(__name__)\n")
     monkeypatch.chdir(folder)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    command = module_command("baker.commands.make", "--help")
+    command = module_command("snerg", "make", "--help")
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0 and "--help" in done.stdout, done.stderr
     assert not imported.exists()

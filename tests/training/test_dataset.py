@@ -192,6 +192,7 @@ def test_more_pixels_than_ids_are_thinned_out_by_rows_and_a_line_says_so(procedu
     assert row_step_for(procedural_scene) == 1
 
 
+@pytest.mark.slow
 def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_have(procedural_scene, monkeypatch):
     whole = make_dataset(procedural_scene)
     monkeypatch.setattr(datasets, "MOST_RAYS", whole.count // 5 + 1000)

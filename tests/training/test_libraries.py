@@ -63,6 +63,7 @@ def test_a_variable_that_does_not_fit_is_named_with_its_value_in_one_line(name: 
     assert "unset these variables" in done.stderr
 
 
+@pytest.mark.slow
 def test_variables_that_fit_are_no_obstacle() -> None:
     flags = f"{flags_of_users()} --xla_force_host_platform_device_count=2".strip()
     done = python(BEGIN, JAX_PLATFORMS="cpu", JAX_ENABLE_X64="1", NUMBA_NUM_THREADS="1", NUMBA_DISABLE_JIT="0",

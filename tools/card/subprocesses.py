@@ -121,7 +121,7 @@ class Training:
         from training.recorder import read_metrics
 
         scene, run = self._scene(budget), self._run(preset, what)
-        command = ["-m", "training.commands.train", str(scene), "--out", str(run), "--preset", preset]
+        command = ["-m", "snerg", "train", str(scene), "--out", str(run), "--preset", preset]
         command += ["--downscale", str(self.downscale), *words]
         ended = run_child(command, self.out / f"{preset}-{what}.log", min(seconds, budget.left))
         records = read_metrics(run / "metrics.jsonl")

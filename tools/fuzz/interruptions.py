@@ -23,11 +23,11 @@ from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.screen import virtual_screen
 from tools.fuzz.several_processes import ExportingWindow, MakingWindow, SharingBake
-from tools.fuzz.writer import MODULES, STEPS, Writer
+from tools.fuzz.writer import COMMANDS, STEPS, Writer
 from tools.procedural import write_procedural_scene
 
 WINDOWS = ("export", "window")  # of snerg-view
-NAMES = (*MODULES, "sharing", *WINDOWS)  # sharing: two bakes of one pack; see tools.fuzz.several_processes
+NAMES = (*COMMANDS, "sharing", *WINDOWS)  # sharing: two bakes of one pack; see tools.fuzz.several_processes
 DISK = "64m"  # enough for each of them where it is empty
 TRAINING = ["--preset", "tiny", "--steps", STEPS, "--checkpoint-every", "15", "--validate-every", "30"]
 BAKING = ["--resolution", "40", "--quality", "draft"]

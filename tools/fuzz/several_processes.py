@@ -13,14 +13,14 @@ import sys
 import time
 from pathlib import Path
 
-from tools.fuzz.writer import MODULES, PATIENCE_S, STEPS, Writer
+from tools.fuzz.writer import PATIENCE_S, STEPS, Writer
 
 
 class ExportingWindow(Writer):
     """A turntable, written by the window."""
 
     def line(self, out: Path) -> list[str]:
-        return [sys.executable, "-m", "viewer.commands.view", *self.words, "--frames", "1", "--export", str(out)]
+        return [sys.executable, "-m", "snerg", "view", *self.words, "--frames", "1", "--export", str(out)]
 
 
 class MakingWindow(Writer):
@@ -74,7 +74,7 @@ def working_on(path: str) -> list[int]:
 
 
 def main(words: list[str]) -> int:
-    line = [sys.executable, "-m", MODULES["bake"], *words, "--processes", "2", "--process-id"]
+    line = [sys.executable, "-m", "snerg", "bake", *words, "--processes", "2", "--process-id"]
     writing, helping = (subprocess.Popen([*line, number]) for number in ("0", "1"))
     helped, wrote = helping.wait(), writing.wait()
     return wrote if helped in (0, 2, -signal.SIGKILL) else 1

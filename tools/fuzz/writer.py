@@ -19,14 +19,7 @@ import numpy as np
 from tests.messages import without_progress
 
 ROOT = Path(__file__).parents[2]
-MODULES = {
-    "train": "training.commands.train",
-    "make": "baker.commands.make",
-    "bake": "baker.commands.bake",
-    "convert": "baker.commands.pack",
-    "picture": "viewer.commands.render",
-    "film": "viewer.commands.render",
-}
+COMMANDS = {"train": "train", "make": "make", "bake": "bake", "convert": "pack", "picture": "render", "film": "render"}
 PATIENCE_S = 900.0
 LIKE = 4.0  # grey levels: how far pictures of two films of the same pictures may be from each other, on average
 STEPS = "60"
@@ -50,7 +43,7 @@ class Writer:
 
     def line(self, out: Path) -> list[str]:
         """Program and arguments that write `out`."""
-        return [sys.executable, "-m", MODULES[self.name], *self.words, "--out", str(out)]
+        return [sys.executable, "-m", "snerg", COMMANDS[self.name], *self.words, "--out", str(out)]
 
     def start(self, out: Path, *more: str) -> subprocess.Popen[str]:
         words, none = [*self.line(out), *more], subprocess.DEVNULL

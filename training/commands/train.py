@@ -134,7 +134,3 @@ def _look_ahead(args: Sequence[str]) -> tuple[str, Path | None, bool]:
     except (argparse.ArgumentError, SystemExit):
         return DEFAULT_PRESET, None, False
     return known.preset, known.out, known.resume
-
-
-if __name__ == "__main__":
-    sys.exit(main())

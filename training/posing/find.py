@@ -65,9 +65,11 @@ def find_poses(source: Source, out: Path, *, seed: int = 0, most_frames: int = F
             raise KeyboardInterrupt(CONTINUE) from interrupt
 
 
-def posed_scene(path: Path, out: Path, *, seed: int = 0, most_frames: int = FRAMES) -> Path:
-    """`path` itself where it has poses; else the scene that find_poses makes of it. UserError where it is neither."""
-    return path if has_poses(path) else find_poses(require_source(path), out, seed=seed, most_frames=most_frames)
+def posed_scene(path: Path, out: Path, *, anew: bool = False, seed: int = 0, most_frames: int = FRAMES) -> Path:
+    """`path` itself where it has poses, unless `anew`; else what find_poses makes of it. UserError where it is neither."""
+    if has_poses(path) and not anew:
+        return path
+    return find_poses(require_source(path), out, seed=seed, most_frames=most_frames)
 
 
 def require(source: Source) -> None:

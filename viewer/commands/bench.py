@@ -227,7 +227,3 @@ def _contenders(pack: Pack, paper: bool, ablations: bool) -> list[Contender]:
 
 def main(args: Sequence[str] | None = None) -> int:
     return run_command(bench, prog="snerg-bench", args=args, on_failure=tell_if_unseen)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

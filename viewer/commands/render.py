@@ -1,6 +1,5 @@
 """snerg-render: offscreen pictures of a pack (docs/commands.md)."""
 
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -391,7 +390,3 @@ def fly_over(pack: Pack, name: str, folder: Path, fov: float, settings: RenderSe
 
 def main(args: Sequence[str] | None = None) -> int:
     return run_command(render, prog="snerg-render", args=args, on_failure=tell_if_unseen)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

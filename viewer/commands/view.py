@@ -321,7 +321,3 @@ def main(args: Sequence[str] | None = None) -> int:
     words = _with_port(sys.argv[1:] if args is None else args)
     scripted = any(word.startswith(SCRIPTED) for word in words)  # nobody is there to close a box
     return run_command(View, prog="snerg-view", args=words, on_failure=None if scripted else tell_if_unseen)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

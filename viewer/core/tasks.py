@@ -255,11 +255,11 @@ class FolderProcess:
     _looked: float = 0.0
 
     @classmethod
-    def start(cls, module: str, words: Callable[[Path], Sequence[str]]) -> Self:
-        """words: gives the arguments and may write files into the folder. UserError where the module cannot be started."""
+    def start(cls, command: str, words: Callable[[Path], Sequence[str]]) -> Self:
+        """words: gives the arguments and may write files into the folder. UserError where it cannot be started."""
         folder = temporary_folder("snerg-process-")
         try:
-            return cls(CommandProcess(module_command(module, *words(folder)), folder / "log.txt"), folder)
+            return cls(CommandProcess(module_command("snerg", command, *words(folder)), folder / "log.txt"), folder)
         except (OSError, UserError):
             shutil.rmtree(folder, ignore_errors=True)
             raise

@@ -61,7 +61,7 @@ def own_command() -> list[str]:
     script = Path(sys.executable).with_name("snerg-view")
     if script.is_file():
         return [str(script)]
-    return module_command("viewer.commands.view")
+    return module_command("snerg", "view")
 
 
 def _check_system(option: str) -> None:

@@ -61,7 +61,7 @@ def test_two_processes_of_two_devices_write_the_pack_of_one(tmp_path: Path) -> N
     assert snerg_bake([str(run), "--out", str(one), *options]) == 0
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"
     environment = os.environ | {"XLA_FLAGS": flags}
-    line = [sys.executable, "-m", "baker.commands.bake", str(run), "--out", str(two), *options, "--processes", "2"]
+    line = [sys.executable, "-m", "snerg", "bake", str(run), "--out", str(two), *options, "--processes", "2"]
     children = [
         subprocess.Popen([*line, "--process-id", i], cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
         for i in "01"

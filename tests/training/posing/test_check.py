@@ -42,6 +42,7 @@ def figures_of(captures: dict[str, tuple[Verdict, str]], name: str, figure: str)
     return np.array([photograph[figure] for photograph in captures[name][0].figures["photographs"]])
 
 
+@pytest.mark.slow
 def test_spoilt_versions_of_a_capture_come_out_worse(captures: dict[str, tuple[Verdict, str]]):
     found = {name: verdict.figures for name, (verdict, _) in captures.items()}
     good = found["good"]
@@ -51,12 +52,14 @@ def test_spoilt_versions_of_a_capture_come_out_worse(captures: dict[str, tuple[V
     assert soft < 0.5 * sharp
 
 
+@pytest.mark.slow
 def test_exposures_are_those_that_the_photographs_had(captures: dict[str, tuple[Verdict, str]]):
     x = figures_of(captures, "jumping", "exposure")
     np.testing.assert_allclose(x[1::2] - x[::2], np.log(0.45), atol=0.08)
     assert np.abs(figures_of(captures, "good", "exposure")).max() < 0.05
 
 
+@pytest.mark.slow
 def test_what_to_take_again_is_named_with_its_reason_on_one_page(captures: dict[str, tuple[Verdict, str]]):
     verdict, page = captures["odd"]
     assert set(verdict.retake) == {f"p{DARK:02d}.png", f"p{STRANGER}.png"}

@@ -61,6 +61,7 @@ def test_rays_meet_where_both_come_closest_to_one_another():
         assert (len(found), share) == (30, expected)
 
 
+@pytest.mark.slow
 def test_features_of_the_photographs_tell_how_near_things_are(tmp_path: Path):
     pytest.importorskip("pycolmap", reason="matching features needs pycolmap (the extra poses)")
     path = write_capture(tmp_path / "scene", walkers())

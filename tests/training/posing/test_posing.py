@@ -72,6 +72,13 @@ def test_the_same_line_again_finds_the_poses_there(found: Found, monkeypatch: py
 
 
 @pytest.mark.slow
+def test_poses_are_found_anew_where_there_are_some(found: Found, tmp_path: Path):
+    scene = posed_scene(found.scene, tmp_path / "out", anew=True)
+    assert scene == tmp_path / "out" / find.SCENE
+    assert len(photographs_of(load_quietly(scene))) == len(photographs_of(load_quietly(found.scene)))
+
+
+@pytest.mark.slow
 def test_who_is_stopped_goes_on_from_the_finished_stages_to_the_same_poses(found, tmp_path, monkeypatch):
     stage = "poses"
     ends: list[subprocess.Popen] = []

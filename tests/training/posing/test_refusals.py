@@ -87,6 +87,7 @@ def test_a_turntable_before_a_still_background_is_refused_unless_it_has_masks(tm
     assert np.abs(last[..., 3] - ball).mean() < 0.01  # the mask was turned with its photograph
 
 
+@pytest.mark.slow
 def test_masks_that_do_not_fit_or_are_missing_are_told(tmp_path: Path):
     write_turntable(tmp_path / "photographs", lambda name: f"{name}.png")
     source = find_source(tmp_path / "photographs")
@@ -143,6 +144,7 @@ def test_snerg_make_of_nothing_is_refused_in_one_line(name, content, message, mo
 FOX, FERN = "transforms_json/fox/images", "nerf_llff_data/fern/images_4"
 
 
+@pytest.mark.slow
 def test_photographs_that_share_nothing_are_refused_by_name(real_data: Path, tmp_path: Path) -> None:
     photographs = tmp_path / "photographs"
     photographs.mkdir()

@@ -85,6 +85,7 @@ def test_what_a_scene_in_the_making_is_at_is_translated(name: str) -> None:
         assert shown not in line and "left" not in line, line
 
 
+@pytest.mark.slow
 def test_everything_that_the_interface_shows_is_in_the_catalogues(offscreen, scenes) -> None:
     name = "de"  # all catalogues have the same texts
     language.use(name)

@@ -163,6 +163,7 @@ def test_it_is_one_picture_while_the_camera_slides_out_of_view_turns_and_flies(m
     assert app.scene.rig.flying and app.scene.rig.goal != before
 
 
+@pytest.mark.slow
 def test_a_window_that_is_resized_shows_one_picture_and_no_tiles_of_another(moving, app, monkeypatch):
     moving.canvas.rest_s = 0.0  # tiles begin at once, and are never all there
     monkeypatch.setattr(app.resolution, "tile_side", lambda: 120)

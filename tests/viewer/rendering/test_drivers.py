@@ -133,7 +133,7 @@ def test_no_driver_is_told_with_what_to_install(display, pack_folder, tmp_path, 
     if command == "view":
         done = run_view(pack_folder, DISPLAY=display, **nowhere)
     else:
-        words = [sys.executable, "-m", "viewer.commands.render", str(pack_folder), "--out", str(tmp_path / "a.png")]
+        words = [sys.executable, "-m", "snerg", "render", str(pack_folder), "--out", str(tmp_path / "a.png")]
         done = subprocess.run(words, env=os.environ | nowhere, capture_output=True, text=True, timeout=120, cwd=ROOT)
     if done.returncode == 0:
         pytest.skip("this Mesa has its drivers built in")

@@ -229,7 +229,7 @@ def test_what_is_no_pack_is_not_served_and_the_port_may_be_left_out(refused, tmp
 @pytest.mark.slow
 def test_the_command_serves_a_pack_until_it_is_interrupted(browser: Browser, tmp_path: Path) -> None:
     save_pack(shapes_pack(42), tmp_path / "shapes")
-    words = [sys.executable, "-m", "viewer.commands.view", str(tmp_path / "shapes"), "--serve", "0"]
+    words = [sys.executable, "-m", "snerg", "view", str(tmp_path / "shapes"), "--serve", "0"]
     environment = {**os.environ, "DISPLAY": ""}
     with subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True, env=environment) as process:
         assert process.stdout is not None

@@ -15,7 +15,7 @@ from PIL import Image
 from tests.viewer.conftest import installed
 from tests.viewer.waiting import not_none, until
 
-VIEW = [sys.executable, "-m", "viewer.commands.view"]
+VIEW = [sys.executable, "-m", "snerg", "view"]
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0
 

@@ -144,7 +144,7 @@ class Exporting:
         """Has snerg-pack write `file`. words: as of FolderProcess. then: called once it is there. UserError as begin()."""
         self._check_is_idle()
         app.annotations.save_now()
-        self.writing = Writing.start("baker.commands.pack", words)
+        self.writing = Writing.start("pack", words)
         self.writing.file, self.writing.then = file, then
         app.touch()
 
@@ -265,7 +265,7 @@ class Sharing:
         self.end()
         app.annotations.save_now()
         words = [str(scene.path.resolve()), "--serve", "0", *crop_words(app.settings.crop)]
-        self.server = Server.start("viewer.commands.view", lambda folder: [*words, *page_words(app, folder)])
+        self.server = Server.start("view", lambda folder: [*words, *page_words(app, folder)])
         self.server.name = scene.name
         app.touch()
 

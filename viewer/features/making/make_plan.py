@@ -63,12 +63,11 @@ class Plan:
         """How `path` would be made if nothing else is said. UserError where an unfinished run's description is broken."""
         path = path.resolve()
         if subject == "scene":
-            source, out = path, path
             if found_poses(path):
                 source = _photographs_of(path / POSED)
-            else:
-                out = _beside(path, f"{path.stem if is_film(path) else path.name}-snerg")
-            return cls("scene", source, out, survey=Survey(source))
+                return cls("scene", source, path, survey=Survey(source, anew=source != path / POSED))
+            out = _beside(path, f"{path.stem if is_film(path) else path.name}-snerg")
+            return cls("scene", path, out, survey=Survey(path))
         if (path / "run").is_dir() and not (path / "config.json").is_file():  # snerg-make's DIR
             scene = _description(path / "run")["scene"]
             if scene and Path(scene).is_dir():
@@ -81,6 +80,12 @@ class Plan:
     def bare(self) -> Source | None:
         """The photographs or the film whose poses must be found first."""
         return None if self.survey is None else self.survey.bare
+
+    def find_anew(self, anew: bool) -> None:
+        """Whether poses are found although there are some."""
+        if self.survey is not None:
+            self.survey.cancel()
+        self.survey = Survey(self.source, anew)
 
     @property
     def posed(self) -> Path:
@@ -168,8 +173,7 @@ class Plan:
 
     def command(self) -> list[str]:
         """Program and arguments that make it; `typed` is the same for a person."""
-        module = "baker.commands.make" if self.subject == "scene" else "baker.commands.bake"
-        return module_command(module, *self._arguments())
+        return module_command("snerg", "make" if self.subject == "scene" else "bake", *self._arguments())
 
     def typed(self) -> str:
         """The command line, to be typed on another machine, say."""
@@ -182,6 +186,7 @@ class Plan:
         if self.subject == "scene":
             words += ["--preset", self.preset, "--no-view", PREVIEWS]
             words += ["--spherify"] * self.spherify + ["--masks"] * self.cut_out + ["--poses-only"] * self.poses_only
+            words += ["--find-poses"] * (self.survey is not None and self.survey.anew and self.survey.posed)
             aabb, up = (value and ",".join(f"{number:g}" for number in value) for value in (self.aabb, self.up))
             options = {"aabb": aabb, "up": up, "downscale": self.downscale, "steps": self.steps, **options}
         for name, value in options.items():

@@ -107,6 +107,11 @@ def _choices(plan: Plan) -> None:
     size = survey.size(plan.preset, plan.downscale)
     _indented(f"Trained on {size[0]} × {size[1]} pixels each." if size else "")
     _indented(what_it_needs(plan, max(size)) if size else "")
+    if survey.posed and survey.kind != "blender":
+        anew = ui.switch("anew", survey.anew, "New poses")
+        ui.tip("Find the camera poses anew: those of a phone's tracking may be off by several pixels")
+        if anew != survey.anew:
+            plan.find_anew(anew)
     if survey.forward:
         plan.spherify = ui.switch("spherify", plan.spherify, "360° capture")
     if plan.masked:

@@ -26,7 +26,7 @@ from training.scenes import Scene, load_scene
 from training.scenes.picture_headers import UNREADABLE, read_header
 from training.scenes.presets import PRESETS, voxels_for
 from training.scenes.read import has_poses, suggested_downscale
-from training.scenes.sources import FEWEST, Source, find_source
+from training.scenes.sources import FEWEST, Source, find_source, require_source
 from viewer.core.language import translated
 from viewer.core.tasks import FolderProcess, JsonTask, Task, temporary_folder
 from viewer.rendering.targets import Sheet
@@ -151,10 +151,14 @@ def poser_missing(source: Source) -> str | None:
 
 
 class Survey(Task[None]):
-    """Reads a scene's description and its pictures' headers in a thread. Poll `finished`, then take the rest."""
+    """Reads a scene's description and its pictures' headers in a thread. Poll `finished`, then take the rest.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    anew: poses are found even if there are some.
+    """
+
+    def __init__(self, path: Path, anew: bool = False) -> None:
+        self.path, self.anew = path, anew
+        self.posed = False  # whether there are poses
         self.time: TimeNeeded | None = None  # that a run takes here, where this installation trains
         self.bare: Source | None = None  # photographs or a film whose poses must be found before training
         self.preview: BarePreview | None = None  # of these, where this installation finds poses
@@ -195,7 +199,9 @@ class Survey(Task[None]):
 
     def _read(self) -> None:
         try:
-            self.bare = None if has_poses(self.path) else find_source(self.path)
+            self.posed = has_poses(self.path)
+            if self.anew or not self.posed:
+                self.bare = require_source(self.path) if self.anew else find_source(self.path)
             if self.bare is not None:
                 found = self._look_at_bare(self.bare)
                 self.text = " ".join([f"{found}. {POSES_FIRST}", *(f"{note}." for note in self.bare.notes)])
@@ -284,7 +290,7 @@ class PhotographCheck(FolderProcess):
     def begin(cls, source: Path, out: Path) -> Self:
         """source, out: of the plan. UserError where the process cannot be started."""
         words = [str(source), "--out", str(out), "--check", "--json"]
-        check = cls.start("baker.commands.make", lambda folder: [*words, str(folder / RESULT)])
+        check = cls.start("make", lambda folder: [*words, str(folder / RESULT)])
         check.page = out / "check.html"
         return check
 

@@ -224,6 +224,7 @@ def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     app.making.end()
 
 
+@pytest.mark.slow
 def test_a_check_shows_its_progress_and_then_what_it_found(asked: App, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     making, opened = asked.making, []
     making.check_photographs(asked)
@@ -307,17 +308,29 @@ def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
     assert app.making.plan is None and not app.messages.dialogs
 
 
+def test_poses_that_are_there_can_be_found_anew(tmp_path):
+    write_photographs(tmp_path / "walk")
+    (tmp_path / "walk" / "transforms.json").write_text('{"frames": []}')
+    _, plan, found = dropped(tmp_path / "walk")
+    assert found.posed and plan.stages[0] == "Training"
+    plan.find_anew(True)
+    until(lambda: not_none(plan.survey).finished)
+    assert found.cancelled and plan.stages[0] == "Poses" and "--find-poses" in plan.typed()
+    plan.find_anew(False)
+    assert "--find-poses" not in plan.typed()
+
+
 def test_the_commands_are_ones_that_the_real_programs_take(scene, tmp_path, monkeypatch):
     from baker.commands import bake, make
 
     made = Plan("scene", scene, tmp_path, "full", downscale=2, spherify=True, masks=True, steps=5, resolution=96)
     for plan, module, name in ((made, make, "snerg_make"), (Plan("run", scene, tmp_path / "p"), bake, "snerg_bake")):
-        assert plan.command()[:4] == [sys.executable, "-P", "-m", module.__name__]
+        assert plan.command()[1:5] == ["-P", "-m", "snerg", module.__name__.split(".")[-1]]
         called = {}
         real = getattr(module, name)
         stand_in = functools.wraps(real)(lambda *words, **options: called.update(options))  # noqa: B023
         monkeypatch.setattr(module, name, stand_in)
-        assert module.main(plan.command()[4:]) == 0
+        assert module.main(plan.command()[5:]) == 0
         assert called["out"] == plan.out
         if plan.subject == "scene":
             assert called["no_view"] and called["masks"] and called["spherify"] and called["preset"] == "full"
@@ -357,6 +370,7 @@ def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
     assert plan.typed() == f"snerg-make {folder} --out {plan.out} --preset normal"
 
 
+@pytest.mark.slow
 def test_bare_photographs_are_shown_with_what_is_set_aside_and_the_time_it_takes(offscreen, app, tmp_path):
     ui = offscreen(app)
     write_photographs(tmp_path / "attic")
@@ -379,7 +393,7 @@ def test_a_film_is_asked_about_and_too_few_photographs_are_refused(tmp_path):
     film.write_bytes(bytes(3_000_000))
     app, plan, found = dropped(film)
     assert found.text.startswith("A film of 3 MB")
-    assert plan.out == tmp_path / "walk-snerg" and plan.command()[4] == str(film)
+    assert plan.out == tmp_path / "walk-snerg" and plan.command()[5] == str(film)
     if found.preview is not None:
         live(app, lambda: not found.busy)
         assert "not a film that can be read" in not_none(plan.problem())
@@ -467,7 +481,7 @@ def test_time_and_disk_are_measured_here_for_each_size_and_preset_of_voxels(tmp_
     assert needed.seconds("paper", 32) is None and needed.disk("paper", 32) is None
     disk = needed.disk("quick", 32)
     assert disk is not None and 1e8 < disk < 1e9
-    found.close()
+    found.cancel()
 
 
 @pytest.mark.parametrize(
