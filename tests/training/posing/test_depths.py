@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from console import Notice, UserError
 from tests.training.posing.rooms import FOCAL, SIZE, cameras, photograph
@@ -49,20 +50,20 @@ def test_rays_meet_where_both_come_closest_to_one_another():
     rays = places[:, None] - origins
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     origins = np.broadcast_to(origins, rays.shape)
-    found, share = meeting_places(origins, rays)
+    found, share, apart = meeting_places(origins, rays)
     np.testing.assert_allclose(found, places, atol=1e-6)
-    assert share == 1
+    assert share == 1 and apart < 1e-9
     aside, behind, narrow = rays.copy(), rays.copy(), rays.copy()
     aside[:10, 1] = np.roll(rays[:10, 1], 1, axis=0)  # matches that are none
     behind[:10] *= -1
     narrow[:10, 1] = narrow[:10, 0]  # almost: they do not count
     for changed, expected in ((aside, 0.75), (behind, 0.75), (narrow, 1.0)):
-        found, share = meeting_places(origins, changed)
+        found, share, _ = meeting_places(origins, changed)
         assert (len(found), share) == (30, expected)
 
 
 @pytest.mark.slow
-def test_features_of_the_photographs_tell_how_near_things_are(tmp_path: Path):
+def test_features_of_the_photographs_tell_how_near_things_are(tmp_path: Path, recwarn: pytest.WarningsRecorder):
     pytest.importorskip("pycolmap", reason="matching features needs pycolmap (the extra poses)")
     path = write_capture(tmp_path / "scene", walkers())
     scene = load_scene(path)
@@ -75,7 +76,7 @@ def test_features_of_the_photographs_tell_how_near_things_are(tmp_path: Path):
         nearest = np.quantile(np.where(directions < 0, -origins / directions, np.inf).min(-1), 0.01)
     assert found.near == pytest.approx(0.7 * nearest * scaled / unit, rel=0.1)
     assert not found.guessed and found.contraction == scene.contraction
-    assert with_depths(found) is found
+    assert with_depths(found) is found and not len(recwarn)
 
     box, out, config = (-0.2, -0.2, -0.2, 0.2, 0.2, 0.2), tmp_path / "run", replace(PRESETS["quick"], steps=1)
     boxed = start_run(out, path, config, SceneOptions(aabb=box)).scene
@@ -89,8 +90,21 @@ def test_features_of_the_photographs_tell_how_near_things_are(tmp_path: Path):
         read_description(out)
 
 
+def turned(cameras: list[Camera], degrees: float) -> list[Camera]:
+    """Each turned by so many degrees about its own x axis, by turns up and down."""
+    found = []
+    for i, camera in enumerate(cameras):
+        pose, turn = camera.world_T_camera.copy(), Rotation.from_euler("x", degrees * (-1) ** i, degrees=True)
+        pose[:3, :3] = pose[:3, :3] @ turn.as_matrix()
+        found.append(replace(camera, world_T_camera=pose))
+    return found
+
+
 def test_poses_that_the_photographs_were_not_taken_from_are_told(tmp_path: Path):
     pytest.importorskip("pycolmap", reason="matching features needs pycolmap (the extra poses)")
-    scene = load_scene(write_capture(tmp_path, walkers()[::-1]))
+    scene = load_scene(write_capture(tmp_path / "reversed", walkers()[::-1]))
     with pytest.warns(Notice, match="lie where the camera poses say"):
         assert with_depths(scene) is scene
+    scene = load_scene(write_capture(tmp_path / "turned", turned(walkers(), 0.3)))
+    with pytest.warns(Notice, match=r"matching features lie \d\.\d of \d+ pixels from where .* --find-poses"):
+        assert not with_depths(scene).guessed
