@@ -5,5 +5,5 @@ one another, still fail and report in the same voice.
 """
 
 from console.command_line import check_results, run_command, write_json, write_result
-from console.errors import Notice, UserError, not_written, refusal
+from console.errors import Notice, UserError, collect_notices, not_written, notify, refusal
 from console.progress import Progress, progress

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -112,6 +113,29 @@ class Notice(UserWarning):
 
     def __init__(self, text: object) -> None:
         super().__init__(one_line(str(text), LONGEST_NOTICE))
+
+
+_collected = threading.local()
+
+
+def notify(notice: Notice, stacklevel: int = 2) -> None:
+    """Warns with a Notice, unless this thread collects them. stacklevel: as warnings.warn."""
+    texts = getattr(_collected, "texts", None)
+    if texts is None:
+        warnings.warn(notice, stacklevel=stacklevel + 1)
+    else:
+        texts.append(str(notice))
+
+
+@contextmanager
+def collect_notices() -> Iterator[list[str]]:
+    """The texts of this thread's Notices in the `with` block, which are not shown; warnings.catch_warnings is of all threads."""
+    outer, texts = getattr(_collected, "texts", None), []
+    _collected.texts = texts
+    try:
+        yield texts
+    finally:
+        _collected.texts = outer
 
 
 @contextmanager

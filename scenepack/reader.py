@@ -8,7 +8,6 @@ Untidy packs (docs/format.md) are repaired with one PackWarning each; the rest i
 from __future__ import annotations
 
 import itertools
-import warnings
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -17,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from console import UserError
+from console import UserError, notify
 from console.atomic import recover_interrupted_write
 from console.json_text import MOST_BYTES
 from console.streams import one_line
@@ -113,7 +112,7 @@ class PackReader:
             files.close()
             raise
         for note in self._notes:
-            warnings.warn(PackWarning(note), stacklevel=2)
+            notify(PackWarning(note))
 
     def __enter__(self) -> PackReader:
         return self

@@ -9,7 +9,6 @@ was killed goes on where it was (baker.baking.work_folder).
 """
 
 import time
-import warnings
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,7 +26,7 @@ from baker.baking.passes import Voxels, passes_of
 from baker.baking.supersample import Sampler, supersample, supersample_floats
 from baker.baking.work_folder import Arrays, WorkFolder, once
 from baker.tuning.shading import from_params
-from console import Notice, Progress, UserError, progress
+from console import Notice, Progress, UserError, notify, progress
 from scenepack.blocks import fill_atlas
 from scenepack.pack import Pack
 from training.libraries import keep_freed_memory, release_freed_memory
@@ -169,11 +168,8 @@ def culled_grid(job: Bake) -> tuple[BakeGrid, Culling]:
         if kept <= config.block_limit or resolution == BLOCK_SIZE:
             return grid, culling
         coarser = max(int(COARSER * resolution * (config.block_limit / kept) ** 0.5), BLOCK_SIZE)
-        warnings.warn(
-            Notice(f"a grid of {resolution} voxels would keep {kept} macroblocks, {kept * BYTES / 1e9:.1f} GB on the "
-                   f"graphics card: {coarser} voxels instead; for larger packs: --most-macroblocks {kept}"),
-            stacklevel=2,
-        )  # fmt: skip
+        notify(Notice(f"a grid of {resolution} voxels would keep {kept} macroblocks, {kept * BYTES / 1e9:.1f} GB on the graphics "
+                      f"card: {coarser} voxels instead; for larger packs: --most-macroblocks {kept}"))  # fmt: skip
         resolution = coarser
 
 

@@ -11,7 +11,6 @@ import itertools
 import json
 import os
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from console import Notice, UserError
+from console import Notice, UserError, notify
 from console.atomic import discard, remove_leftovers, try_lock, write_file
 from scenepack.files import ZIP_ERRORS
 
@@ -82,8 +81,7 @@ class WorkFolder:
                 raise UserError("another process is baking into this pack", where=path,
                                 remedy="wait for it, or choose another --out")  # fmt: skip
             if file.is_file() and file.read_text(encoding="utf-8") != text:
-                warnings.warn(Notice("the unfinished bake here was of another run or with other options: starting over"),
-                              stacklevel=2)  # fmt: skip
+                notify(Notice("the unfinished bake here was of another run or with other options: starting over"))
                 for old in path.glob("*.npz"):
                     old.unlink(missing_ok=True)
             write_file(file, text)

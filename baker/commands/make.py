@@ -3,7 +3,6 @@
 import dataclasses
 import subprocess
 import time
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,7 +10,7 @@ from typing import Annotated, Literal
 import tyro
 
 from baker.baking.config import BakeConfig, Quality
-from console import Notice, UserError, check_results, run_command, write_json
+from console import Notice, UserError, check_results, notify, run_command, write_json
 from console.child_process import module_command
 from console.desktop import has_display
 from console.progress import duration
@@ -122,7 +121,7 @@ def snerg_make(
         print(f"the poses are in {scene}; {duration(time.monotonic() - began)}")
         return
     if not masks and scene == out / SCENE and (scene / "masks").is_dir():
-        warnings.warn(Notice(f"{scene}: poses were found by the masks; --masks also cuts the object out"), stacklevel=2)
+        notify(Notice(f"{scene}: poses were found by the masks; --masks also cuts the object out"))
     started = time.monotonic()
     stored = read_description(run_path) if is_run(run_path) else None
     if stored is not None:
@@ -137,7 +136,7 @@ def snerg_make(
         config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
         if asked != config:
             text = f"{run_path}: this run keeps its own settings; choose another --out to train with new ones"
-            warnings.warn(Notice(text), stacklevel=2)
+            notify(Notice(text))
     else:
         downscale = downscale or suggested_downscale(scene, PRESETS[preset].longest_side)
     options = SceneOptions(downscale or 1, spherify or None, masks, box, upwards)

@@ -6,12 +6,14 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from threading import Barrier, Thread
 from typing import Any, Literal
 
 import pytest
 
-from console import Notice, UserError, run_command
+from console import Notice, UserError, collect_notices, notify, run_command
 from console.command_line import parse_point, parse_size
+from console.errors import handle_notices
 
 ROOT = Path(__file__).parents[2]
 
@@ -141,6 +143,27 @@ def test_a_reader_that_goes_away_does_not_stop_the_work(stream: str, tmp_path: P
     assert child.wait(120) == 2 and (tmp_path / "result").read_text() == "done"
     assert other.read() == (b"p: and then it fails\n" if stream == "stdout" else b"")
     other.close()
+
+
+def test_a_thread_that_collects_notices_hears_its_own_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    collected, shown = [], Barrier(2)
+
+    def collect() -> None:
+        with collect_notices() as texts:
+            shown.wait()  # until another thread has begun to handle notices
+            notify(Notice("of the thread"))
+            collected.extend(texts)
+
+    def command() -> None:
+        thread = Thread(target=collect)
+        thread.start()
+        with handle_notices(lambda _: None, show_too=True):
+            shown.wait()
+            notify(Notice("of the command"))
+            thread.join()
+
+    assert run_command(command, prog="p", args=[]) == 0
+    assert collected == ["of the thread"] and capsys.readouterr().err == "p: warning: of the command\n"
 
 
 @pytest.mark.parametrize("kind", ["error", "warning"])

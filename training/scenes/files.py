@@ -13,12 +13,11 @@ import contextlib
 import itertools
 import os
 import unicodedata
-import warnings
 from collections import Counter
 from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
 
-from console import Notice
+from console import Notice, notify
 
 READ_PICTURES = "PNG, JPEG, WebP, TIFF, BMP, AVIF, HEIC, JPEG XL, JPEG 2000, OpenEXR or Radiance HDR"
 PICTURE_SUFFIXES = (
@@ -140,7 +139,7 @@ def notice(where: Path | str | None, text: str, names: Sequence[str] | None = No
     if names is not None and not names:
         return
     words = text if where is None else f"{where}: {text}"
-    warnings.warn(Notice(f"{words} ({few(names)})" if names else words), stacklevel=3)
+    notify(Notice(f"{words} ({few(names)})" if names else words), stacklevel=3)
 
 
 def few(names: Sequence[str]) -> str:

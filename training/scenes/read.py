@@ -5,14 +5,13 @@ A layout is a module with LOOKED_FOR (for messages), recognises(path) and read(p
 
 import math
 import os
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from console import Notice, UserError
+from console import UserError, collect_notices
 from training.scenes import colmap, llff, programs, transforms
 from training.scenes.files import PICTURE_SUFFIXES
 from training.scenes.scene import Scene, camera_rays, pixel_grid
@@ -54,8 +53,7 @@ def suggested_downscale(scene: Path, longest_side: int | None) -> int:
     """The smallest whole number that brings the photographs to `longest_side` pixels or fewer; 1 where that is None."""
     downscale = 1  # the reader knows of which size: the pictures of an LLFF capture may be stored shrunk
     while longest_side is not None:
-        with warnings.catch_warnings():  # what the reader has to say is said when training reads the scene
-            warnings.simplefilter("ignore", Notice)
+        with collect_notices():  # what the reader has to say is said when training reads the scene
             camera = load_scene(scene, downscale=downscale).splits["train"][0].camera
         longest = max(camera.width, camera.height)
         if longest <= longest_side:

@@ -1,6 +1,7 @@
 """Background work: functions in threads, child processes that print lines of JSON, and our commands as child processes."""
 
 import atexit
+import re
 import shutil
 import signal
 import subprocess
@@ -207,6 +208,14 @@ class CommandProcess:
 
     def report(self) -> Report | None:
         return read_report(self._scratch / "progress.json") or self._last
+
+    def warnings(self) -> list[str]:
+        """What it warned of so far, a line each."""
+        with suppress(OSError):
+            return re.findall(
+                r"^snerg-\w+: warning: (.*)$", self.log.read_text(encoding="utf-8", errors="replace"), re.M
+            )
+        return []
 
     def stop(self) -> None:
         """Asks it to end as with Ctrl-C: it keeps what is done. Poll on until it has."""

@@ -3,7 +3,6 @@
 Every GL state that drawing relies on is set in each call, since imgui shares the context.
 """
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import ceil, inf
@@ -11,7 +10,7 @@ from typing import Any
 
 import moderngl
 
-from console import Notice
+from console import Notice, notify
 from scenepack.contraction import contract
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
@@ -82,7 +81,7 @@ class Renderer:
                     raise refused from error
                 self.pack = half_resolution(self.pack)
         if refused is not None:
-            warnings.warn(Notice(_halved_message(pack, self.pack, refused)), stacklevel=2)
+            notify(Notice(_halved_message(pack, self.pack, refused)))
         self._ray_frame = RayFrame(self.pack)
 
     def scene(self, marcher: str) -> GpuScene:

@@ -1,7 +1,6 @@
 """Make job: the process that makes a scene, and what it leaves to look at: progress, previews, rejected photographs."""
 
 import contextlib
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from PIL import Image
 
-from console import UserError
+from console import UserError, collect_notices
 from console.json_text import read_json_file
 from console.progress_protocol import Report
 from scenepack.pack import Pack
@@ -50,8 +49,7 @@ class FileWatch(Generic[T]):
 
     def _try_to_read(self) -> T | None:
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with collect_notices():
                 return self._read(self._file)
         except Exception:  # gone meanwhile, or none of ours: the next will do, and the pack in the end
             return None
@@ -84,6 +82,7 @@ class MakeJob:
     child: CommandProcess
     report: Report | None = None  # the last progress that the process reported
     figures: list[float] = field(default_factory=list)  # PSNR (dB) during training
+    warnings: list[str] = field(default_factory=list)  # of the process
     picture: np.ndarray | None = None  # a held-out photograph beside its rendering, uint8 [h, w, 3]
     preview: Pack | None = None  # the newest state of the training
     preview_offered: bool = False  # whether one was shown without being asked for
@@ -106,6 +105,8 @@ class MakeJob:
         if self._previews is not None:
             self.preview = self._previews.poll() or self.preview
         self.report = report = self.child.report() or before
+        if report != before:
+            self.warnings = self.child.warnings()
         if picture is not None:
             self.picture = picture
         if report is not None and (before is None or report.done != before.done) and "psnr" in report.metrics:

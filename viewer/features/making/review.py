@@ -11,7 +11,6 @@ Notation: M points and N eyes of cameras, float64 [., 3], in one frame.
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from console import collect_notices
 from scenepack.blocks import fill_atlas, restore_padding
 from scenepack.pack import Pack
 from scenepack.placement import transformed
@@ -82,8 +82,7 @@ def read_sparse_preview(
 ) -> SparsePreview | None:
     """The points of the scene in a folder; None if there are too few. spherify, masks, up: as training.scenes.SceneOptions."""
     try:
-        with warnings.catch_warnings():  # what the reader has to say is said where training reads the scene
-            warnings.simplefilter("ignore")
+        with collect_notices():  # what the reader has to say is said where training reads the scene
             forward = not spherify and load_scene(folder).ndc
             scene = load_scene(folder, spherify=True, masks=masks, up=up)
         points = sparse_points(scene)

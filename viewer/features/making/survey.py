@@ -8,7 +8,6 @@ photographs themselves.
 import importlib.util
 import math
 import shutil
-import warnings
 import webbrowser
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -19,7 +18,7 @@ from typing import Any, Self
 import numpy as np
 from PIL import Image
 
-from console import UserError
+from console import UserError, collect_notices
 from console.json_text import read_json_file
 from console.progress_protocol import Report
 from training.scenes import Scene, load_scene
@@ -204,10 +203,10 @@ class Survey(Task[None]):
                 self.bare = require_source(self.path) if self.anew else find_source(self.path)
             if self.bare is not None:
                 found = self._look_at_bare(self.bare)
-                self.text = " ".join([f"{found}. {POSES_FIRST}", *(f"{note}." for note in self.bare.notes)])
+                notes = [f"{note}." for note in self.bare.notes]
+                self.text = " ".join([f"{found}.", *[POSES_FIRST] * (not self.posed), *notes])
                 return
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with collect_notices():
                 scene = load_scene(self.path)
                 self.automatic = {name: suggested_downscale(self.path, side) for name, side in LONGEST_SIDES.items()}
                 for downscale in {*DOWNSCALES, *self.automatic.values()}:

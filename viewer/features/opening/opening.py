@@ -6,7 +6,6 @@ Open packs stay in main memory; only the one that is shown is on the GPU.
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import unquote, urlsplit
 
-from console import Notice, UserError
+from console import UserError, collect_notices
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
 from training.scenes.sources import FILMS
@@ -55,15 +54,12 @@ class Loading(Task[Pack]):
 
     def _read(self) -> Pack:
         try:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("ignore")  # Python's own, of what another thread leaves open
-                warnings.simplefilter("always", Notice)
+            with collect_notices() as self.notes:
                 pack = load_pack(self.path, on_progress=self._progress, on_preview=self._more_to_see)
                 work_out_ahead(pack)
         except MemoryError as error:
             what = "not enough memory to open the pack"
             raise UserError(what, where=self.path, found=str(error) or None) from error
-        self.notes = [str(warning.message) for warning in caught]
         return pack
 
     def _more_to_see(self, pack: Pack) -> None:

@@ -13,12 +13,13 @@ import sys
 import time
 from pathlib import Path
 
-from console import UserError, progress, run_command
+from console import Notice, UserError, notify, progress, run_command
 
 
 def work(how: str, folder: Path, /) -> None:
     # Text that a program would misread: only stage and metrics are for programs.
     with progress("the network learns", 100, stage="training") as bar:
+        notify(Notice("a photograph is left out"))
         bar.update(40, "PSNR 99 of the last run", metrics={"psnr": 21.5, "rays_per_second": 3000.0})
         if how == "fail":
             raise UserError("the folder is empty", where=folder, remedy="choose another")

@@ -58,6 +58,7 @@ def test_progress_is_shown_while_the_child_works(making, tmp_path):
     live(app, lambda: app.making.job.report is not None and app.making.job.report.done == 40)
     job = app.making.job
     assert job.stage == 1 and job.figures == [21.5] and job.report.share == 0.4
+    assert job.warnings == ["a photograph is left out"]
     (job.plan.run / "validation").mkdir(parents=True)
     Image.new("RGB", (1024, 512), (200, 10, 10)).save(job.plan.run / "validation" / "latest.png")
     live(app, lambda: job.picture is not None)
