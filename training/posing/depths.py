@@ -31,7 +31,7 @@ FEWEST_MEET = 0.5  # of the matches; where fewer do, poses or lens do not fit th
 # As MOST_APART, in the median: 0.0006 to 0.0011 in bear, fox and stone_horse, 0.0066 in fox with drift of 0.5° and 1 %.
 INACCURATE = 0.0025
 GUESS = "how near things are is a guess"
-REMEDY = "If poses or lens are inaccurate: snerg-make with --find-poses finds them anew"
+REMEDY = "If poses or lens are inaccurate: snerg-make with --find-poses (in the window: New poses) finds them anew"
 
 
 def with_depths(scene: Scene) -> Scene:

@@ -256,7 +256,7 @@ def show_rejected(app: App, canvas: Canvas, rejected: RejectedPhotographs) -> No
 # --- How far it is ---
 
 PICTURE = "making"
-MOST_WARNINGS, LONGEST_WARNING = 3, 160  # characters
+MOST_WARNINGS, LONGEST_WARNING = 3, 200  # characters
 
 
 def show_job(app: App, canvas: Canvas, box: Box) -> None:
@@ -294,7 +294,8 @@ def show_job(app: App, canvas: Canvas, box: Box) -> None:
         _stages(job)
         imgui.progress_bar(job.report.share if job.report else 0.0, ImVec2(-1, px(6)), "")
         ui.hint(_status_text(job))
-        for text in job.warnings[-MOST_WARNINGS:]:
+        for warning in job.warnings[-MOST_WARNINGS:]:
+            text = warning.removeprefix(f"{job.plan.source}: ")
             ui.hint(text if len(text) <= LONGEST_WARNING else f"{text[:LONGEST_WARNING]}…", theme.WARN)
             ui.tip(text)
 
