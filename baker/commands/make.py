@@ -74,8 +74,8 @@ def snerg_make(
             photographs whose exposures differ, never for rendered scenes (Blender).
         seed: Random seed of the training, and of finding poses.
         frames: Number of frames of a film that are used, at most.
-        find_poses: Find the camera poses even if the folder has some: those of a phone's tracking may be off by several
-            pixels, and those of LLFF scenes come without lens distortion.
+        find_poses: Find the camera poses even if the folder has some. Poses that a phone recorded may be wrong by several
+            pixels, and LLFF scenes come without lens distortion.
         poses_only: Find camera poses into DIR/scene, and stop there.
         check: Look at the photographs, write DIR/check.html about them, and stop there: sharpness, overlap, exposure, what moves,
             which to take again, and the PSNR to expect.

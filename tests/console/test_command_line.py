@@ -146,11 +146,11 @@ def test_a_reader_that_goes_away_does_not_stop_the_work(stream: str, tmp_path: P
 
 
 def test_a_thread_that_collects_notices_hears_its_own_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    collected, shown = [], Barrier(2)
+    collected, handling = [], Barrier(2)
 
     def collect() -> None:
         with collect_notices() as texts:
-            shown.wait()  # until another thread has begun to handle notices
+            handling.wait()  # until another thread has begun to handle notices
             notify(Notice("of the thread"))
             collected.extend(texts)
 
@@ -158,7 +158,7 @@ def test_a_thread_that_collects_notices_hears_its_own_alone(capsys: pytest.Captu
         thread = Thread(target=collect)
         thread.start()
         with handle_notices(lambda _: None, show_too=True):
-            shown.wait()
+            handling.wait()
             notify(Notice("of the command"))
             thread.join()
 

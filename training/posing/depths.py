@@ -28,7 +28,7 @@ MOST_PHOTOGRAPHS = 120  # that are matched; of more, so many at even distances
 LEAST_ANGLE = 2.0  # degrees between two rays; where narrower ones come closest is uncertain
 MOST_APART = 0.01  # of the distance from the nearer camera: rays farther apart do not meet
 FEWEST_MEET = 0.5  # of the matches; where fewer do, poses or lens do not fit the photographs
-# As MOST_APART, in the median: 0.0006 to 0.0011 in bear, fox and stone_horse, 0.0066 in fox with drift of 0.5° and 1 %.
+# Median gap, as MOST_APART: 0.0006 to 0.0011 in bear, fox and stone_horse, 0.0066 in fox with poses that drift by 0.5° and 1 %.
 INACCURATE = 0.0025
 GUESS = "how near things are is a guess"
 REMEDY = "If poses or lens are inaccurate: snerg-make with --find-poses (in the window: New poses) finds them anew"
@@ -55,9 +55,8 @@ def with_depths(scene: Scene) -> Scene:
         notice(scene.path, f"{GUESS}: only {len(places)} features of the photographs match")
         return scene
     if meeting < FEWEST_MEET:
-        notice(
-            scene.path, f"{GUESS}: only {meeting:.0%} of the matching features lie where the camera poses say. {REMEDY}"
-        )
+        text = f"only {meeting:.0%} of the matching features lie where the camera poses say"
+        notice(scene.path, f"{GUESS}: {text}. {REMEDY}")
         return scene
     if apart > INACCURATE:
         pixels = f"{apart * cameras[0].fx:.1f} of {cameras[0].width} pixels"
@@ -69,9 +68,9 @@ def with_depths(scene: Scene) -> Scene:
 
 
 def meeting_places(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """Where pairs of rays [K, 2, 3] meet, [M, 3]; the share of the pairs that do; how far apart they pass, in the median, divided
-    by the distance. Of the points of both rays that are closest to one another, the middle. Pairs at less than LEAST_ANGLE do
-    not count."""
+    """For pairs of rays [K, 2, 3]: where they meet, [M, 3]; the share of pairs that do; and the median gap between the rays of
+    a pair, as a share of the distance to the nearer camera. A pair meets in the middle of the shortest line between its rays.
+    Pairs at less than LEAST_ANGLE do not count."""
     (a, b), between = np.moveaxis(directions, 1, 0), origins[:, 0] - origins[:, 1]
     cosine = (a * b).sum(-1)
     wide = cosine < np.cos(np.radians(LEAST_ANGLE))
@@ -79,11 +78,10 @@ def meeting_places(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndar
     along_a, along_b = (a * between).sum(-1), (b * between).sum(-1)
     distances = np.stack([cosine * along_b - along_a, along_b - cosine * along_a], -1) / (1.0 - cosine**2)[:, None]
     closest = origins + distances[..., None] * np.stack([a, b], 1)
-    if not len(closest):
-        return closest.mean(1), 0.0, 0.0
-    apart = np.linalg.norm(closest[:, 0] - closest[:, 1], axis=-1) / np.abs(distances).min(-1)
-    meet = (distances > 0).all(-1) & (apart < MOST_APART)
-    return closest[meet].mean(1), float(meet.mean()), float(np.median(apart))
+    front = (distances > 0).all(-1)
+    apart = np.linalg.norm(closest[front, 0] - closest[front, 1], axis=-1) / distances[front].min(-1)
+    places = closest[front][apart < MOST_APART].mean(1)
+    return places, len(places) / max(len(closest), 1), float(np.median(apart)) if len(apart) else 0.0
 
 
 def _matching_rays(photographs: Sequence[Photograph]) -> tuple[np.ndarray, np.ndarray]:

@@ -76,7 +76,7 @@ class Task(Generic[T]):
 
 @atexit.register
 def _end_running() -> None:
-    """Before Python ends threads: ended within a library's C++, one aborts the process."""
+    """Has tasks give up before Python ends daemon threads: one that is ended within a library's C++ aborts the process."""
     running = list(_running)
     for task in running:
         task.cancel()

@@ -53,6 +53,7 @@ def test_rays_meet_where_both_come_closest_to_one_another():
     found, share, apart = meeting_places(origins, rays)
     np.testing.assert_allclose(found, places, atol=1e-6)
     assert share == 1 and apart < 1e-9
+    assert meeting_places(np.zeros_like(origins), rays)[1:] == (0.0, 0.0)  # of cameras at one place
     aside, behind, narrow = rays.copy(), rays.copy(), rays.copy()
     aside[:10, 1] = np.roll(rays[:10, 1], 1, axis=0)  # matches that are none
     behind[:10] *= -1

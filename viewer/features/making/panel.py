@@ -109,7 +109,7 @@ def _choices(plan: Plan) -> None:
     _indented(what_it_needs(plan, max(size)) if size else "")
     if survey.posed and survey.kind != "blender":
         anew = ui.switch("anew", survey.anew, "New poses")
-        ui.tip("Find the camera poses anew: those of a phone's tracking may be off by several pixels")
+        ui.tip("Find the camera poses again. Poses that a phone recorded may be wrong by several pixels.")
         if anew != survey.anew:
             plan.find_anew(anew)
     if survey.forward:
