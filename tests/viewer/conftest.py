@@ -100,8 +100,11 @@ def app() -> App:
 
 @pytest.fixture
 def ctx() -> Iterator[moderngl.Context]:
+    """A context of the test's own, in which no OpenGL error may be left."""
     context = create_context()
     yield context
+    with context:
+        assert context.error == "GL_NO_ERROR"
     context.release()
 
 

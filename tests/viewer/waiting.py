@@ -1,10 +1,12 @@
-"""Waiting for threads, without a guess at how long they take."""
+"""Waiting for threads, without a guess at how long they take, and not waiting for a camera."""
 
 import time
 from collections.abc import Callable
+from types import MethodType
 from typing import Any, TypeVar
 
 from viewer.app.application import App
+from viewer.features.camera.orbit_camera import OrbitCamera
 
 LONGEST_S = 120.0
 T = TypeVar("T")
@@ -28,3 +30,11 @@ def until(happened: Callable[[], Any], longest_s: float = LONGEST_S) -> Any:
 def live(app: App, happened: Callable[[], Any], longest_s: float = LONGEST_S) -> None:
     """Lets time pass for the app until something is so."""
     until(lambda: app.tick(0.02) or happened(), longest_s)
+
+
+def at_once(move: MethodType, *words: object) -> None:
+    """Calls a method of an OrbitCamera that moves it, and has it arrive."""
+    move(*words)
+    rig = move.__self__
+    assert isinstance(rig, OrbitCamera)
+    rig.shown = rig.goal

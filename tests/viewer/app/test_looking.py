@@ -7,6 +7,7 @@ from console import UserError
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.conftest import toy_pack
 from tests.viewer.scenes import SIDE, with_cameras
+from tests.viewer.waiting import at_once
 from viewer.core.files import kind_of
 from viewer.core.pose import project
 from viewer.features.crop import crop
@@ -29,10 +30,9 @@ def test_standing_in_a_photograph_shows_what_it_shows(ui, app):
     app.touch()
     ui.settle()
     assert ui.scene_picture()[40:].mean() < 25  # the same, but for the photograph's coarser pixels
-    assert ui.ctx.error == "GL_NO_ERROR"
 
 
-def test_the_wipe_shows_the_photograph_on_the_right_of_its_edge(ui, app):
+def test_the_wipe_shows_the_photograph_on_the_right_of_its_edge_which_can_be_dragged(ui, app):
     app.gallery.stand_in(app, 0)
     assert app.comparison.sides(app) == ("Rendered", "Photograph")  # the golden picture has them
     app.comparison.pixels = np.full((SIDE, SIDE, 3), (250, 0, 250), np.uint8)
@@ -43,24 +43,17 @@ def test_the_wipe_shows_the_photograph_on_the_right_of_its_edge(ui, app):
     magenta = np.abs(row - (250, 0, 250)).sum(axis=1) < 10
     edge = round(0.5 * app.viewport.width)
     assert not magenta[: edge - 10].any() and magenta[edge + 10 : edge + 150].all()
+    ui.drag([(edge, 300), (edge + 60, 300), (edge + 120, 300)])
+    assert app.comparison.split == pytest.approx((edge + 120) / app.viewport.width, abs=0.01)
+    assert app.comparison.against == "photograph"  # the camera did not move
     app.comparison.how, app.comparison.clock = "flip", 0.0
     assert app.comparison.sides(app)[app.comparison.other_side] == "Rendered"
-
-
-def test_dragging_the_edge_moves_it_and_leaves_the_camera(ui, app):
-    app.gallery.stand_in(app, 0)
-    ui.settle()
-    x, y = 0.5 * app.viewport.width, 300.0
-    ui.drag([(x, y), (x + 60, y), (x + 120, y)])
-    assert app.comparison.split == pytest.approx((x + 120) / app.viewport.width, abs=0.01)
-    assert app.comparison.against == "photograph"
 
 
 def test_a_click_on_a_frustum_stands_in_it(ui, app):
     app.interface.page = "photographs"
     app.gallery.frusta = True
-    app.scene.rig.dolly(-12)
-    app.scene.rig.shown = app.scene.rig.goal
+    at_once(app.scene.rig.dolly, -12)
     ui.settle()
     camera = app.camera()
     shots = app.gallery.photographs.shots
@@ -102,7 +95,7 @@ def test_two_packs_are_compared_under_one_camera(ui, app, pack_folder):
     assert np.abs(ui.picture().astype(int) - alone)[200:500, 200:600].mean() > 20
     app.comparison.drop_other(app)
     ui.settle()
-    assert ui.canvas.other is None and ui.ctx.error == "GL_NO_ERROR"
+    assert ui.canvas.other is None
 
 
 def test_a_crop_box_cuts_and_its_handles_can_be_dragged(ui, app):
@@ -130,11 +123,8 @@ def test_things_dropped_are_told_apart(tmp_path, pack_folder):
 # Moving and scaling the crop box with ImGuizmo, and taking that back in turn with the camera's moves
 
 
-def test_the_gizmo_moves_the_box_along_one_axis_and_beside_it_the_mouse_is_the_cameras(
-    offscreen, app, pack, pack_folder
-):
+def test_the_gizmo_moves_the_box_along_one_axis_and_beside_it_the_mouse_is_the_cameras(ui, app, pack):
     app.interface.page, app.crop_tool = "crop", "move"
-    ui = offscreen(app, pack, pack_folder)
     app.set(crop=crop.placed(pack, np.zeros(3), np.full(3, 0.8)))
     ui.settle()
     before, rig = np.mean(app.settings.crop, axis=0), app.scene.rig.goal
@@ -144,7 +134,7 @@ def test_the_gizmo_moves_the_box_along_one_axis_and_beside_it_the_mouse_is_the_c
     moved = np.mean(app.settings.crop, axis=0) - before
     assert moved[1] > 0.1 and np.abs(moved[[0, 2]]).max() < 1e-3
     np.testing.assert_allclose(np.ptp(app.settings.crop, axis=0), 0.8, atol=1e-3)
-    assert app.scene.rig.goal == rig and ui.ctx.error == "GL_NO_ERROR"
+    assert app.scene.rig.goal == rig
     cut = app.settings.crop
     ui.pull((120.0, 650.0), (180.0, 670.0), 4)
     assert app.settings.crop == cut and app.scene.rig.goal != rig

