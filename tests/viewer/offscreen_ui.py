@@ -1,7 +1,7 @@
 """The interface in a framebuffer, without a window: for pictures of it and for tests that press its buttons."""
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 import moderngl
 import numpy as np
@@ -30,14 +30,14 @@ PLACES = {
 }
 
 
-def draw_unseen(data: imgui.ImDrawData, draw: Callable = imgui.backends.opengl3_render_draw_data) -> None:
+def draw_unseen(data: imgui.ImDrawData) -> None:
     """Draws the panels' last frame into one pixel: in software, filling pixels is most of a frame. Textures of letters arrive
     with it; the same data can be drawn whole after.
     """
     size = data.display_size
     whole = ImVec2(size.x, size.y)
     data.display_size = ImVec2(1.0, 1.0)
-    draw(data)
+    imgui.backends.opengl3_render_draw_data(data)
     data.display_size = whole
 
 

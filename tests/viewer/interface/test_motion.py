@@ -132,15 +132,15 @@ def hold_against_camera(ui: OffscreenUi, hidden: slice = slice(0)) -> None:
         pytest.fail(f"not the picture of the frame's camera: {message}; see {FAILURES}/motion-*.png")
 
 
-def slide(ui: OffscreenUi, check: Callable[[], object], button: int = 1, far: float = 0.45) -> None:
-    """Drags to and fro by up to `far` of the picture, and checks what is on the screen after each frame."""
+def slide(ui: OffscreenUi, check: Callable[[], object], button: int = 1) -> None:
+    """Drags to and fro by up to 0.45 of the picture, and checks what is on the screen after each frame."""
     box = ui.app.viewport
     x, y = 0.5 * box.width, box.y + 0.5 * box.height
     ui.io.add_mouse_pos_event(x, y)
     ui.frame()
     ui.io.add_mouse_button_event(button, True)
     for i in range(FRAMES):
-        dx, dy = far * box.width * np.sin(0.35 * i), 0.7 * far * box.height * np.sin(0.2 * i)
+        dx, dy = 0.45 * box.width * np.sin(0.35 * i), 0.315 * box.height * np.sin(0.2 * i)
         ui.io.add_mouse_pos_event(x + round(dx), y + round(dy))
         ui.frame()
         check()

@@ -153,9 +153,9 @@ def test_a_pack_a_photograph_and_a_message_may_have_any_name(offscreen, app, pac
 # Pages are dragged out of their place, docked elsewhere, remembered, and brought back
 
 
-def pull_out(ui, to: tuple[float, float] = (300.0, 200.0)) -> None:
+def pull_out(ui) -> None:
     """Drags the tab of the page at the usual place into the picture."""
-    ui.pull((ui.app.viewport.width + 60, 62.0), to, 12)
+    ui.pull((ui.app.viewport.width + 60, 62.0), (300.0, 200.0), 12)
 
 
 def test_a_page_is_pulled_out_another_takes_its_place_and_the_rail_opens_it_again(ui, app):

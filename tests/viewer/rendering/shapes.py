@@ -57,7 +57,7 @@ def shapes_pack(side: int = 70, block_size: int = 14, *, ndc: bool = False, diff
     return cube_pack(rgba, block_size, NDC_FRAME if ndc else BLENDER_FRAME, **shading, **camera)
 
 
-def surroundings_pack(side: int = 128, block_size: int = 14, *, radius: float = 1.0, diffuse: bool = False) -> Pack:
+def surroundings_pack(side: int = 128, *, radius: float = 1.0, diffuse: bool = False) -> Pack:
     """A contracted pack of side^3 voxels over all of space. In units of R = radius: the scene above in the inner cube, a
     chequered floor at y = FLOOR out to infinity, a red ball (BALL: x, y, z, radius), and a sky of radius SKY.
     """
@@ -83,7 +83,7 @@ def surroundings_pack(side: int = 128, block_size: int = 14, *, radius: float = 
     rgba = np.concatenate([np.rint(0.6 * rgb * levels), levels], axis=-1).astype(np.uint8)
     waves = 0.5 + 0.5 * np.sin(3 * np.stack([x, y, z, x], -1) / (1 + away[..., None]))
     features = np.rint(waves * levels).astype(np.uint8)
-    pack = cube_pack(rgba, block_size, **({} if diffuse else {"features": features, "view_mlp": glossy_mlp()}))
+    pack = cube_pack(rgba, 14, **({} if diffuse else {"features": features, "view_mlp": glossy_mlp()}))
     pack = replace(pack, voxel_size=radius * voxel, min_xyz=np.full(3, -2.0 * radius))
     return pack.with_metadata(contraction=radius)
 

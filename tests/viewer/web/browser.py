@@ -26,17 +26,13 @@ def executable() -> str | None:
     return next((path for name in NAMES if (path := shutil.which(name))), None)
 
 
-class PageError(Exception):
-    """A script of the page, or of a test within it, failed."""
-
-
 class Browser:
     """One page. Use as a context manager. problems: what the page's console complained about. patience_s: for an answer.
 
     group: of its processes.
     """
 
-    def __init__(self, profile: Path, size: tuple[int, int] = (800, 600), flags: tuple[str, ...] = ()) -> None:
+    def __init__(self, profile: Path, size: tuple[int, int] = (800, 600)) -> None:
         path = executable()
         assert path is not None
         read_commands, self._write = os.pipe()
@@ -47,7 +43,7 @@ class Browser:
             os.dup2(first, 3)
             os.dup2(second, 4)
 
-        words = [*FLAGS, *flags, f"--user-data-dir={profile}", f"--window-size={size[0]},{size[1]}", "about:blank"]
+        words = [*FLAGS, f"--user-data-dir={profile}", f"--window-size={size[0]},{size[1]}", "about:blank"]
         self._process = subprocess.Popen(
             [path, *words], preexec_fn=connect, close_fds=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             start_new_session=True,
@@ -98,7 +94,7 @@ class Browser:
         answer = self._send("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
         if "exceptionDetails" in answer:
             details = answer["exceptionDetails"]
-            raise PageError(details.get("exception", {}).get("description") or details["text"])
+            raise RuntimeError(details.get("exception", {}).get("description") or details["text"])
         return answer["result"].get("value")
 
     def until(self, script: str) -> None:
@@ -132,7 +128,7 @@ class Browser:
             answer = self._receive(end)
             if answer.get("id") == self._number:
                 if "error" in answer:
-                    raise PageError(f"{method}: {answer['error']}")
+                    raise RuntimeError(f"{method}: {answer['error']}")
                 return answer["result"]
             self._listen(answer)
 

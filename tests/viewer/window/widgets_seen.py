@@ -47,10 +47,6 @@ class Seen:
     modal: bool = False  # of a dialog that keeps everything else waiting
 
     @property
-    def name(self) -> tuple[str, str]:
-        return self.window, self.label
-
-    @property
     def at(self) -> tuple[float, float]:
         """Not the middle: fields of several numbers have a gap there."""
         x0, y0, x1, y1 = self.rect

@@ -32,11 +32,9 @@ def app(request, pack, ndc_pack) -> App:
     return app
 
 
-def place(app: App, azimuth: float, up: str = "y") -> np.ndarray:
+def place(app: App, azimuth: float) -> np.ndarray:
     """Puts the camera somewhere, at once; where it is then."""
     rig = app.open_scene.rig
-    if up != rig.table.up:
-        rig.set_up(up)
     start = 180.0 if rig.bounded else 0.0
     rig.goal = rig._bounded(Pose((0.05, 0.1, 0.0), start + azimuth, 12.0, 0.2 if rig.bounded else 3.0))
     rig.shown = rig.goal

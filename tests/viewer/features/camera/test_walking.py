@@ -188,15 +188,15 @@ def space(*solids: Solid, grain: float = GRAIN) -> Space:
     return Space(lambda p: np.any([solid(p) for solid in solids], axis=0), grain)
 
 
-def standing(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Body:
-    return Body(np.array([x, y, z]), 0.0, True)
+def standing(x: float = 0.0) -> Body:
+    return Body(np.array([x, 0.0, 0.0]), 0.0, True)
 
 
-def walked(among: Space, body: Body, direction: tuple[float, float], seconds: float, frame_s=FRAME_S) -> Body:
+def walked(among: Space, body: Body, direction: tuple[float, float], seconds: float) -> Body:
     """Two eye heights a second towards (x, z)."""
-    for _ in range(round(seconds / frame_s)):
-        way = 2.0 * frame_s * np.array([direction[0], 0.0, direction[1]])
-        body = moved(among, body, way, False, frame_s)
+    for _ in range(round(seconds / FRAME_S)):
+        way = 2.0 * FRAME_S * np.array([direction[0], 0.0, direction[1]])
+        body = moved(among, body, way, False, FRAME_S)
     return body
 
 
