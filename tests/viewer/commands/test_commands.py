@@ -50,13 +50,6 @@ def test_one_picture_from_a_pose_with_negative_numbers(folder: str, tmp_path: Pa
     assert not [path for path in out.parent.iterdir() if path != out]
 
 
-def test_an_orbit_as_a_folder_and_as_a_film(folder: str, tmp_path: Path) -> None:
-    turn = rendered(folder, tmp_path / "turn", "--orbit", 3, *SMALL)
-    assert sorted(path.name for path in turn.iterdir()) == ["0000.png", "0001.png", "0002.png"]
-    pytest.importorskip("av", reason="PyAV is not installed: pip install 'snerg[video]'")
-    assert rendered(folder, tmp_path / "turn.mp4", "--orbit", 3, "--size", "49x37").stat().st_size > 500
-
-
 def test_360_degrees_as_a_picture_and_two_eyes_as_stereo(folder: str, tmp_path: Path) -> None:
     pose = ["--eye", "0.1,-0.2,0.1", "--target", "1,-0.2,0.4"]
     eyes = ["--eye-distance", "0.2"]
@@ -72,13 +65,16 @@ def test_360_degrees_as_a_picture_and_two_eyes_as_stereo(folder: str, tmp_path: 
     assert np.array_equal(seen["beside"][:, 32:], right[:, 16:48])
 
 
-def test_several_views_are_put_on_one_sheet(folder: str, tmp_path: Path) -> None:
+def test_several_views_are_a_folder_a_sheet_or_a_film(folder: str, tmp_path: Path) -> None:
     sheet = picture(rendered(folder, tmp_path / "sheet.png", "--sheet", "--orbit", 5, *SMALL))
     each = rendered(folder, tmp_path / "each", "--orbit", 5, *SMALL)
+    assert sorted(path.name for path in each.iterdir()) == [f"{i:04d}.png" for i in range(5)]
     assert sheet.shape == (2 * 44 + 8, 3 * 56 + 8, 3)
     for i in range(5):
         x, y = 8 + 56 * (i % 3), 8 + 44 * (i // 3)
         assert np.array_equal(sheet[y : y + 36, x : x + 48], picture(each / f"{i:04d}.png"))
+    pytest.importorskip("av", reason="PyAV is not installed: pip install 'snerg[video]'")
+    assert rendered(folder, tmp_path / "turn.mp4", "--orbit", 3, "--size", "49x37").stat().st_size > 500
 
 
 def test_forward_facing_packs_render_without_a_pose_but_no_360_pictures(ndc_folder, tmp_path, refused):

@@ -13,6 +13,7 @@ from tests.viewer.interface.places import PLACES, WITHOUT_SCENE
 from viewer.app.application import App
 from viewer.core import language
 from viewer.core.language import FIELD, LANGUAGES, catalogue, translated
+from viewer.features.making.survey import few_with_reasons
 from viewer.features.preferences.preferences import apply_preferences, current_preferences
 
 ROOT = Path(__file__).parents[3]
@@ -68,6 +69,16 @@ def test_what_is_drawn_is_looked_up_without_icons_and_ids(english: str, german: 
     assert translated(english) == german
     language.use("fr")
     assert language.current() == "en" and translated(english) == english
+
+
+def test_names_beyond_the_first_few_are_counted_and_reasons_are_translated() -> None:
+    unmatched = dict.fromkeys(("2.jpg", "3.jpg", "4.jpg"), "matches no other")
+    reasons = {"0.jpg": "blurred", "1.jpg": "the same as 0.jpg", **unmatched}
+    assert few_with_reasons(reasons).endswith("2.jpg (matches no other) and 2 more")
+    language.use("de")
+    named = "0.jpg (unscharf), 1.jpg (dasselbe wie 0.jpg), 2.jpg (passt zu keinem anderen) und 2 weitere"
+    assert few_with_reasons(reasons) == named
+    assert named in translated(f"5 photographs are left out: {named}.")
 
 
 @pytest.mark.parametrize("name", OTHERS)

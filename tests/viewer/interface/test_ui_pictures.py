@@ -7,16 +7,14 @@ from run to run (times, paths, frame rates) is set by hand before a picture is t
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from console.progress_protocol import Report
 from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
+from tests.viewer.interface.places import child
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.pictures import compare_with_golden, flip
 from tests.viewer.scenes import photographed
@@ -226,9 +224,8 @@ def test_the_question_what_to_export_looks_as_before_with_a_preview_that_turns(u
 
 
 def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
-    child: Any = SimpleNamespace(stopping=False, poll=lambda: None, report=lambda: None, end=lambda seconds: None)
-    job = app.making.job = MakeJob(plan_of(photographs), child)
-    job.report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training", seconds_left=270.0)
+    job = app.making.job = MakeJob(plan_of(photographs), child())
+    job.report = job.child.report()
     job.figures = [float(21 + 6 * (1 - np.exp(-i / 8)) + 0.3 * np.sin(3 * i)) for i in range(30)]
     with Image.open(photographs / "test" / "r_0.png") as opened:
         shown = np.asarray(opened.convert("RGB").resize((256, 256)))

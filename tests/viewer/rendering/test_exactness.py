@@ -141,15 +141,13 @@ def test_every_lens_sees_the_same_rays(shapes: Pack, offscreen, name: str) -> No
     assert_exact(offscreen(shapes), replace(camera, fx=focal, fy=focal, distortion=LENSES[name]))
 
 
-def test_a_lens_bends_the_same_rays_of_a_forward_facing_pack(ndc_shapes: Pack, offscreen) -> None:
+def test_a_lens_bends_the_same_rays_of_a_forward_facing_pack_which_has_no_orthographic_view(
+    offscreen, ndc_shapes: Pack
+):
     camera = forward_facing_camera(np.random.default_rng(3))
     assert_exact(offscreen(ndc_shapes), replace(camera, distortion=LENSES["opencv"]))
-
-
-def test_a_forward_facing_pack_has_no_orthographic_view(offscreen, ndc_shapes: Pack) -> None:
-    camera = forward_facing_camera(np.random.default_rng(3)).as_orthographic(2.0)
     with pytest.raises(ValueError, match="no orthographic view"):
-        offscreen(ndc_shapes).render(camera)
+        offscreen(ndc_shapes).render(camera.as_orthographic(2.0))
 
 
 def test_a_pack_made_elsewhere_matches_the_reference(offscreen) -> None:

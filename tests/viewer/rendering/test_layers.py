@@ -118,7 +118,9 @@ def test_opaque_colours_are_those_of_the_formula_and_the_background_is_left_alon
         assert np.array_equal(*shown)
 
 
-def test_colours_as_they_are_and_what_lies_behind_do_not_change(shapes, offscreen) -> None:
+def test_the_plain_look_changes_nothing_what_lies_behind_has_none_and_a_transparent_picture_has_it(
+    shapes, offscreen
+) -> None:
     renderer, camera = offscreen(shapes), ViewCamera.orbit(shapes, 35, size=(96, 72))
     plain = RenderSettings(background=DARK)
     same = np.abs(renderer.render_float(camera, plain) - renderer.render_float(camera, replace(plain, look=Look())))
@@ -127,10 +129,6 @@ def test_colours_as_they_are_and_what_lies_behind_do_not_change(shapes, offscree
     before, after = (renderer.render(camera, each) for each in (replace(wanted, look=None), wanted))
     empty = renderer.render(camera, RenderSettings(mode="alpha"))[..., 0] == 0
     assert np.array_equal(before[empty], after[empty]) and np.abs(before.astype(int) - after).mean() > 5
-
-
-def test_a_transparent_picture_has_the_same_look(shapes, offscreen) -> None:
-    renderer, camera = offscreen(shapes), ViewCamera.orbit(shapes, 35, size=(96, 72))
     wanted = RenderSettings(look=Look(-0.5, 0.5, 0.0, 1.2))
     rgba = straight_rgba(renderer.render_raw(camera, replace(wanted, raw=True))).astype(float) / 255
     over = rgba[..., :3] * rgba[..., 3:] + 1 - rgba[..., 3:]

@@ -31,18 +31,12 @@ from training.config import PRESETS
 from training.posing import find
 from training.scenes.presets import BakeablePreset
 from viewer.app.application import App
-from viewer.core import language
 from viewer.core.files import POSED, REPORT
 from viewer.features.making import survey
 from viewer.features.making.make_job import preview_title
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.panel import what_it_needs
 from viewer.features.making.survey import Survey, result_lines
-
-
-def stage_of(app: App) -> str:
-    report = not_none(app.making.job).report
-    return "" if report is None else report.stage
 
 
 def gone(pid: int) -> bool:
@@ -134,7 +128,7 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
 
     begin(100_000)
     try:
-        live(app, lambda: app.making.job is None or stage_of(app) == "training", 300)
+        live(app, lambda: app.making.job is None or getattr(app.making.job.report, "stage", "") == "training", 300)
         app.making.stop(app)  # while its first step is being compiled
         live(app, lambda: app.making.job is None, 300)
         assert not app.messages.dialogs and "was stopped" in app.messages.toast
@@ -265,22 +259,6 @@ def test_a_check_that_fails_says_why_in_one_line(asked: App, tmp_path: Path):
     check = not_none(asked.making.check)
     live(asked, lambda: not check.running)
     assert check.result is None and check.error.startswith(f"{tmp_path / 'shed'}: no such file or folder")
-
-
-def test_names_beyond_the_first_few_are_counted_and_reasons_are_translated():
-    reasons = {
-        "0.jpg": "blurred",
-        "1.jpg": "the same as 0.jpg",
-        **{f"{i}.jpg": "matches no other" for i in range(2, 5)},
-    }
-    assert survey.few_with_reasons(reasons).endswith("2.jpg (matches no other) and 2 more")
-    language.use("de")
-    try:
-        named = "0.jpg (unscharf), 1.jpg (dasselbe wie 0.jpg), 2.jpg (passt zu keinem anderen) und 2 weitere"
-        assert survey.few_with_reasons(reasons) == named
-        assert named in language.translated(f"5 photographs are left out: {named}.")
-    finally:
-        language.use("en")
 
 
 # The plan: what the photographs are, the choices that they allow, the target folder, the command that is run
