@@ -62,9 +62,6 @@ def wait_for_dialog(ui) -> str:
     return f"{dialog.title}: {dialog.text}"
 
 
-# A pack that goes away while it is open
-
-
 @pytest.mark.parametrize("gone", ["rgba_001.png", "scene_params.json", "all"])
 def test_a_pack_deleted_while_open_stays_open_and_is_told_when_it_is_asked_for_again(ui, gone):
     app, folder = ui.app, ui.app.scene.path
@@ -113,39 +110,26 @@ def test_a_pack_that_is_cut_off_while_it_is_seen_leads_to_the_start_page(
     still_alive(ui)
 
 
-# A full disk
-
-
-@pytest.fixture
-def full_disk(tmp_path, monkeypatch) -> Path:
-    """A folder on a disk without room: whatever is written cannot be flushed."""
-
+@pytest.mark.parametrize("target", ["still.png", pytest.param("film.mp4", marks=needs_video), "frames"])
+def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_written(ui, tmp_path, monkeypatch, target):
     def full(handle: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    (tmp_path / "disk").mkdir()
-    monkeypatch.setattr(os, "fsync", full)
-    return tmp_path / "disk"
-
-
-@pytest.mark.parametrize("target", ["still.png", pytest.param("film.mp4", marks=needs_video), "frames"])
-def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_written(ui, full_disk, target):
-    app = ui.app
-    (full_disk / "mine.txt").write_text("keep me")
+    monkeypatch.setattr(os, "fsync", full)  # whatever is written cannot be flushed
+    app, disk = ui.app, tmp_path / "disk"
+    disk.mkdir()
+    (disk / "mine.txt").write_text("keep me")
     app.filming.size, app.filming.fps = (96, 64), 1.0
     if target == "still.png":
-        app.filming.still(app, full_disk / target)
+        app.filming.still(app, disk / target)
     else:
         app.run("turntable")
-        app.filming.film(app, full_disk / target)
+        app.filming.film(app, disk / target)
     dialog = wait_for_dialog(ui)
-    assert "The export stopped" in dialog and "the disk is full" in dialog and str(full_disk) in dialog
+    assert "The export stopped" in dialog and "the disk is full" in dialog and str(disk) in dialog
     assert app.filming.export is None
-    assert [path.name for path in full_disk.iterdir()] == ["mine.txt"]
+    assert [path.name for path in disk.iterdir()] == ["mine.txt"]
     still_alive(ui)
-
-
-# A card too small
 
 
 def test_a_card_with_too_little_room_shows_half_and_says_so_with_both_sizes(ui, shapes_folder, monkeypatch):
@@ -158,9 +142,6 @@ def test_a_card_with_too_little_room_shows_half_and_says_so_with_both_sizes(ui, 
     assert app.scene is not scene and max(ui.canvas.renderer.pack.grid_size) == 35
     assert not app.messages.dialogs[0].failed
     still_alive(ui)
-
-
-# Dropping what is no pack
 
 
 def test_dropping_what_is_no_pack_is_a_dialog_and_the_scene_stays(ui, tmp_path):

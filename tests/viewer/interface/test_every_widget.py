@@ -272,22 +272,15 @@ def stroke(ui: OffscreenUi, *keys: imgui.Key) -> None:
     ui.let_go(*reversed(keys))
 
 
-@pytest.fixture
-def two_scenes(app: App, tmp_path: Path, monkeypatch) -> tuple[Path, list[Path]]:
-    """The folder of two scenes a and b that were opened lately, and what is opened from now on."""
+@pytest.mark.parametrize("frames", [0, 1, 2, 8])
+def test_down_and_enter_within_one_slow_frame_open_the_picked_line(offscreen, app, tmp_path, monkeypatch, frames: int):
+    """Of two scenes that were opened lately. frames: between Ctrl+O and the keys."""
     opened: list[Path] = []
     for name in "ba":
         (tmp_path / name).mkdir()
         (tmp_path / name / "transforms.json").write_text("{}")
         app.preferences.opened(tmp_path / name)
     monkeypatch.setattr(app, "drop", opened.extend)
-    return tmp_path, opened
-
-
-@pytest.mark.parametrize("frames", [0, 1, 2, 8])
-def test_down_and_enter_within_one_slow_frame_open_the_picked_line(offscreen, app, two_scenes, frames: int):
-    """frames: between Ctrl+O and the keys."""
-    folder, opened = two_scenes
     ui: OffscreenUi = offscreen(app, size=(800, 600))
     ui.frame()
     stroke(ui, *CTRL_O)
@@ -295,4 +288,4 @@ def test_down_and_enter_within_one_slow_frame_open_the_picked_line(offscreen, ap
     for key in (DOWN, DOWN, ENTER):
         stroke(ui, key)
     ui.frame()
-    assert opened == [folder / "b"] and app.open_prompt is None
+    assert opened == [tmp_path / "b"] and app.open_prompt is None

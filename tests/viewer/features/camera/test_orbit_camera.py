@@ -77,7 +77,7 @@ def test_the_wheel_keeps_what_lies_under_the_cursor(x, y, notches):
     assert pixel_of(rig.camera(SIZE), point) == pytest.approx((x, y), abs=1e-3)
 
 
-def test_damping_arrives_and_stops(rig):
+def test_damping_arrives_and_stops_and_does_not_depend_on_the_frame_rate(rig, pack):
     rig.orbit(0.3, 0.2)
     rig.dolly(3, (0.2, 0.1))
     frames = 0
@@ -86,9 +86,6 @@ def test_damping_arrives_and_stops(rig):
         assert frames < 120
     assert rig.shown == rig.goal and frames > 5
     assert not rig.update(1 / 60)
-
-
-def test_damping_does_not_depend_on_the_frame_rate(pack):
     poses = []
     for rate in (30, 120):
         rig = orbit_camera_for(pack)

@@ -102,15 +102,9 @@ def test_what_was_chosen_stays_chosen_and_steps_keep_to_the_split(ui, app):
 ELSEWHERE = {"scene": "/home/ann/captures/shelf"}
 
 
-@pytest.fixture(scope="module")
-def carrying(known_pack):
-    """The same pack on another computer, with copies of its photographs."""
+def test_copies_are_the_photographs_shrunk_and_survive_every_way_a_pack_goes(known_pack, tmp_path):
     scene = load_scene(known_pack.metadata["provenance"]["scene"])
-    return with_pictures(known_pack, scene, 48).with_metadata(provenance=ELSEWHERE)
-
-
-def test_copies_are_the_photographs_shrunk_and_survive_every_way_a_pack_goes(known_pack, carrying, tmp_path):
-    save_pack(carrying, tmp_path / "a.zip")
+    save_pack(with_pictures(known_pack, scene, 48).with_metadata(provenance=ELSEWHERE), tmp_path / "a.zip")
     save_pack(load_pack(tmp_path / "a.zip"), tmp_path / "b", codec="webp")
     there, travelled = Photographs(known_pack), Photographs(load_pack(tmp_path / "b"))
     assert there.reachable and not travelled.reachable and travelled.any_pictures
