@@ -33,9 +33,6 @@ LENSES = {
     ),
     "opencv": (0.09, -0.03, 0.004, -0.006),
 }
-FEW = settings(
-    max_examples=4, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large], print_blob=True
-)
 
 
 def random_camera(rng: np.random.Generator, pack: Pack) -> ViewCamera:
@@ -75,36 +72,19 @@ def forward_facing_camera(rng: np.random.Generator) -> ViewCamera:
     return ViewCamera.look_at(eye, ahead, fov_degrees=55, size=SIZE, mirrored=True)
 
 
-@FEW
-@given(pack=packs(), seed=st.integers(0, 2**32 - 1))
-def test_exact_is_every_sample_on_random_packs_from_anywhere(offscreen, pack: Pack, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    renderer = offscreen(pack)
-    for look in (random_camera, random_camera, orthographic_camera):
-        assert_exact(renderer, look(rng, pack))
-
-
-@FEW
-@given(pack=packs(ndc=True), seed=st.integers(0, 2**32 - 1))
-def test_exact_is_every_sample_on_forward_facing_packs(offscreen, pack: Pack, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    renderer = offscreen(pack)
-    for _ in range(2):
-        assert_exact(renderer, forward_facing_camera(rng))
-
-
-@FEW
+@settings(max_examples=10, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large], print_blob=True)
 @given(pack=packs(ndc=None), seed=st.integers(0, 2**32 - 1))
-def test_crop_box_near_plane_and_background_keep_it_exact(offscreen, pack: Pack, seed: int) -> None:
-    rng = np.random.default_rng(seed)
+def test_exact_is_every_sample_on_random_packs_from_anywhere_whatever_is_cut_off(offscreen, pack: Pack, seed: int):
+    rng, renderer = np.random.default_rng(seed), offscreen(pack)
     high = np.asarray(pack.grid_size) * pack.voxel_size
     corners = pack.min_xyz + high * np.sort(rng.uniform(0, 1, (2, 3)), axis=0)
     crop = (tuple(corners[0].tolist()), tuple(corners[1].tolist()))
     wanted = RenderSettings(crop=crop, near=float(rng.uniform(0, 1.5)), background=(0.2, 0.0, 0.7))
-    look = orthographic_camera if rng.random() < 0.3 else random_camera
+    look = orthographic_camera if rng.random() < 0.4 else random_camera
     camera = forward_facing_camera(rng) if pack.ndc else look(rng, pack)
-    assert_exact(offscreen(pack), camera, wanted)
-    assert_exact(offscreen(pack), replace(camera, ray_near=float(rng.uniform(0, 1.5))), replace(wanted, near=0.0))
+    assert_exact(renderer, camera)
+    assert_exact(renderer, camera, wanted)
+    assert_exact(renderer, replace(camera, ray_near=float(rng.uniform(0, 1.5))), replace(wanted, near=0.0))
 
 
 @pytest.mark.parametrize("block_size", [5, 15])
