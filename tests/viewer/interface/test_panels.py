@@ -103,7 +103,7 @@ def test_the_rail_opens_and_closes_pages(ui, app):
     assert app.interface.page == ""
 
 
-def test_the_surroundings_of_a_contracted_pack_have_a_switch_that_is_remembered(ui, app, pack, pack_folder):
+def test_the_surroundings_of_a_contracted_pack_have_a_switch_that_is_remembered(ui, app, pack_folder):
     app.interface.page = "view"
     contracted = surroundings_pack(64)
     assert not ui.widgets("##surroundings")
@@ -153,36 +153,26 @@ def test_a_pack_a_photograph_and_a_message_may_have_any_name(offscreen, app, pac
 # Pages are dragged out of their place, docked elsewhere, remembered, and brought back
 
 
-def pull_out(ui) -> None:
-    """Drags the tab of the page at the usual place into the picture."""
-    ui.pull((ui.app.viewport.width + 60, 62.0), (300.0, 200.0), 12)
-
-
-def test_a_page_is_pulled_out_another_takes_its_place_and_the_rail_opens_it_again(ui, app):
-    usual = app.viewport.width
-    pull_out(ui)
+def test_a_page_is_pulled_out_another_takes_its_place_and_the_layout_is_remembered_and_reset(
+    ui, app, offscreen, tmp_path, pack, pack_folder
+):
+    usual = app.viewport
+    ui.pull((usual.width + 60, 62.0), (300.0, 200.0), 12)  # its tab, into the picture
     assert app.interface.moved == ["view"] and app.interface.page == ""
-    assert app.viewport.width > usual + 250  # the picture has the place
+    assert app.viewport.width > usual.width + 250  # the picture has the place
     app.interface.opens("camera")
     ui.settle()
-    assert app.interface.page == "camera" and app.viewport.width == usual
-    app.interface.opens("film")
-    ui.settle()
-    assert app.interface.moved == ["view"] and app.interface.page == "film"
+    assert app.interface.page == "camera" and app.viewport.width == usual.width
+    ui.pull((300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2), 12)  # docks it on the left
     app.interface.closes("view")
     ui.settle()
     assert not app.interface.shows("view")
     app.interface.opens("view")
     ui.settle()
     assert app.interface.moved == ["view"]  # where it was left
-
-
-def test_a_layout_is_remembered_comes_back_and_is_reset(ui, app, offscreen, tmp_path, pack, pack_folder):
-    usual = app.viewport
-    pull_out(ui)
-    ui.pull((300.0, 200.0), (24.0, app.viewport.y + app.viewport.height / 2), 12)
     app.interface.opens("film")
     ui.settle()
+    assert app.interface.moved == ["view"] and app.interface.page == "film"
     app.interface.layout = ui.ui.layout
     file = tmp_path / "viewer.json"
     assert preferences.save(current_preferences(app), file) is None

@@ -225,7 +225,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "bars"
 
 
-def test_places_that_are_seen_are_numbered_and_titled_and_the_rest_is_as_it_was(folder: Path, tmp_path: Path) -> None:
+def test_places_that_are_seen_are_numbered_and_titled_and_the_rest_is_as_it_was(folder, tmp_path, refused) -> None:
     plain, places = (picture(rendered(folder, tmp_path / "a.png", *WORDS, *more)) for more in ((), ("--places",)))
     assert discs(places) == [True, True, False] and discs(plain) == [False] * 3
     changed = (plain != places).any(axis=2)
@@ -233,6 +233,8 @@ def test_places_that_are_seen_are_numbered_and_titled_and_the_rest_is_as_it_was(
     layers = rendered(folder, tmp_path / "layers", *WORDS, "--places", "--mode", "rgb,depth")
     rgb, depth = (picture(layers / f"view_{mode}.png") for mode in ("rgb", "depth"))
     assert discs(rgb) == [True, True, False] and discs(depth) == [False] * 3
+    transparent = ["--out", tmp_path / "b.png", *WORDS, "--places", "--background", "transparent"]
+    assert "--places" in refused(render.main, folder, *transparent)
 
 
 def test_a_film_and_a_saved_view_of_the_window_have_them_where_that_is_wanted(offscreen, folder, tmp_path):
@@ -244,11 +246,6 @@ def test_a_film_and_a_saved_view_of_the_window_have_them_where_that_is_wanted(of
         app.filming.still(app, tmp_path / "a.png", CAMERA)
         live(app, lambda: app.filming.export is None)
         assert discs(picture(tmp_path / "a.png")) == [wanted, wanted, False]
-
-
-def test_a_transparent_picture_has_none(folder: Path, tmp_path: Path, refused) -> None:
-    words = ["--out", tmp_path / "a.png", *WORDS, "--places", "--background", "transparent"]
-    assert "--places" in refused(render.main, folder, *words)
 
 
 def test_titles_stay_within_the_picture_and_are_cut_where_they_are_long() -> None:

@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 from console import Notice, UserError, notify, progress, run_command
+from console.atomic import write_file
 
 
 def work(how: str, folder: Path, /) -> None:
@@ -26,19 +27,13 @@ def work(how: str, folder: Path, /) -> None:
         if how == "deaf":
             signal.signal(signal.SIGINT, signal.SIG_IGN)
         try:
-            tell_pid(folder)  # within: a test may interrupt as soon as it reads this
+            write_file(folder / "pid", str(os.getpid()))  # within: a test may interrupt as soon as it reads this
             while how in ("wait", "deaf") or (how == "until-told" and not (folder / "go").exists()):
                 time.sleep(0.02)
         except KeyboardInterrupt as interrupt:
             (folder / "saved").touch()
             raise KeyboardInterrupt("saved at step 40") from interrupt
     shutil.copytree(folder / "source", folder / "pack")
-
-
-def tell_pid(folder: Path) -> None:
-    """Writes FOLDER/pid whole: who finds the file finds the number in it."""
-    (folder / "pid.new").write_text(str(os.getpid()))
-    os.replace(folder / "pid.new", folder / "pid")
 
 
 if __name__ == "__main__":
