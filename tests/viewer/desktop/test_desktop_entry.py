@@ -45,7 +45,7 @@ def test_registering_twice_is_registering_once_and_nothing_is_left_behind_or_tak
     assert other.read_text() == "[Desktop Entry]\n"
 
 
-def test_the_entry_is_one_and_its_command_survives_odd_paths(data, tmp_path):
+def test_the_entry_is_one_and_its_command_survives_odd_paths(data):
     desktop_entry.register(['/home/a b/$x\\"`%/snerg-view'])
     entry = configparser.RawConfigParser()
     entry.optionxform = str  # type: ignore[assignment]  (keys have capitals)

@@ -12,12 +12,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.interface.places import child
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.rendering.pictures import compare_with_golden, flip
-from tests.viewer.scenes import photographed
 from tests.viewer.waiting import at_once, not_none, until
 from tools.procedural import write_procedural_scene
 from viewer.core.annotations import Annotations, Measurement, Scale
@@ -39,19 +37,14 @@ FADING_FRAMES = 15  # what lies behind a dialog dims within a sixth of a second
 Picture = Callable[[OffscreenUi, str], None]
 
 
-@pytest.fixture(scope="module")
-def known(tmp_path_factory, pack):
-    return photographed(pack, tmp_path_factory.mktemp("scene") / "toy_scene", 4)
-
-
 @pytest.fixture
-def window(known, offscreen, app) -> Callable[..., OffscreenUi]:
+def window(scenes, offscreen, app) -> Callable[..., OffscreenUi]:
     """Makes a window with the toy, at the size and the density that are given."""
 
     def make(size: tuple[int, int] = SIZE, density: float = 1.0, name: str = "toy") -> OffscreenUi:
         ui = offscreen(app, size=size, density=density)
         app.resolution.rest_scale = 0.5 / density  # the scene's own pictures are compared elsewhere
-        app.show(known, Path("scenes/toy"), name)
+        app.show(scenes.pack, Path("scenes/toy"), name)
         return ui
 
     return make
@@ -140,7 +133,7 @@ def test_each_page_looks_as_before(ui, app, compare, page):
     compare(ui, f"page-{page}", SIDE)
 
 
-def test_the_start_page_looks_as_before(offscreen, app, compare, tmp_path, monkeypatch):
+def test_the_start_page_looks_as_before(offscreen, app, compare, monkeypatch):
     monkeypatch.setattr(type(app.preferences), "recent_packs", lambda _: [Path("/scenes/lego"), Path("/scenes/fern")])
     app.demo = Path("demo.zip")
     compare(offscreen(app, size=SIZE), "start")
@@ -210,9 +203,8 @@ def test_the_questions_how_to_make_a_scene_look_as_before(ui, app, compare, phot
     compare(ui, f"make-{which}")
 
 
-def test_the_question_what_to_export_looks_as_before_with_a_preview_that_turns(ui, app, compare, known, tmp_path):
-    save_pack(known, tmp_path / "toy")
-    app.show(known, tmp_path / "toy", "toy")
+def test_the_question_what_to_export_looks_as_before_with_a_preview_that_turns(ui, app, compare, scenes):
+    app.show(scenes.pack, scenes.path, "toy")
     app.exporting.ask(app)
     compare(ui, "export")
     goal = app.scene.rig.goal

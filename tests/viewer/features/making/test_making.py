@@ -47,7 +47,7 @@ def gone(pid: int) -> bool:
     return False
 
 
-def test_progress_is_shown_while_the_child_works(making, tmp_path):
+def test_progress_is_shown_while_the_child_works(making):
     app = making("wait")
     live(app, lambda: app.making.job.report is not None and app.making.job.report.done == 40)
     job = app.making.job
@@ -144,27 +144,23 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
 
 
 @pytest.fixture
-def write(tmp_path, pack):
-    """Writes what is trained after so many steps, as the child does."""
+def train(tmp_path, pack):
+    """Writes what is trained after so many steps, as the child does, and waits until it has come."""
 
-    def call(steps: int) -> None:
+    def call(app: App, steps: int) -> None:
         made = {"steps": steps, "of_steps": 6000, "preview": True}
         save_pack(pack.with_metadata(provenance=made), tmp_path / "preview.zip")
+        job = not_none(app.making.job)
+        live(app, lambda: job.preview is not None and f" {steps:,} " in preview_title(job.preview))
 
     return call
 
 
-def came(app: App, steps: int) -> bool:
-    preview = not_none(app.making.job).preview
-    return preview is not None and f" {steps:,} " in preview_title(preview)
-
-
-def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_camera_stays(making, write, tmp_path):
+def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_camera_stays(making, train, tmp_path):
     app = making("until-told")
     live(app, lambda: app.making.job.report is not None)
     assert app.scene is None
-    write(1200)
-    live(app, lambda: came(app, 1200))
+    train(app, 1200)
     assert app.open_scene.name == "photographs: preview after 1,200 steps" and app.making.training_preview_shown(app)
     assert app.canvas.shown == [app.making.job.preview] and app.preferences.recent == []
     untouched = app.open_scene.rig.goal
@@ -172,8 +168,7 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_c
     chosen, fov = app.open_scene.rig.goal, app.fov
     assert chosen != untouched
     live(app, lambda: app.scene.rig.shown == app.scene.rig.goal)
-    write(2400)
-    live(app, lambda: came(app, 2400))
+    train(app, 2400)
     assert app.open_scene.name.endswith("2,400 steps") and app.open_scene.pack is app.making.job.preview
     assert app.open_scene.rig.goal == app.open_scene.rig.shown == chosen
     assert app.canvas.shown == [app.making.job.preview], "refined in place: nothing is blank in between"
@@ -183,17 +178,15 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_c
     assert app.open_scene.rig.goal == chosen and app.fov == fov
 
 
-def test_a_scene_that_is_open_is_not_taken_away(making, write, pack, pack_folder):
+def test_a_scene_that_is_open_is_not_taken_away(making, train, pack, pack_folder):
     app = making("until-told")
     app.show(pack, pack_folder)
-    write(1200)
-    live(app, lambda: came(app, 1200))
+    train(app, 1200)
     assert app.scene.path == pack_folder and not app.making.training_preview_shown(app)
     app.making.show_training_preview(app)
     assert app.making.training_preview_shown(app)
     app.show(pack, pack_folder)
-    write(2400)
-    live(app, lambda: came(app, 2400))
+    train(app, 2400)
     assert app.scene.path == pack_folder, "whoever has gone elsewhere stays there"
 
 
@@ -212,9 +205,7 @@ def asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     for i, camera in enumerate(cameras(SHOTS)):
         picture = Image.fromarray(photograph(camera)).point(lambda v, light=0.6 if i == DARK else 1.0: int(v * light))
         picture.save(tmp_path / "shed" / f"p{i}.png")
-    app = App(canvas=FakeCanvas())
-    app.drop([tmp_path / "shed"])
-    live(app, lambda: not_none(not_none(app.making.plan).survey).finished)
+    app, *_ = dropped(tmp_path / "shed")
     yield app
     app.making.end()
 
@@ -274,7 +265,7 @@ def dropped(path: Path) -> tuple[App, Plan, Survey]:
     return app, plan, survey
 
 
-def test_a_scene_that_is_dropped_is_asked_about(scene, tmp_path):
+def test_a_scene_that_is_dropped_is_asked_about(scene):
     app, plan, found = dropped(scene)
     assert plan.subject == "scene" and plan.out == scene.parent / "still-snerg"
     assert found.text.startswith("5 photographs of 24 × 24") and "Blender" in found.text
@@ -384,9 +375,7 @@ def test_an_earlier_attempt_is_gone_on_with(scene, tmp_path):
     (folder / "run" / "checkpoints").mkdir(parents=True)
     (folder / "run" / "config.json").write_text(json.dumps({"scene": str(scene), "config": {"steps": 6000}}))
     (folder / "run" / "checkpoints" / "step_00001000.safetensors").touch()
-    app = App(canvas=FakeCanvas())
-    app.drop([folder])
-    plan = not_none(app.making.plan)
+    app, plan, _ = dropped(folder)
     assert (plan.subject, plan.source, plan.out) == ("scene", scene, folder)
     assert "at step 1,000 of 6,000" in plan.attempt_text() and plan.problem() is None
     app.drop([folder / "run"])

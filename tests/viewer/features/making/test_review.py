@@ -94,7 +94,7 @@ def test_what_a_scene_is_taken_for_decides_its_box_and_its_frame(tmp_path):
 
 
 @pytest.fixture
-def bare(monkeypatch, tmp_path, posed) -> Iterator[App]:
+def bare(monkeypatch, tmp_path) -> Iterator[App]:
     """An app that finds the poses of bare photographs: a stand-in has them at once, and trains for as long as it is let."""
     photographs = tmp_path / "shed"
     write_colmap(tmp_path / "out" / "scene", circle(10), ball())

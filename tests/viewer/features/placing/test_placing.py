@@ -165,7 +165,7 @@ def test_the_pack_keeps_it_and_pages_and_pictures_follow(ui, app, slope, tmp_pat
     assert np.allclose(ahead / np.linalg.norm(ahead), -app.scene.rig.matrix[:3, 2], atol=1e-4)
 
 
-def test_a_forward_facing_scene_has_an_origin_and_is_not_turned(offscreen, app, tmp_path) -> None:
+def test_a_forward_facing_scene_has_an_origin_and_is_not_turned(offscreen, app) -> None:
     app.interface.page = placing.PAGE
     ui = offscreen(app, toy_pack(ndc=True), size=(1280, 800))
     assert ui.widgets("By a point") and not ui.widgets("By three points")
