@@ -158,16 +158,11 @@ CAMERAS = {
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_exact_takes_every_sample(offscreen, surroundings: Pack, name: str) -> None:
-    renderer = offscreen(surroundings)
+    renderer, blue = offscreen(surroundings), RenderSettings(background=(0.2, 0.0, 0.7))
     assert_exact(renderer, CAMERAS[name], RenderSettings(), name)
-    background = (0.2, 0.0, 0.7)
-    assert_exact(renderer, CAMERAS[name], RenderSettings(surroundings=False, background=background), f"{name}, inner")
-
-
-def test_crop_box_and_near_plane_keep_it_exact(offscreen, surroundings: Pack) -> None:
-    wanted = RenderSettings(crop=((-0.9, -0.8, -1.4), (1.7, 0.4, 0.9)), near=0.4, background=(0.2, 0.0, 0.7))
-    for name in ("inside", "outside"):
-        assert_exact(offscreen(surroundings), CAMERAS[name], wanted, name)
+    assert_exact(renderer, CAMERAS[name], replace(blue, surroundings=False), f"{name}, inner")
+    crop = ((-0.9, -0.83, -1.4), (1.7, 0.4, 0.9))  # no face lies on the floor, where a sample may be on either side
+    assert_exact(renderer, CAMERAS[name], replace(blue, crop=crop, near=0.4), f"{name}, cut")
 
 
 @pytest.mark.slow
