@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, wait
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
@@ -261,14 +261,15 @@ class FolderProcess:
 
     child: CommandProcess
     folder: Path
-    _looked: float = 0.0
+    _looked: float = field(default=0.0, kw_only=True)
 
     @classmethod
-    def start(cls, command: str, words: Callable[[Path], Sequence[str]]) -> Self:
-        """words: gives the arguments and may write files into the folder. UserError where it cannot be started."""
+    def start(cls, command: str, words: Callable[[Path], Sequence[str]], **fields: Any) -> Self:
+        """words: gives the arguments, may write files into the folder. fields: of a subclass. UserError where it cannot start."""
         folder = temporary_folder("snerg-process-")
         try:
-            return cls(CommandProcess(module_command("snerg", command, *words(folder)), folder / "log.txt"), folder)
+            process = CommandProcess(module_command("snerg", command, *words(folder)), folder / "log.txt")
+            return cls(process, folder, **fields)
         except (OSError, UserError):
             shutil.rmtree(folder, ignore_errors=True)
             raise

@@ -5,6 +5,7 @@ A process writes or serves it.
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -99,7 +100,7 @@ class ExportPlan:
 
 @dataclass
 class Writing(FolderProcess):
-    file: Path = Path()  # what it writes
+    file: Path  # what it writes
     then: Callable[[], object] = lambda: None  # called once it is there
     report: Report | None = None  # its last word
 
@@ -144,8 +145,7 @@ class Exporting:
         """Has snerg-pack write `file`. words: as of FolderProcess. then: called once it is there. UserError as begin()."""
         self._check_is_idle()
         app.annotations.save_now()
-        self.writing = Writing.start("pack", words)
-        self.writing.file, self.writing.then = file, then
+        self.writing = Writing.start("pack", words, file=file, then=then)
         app.touch()
 
     def _check_is_idle(self) -> None:
@@ -250,7 +250,7 @@ class ExportPreview:
 
 @dataclass
 class Server(FolderProcess):
-    name: str = ""  # of the pack
+    name: str  # of the pack
     address: str = ""  # what to open in a browser; "" until it is known
 
 
@@ -265,9 +265,7 @@ class Sharing:
         self.end()
         app.annotations.save_now()
         words = [str(scene.path.resolve()), "--serve", "0", *crop_words(app.settings.crop)]
-        self.server = Server.start("view", lambda folder: [*words, *page_words(app, folder)])
-        self.server.name = scene.name
-        app.touch()
+        self.server = Server.start("view", lambda folder: [*words, *page_words(app, folder)], name=scene.name)
 
     def copy(self, app: App) -> None:
         if self.server is not None:
@@ -288,7 +286,6 @@ class Sharing:
             self.end()
             app.touch()
         elif not server.address:
-            lines = server.child.log.read_text(encoding="utf-8", errors="replace").splitlines(keepends=True)
-            found = [line.strip() for line in lines if line.startswith("http://") and line.endswith("\n")]
-            server.address = found[0] if found else ""
+            printed = server.child.log.read_text(encoding="utf-8", errors="replace")
+            server.address = next(iter(re.findall(r"^(http://.*)\n", printed, re.MULTILINE)), "")
             app.touch(1)

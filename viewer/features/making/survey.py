@@ -278,7 +278,7 @@ GROUPS = {
 class PhotographCheck(FolderProcess):
     """Checks photographs. Call `poll` now and then; close it in the end."""
 
-    page: Path = Path()  # what the process writes
+    page: Path  # what the process writes
     running: bool = True  # whether there will be a result or an error
     result: Mapping[str, Any] | None = None  # what it found, as `--json` has it
     error: str = ""  # why there is no result
@@ -289,9 +289,7 @@ class PhotographCheck(FolderProcess):
     def begin(cls, source: Path, out: Path) -> Self:
         """source, out: of the plan. UserError where the process cannot be started."""
         words = [str(source), "--out", str(out), "--check", "--json"]
-        check = cls.start("make", lambda folder: [*words, str(folder / RESULT)])
-        check.page = out / "check.html"
-        return check
+        return cls.start("make", lambda folder: [*words, str(folder / RESULT)], page=out / "check.html")
 
     def poll(self) -> bool:
         """Whether there is something new to show."""

@@ -228,18 +228,12 @@ def joined(own: Annotations, other: Annotations) -> Annotations:
 
 @dataclass
 class Sessions:
-    """file: of the last session; None where none is kept, as in scripts. last: what it held when the program began."""
-
-    file: Path | None = None
-    last: Session | None = None
-    _autosave: Autosave[Session | None] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._autosave = Autosave(self._write, None, REST_S)
+    last: Session | None = None  # what was open when the program ended the last time
+    _autosave: Autosave[Session | None] | None = None  # of what is open now; None where it is not kept, as in scripts
 
     def begin(self, file: Path) -> None:
         """Keeps the last session in `file` from now on, and offers what lies there. What is broken is not offered."""
-        self.file = file
+        self._autosave = Autosave(partial(_save_last, file), None, REST_S)
         try:
             session = load_session(file)
         except UserError:
@@ -269,17 +263,18 @@ class Sessions:
 
     def tick(self, app: App) -> None:
         """Time passes: what has not changed for a moment is written as the last session; not while packs are on their way."""
-        if self.file is not None and app.loading is None:
+        if self._autosave is not None and app.loading is None:
             self._autosave.follow(session_of(app) or self._autosave.saved)
 
     def finish(self, app: App) -> None:
         """The program ends: what is open now is the last session."""
-        if self.file is not None:
+        if self._autosave is not None:
             self._autosave.finish(session_of(app) or self._autosave.saved)
-        self.file = None
+        self._autosave = None
 
-    def _write(self, session: Session | None) -> None:
-        assert self.file is not None and session is not None
-        with contextlib.suppress(OSError):  # it is a convenience: nobody is asked to do something about it
-            self.file.parent.mkdir(parents=True, exist_ok=True)
-            save_session(session, self.file)
+
+def _save_last(file: Path, session: Session | None) -> None:
+    assert session is not None
+    with contextlib.suppress(OSError):  # it is a convenience: nobody is asked to do something about it
+        file.parent.mkdir(parents=True, exist_ok=True)
+        save_session(session, file)
