@@ -171,7 +171,6 @@ class Bookmarks:
         app.interface.opens("film")
         path = app.filming.path
         app.messages.say(f"A film of {path.duration:.0f} seconds through {len(path.keyframes)} views")
-        app.touch()
 
 
 # --- View pictures ---

@@ -30,7 +30,7 @@ class ForwardFacingCamera(OrbitCamera):
         _, height, focal = ndc_camera(pack)
         super().__init__(pack, fov=degrees(2.0 * atan(0.5 * height / focal)))  # that of the photographs
         self.middle, self.radius = np.zeros(3), 1.0  # the content box is in warped space, of no use here
-        self.speed = 0.1
+        self.speed, self.distances = 0.1, DISTANCES
 
     def _home(self) -> Pose:
         return Pose((0.0, 0.0, 0.0), AHEAD, 0.0, START_DISTANCE)
@@ -40,9 +40,6 @@ class ForwardFacingCamera(OrbitCamera):
         turn = float(np.clip(shortest_turn(AHEAD, pose.azimuth), -TURN_LIMIT, TURN_LIMIT))
         elevation = float(np.clip(pose.elevation, -TURN_LIMIT, TURN_LIMIT))
         return Pose((x, y, 0.0), AHEAD + turn, elevation, float(np.clip(pose.distance, *DISTANCES)))
-
-    def _distance_limits(self) -> tuple[float, float]:
-        return DISTANCES
 
     def _distance_to_middle(self, grid_T_camera: np.ndarray) -> float:
         return START_DISTANCE

@@ -40,6 +40,7 @@ class OrbitCamera:
         self._outline = outline(pack)
         self.middle = middle_of(self._outline)
         self.radius = max(float(np.linalg.norm(self._outline - self.middle, axis=1).max()), 1e-6)
+        self.distances = 1e-3 * self.radius, 20.0 * self.radius  # of the camera from the pivot, the least and the most
         self.home_fov = self.fov = fov
         self.navigation: Navigation = "orbit"
         self._steps = np.zeros(3)  # walking: see take_steps
@@ -186,15 +187,11 @@ class OrbitCamera:
     def dolly(self, notches: float, cursor: tuple[float, float] = (0.0, 0.0)) -> None:
         """Moves towards (notches > 0) what lies under the cursor at the pivot's depth, or away from it."""
         self.take_over()
-        smallest, largest = self._distance_limits()
-        distance = float(np.clip(self.goal.distance * DOLLY_STEP**notches, smallest, largest))
+        distance = float(np.clip(self.goal.distance * DOLLY_STEP**notches, *self.distances))
         closer = (self.goal.distance - distance) * tan(radians(self.fov) / 2)
         shift = closer * self.goal.rotation(self.table) @ (*cursor, 0.0)
         self.goal = replace(self.goal, distance=distance)
         self._shift(shift)
-
-    def _distance_limits(self) -> tuple[float, float]:
-        return 1e-3 * self.radius, 20.0 * self.radius
 
     def fly(self, right: float, up: float, forward: float, seconds: float) -> None:
         """Moves for `seconds` at the rig's speed; the three are -1 … 1 along the camera's axes. Walking: see take_steps."""
@@ -242,7 +239,7 @@ class OrbitCamera:
     def follow(self, finer: OrbitCamera) -> None:
         """Takes over what `finer` knows of another version of the scene; the camera stays where it is."""
         self.middle, self.radius, self._outline = finer.middle, finer.radius, finer._outline
-        self.all_of_it = finer.all_of_it
+        self.all_of_it, self.distances = finer.all_of_it, finer.distances
         self.home_pose, self.within = finer.home_pose, finer.within
 
     # Commands
@@ -336,9 +333,7 @@ class OrbitCamera:
         self.held, self.table = None, table
         self.goal = self.shown = Pose.from_matrix(matrix, distance, table)
 
-    def set_matrix(
-        self, grid_T_camera: np.ndarray, fov: float | None = None, ortho_height: float | None = None
-    ) -> None:
+    def set_matrix(self, grid_T_camera: np.ndarray, fov: float | None, ortho_height: float | None = None) -> None:
         """Goes to a camera at once; roll is lost. ortho_height: of an orthographic view; None for perspective."""
         self.remember()
         self.stop_walking()

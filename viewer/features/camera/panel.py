@@ -4,7 +4,7 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
-from scenepack.placement import moved_pose
+from scenepack.placement import moved_pose, transformed
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
@@ -59,7 +59,7 @@ def show(app: App, canvas: Canvas) -> None:
         ui.figure("Eye", _numbers(pose[:3, 3]))
         ui.figure("Direction", _numbers(-pose[:3, 2]))
         if not rig.bounded:
-            ui.figure("Pivot", _numbers((placed_T_grid @ (*rig.goal.pivot, 1.0))[:3]))
+            ui.figure("Pivot", _numbers(transformed(placed_T_grid, np.array(rig.goal.pivot))))
         ui.hint("In the placed frame, y up.")
         copy, paste = f"{fa.ICON_FA_COPY}  Copy pose", f"{fa.ICON_FA_PASTE}  Paste pose"
         ui.two_commands(app, ("copy-pose", copy), ("paste", paste))

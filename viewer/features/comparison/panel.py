@@ -40,7 +40,7 @@ def show(app: App, canvas: Canvas) -> None:
     comparison = app.comparison
     with ui.card("other", "The other pack"):
         if comparison.other_path is not None:
-            ui.figure("Left", app.scene.name if app.scene is not None else "")
+            ui.figure("Left", app.open_scene.name)
             ui.figure("Right", comparison.other_path.name)
         else:
             ui.hint("Choose a second pack, for example another bake of the same scene. Both use the same camera.")

@@ -41,7 +41,7 @@ def show(app: App, canvas: Canvas) -> None:
         if app.settings.mode in ("samples", "jumps"):
             app.set(cost_scale=ui.slider("Maximum##cost", app.settings.cost_scale, 4.0, 512.0, "%.0f"))
         _background(app)
-        if app.scene is not None and app.scene.pack.contraction is not None:
+        if app.open_scene.pack.contraction is not None:
             app.set(surroundings=ui.switch("surroundings", app.settings.surroundings, "Surroundings"))
             ui.tip("What lies beyond the inner cube of an unbounded scene")
     with ui.card("look", "Colour"):

@@ -19,7 +19,7 @@ import numpy as np
 from console import UserError
 from console.atomic import write_file
 from scenepack.pack import Pack
-from scenepack.placement import SCALES
+from scenepack.placement import SCALES, transformed
 from viewer.core.annotations import MOST_ANNOTATIONS, MOST_POINTS, Annotations, Measurement, Point, Scale, Unit
 from viewer.core.files import FileRequest
 from viewer.core.pose import triple
@@ -50,10 +50,6 @@ def angle(points: tuple[Point, ...]) -> float:
     return degrees(acos(np.clip(one @ two / size, -1.0, 1.0))) if size > 0 else 0.0
 
 
-def _moved(to_T_from: np.ndarray, point: Point | np.ndarray) -> Point:
-    return triple((to_T_from @ np.array([*point, 1.0]))[:3])
-
-
 class LengthFormat:
     """Formats lengths and points of one pack, with decimals down to half a voxel. Points are in the placed frame."""
 
@@ -72,7 +68,7 @@ class LengthFormat:
 
     def placed(self, point: Point | np.ndarray) -> Point:
         """A point of the grid frame in the placed frame."""
-        return _moved(self._placed_T_grid, point)
+        return triple(transformed(self._placed_T_grid, np.asarray(point)))
 
     def place(self, point: Point | np.ndarray) -> str:
         """Coordinates in the placed frame."""
@@ -80,7 +76,7 @@ class LengthFormat:
 
     def in_scene(self, point: Point) -> Point:
         """The same place in the frame of the scene's own cameras, unscaled."""
-        return _moved(np.asarray(self.pack.worldspace_T_opengl, np.float64), point)
+        return triple(transformed(self.pack.worldspace_T_opengl, np.asarray(point, np.float64)))
 
     def measurement(self, measurement: Measurement) -> str:
         if measurement.kind == "point":

@@ -38,31 +38,22 @@ HINTS = {
 
 
 def show(app: App, canvas: Canvas) -> None:
-    words = app.measure_tool.length_format(app)
+    measure_tool, hit = app.measure_tool, app.measure_tool.cursor
+    words = measure_tool.length_format(app)
     with ui.card("cursor", "Under the cursor"):
-        _cursor(app, words)
+        ui.figure("Distance", words.length(hit.distance) if hit is not None else "–")
+        ui.figure("Position", words.place(hit.point) if hit is not None else "–")
+        scene = "  ".join(f"{v:.3f}" for v in words.in_scene(triple(hit.point))) if hit is not None else "–"
+        ui.figure("In the scene", scene)
+        ui.hint("From the camera; in the placed frame, y up; in the frame of the scene's cameras, in its own units.")
     with ui.card("ruler", "Ruler"):
-        _tools(app)
+        if picked := ui.segments("##tool", TITLES, measure_tool.tool):
+            measure_tool.choose(app, "" if picked == measure_tool.tool else picked)
+        tool = measure_tool.tool if measure_tool.tool in HINTS else ""  # those of the Move page say it there
+        ui.hint(HINTS[tool] + (" Backspace takes a point back, Esc stops." if tool else ""))
         _list(app, words)
     with ui.card("scale", "Scale"):
         show_scale(app)
-
-
-def _cursor(app: App, words: LengthFormat) -> None:
-    hit = app.measure_tool.cursor
-    ui.figure("Distance", words.length(hit.distance) if hit is not None else "–")
-    ui.figure("Position", words.place(hit.point) if hit is not None else "–")
-    scene = "  ".join(f"{v:.3f}" for v in words.in_scene(triple(hit.point))) if hit is not None else "–"
-    ui.figure("In the scene", scene)
-    ui.hint("From the camera; in the placed frame, y up; in the frame of the scene's cameras, in its own units.")
-
-
-def _tools(app: App) -> None:
-    measure_tool = app.measure_tool
-    if picked := ui.segments("##tool", TITLES, measure_tool.tool):
-        measure_tool.choose(app, "" if picked == measure_tool.tool else picked)
-    tool = measure_tool.tool if measure_tool.tool in HINTS else ""  # those of the Move page say it there
-    ui.hint(HINTS[tool] + (" Backspace takes a point back, Esc stops." if tool else ""))
 
 
 def _list(app: App, words: LengthFormat) -> None:

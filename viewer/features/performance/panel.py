@@ -52,10 +52,9 @@ def show(app: App, canvas: Canvas) -> None:
         for name, size in canvas.gpu_bytes_by_use.items():
             ui.figure(name, f"{size / 2**20:.0f} MiB")
         ui.figure("All textures", f"{canvas.gpu_bytes / 2**20:.0f} MiB")
-        if app.scene is not None:
-            pack = app.scene.pack
-            ui.figure("Macroblocks", f"{int(pack.occupied.sum())} of {pack.occupied.size}")
-            ui.figure("Block size", f"{pack.block_size}³ voxels")
+        pack = app.open_scene.pack
+        ui.figure("Macroblocks", f"{int(pack.occupied.sum())} of {pack.occupied.size}")
+        ui.figure("Block size", f"{pack.block_size}³ voxels")
 
 
 def _rays(app: App) -> None:

@@ -243,15 +243,12 @@ class Gallery:
 
     def tick(self, app: App) -> None:
         """Reads thumbnails while they are visible and redraws when they arrive."""
-        thumbnails, photographs = self.thumbnails, self.photographs
-        if thumbnails is not None:
-            gone = app.scene is None or thumbnails.photographs is not photographs
-            if gone or thumbnails.folder != thumbnails.photographs.folder:
-                thumbnails.cancel()
-                self.thumbnails = thumbnails = None
-        if thumbnails is None:
-            wanted = self.frusta or app.interface.shows("photographs")
-            if wanted and app.scene is not None and photographs.any_pictures:
-                self.thumbnails = Thumbnails(photographs)
-        elif thumbnails.news():
+        of = None if app.scene is None else (self.photographs, self.photographs.folder)
+        if self.thumbnails is not None and of != (self.thumbnails.photographs, self.thumbnails.folder):
+            self.thumbnails.cancel()
+            self.thumbnails = None
+        if self.thumbnails is not None and self.thumbnails.news():
             app.touch(1)
+        wanted = self.frusta or app.interface.shows("photographs")
+        if self.thumbnails is None and wanted and of is not None and self.photographs.any_pictures:
+            self.thumbnails = Thumbnails(self.photographs)
