@@ -253,14 +253,9 @@ class MeasureTool:
         factor = self.known / between if between > 0 else 0.0
         if not SCALES[0] <= factor <= SCALES[1]:
             raise UserError("no scale follows from these points", expected="two places and a length above 0")
-        self.use_scale(app, Scale(factor, self.known_unit))
+        app.annotations.change(app, replace(app.annotations.current, scale=Scale(factor, self.known_unit)))
         self.tool, self.draft = "line" if app.interface.shows(PAGE) else "", ()
         app.messages.say(f"1 grid unit is {factor:.6g} {self.known_unit}".rstrip())
-
-    @staticmethod
-    def use_scale(app: App, scale: Scale) -> None:
-        """Shows lengths by another scale; Scale() for grid units."""
-        app.annotations.change(app, replace(app.annotations.current, scale=scale))
 
     # Out of the window
 

@@ -1,5 +1,6 @@
 """Measure page, and the measurements in the picture."""
 
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
@@ -87,7 +88,8 @@ def _actions(app: App) -> None:
 
 def show_scale(app: App) -> None:
     """What the scale is, and how it is set: in a card of this page and of the Move page."""
-    measure_tool, scale = app.measure_tool, app.annotations.current.scale
+    measure_tool, annotations = app.measure_tool, app.annotations.current
+    scale = annotations.scale
     if measure_tool.tool == "scale":
         _known(app)
         return
@@ -98,9 +100,9 @@ def show_scale(app: App) -> None:
     if scale.unit in METRES:
         units: dict[Unit, str] = {unit: title for unit, title in UNIT_TITLES.items() if unit}
         if picked := ui.choice("Show in", units, UNIT_TITLES[scale.unit]):
-            measure_tool.use_scale(app, scale.shown_in(picked))
+            app.annotations.change(app, replace(annotations, scale=scale.shown_in(picked)))
     if scale != Scale() and ui.button("Back to grid units"):
-        measure_tool.use_scale(app, Scale())
+        app.annotations.change(app, replace(annotations, scale=Scale()))
 
 
 def _known(app: App) -> None:

@@ -48,14 +48,12 @@ LONGEST_SIDE = 192  # pixels of the picture that is counted in
 HIT = 1.0 / 255.0  # opacity
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RayCosts:
-    """Over the rays that hit: means and maxima per ray. hit: share of all rays, 0 … 1. size: of the picture."""
+    """samples, jumps: of each ray that hit, float32 [n]; one 0 for none. hit: their share, 0 … 1. size: of the picture."""
 
-    samples_mean: float
-    samples_max: int
-    jumps_mean: float
-    jumps_max: int
+    samples: np.ndarray
+    jumps: np.ndarray
     hit: float
     size: tuple[int, int]
 
@@ -63,12 +61,8 @@ class RayCosts:
     def of(cls, counts: np.ndarray) -> RayCosts:
         """From float32 [h, w, …]: samples, jumps, opacity."""
         hit = counts[..., 2] > HIT
-        samples, jumps = counts[..., 0][hit], counts[..., 1][hit]
-        if not len(samples):
-            samples = jumps = np.zeros(1)
-        size = counts.shape[1], counts.shape[0]
-        figures = float(samples.mean()), int(samples.max()), float(jumps.mean()), int(jumps.max())
-        return cls(*figures, float(hit.mean()), size)
+        counted = counts[hit] if hit.any() else np.zeros((1, 2), np.float32)
+        return cls(counted[:, 0], counted[:, 1], float(hit.mean()), (counts.shape[1], counts.shape[0]))
 
 
 @dataclass

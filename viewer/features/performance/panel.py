@@ -68,10 +68,9 @@ def _rays(app: App) -> None:
     elif costs is None:
         ui.hint("Waiting for the camera to rest.")
     else:
-        ui.figure("Samples, mean", f"{costs.samples_mean:.1f}")
-        ui.figure("Samples, maximum", f"{costs.samples_max}")
-        ui.figure("Jumps, mean", f"{costs.jumps_mean:.1f}")
-        ui.figure("Jumps, maximum", f"{costs.jumps_max}")
+        for name, counts in (("Samples", costs.samples), ("Jumps", costs.jumps)):
+            ui.figure(f"{name}, mean", f"{counts.mean():.1f}")
+            ui.figure(f"{name}, maximum", f"{counts.max():.0f}")
         width, height = costs.size
         text = f"Of the {100 * costs.hit:.0f} % of rays that hit something, counted at {width} × {height}."
         ui.hint(text, theme.MUTED)

@@ -221,7 +221,8 @@ def test_a_known_distance_gives_lengths_a_unit(ui, app):
     scale = app.annotations.current.scale
     assert scale.unit == "m" and abs(scale.factor * 32 * VOXEL - 6.4) < 6.4 * 0.5 / 32
     assert app.measure_tool.tool == "line"
-    app.measure_tool.use_scale(app, app.annotations.current.scale.shown_in("ft"))
+    annotations = app.annotations.current
+    app.annotations.change(app, replace(annotations, scale=annotations.scale.shown_in("ft")))
     assert abs(app.annotations.current.scale.factor * 32 * VOXEL - 6.4 / 0.3048) < 21 * 0.5 / 32
     app.run("undo")
     assert app.annotations.current.scale.unit == "m"

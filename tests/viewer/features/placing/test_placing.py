@@ -109,7 +109,7 @@ def placed(app: App) -> None:
     """Levels the scene, with an origin and a scale."""
     placement = replace(NOT_MOVED.levelled(UP, AT), origin=(0.1, -0.4, 0.2))
     placing.change(app, placement)
-    app.measure_tool.use_scale(app, Scale(2.5, "m"))
+    app.annotations.change(app, replace(app.annotations.current, scale=Scale(2.5, "m")))
 
 
 def test_views_poses_and_bookmarks_are_of_the_placed_frame(ui, app) -> None:
