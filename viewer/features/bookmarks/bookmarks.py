@@ -89,10 +89,8 @@ class Bookmarks:
 
     def covered(self, app: App) -> set[Point]:
         """The places that something else hides in the picture; what takes too long for one frame is found in the next."""
-        camera, settings = app.viewport.camera, app.settings
-        if app.scene is None or camera is None:
-            return set()
-        pack = app.scene.pack
+        pack, camera, settings = app.open_scene.pack, app.viewport.camera, app.settings
+        assert camera is not None
         view = id(pack), camera.key, settings.crop, settings.near, settings.surroundings  # what surface_at depends on
         points = {view.point for view in app.annotations.current.bookmarks if view.point is not None}
         self._looked = {point: self._looked.get(point, (0.0, None, False)) for point in points}

@@ -61,10 +61,8 @@ class Walking:
 
         UserError for forward-facing scenes.
         """
-        camera = app.camera()
-        if app.scene is None or camera is None:
-            return
-        rig, pack = app.scene.rig, app.scene.pack
+        rig, pack, camera = app.open_scene.rig, app.open_scene.pack, app.camera()
+        assert camera is not None
         if rig.bounded:
             raise UserError("a forward-facing scene has no ground to walk on")
         if rig.walking:

@@ -104,9 +104,7 @@ class Filming:
         self.show(app, self.path.start_of(index))
 
     def show(self, app: App, seconds: float) -> None:
-        """Shows the view at a time of the path."""
-        if not self.path.keyframes:
-            return
+        """Shows the view at a time of the path, which has keyframes."""
         self.time = min(max(seconds, 0.0), self.path.duration)
         matrix, fov = self.path.at(self.time)
         self._held = view_camera(matrix, fov, app.viewport.pixels)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-import time
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
 
 MOST_RECENT = 8
 LARGEST = 1 << 16  # units of the screen
-CHECK_EVERY_S = 0.4
+SETTLE_S = 0.4  # after the last change, before it is saved
 LIMITS = {  # of numbers, which are brought to the nearest that makes sense
     "target_fps": (5.0, 240.0),
     "rest_scale": (0.1, 1.0),
@@ -161,22 +160,18 @@ class PreferencesAutosave:
     def __init__(self, app: App, file: Path, size: Callable[[], tuple[int, int]], layout: Callable[[], str]) -> None:
         self.app, self.file, self._size, self._layout = app, file, size, layout
         self._written = current_preferences(self.app)  # what is in the file, as far as this program knows
-        self._autosave = Autosave(self._save, self._written, CHECK_EVERY_S, LONGEST_UNSAVED_S)
-        self._checked_at = time.monotonic()
+        self._autosave = Autosave(self._save, self._written, SETTLE_S, LONGEST_UNSAVED_S)
         self._problem: str | None = None  # why the last changes are not saved
         self._was_reported = False
 
     def poll(self) -> None:
-        """Saves what changed and then stayed the same until the next check. Call it from the loop."""
-        now = time.monotonic()
-        if now - self._checked_at >= CHECK_EVERY_S:
-            self._checked_at = now
-            if self._problem is not None and not self._was_reported:
-                self._was_reported = True
-                self.app.messages.say(self._problem[:1].upper() + self._problem[1:], "warning")
-                self.app.touch()
-            self._read_window()
-            self._autosave.follow(current_preferences(self.app))
+        """Saves what has not changed for a moment. Call it from the loop."""
+        if self._problem is not None and not self._was_reported:
+            self._was_reported = True
+            self.app.messages.say(self._problem[:1].upper() + self._problem[1:], "warning")
+            self.app.touch()
+        self._read_window()
+        self._autosave.follow(current_preferences(self.app))
 
     def finish(self, *, window: bool = True) -> str | None:
         """Saves the last changes now (window: False if it is gone); a problem that was not reported before, or None."""

@@ -20,7 +20,7 @@ def file(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def autosave(file: Path, monkeypatch: pytest.MonkeyPatch) -> PreferencesAutosave:
-    monkeypatch.setattr(preferences, "CHECK_EVERY_S", 0.0)
+    monkeypatch.setattr(preferences, "SETTLE_S", 0.0)
     return PreferencesAutosave(App(), file, lambda: (640, 480), lambda: "a layout")
 
 
