@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, wait
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
@@ -156,8 +156,6 @@ class Autosave(Generic[T]):
 
 # --- Our commands ---
 
-LOOK_EVERY_S = 0.1
-
 
 def temporary_folder(prefix: str) -> Path:
     """A new folder of ours. UserError where there can be none."""
@@ -261,25 +259,17 @@ class FolderProcess:
 
     child: CommandProcess
     folder: Path
-    _looked: float = field(default=0.0, kw_only=True)
 
     @classmethod
     def start(cls, command: str, words: Callable[[Path], Sequence[str]], **fields: Any) -> Self:
         """words: gives the arguments, may write files into the folder. fields: of a subclass. UserError where it cannot start."""
         folder = temporary_folder("snerg-process-")
         try:
-            process = CommandProcess(module_command("snerg", command, *words(folder)), folder / "log.txt")
-            return cls(process, folder, **fields)
+            child = CommandProcess(module_command("snerg", command, *words(folder)), folder / "log.txt")
+            return cls(child, folder, **fields)
         except (OSError, UserError):
             shutil.rmtree(folder, ignore_errors=True)
             raise
-
-    def due(self) -> bool:
-        now = time.monotonic()
-        if now - self._looked < LOOK_EVERY_S:
-            return False
-        self._looked = now
-        return True
 
     def end(self) -> None:
         """Ends it if it still runs; nothing of it is left."""

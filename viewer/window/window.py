@@ -29,7 +29,6 @@ from viewer.app.application import App
 from viewer.app.frame import is_waiting, unfinished
 from viewer.core.input import ControllerState, KeyPress, holds_command
 from viewer.core.state import FRAMES_AFTER_EVENT
-from viewer.features.making.making import POLL_EVERY_S
 from viewer.interface.ui import SystemClipboard, Ui
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.opengl import free_framebuffer, opengl_refusal, read_pixels, version_at
@@ -40,6 +39,7 @@ import glfw  # isort: skip  (after imgui_bundle)
 PROGRAM = "snerg"
 SMALLEST = (480, 360)
 IDLE_WAIT_S = 1.0
+MAKING_WAIT_S = 0.2  # while a scene is being made
 BUSY_WAIT_S = 0.05  # while a thread works, or the full picture is about to be begun
 LONGEST_STEP_S = 0.1  # after a pause, movements go on from where they were
 CONTROLLERS_S = 1 / 60  # from one look at gamepads to the next
@@ -157,7 +157,7 @@ class Window:
         elif app.controllers.present:  # they wake nobody
             glfw.wait_events_timeout(CONTROLLERS_S)
         elif app.making.busy:
-            glfw.wait_events_timeout(POLL_EVERY_S)
+            glfw.wait_events_timeout(MAKING_WAIT_S)
         else:
             glfw.wait_events_timeout(0.4 if self.ui.typing else IDLE_WAIT_S)
             self._last = max(self._last, time.monotonic() - 1 / 60)

@@ -171,11 +171,12 @@ class Exporting:
             if self.preview.news():
                 app.touch(1)
         writing = self.writing
-        if writing is None or not writing.due():
+        if writing is None:
             return
-        app.touch(1)
-        status = writing.child.poll()
-        writing.report = writing.child.report() or writing.report
+        status, before = writing.child.poll(), writing.report
+        writing.report = writing.child.report() or before
+        if status is not None or writing.report != before:
+            app.touch(1)
         if status is None:
             return
         if status == 0:
@@ -279,7 +280,7 @@ class Sharing:
     def tick(self, app: App) -> None:
         """Time passes: looks for the address, and whether the process has ended by itself."""
         server = self.server
-        if server is None or not server.due():
+        if server is None:
             return
         if server.child.poll() is not None:
             app.messages.fail(f"{server.name} is not shared", server.child.error_line().removeprefix("snerg-view: "))
@@ -288,4 +289,5 @@ class Sharing:
         elif not server.address:
             printed = server.child.log.read_text(encoding="utf-8", errors="replace")
             server.address = next(iter(re.findall(r"^(http://.*)\n", printed, re.MULTILINE)), "")
-            app.touch(1)
+            if server.address:
+                app.touch(1)

@@ -6,7 +6,6 @@ have begun. It is killed only on request. The same plan resumes from what is sav
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -27,7 +26,6 @@ from viewer.features.making.survey import PhotographCheck, Survey
 if TYPE_CHECKING:
     from viewer.app.application import App
 
-POLL_EVERY_S = 0.2
 AGAIN = (("OK", ""), ("Try again", "make-again"))  # buttons
 PARTING_S = 30.0  # for the process to save, where the program ends and there is no window to wait in
 
@@ -52,7 +50,6 @@ class Making:
     review: Review | None = None  # waits for the user before training
     reading: SparsePreviewJob | None = None  # reads the sparse points now
     sparse_preview: SparsePreview | None = None  # the points that were read
-    _looked: float = 0.0
     _left_shown: int | None = None
 
     def offer(self, app: App, subject: Subject, path: Path) -> None:
@@ -303,17 +300,13 @@ class Making:
         if self._survey is not None and self._survey.news():
             app.touch()
         self._tick_look(app)
-        job, now = self.job, time.monotonic()
-        if now - self._looked < POLL_EVERY_S:
-            return
-        self._looked = now
         if (check := self.check) is not None:
             if check.poll():
                 app.touch(2)
             if check.no_browser:
                 check.no_browser = False
                 app.messages.say(f"No browser was found. The page is {check.page}", "warning")
-        if job is None:
+        if (job := self.job) is None:
             return
         status, shown = job.child.poll(), job.preview
         if job.poll():
