@@ -228,11 +228,9 @@ def _palette_graph(size: tuple[int, int], fps: int):
     source = graph.add_buffer(width=size[0], height=size[1], format=frame_format, time_base=Fraction(1, fps))
     both, use = graph.add("split"), graph.add("paletteuse", "new=1:dither=bayer:bayer_scale=3")
     colours, sink = graph.add("palettegen", "stats_mode=single"), graph.add("buffersink")
-    source.link_to(both)
-    both.link_to(use, 0, 0)
-    both.link_to(colours, 1, 0)
+    graph.link_nodes(source, both, use, sink)
+    both.link_to(colours, 1)
     colours.link_to(use, 0, 1)
-    use.link_to(sink)
     graph.configure()
     return graph
 
