@@ -150,7 +150,7 @@ def _click(app: App, x: float, y: float) -> None:
     """A button went down and up at one place (window units from the picture's corner)."""
     review, left, under = app.making.review, _mouse_state.button == LEFT, _mouse_state.under
     if left and review is not None and review.picking:
-        app.making.pick_ground(app, x, y)
+        review.pick_ground(app, x, y)
     elif _mouse_state.holds == "mark" and under.mark is not None:
         app.measure_tool.click_point(app, *under.mark)
     elif left and app.measure_tool.tool:

@@ -160,19 +160,6 @@ class Making:
             if self.sparse_preview_shown(app):
                 app.set(crop=self.review.box_in_grid())
 
-    def pick_ground(self, app: App, x: float, y: float) -> None:
-        """In the review: the ground was clicked on at a point of the viewport (window units from its corner)."""
-        review, camera = self.review, app.camera()
-        if review is None or camera is None or not self.sparse_preview_shown(app):
-            return
-        review.hold()
-        scale = app.viewport.pixels_per_unit
-        up = review.up_at(camera, x * scale, y * scale)
-        if isinstance(up, str):
-            app.messages.say(up, "warning")
-        else:
-            self.set_up(app, up)
-
     def set_up(self, app: App, up: Direction | None) -> None:
         """In the review: another direction is up; None for the cameras' own. The points are read again."""
         if self.review is not None:

@@ -33,7 +33,6 @@ from viewer.features.crop import crop
 from viewer.features.making.make_job import RejectedPhotographs
 from viewer.features.making.make_plan import Plan
 from viewer.features.photographs.photographs import shots_of
-from viewer.rendering.camera import ViewCamera
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -217,19 +216,26 @@ class Review:
         self.hold()
         app.set(crop=self.box_in_grid() if on else None)
 
-    def up_at(self, camera: ViewCamera, x: float, y: float) -> Direction | str:
-        """What is up (for the plan), where the ground is clicked on at a pixel; or in words, why that is impossible."""
+    def pick_ground(self, app: App, x: float, y: float) -> None:
+        """Takes for up what is up on the ground at a point of the viewport (window units from its corner)."""
+        camera = app.camera()
+        if camera is None or not app.making.sparse_preview_shown(app):
+            return
+        self.hold()
         points = self.sparse_preview.places_in_grid()
         pixels, before = project(camera, points)
-        near = before & (np.linalg.norm(pixels - (x, y), axis=-1) <= REACH)
+        at = np.multiply(app.viewport.pixels_per_unit, (x, y))
+        near = before & (np.linalg.norm(pixels - at, axis=-1) <= REACH)
         if not near.any():
-            return "There is no point. Click on points of the ground."
+            app.messages.say("There is no point. Click on points of the ground.", "warning")
+            return
         away = np.linalg.norm(points - camera.position, axis=-1)
         index = int(np.argmin(np.where(near, away, np.inf)))
         normal = normal_at(self.sparse_preview.points.places, index, self.sparse_preview.eyes())
         if normal is None:
-            return "The points there do not lie in a plane. Click on points of the ground."
-        return composed(self.plan.up, normal)
+            app.messages.say("The points there do not lie in a plane. Click on points of the ground.", "warning")
+        else:
+            app.making.set_up(app, composed(self.plan.up, normal))
 
     def box_in_grid(self) -> crop.Box | None:
         """Crop box for the chosen kind of scene, clipped to the point grid; None if forward-facing."""
