@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-from PIL import Image
 
 from console import UserError, collect_notices
 from console.json_text import read_json_file
@@ -55,13 +54,6 @@ class FileWatch(Generic[T]):
             return None
 
 
-def _read_picture(file: Path) -> np.ndarray:
-    with Image.open(file, formats=["PNG"]) as opened:
-        picture = opened.convert("RGB")
-    picture.thumbnail((PICTURE_SIDE, PICTURE_SIDE))
-    return np.asarray(picture)
-
-
 def read_preview(file: Path) -> Pack:
     """The state of a training run as a pack."""
     pack = load_pack(file)
@@ -88,7 +80,8 @@ class MakeJob:
     preview_offered: bool = False  # whether one was shown without being asked for
 
     def __post_init__(self) -> None:
-        self._pictures = FileWatch(self.plan.run / "validation" / "latest.png", _read_picture)
+        latest = self.plan.run / "validation" / "latest.png"
+        self._pictures = FileWatch(latest, lambda file: np.asarray(small_picture(file, PICTURE_SIDE, "RGB")))
         self._previews = None if self.plan.poses_only else FileWatch(self.plan.preview_file, read_preview)
 
     @property
