@@ -204,7 +204,7 @@ _ALL = (
         ("save-session", "Save the session", lambda app: app.sessions.ask_where_to_save(app), "Ctrl+Shift+S"),
         ("last-session", "Continue the last session", lambda app: app.sessions.open_last(app), "", False),
         # answers to dialogs
-        ("make-again", "Make it again", lambda app: app.making.again(app), "", False),
+        ("make-again", "Make it again", lambda app: app.making.again(), "", False),
         ("stop-and-quit", "Stop and quit", lambda app: app.making.stop_and_quit(app), "", False),
         ("close-unsaved", "Close without saving", lambda app: app.close(), ""),
         ("quit-unsaved", "Quit without saving", lambda app: app.making.ask_to_quit(app), "", False),

@@ -63,7 +63,7 @@ class Making:
         self.dismiss()
         self.plan = plan
 
-    def again(self, app: App) -> None:
+    def again(self) -> None:
         if self.failed is not None and self.job is None:
             self.plan, self.failed = self.failed, None
             self.plan.choose(self.plan.out)
@@ -251,7 +251,7 @@ class Making:
 
         return then
 
-    def stop(self, app: App) -> None:
+    def stop(self) -> None:
         """Asks the job to stop; asked again, ends it at once."""
         if self.job is not None:
             self.job.child.kill() if self.job.child.stopping else self.job.child.stop()
@@ -274,7 +274,7 @@ class Making:
         if self.job is None:
             app.quitting = True
         elif not self.job.child.stopping:
-            self.stop(app)
+            self.stop()
 
     def end(self) -> None:
         """The program ends: no child outlives it."""

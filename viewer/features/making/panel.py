@@ -269,7 +269,7 @@ def show_job(app: App, canvas: Canvas, box: Box) -> None:
         note = f"{job.figures[-1]:.1f} dB" if job.figures else ""
         stopping = job.child.stopping
         if ui.titled_button(job.plan.name, "Stop now" if stopping else "Stop", note):
-            making.stop(app)
+            making.stop()
         ui.tip("Stop without saving" if stopping else "Finished work is kept. Make the scene again to continue.")
         if making.sparse_preview is not None and not making.sparse_preview_shown(app):
             if ui.button(f"{fa.ICON_FA_EYE}  Show the points and cameras", height=px(28)):

@@ -65,7 +65,7 @@ def test_stopping_lets_the_child_save_and_ends_one_that_does_not_hear_when_asked
     live(app, (tmp_path / "pid").exists)
     pid = int((tmp_path / "pid").read_text())
     for _ in range(1 if how == "wait" else 2):
-        app.making.stop(app)
+        app.making.stop()
     assert app.making.job.child.stopping
     live(app, lambda: app.making.job is None)
     assert gone(pid) and not app.messages.dialogs and "make it again" in app.messages.toast
@@ -129,7 +129,7 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
     begin(100_000)
     try:
         live(app, lambda: app.making.job is None or getattr(app.making.job.report, "stage", "") == "training", 300)
-        app.making.stop(app)  # while its first step is being compiled
+        app.making.stop()  # while its first step is being compiled
         live(app, lambda: app.making.job is None, 300)
         assert not app.messages.dialogs and "was stopped" in app.messages.toast
         assert list((tmp_path / "made" / "run" / "checkpoints").glob("*.safetensors"))
