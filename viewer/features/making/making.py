@@ -215,7 +215,7 @@ class Making:
         if reading is not None and reading.finished:
             self.reading = None
             self._take_sparse_preview(app, reading)
-        elif review is not None and review.due:
+        elif review is not None and review.seconds_left == 0:
             self.train(app)
         elif review is not None and review.seconds_left != self._left_shown:
             self._left_shown = review.seconds_left

@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -193,12 +194,8 @@ class Review:
 
     @property
     def seconds_left(self) -> int | None:
-        """Whole seconds until training begins; None if it waits."""
-        return None if self.until is None else max(round(self.until - time.monotonic()), 0)
-
-    @property
-    def due(self) -> bool:
-        return self.until is not None and time.monotonic() >= self.until
+        """Whole seconds until training begins, 0 once it is to begin; None if it waits."""
+        return None if self.until is None else max(ceil(self.until - time.monotonic()), 0)
 
     def hold(self) -> None:
         """Waits for the user from now on."""

@@ -131,7 +131,7 @@ def test_who_touches_something_decides_when_training_begins_and_of_which_box(bar
     monkeypatch.setattr(review_module, "WAIT_S", 0.0)
     live(bare, lambda: bare.making.review is not None)
     review = bare.making.review
-    assert review.due
+    assert review.seconds_left == 0
     review.show_box(bare)
     for _ in range(3):
         bare.tick(0.1)
