@@ -186,6 +186,21 @@ def test_a_page_is_pulled_out_another_takes_its_place_and_the_layout_is_remember
     assert app.interface.moved == [] and app.interface.page == "film" and app.viewport == usual
 
 
+def test_a_page_that_was_opened_again_where_it_was_left_comes_home_as_well(ui, app):
+    usual = app.viewport
+    ui.pull((usual.width + 60, 62.0), (300.0, 200.0), 12)
+    app.interface.opens("film")
+    ui.settle()
+    app.interface.closes("view")
+    ui.settle()
+    app.interface.opens("view")
+    ui.settle()
+    assert app.interface.moved == ["view"]
+    assert app.run("layout")
+    ui.settle()
+    assert app.interface.moved == [] and app.viewport == usual
+
+
 # Overlays in windows of every size: nothing is out of reach
 
 
