@@ -154,7 +154,7 @@ def test_colours_brighter_than_their_alpha_are_counted() -> None:
     assert finding.severity == "warning" and finding.figures["broken"] == 1 and finding.figures["worst"] == 40
 
 
-def test_atlas_blocks_used_twice_and_lost_ones_are_found() -> None:
+def test_atlas_blocks_used_twice_and_lost_ones_and_indices_outside_of_the_atlas_are_found() -> None:
     pack = small_pack(style="borders", occupancy=1.0)
     indices = pack.atlas_indices.copy()
     first, second = np.argwhere(pack.occupied)[:2]
@@ -162,6 +162,9 @@ def test_atlas_blocks_used_twice_and_lost_ones_are_found() -> None:
     spoiled_pack = replace(pack, atlas_indices=indices)
     assert found(spoiled_pack, "shared").figures["shared"] == 1
     assert found(spoiled_pack, "unused").figures["unreachable_with_content"] == 1
+    indices[tuple(first)] = (200, 0, 0)
+    findings = check_pack(spoiled_pack)
+    assert [f.severity for f in findings] == ["error"] and findings[0].figures["outside"] == 1
 
 
 def test_move_changes_what_the_pack_says_of_its_place_and_no_other_file(tmp_path: Path, run: Run) -> None:
@@ -200,11 +203,3 @@ def test_edit_never_replaces_the_pack_itself(tmp_path: Path, run: Run) -> None:
     folder = written(tmp_path / "pack")
     status, _, err = run("edit", folder, "--out", folder, "--keep-largest")
     assert status == 2 and "would replace the pack that is edited" in err and same_pack(load_pack(folder), small_pack())
-
-
-def test_indices_outside_of_the_atlas_are_an_error() -> None:
-    pack = small_pack()
-    indices = pack.atlas_indices.copy()
-    indices[tuple(np.argwhere(pack.occupied)[0])] = (200, 0, 0)
-    findings = check_pack(replace(pack, atlas_indices=indices))
-    assert [f.severity for f in findings] == ["error"] and findings[0].figures["outside"] == 1
