@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from console import UserError
 from scenepack import Pack
@@ -25,6 +26,8 @@ from scenepack.placement import (
     placement_to_json,
 )
 from tests.scenepack.volumes import centres, cube_pack, solid_pack
+from tests.viewer.scenes import with_cameras
+from viewer.rendering.camera import ViewCamera
 
 SIDE, BLOCK, SLOPE = 60, 15, 0.25
 UP = np.array([-SLOPE, 1.0, 0.0]) / np.hypot(SLOPE, 1.0)
@@ -98,11 +101,7 @@ MARKS = {"placement": placement_to_json(MOVED), "scale": {"factor": 2.5, "unit":
 
 
 def test_a_mesh_in_the_placed_frame_is_the_grids_mesh_moved_with_its_cameras() -> None:
-    camera = np.eye(4)
-    camera[:3, 3] = 1.0, 2.0, 3.0
-    shot = {"name": "a", "split": "train", "world_T_camera": camera.tolist(), "width": 40, "height": 30, "fx": 40.0,
-            "fy": 40.0, "cx": 20.0, "cy": 15.0}  # fmt: skip
-    pack = sloping_pack(marks=MARKS, cameras=[shot])
+    pack = with_cameras(sloping_pack(marks=MARKS), [ViewCamera.look_at((1.0, 2.0, 3.0), (0.1, 0.0, 0.2))])
     grid, placed = (geometry_of(pack, Export("mesh", frame=frame, faces=0)) for frame in ("grid", "placed"))
     moved = MOVED.matrix(2.5)
     assert np.allclose(placed.vertices, grid.vertices @ moved[:3, :3].T + moved[:3, 3], atol=1e-5)
@@ -122,7 +121,4 @@ def test_gaussians_of_bent_space_turn_with_the_placed_frame(tmp_path: Path) -> N
     values = gaussian_values(positions[near], rgba[near], field, frame)
     assert np.ptp(values[4], axis=1).max() > 0.1  # they are no balls
     w, x, y, z = values[5][0]
-    # a quaternion turns v into v + 2 w (q × v) + 2 q × (q × v)
-    q, v = np.array([x, y, z]), np.eye(3)
-    turned = v + 2 * w * np.cross(q, v) + 2 * np.cross(q, np.cross(q, v))
-    assert np.allclose(turned, np.array(placement_of(pack).rotation).T, atol=1e-9)
+    assert np.allclose(Rotation.from_quat([x, y, z, w]).as_matrix(), placement_of(pack).rotation, atol=1e-9)

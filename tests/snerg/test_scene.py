@@ -16,6 +16,7 @@ import snerg
 from console import UserError
 from scenepack import load_pack, save_pack
 from tests.viewer.conftest import toy_pack
+from tests.viewer.scenes import with_cameras
 from viewer.features.photographs.photographs import shots_of
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
@@ -29,12 +30,10 @@ EYE, TARGET = (1.4, 0.9, 2.2), (0.0, -0.2, 0.0)
 @pytest.fixture(scope="module")
 def toy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small pack on disk with the camera of one photograph."""
-    pose = np.eye(4)
-    pose[:3, 3] = (0.1, 0.2, 4.0)
-    camera = {"name": "train/r_0", "split": "train", "world_T_camera": pose.tolist(), "width": 40, "height": 30}
-    lens = {"fx": 50.0, "fy": 52.0, "cx": 19.0, "cy": 16.0, "distortion": [0.05, 0.0, 0.0, 0.0]}
+    view = ViewCamera.look_at((0.1, 0.2, 4.0), TARGET, size=(40, 30))
+    view = replace(view, fx=50.0, fy=52.0, cx=19.0, cy=16.0, distortion=(0.05, 0.0, 0.0, 0.0))
     path = tmp_path_factory.mktemp("toy") / "toy.zip"
-    save_pack(toy_pack().with_metadata(cameras=[camera | lens], provenance={"scene": "nowhere"}), path)
+    save_pack(with_cameras(toy_pack(), [view]).with_metadata(provenance={"scene": "nowhere"}), path)
     return path
 
 
