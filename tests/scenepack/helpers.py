@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from scenepack import Pack, ViewMlp, save_pack
-from tests.scenepack.random_packs import random_pack
-from tests.scenepack.volumes import atlas_from_dense
+from tests.scenepack.random_packs import random_pack, random_view_mlp
+from tests.scenepack.volumes import cube_pack
 
 
 def small_pack(seed: int = 0, **options: Any) -> Pack:
@@ -23,20 +23,14 @@ def small_pack(seed: int = 0, **options: Any) -> Pack:
 
 
 def smooth_pack() -> Pack:
-    """Smooth content in 12 macroblocks with a few empty ones between, like a bake."""
-    size, blocks = 14, (3, 2, 2)
-    x, y, z = (n * size - 3 for n in blocks)
-    gz, gy, gx = np.ogrid[:z, :y, :x]
-    radius = np.sqrt((gz - z / 2) ** 2 + (gy - y / 2) ** 2 + (gx - x / 3) ** 2)
-    alpha = np.clip(255 - 30 * np.abs(radius - 9), 0, 255)
-    waves = [0.5 + 0.4 * np.sin(gx / (3 + i) + gy / 5 + i * gz / 9) for i in range(7)]
+    """A thick shell of smooth colours and features across eight macroblocks, like a bake."""
+    z, y, x = np.mgrid[:25, :25, :25]
+    radius = np.sqrt((z - 12.5) ** 2 + (y - 12.5) ** 2 + (x - 8) ** 2)
+    alpha = np.clip(255 - 30 * np.abs(radius - 9), 0, 255).astype(np.uint8)
+    waves = [0.5 + 0.4 * np.sin(x / (3 + i) + y / 5 + i * z / 9) for i in range(7)]
     values = np.stack([np.rint(wave * alpha) for wave in waves], axis=-1).astype(np.uint8)
-    alpha = alpha.astype(np.uint8)
-    values = np.minimum(values, alpha[..., None])
     rgba = np.concatenate([values[..., :3], alpha[..., None]], axis=-1)
-    base = random_pack(np.random.default_rng(5), block_size=size, grid_blocks=blocks, style="blob")
-    indices, atlas, atlas_features = atlas_from_dense(rgba, values[..., 3:], size, atlas_blocks=(3, 2, 2))
-    return replace(base, grid_size=(x, y, z), atlas_indices=indices, atlas_rgba=atlas, atlas_features=atlas_features)
+    return cube_pack(rgba, 14, features=values[..., 3:], view_mlp=random_view_mlp(np.random.default_rng(5)))
 
 
 def written(folder: Path, pack: Pack | None = None) -> Path:

@@ -32,8 +32,6 @@ def pack() -> Pack:
 
 @pytest.fixture(params=sorted(CODECS))
 def codec(request: pytest.FixtureRequest) -> str:
-    if request.param == "h264":
-        pytest.importorskip("av", reason="PyAV is not installed: pip install 'snerg[video]'")
     return request.param
 
 
@@ -188,25 +186,19 @@ def test_webp_counts_in_the_steps_that_values_are_in_and_loses_nothing(pack, tmp
 # What can be seen of a pack before it is read to the end
 
 
-def test_the_coarse_pack_lies_where_the_whole_does():
-    pack = toy_pack()
-    coarse = coarse_pack(pack, np.ones(len(pack.atlas_rgba), bool))
-    assert coarse is not None
-    assert coarse.voxel_size * coarse.block_size == pytest.approx(pack.voxel_size * pack.block_size)
-    assert coarse.block_size < pack.block_size
-    assert coarse.grid_blocks == pack.grid_blocks and coarse.atlas_blocks == pack.atlas_blocks
-    assert np.all(coarse.max_xyz >= pack.max_xyz - 1e-9)
-
-
-def test_previews_come_before_the_end_and_at_it_and_the_pack_is_the_same(tmp_path):
+def test_previews_come_before_the_end_and_at_it_lie_where_the_pack_does_and_the_pack_is_the_same(tmp_path):
     pack, seen, shares = toy_pack(), [], []
     save_pack(pack, tmp_path / "toy")
     read = load_pack(tmp_path / "toy", on_progress=lambda done, _: shares.append(done),
                      on_preview=lambda preview: seen.append((len(shares), preview)))  # fmt: skip
     assert seen[0][0] < shares[-1] == len(shares) == seen[-1][0]
-    whole = coarse_pack(pack, np.ones(len(pack.atlas_rgba), bool))
-    assert whole is not None
-    np.testing.assert_array_equal(seen[-1][1].atlas_rgba, whole.atlas_rgba)
+    coarse = coarse_pack(pack, np.ones(len(pack.atlas_rgba), bool))
+    assert coarse is not None
+    np.testing.assert_array_equal(seen[-1][1].atlas_rgba, coarse.atlas_rgba)
     assert all(preview.atlas_rgba[..., 3].any() for _, preview in seen)
+    assert coarse.voxel_size * coarse.block_size == pytest.approx(pack.voxel_size * pack.block_size)
+    assert coarse.block_size < pack.block_size
+    assert coarse.grid_blocks == pack.grid_blocks and coarse.atlas_blocks == pack.atlas_blocks
+    assert np.all(coarse.max_xyz >= pack.max_xyz - 1e-9)
     np.testing.assert_array_equal(read.atlas_rgba, pack.atlas_rgba)
     np.testing.assert_array_equal(read.atlas_features, pack.atlas_features)
