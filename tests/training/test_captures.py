@@ -71,20 +71,15 @@ def everyone(scene):
 
 
 def test_a_forward_facing_capture_is_warped_to_a_box_that_holds_all_its_rays(tmp_path: Path):
-    scene = load_scene(write_llff(tmp_path, forward()))
+    P = forward()
+    scene = load_scene(write_llff(tmp_path, P, depths=(2.0, 9.0)))
     assert scene.ndc and (scene.near, scene.far) == (0, 1) and scene.ndc_camera == (40, 32, 50.0)
     np.testing.assert_array_equal(scene.worldspace_T_opengl, np.diag([1, 1, -1, 1]))
     np.testing.assert_allclose(scene.aabb[:, 2], [-1, 1])
-    mean = mean_pose(np.stack([p.camera.world_T_camera for p in everyone(scene)]))
-    np.testing.assert_allclose(mean, np.eye(4), atol=1e-9)
-
-
-def test_forward_facing_positions_shrink_by_three_quarters_of_the_nearest_depth(tmp_path: Path):
-    P = forward()
-    scene = load_scene(write_llff(tmp_path, P, depths=(2.0, 9.0)))
-    names = sorted(everyone(scene), key=lambda p: p.name)
-    ours = np.linalg.norm(names[0].camera.world_T_camera[:3, 3] - names[5].camera.world_T_camera[:3, 3])
-    assert ours == pytest.approx(np.linalg.norm(P[0, :3, 3] - P[5, :3, 3]) / (0.75 * 2.0))
+    read = np.stack([p.camera.world_T_camera for p in sorted(everyone(scene), key=lambda p: p.name)])
+    np.testing.assert_allclose(mean_pose(read), np.eye(4), atol=1e-9)
+    ours, given = (np.linalg.norm(poses[0, :3, 3] - poses[5, :3, 3]) for poses in (read, P))
+    assert ours == pytest.approx(given / (0.75 * 2.0)), "of the nearest depth"
 
 
 def test_a_capture_from_all_around_is_spherified_by_itself_with_a_notice(tmp_path: Path):
@@ -134,7 +129,11 @@ def test_a_transforms_scene_stands_upright_about_what_its_cameras_look_at(tmp_pa
     assert (camera.fx, camera.fy, camera.cx, camera.cy, camera.width) == (33, 34, 14, 11, 30)
 
 
-def test_real_captures_read(real_data: Path):
+def test_real_scenes_read(real_data: Path):
+    lego = load_scene(real_data / "nerf_synthetic" / "lego", downscale=8)
+    assert len(lego.splits["train"]) == 100 and len(lego.splits["test"]) == 25
+    picture = lego.splits["test"][0].load()
+    assert picture.shape == (100, 100, 4) and 0.05 < picture[..., 3].mean() < 0.9
     fern = load_scene(real_data / "nerf_llff_data" / "fern", downscale=8)
     assert fern.ndc and len(fern.splits["test"]) == 3 and fern.ndc_camera and fern.ndc_camera[:2] == (504, 378)
     with pytest.warns(Notice):

@@ -32,8 +32,7 @@ def copy(procedural_path: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(procedural_path, tmp_path / "scene"))
 
 
-def test_a_blender_scene_has_its_published_frame_and_bounds(procedural_scene: Scene):
-    scene = procedural_scene
+def test_a_blender_scene_has_its_published_frame_and_bounds(scene: Scene):
     assert scene.kind == "blender" and not scene.ndc
     assert {split: len(photographs) for split, photographs in scene.splits.items()} == {"train": 12, "test": 2}
     assert (scene.near, scene.far, scene.background) == (2.0, 6.0, (1.0, 1.0, 1.0))
@@ -51,13 +50,6 @@ def test_pictures_are_decoded_when_asked_for_and_not_before(copy: Path):
         scene.splits["train"][0].load()
 
 
-def test_downscaling_shrinks_pictures_and_cameras_together(procedural_path: Path):
-    photograph = load_scene(procedural_path, downscale=5).splits["train"][0]
-    assert (photograph.camera.width, photograph.camera.height) == (9, 9)
-    assert photograph.load().shape == (9, 9, 4)
-    assert photograph.camera.fx == pytest.approx(9 / 48 * 24 / np.tan(0.6911112 / 2))
-
-
 def test_shrinking_keeps_the_mean_of_premultiplied_colour_and_alpha():
     rng = np.random.default_rng(0)
     picture = rng.random((12, 18, 4)).astype(np.float32)
@@ -70,8 +62,8 @@ def test_shrinking_keeps_the_mean_of_premultiplied_colour_and_alpha():
         np.testing.assert_allclose(white, over_background(picture, (1, 1, 1)).mean((0, 1)), atol=1e-5)
 
 
-def test_any_range_of_the_pixels_of_many_pictures_can_be_loaded(procedural_scene: Scene):
-    train = procedural_scene.splits["train"]
+def test_any_range_of_the_pixels_of_many_pictures_can_be_loaded(scene: Scene):
+    train = scene.splits["train"]
     pixels = load_pixels(train)
     assert pixels.shape == (12 * 48 * 48, 4) and pixels.dtype == np.uint8
     third = np.rint(train[2].load() * 255).reshape(-1, 4)
@@ -114,13 +106,6 @@ def test_a_picture_of_another_size_is_refused_with_both_sizes(copy: Path):
     Image.new("RGBA", (40, 48)).save(copy / "train" / "r_5.png")
     line = complaint(copy)
     assert "r_5.png" in line and "the shape of 48x48" in line and "found 40x48" in line
-
-
-def test_the_real_lego_scene_reads(real_data: Path):
-    scene = load_scene(real_data / "nerf_synthetic" / "lego", downscale=8)
-    assert len(scene.splits["train"]) == 100 and len(scene.splits["test"]) == 25
-    picture = scene.splits["test"][0].load()
-    assert picture.shape == (100, 100, 4) and 0.05 < picture[..., 3].mean() < 0.9
 
 
 # What is up, where the user says it: poses, points and box turn together, and a run and its pack are compared so, too
