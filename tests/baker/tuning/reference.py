@@ -8,7 +8,7 @@ import numpy as np
 
 from baker.tuning.marcher import pack_rays
 from scenepack import Pack
-from scenepack.blocks import block_copy, dense_from_pack
+from scenepack.blocks import block_copy
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from tests.reference_marcher import fetch, march, shade
 from tests.scenepack.random_packs import random_pack, random_view_mlp
@@ -72,19 +72,13 @@ def sampled(pack: Pack, rays: VoxelRays) -> tuple[np.ndarray, np.ndarray, np.nda
 def cells_of_atlas(pack: Pack, side: int) -> np.ndarray:
     """int [D, H, W]: of each place in the atlas with alpha, the cell of its voxel: cubes of side³, numbered from 1 in the
     grid's order; 0 elsewhere."""
-    alpha = dense_from_pack(pack)[0][..., 3]
-    cubes = tuple(i // side for i in np.indices(alpha.shape))
-    dims = [-(-n // side) for n in alpha.shape]
-    some = np.zeros(dims, bool)
-    np.logical_or.at(some, cubes, alpha > 0)
-    numbers = np.where(some, np.cumsum(some).reshape(dims), 0)
-    beyond = [(1, 1 + blocks * pack.block_size - n) for blocks, n in zip(pack.occupied.shape, alpha.shape, strict=True)]
-    dense = np.pad(np.where(alpha > 0, numbers[cubes], 0), beyond)
-    atlas, wide = np.zeros(pack.atlas_rgba.shape[:3], int), pack.padded_block_size
+    alpha, wide = pack.atlas_rgba[..., 3], pack.padded_block_size
+    cubes, cells = np.zeros((*alpha.shape, 3), int), np.zeros(alpha.shape, int)  # of cubes: z, y, x
     for block in np.argwhere(pack.occupied):
-        around = tuple(slice(b * pack.block_size, b * pack.block_size + wide) for b in block)
-        block_copy(pack, atlas, tuple(block))[...] = dense[around]
-    return np.where(pack.atlas_rgba[..., 3] > 0, atlas, 0)
+        voxels = np.moveaxis(np.indices([wide] * 3), 0, -1) - 1 + block * pack.block_size
+        block_copy(pack, cubes, tuple(block))[...] = voxels // side
+    cells[alpha > 0] = np.unique(cubes[alpha > 0], axis=0, return_inverse=True)[1].ravel() + 1
+    return cells
 
 
 def moved(pack: Pack, cells: np.ndarray, delta: np.ndarray) -> Pack:

@@ -20,12 +20,9 @@ COUNT = 1500
 
 def pack_in_view(style: str) -> Pack:
     """A random pack as large as what the cameras look at."""
-    pack = random_pack(
-        np.random.default_rng(3), block_size=14, grid_blocks=(4, 3, 5), alpha_style="any",
-        style={"diffuse": "blob"}.get(style, style),
-    )  # fmt: skip
-    if style == "diffuse":
-        pack = replace(pack, atlas_features=None, view_mlp=None)
+    diffuse = style == "diffuse"
+    style = "blob" if diffuse else style
+    pack = random_pack(np.random.default_rng(3), grid_blocks=(4, 3, 5), style=style, diffuse=diffuse)
     size = np.array(pack.grid_size)
     voxel = 2.0 / size.max()
     return replace(pack, voxel_size=voxel, min_xyz=-0.5 * size * voxel)

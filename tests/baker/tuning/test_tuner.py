@@ -46,12 +46,6 @@ def drawn(ids: np.ndarray, tuner: Tuner, seed: int = 1) -> np.ndarray:
     return np.resize(np.random.default_rng(seed).choice(ids, 2048), tuner.rays).astype(np.int32)
 
 
-def slopes_of(tuner: Tuner) -> tuple[np.ndarray, list[np.ndarray]]:
-    """The gradient of a tuner's first step, of cells [K + 1, 8] and of the view MLP: weights, then biases."""
-    head = [np.asarray(a) / (1 - BETAS[0]) for a in jax.tree.leaves(tuner.head_moments[0])]
-    return tuner.first / (1 - BETAS[0]), head
-
-
 # --- the gradient ---
 
 
@@ -64,7 +58,9 @@ def test_gradients_are_finite_differences_of_the_loss_as_if_nothing_were_rounded
     some = drawn(ids, tuner)
     tuner.update(some, RATES, 0)
     assert tuner.work.whole.all()
-    slopes, head_slopes = slopes_of(tuner)
+    # of cells [K + 1, 8], and of the view MLP: weights, then biases
+    slopes = tuner.first / (1 - BETAS[0])
+    head_slopes = [np.asarray(a) / (1 - BETAS[0]) for a in jax.tree.leaves(tuner.head_moments[0])]
     cells, rays = cells_of_atlas(pack, tuner.cells.side), voxel_rays(pack, dataset, some)
     assert cells.max() == tuner.cells.occupied and not slopes[0].any()
     before = accumulated(pack, rays)
