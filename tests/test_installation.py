@@ -5,7 +5,6 @@ What the viewer needs comes from the running environment, by links to all of its
 nothing is fetched.
 """
 
-import configparser
 import os
 import re
 import shutil
@@ -47,7 +46,6 @@ pytestmark = [
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel, built from a copy, so that nothing is left in the working tree."""
-    pytest.importorskip("setuptools", "77", reason="building the wheel needs setuptools 77 (the extra dev)")
     source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
     for name in (*PACKAGES, "snerg", "tools"):
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
@@ -91,14 +89,6 @@ def call(installed: Path, name: str, *words: object, cwd: Path, **environment: s
     return subprocess.run(command, cwd=cwd, env=kept | environment, **how)
 
 
-def scripts(wheel: Path) -> list[str]:
-    with zipfile.ZipFile(wheel) as archive:
-        name = next(name for name in archive.namelist() if name.endswith("entry_points.txt"))
-        entries = configparser.ConfigParser()
-        entries.read_string(archive.read(name).decode())
-    return sorted(entries["console_scripts"])
-
-
 def test_the_wheel_carries_shaders_demo_and_every_module(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
@@ -124,9 +114,10 @@ def test_modules_of_the_current_folder_and_ours_do_not_shadow_one_another(instal
         assert done.returncode == 0 and "voxels" in done.stdout, done.stderr
 
 
-def test_every_command_tells_its_help(installed: Path, wheel: Path, tmp_path: Path) -> None:
-    assert set(TRAINER) | {"snerg-view", "snerg-render", "snerg-bench", "snerg-pack"} == set(scripts(wheel))
-    for name in scripts(wheel):
+def test_every_command_tells_its_help(installed: Path, tmp_path: Path) -> None:
+    names = {script.name for script in installed.glob("snerg-*")}
+    assert {*TRAINER, "snerg-view", "snerg-render", "snerg-bench", "snerg-pack"} == names
+    for name in names:
         done = call(installed, name, "--help", cwd=tmp_path)
         assert done.returncode == 0 and "usage:" in done.stdout and not done.stderr, (name, done.stderr)
 
