@@ -1,6 +1,6 @@
 """`python -m tests.list_options MODULE …`: which options the commands of these modules take, as JSON on stdout.
 
-{"snerg-bake": {"--resolution": {"text": "Voxels …", "default": "512", "choices": []}, …}, "snerg-pack info": …}. The
+{"snerg-bake": {"--resolution": {"default": "512", "choices": []}, …}, "snerg-pack info": …}. The
 modules are run as programs, but their commands are caught, and asked for their --help in this one process.
 """
 
@@ -43,7 +43,6 @@ def options_of(command: Any, prog: str) -> Options:
 def _described(text: str) -> dict[str, Any]:
     choices, default = re.search(r"\{([\w, |-]+)\}", text), re.search(r"\(default: ([^)]*)\)", text)
     return {
-        "text": text,
         "default": default and default[1],
         "choices": re.split("[,|]", choices[1].replace(" ", "")) if choices else [],
     }

@@ -43,13 +43,8 @@ def start(scene: Path, out: Path, *more: str, devices: int = 1) -> subprocess.Po
     environment = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
     environment |= {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
-    line = [
-        sys.executable,
-        "-m",
-        "tests.training.test_many_devices",
-        *map(str, (scene, out, out.parent / "one")),
-        *more,
-    ]
+    words = [str(scene), str(out), str(out.parent / "one"), *more]
+    line = [sys.executable, "-m", "tests.training.test_many_devices", *words]
     return subprocess.Popen(line, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True)
 
 
