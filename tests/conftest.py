@@ -125,10 +125,19 @@ def procedural_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def procedural_scene(procedural_path: Path):
+def scene(procedural_path: Path):
+    """The procedural scene, as it is read."""
     from training.scenes import load_scene
 
     return load_scene(procedural_path)
+
+
+@pytest.fixture(scope="session")
+def dataset(scene):
+    """The rays of the photographs of `scene`."""
+    from training.dataset import make_dataset
+
+    return make_dataset(scene)
 
 
 @pytest.fixture(scope="session")

@@ -34,11 +34,6 @@ CONFIG = dataclasses.replace(QUICK, engine="fused", steps=300, multires=SMALL)
 SAVED, LAST = 250, 255  # steps: cells have been visited by then, and all levels have joined
 
 
-@pytest.fixture(scope="module")
-def dataset(procedural_scene: Scene) -> RayDataset:
-    return make_dataset(procedural_scene)
-
-
 @dataclasses.dataclass
 class Learnt:
     """A training until step LAST. saved: its state before step SAVED."""
@@ -94,10 +89,10 @@ def test_what_may_hold_density_is_where_queries_find_it(learnt: Learnt, dataset:
     assert (learnt.method.grain(learnt.state) > 0).all()
 
 
-def test_nothing_can_be_where_alpha_leaves_nothing(procedural_scene: Scene, learnt: Learnt) -> None:
+def test_nothing_can_be_where_alpha_leaves_nothing(scene: Scene, learnt: Learnt) -> None:
     """A cell of the hull shows itself, or something around it, in every photograph that it lies in wholly."""
-    state, camera = learnt.state, procedural_scene.splits["train"][0].camera
-    alpha = procedural_scene.splits["train"][0].load()[..., 3] > 0
+    state, camera = learnt.state, scene.splits["train"][0].camera
+    alpha = scene.splits["train"][0].load()[..., 3] > 0
     z, y, x = np.nonzero(state.codes != NEVER)
     centres = state.box.origin + (np.stack([x, y, z], -1) + 0.5) * state.box.cell
     px, py = np.floor(pixels_of(camera, centres)[0]).astype(int).T

@@ -10,7 +10,7 @@ import pytest
 
 from training.checkpoints import named_leaves
 from training.config import PRESETS, TINY, NerfConfig
-from training.dataset import SceneFacts, make_dataset
+from training.dataset import RayDataset, SceneFacts
 from training.method import Rays
 from training.nerf import model
 from training.nerf.method import NerfMethod
@@ -51,8 +51,7 @@ def test_presets_of_the_papers_tables_have_the_parameters_counted_by_hand(preset
 @pytest.mark.slow
 @pytest.mark.usefixtures("hardly_optimised")
 @pytest.mark.parametrize("view", ["deferred", "tiny", "nerf", "none"])
-def test_every_preset_learns_and_gradients_reach_every_parameter(procedural_scene: Scene, view):
-    dataset = make_dataset(procedural_scene)
+def test_every_preset_learns_and_gradients_reach_every_parameter(scene: Scene, dataset: RayDataset, view):
     sizes = {"depth": 3, "skip_after": 1, "coarse_samples": 8, "fine_samples": 8}
     nerf = dataclasses.replace(TINY.nerf, view=view, **sizes, warmup_steps=0, clip_norm=0)
     method = NerfMethod(dataclasses.replace(TINY, batch_size=128, steps=40, nerf=nerf), dataset)
@@ -67,19 +66,18 @@ def test_every_preset_learns_and_gradients_reach_every_parameter(procedural_scen
         losses.append(float(metrics["loss"]))
     update: Any = method._update
     assert np.mean(losses[-10:]) < 0.7 * np.mean(losses[:5]) and update._cache_size() == 1
-    picture = method.render(state, dataset.view_rays(procedural_scene.splits["test"][0].camera))
+    picture = method.render(state, dataset.view_rays(scene.splits["test"][0].camera))
     assert np.isfinite(np.asarray(picture.rgb)).all() and picture.alpha.shape == picture.rgb.shape[:1]
     assert (method.view_mlp(state) is not None) == (view == "deferred")
 
 
 @pytest.mark.slow
-def test_slices_of_a_batch_give_the_gradient_of_the_whole(procedural_scene: Scene, monkeypatch):
+def test_slices_of_a_batch_give_the_gradient_of_the_whole(dataset: RayDataset, monkeypatch):
     def linear_fit(self, params, rays, target, noise):  # smooth, as fine sampling is not
         loss = jnp.mean(jnp.square(rays.directions @ params + noise - target))
         return loss, {"loss": loss}
 
     monkeypatch.setattr(NerfMethod, "_loss", linear_fit)
-    dataset = make_dataset(procedural_scene)
     rays, target = dataset.batch(jax.random.key(1), 32)
     whole = dataclasses.replace(TINY, batch_size=32)
     sliced = dataclasses.replace(whole, nerf=dataclasses.replace(TINY.nerf, gradient_rays=8))
@@ -92,9 +90,8 @@ def test_slices_of_a_batch_give_the_gradient_of_the_whole(procedural_scene: Scen
 
 
 @pytest.mark.slow
-def test_the_sparsity_loss_sees_densities_without_the_noise(procedural_scene: Scene):
+def test_the_sparsity_loss_sees_densities_without_the_noise(dataset: RayDataset):
     nerf = dataclasses.replace(TINY.nerf, density_noise=5.0, coarse_samples=8, fine_samples=8)
-    dataset = make_dataset(procedural_scene)
     rays, _ = dataset.batch(jax.random.key(1), 16)
     perturbation = draw_perturbation(jax.random.key(2), 16, nerf)
     params = init_nerf(jax.random.key(0), nerf)
