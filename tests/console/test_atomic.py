@@ -27,11 +27,6 @@ PICTURE = np.zeros((16, 16, 3), np.uint8)
 EMPTY = Section(np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4), bool), np.zeros(2), np.ones(2), False)
 
 
-def film(path: Path) -> None:
-    pytest.importorskip("av", reason="needs PyAV: pip install 'snerg[video]'")
-    write_film(path, [PICTURE] * 3, 24)
-
-
 @pytest.mark.parametrize(
     ("name", "write"),
     [
@@ -42,7 +37,7 @@ def film(path: Path) -> None:
             lambda path: save_path(CameraPath([Keyframe(np.eye(4), 50.0)]), path, np.eye(4), (320, 200), 30.0),
         ),
         ("sections.png", lambda path: draw_sections(path, {"empty": EMPTY})),
-        ("film.mp4", film),
+        ("film.mp4", lambda path: write_film(path, [PICTURE] * 3, 24)),
         ("step_00000007.safetensors", lambda path: write_checkpoint(path.parent, 7, {"a": np.zeros(3, np.float32)})),
     ],
 )

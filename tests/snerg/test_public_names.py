@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import get_args
 
+import nbclient
+import nbformat
 import numpy as np
 import pytest
 from PIL import Image
@@ -84,12 +86,10 @@ def test_the_example_of_the_readme_gives_the_picture_beside_it(tmp_path: Path, m
 
 @pytest.mark.slow
 def test_the_notebook_makes_a_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    nbformat = pytest.importorskip("nbformat", reason="the notebook runs with nbclient and ipykernel (the extra dev)")
-    client = pytest.importorskip("nbclient", reason="the notebook runs with nbclient and ipykernel (the extra dev)")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     notebook = nbformat.reads(NOTEBOOK.read_text(encoding="utf-8"), as_version=4)
     assert not any(cell.get("outputs") for cell in notebook.cells), "clear its outputs before you commit it"
-    client.NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    nbclient.NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
     assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
     (page,) = (html for output in outputs if "<iframe" in (html := output.get("data", {}).get("text/html", "")))

@@ -5,6 +5,7 @@ import struct
 from pathlib import Path
 from typing import Any
 
+import gsply
 import numpy as np
 import pytest
 
@@ -167,7 +168,6 @@ def test_gaussians_have_the_layout_of_splat_viewers_and_let_as_much_light_pass(f
 
 @pytest.mark.parametrize("words", [[], ["--frame", "world", "--scale", "30"]])
 def test_an_spz_holds_the_gaussians_of_the_ply_as_exactly_as_the_format_allows(folder, tmp_path, words):
-    gsply = pytest.importorskip("gsply", reason="gsply is not installed: the extra dev")
     for name in ("gaussians.ply", "a.spz"):
         assert run(folder, tmp_path / name, *words) == 0
     values = gaussians_of(tmp_path / "gaussians.ply")

@@ -17,16 +17,13 @@ from training.dataset import make_dataset
 from training.marching import GridRays, MarchSizes, march
 from training.multires.config import MultiresConfig
 from training.multires.field import Target, decoder_size, inputs_of, seen_inputs
+from training.multires.fused.engine import FusedEngine
+from training.multires.fused.rays import Batch
 from training.multires.jax_engine import Constants, JaxEngine, adam, cells_of, gradient_shares, loss_and_gradient
 from training.multires.levels import ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.state import State, Trainable
 from training.scenes import load_scene
-
-pytest.importorskip("numba", reason="the fused engine needs Numba: pip install 'snerg[train]'")
-
-from training.multires.fused.engine import FusedEngine
-from training.multires.fused.rays import Batch
 
 SMALL = MultiresConfig(
     resolutions=(16, 32, 128), occupancy=32, samples_per_step=4096, steps_across=(20, 64, 96), density_smoothness=0.05,

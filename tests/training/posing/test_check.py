@@ -11,6 +11,7 @@ from PIL import Image, ImageFilter
 
 from baker.commands.make import main as snerg_make
 from tests.training.posing.rooms import cameras, photograph, texture
+from training.posing import mapping
 from training.posing.check import Verdict, check
 from training.posing.photograph import read_photograph, sharpness
 from training.posing.prepare import blurred
@@ -116,9 +117,6 @@ def test_pictures_of_one_lens_share_a_camera_and_exif_says_its_focal_length(tmp_
 
 def test_few_pictures_are_all_matched_and_of_many_those_that_look_alike(monkeypatch: pytest.MonkeyPatch):
     """A walk once around something: its end looks like its beginning."""
-    pytest.importorskip("pycolmap", reason="matching needs pycolmap (the extra poses)")
-    from training.posing import mapping
-
     monkeypatch.setattr(mapping, "LARGEST", 50)
     overlap, chosen_pairs = mapping.OVERLAP, mapping.chosen_pairs
     count, rng = 60, np.random.default_rng(0)

@@ -44,7 +44,6 @@ def test_the_cameras_of_bare_photographs_are_found(found: Found):
 
 @pytest.mark.slow
 def test_pixels_that_are_not_square_are_found(tmp_path: Path):
-    pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
     (tmp_path / "photographs").mkdir()
     views = []
     for number, camera in enumerate(cameras(12)):
