@@ -20,6 +20,7 @@ from training import dataset as datasets
 from training.dataset import MOST_RAYS, OPAQUE, evenly_spread, make_dataset, row_step_for
 from training.marching import GridBox, to_grid
 from training.method import Rays
+from training.multires.fused import rays as fused
 from training.recorder import render_photograph
 from training.scenes import Camera, Photograph, Scene, load_pixels, pixels
 from training.scenes import scene as numpy_rays
@@ -101,20 +102,18 @@ def test_a_blender_scene_without_alpha_is_told_to_be_trained_with_its_background
     assert notices == ([f"here: {OPAQUE}"] if opaque else []) and "is trained and baked with it" in OPAQUE
 
 
-class Seer:
-    """A method that knows what every ray shows: the colour of its direction."""
-
-    def render(self, state: Any, rays: Rays) -> SimpleNamespace:
-        return SimpleNamespace(rgb=0.5 + 0.5 * np.sin(40 * np.asarray(rays.viewdirs)))
-
-
 @pytest.mark.parametrize("most, side", [(None, 48), (48 * 48, 48), (2000, 24), (300, 16), (1, 1)])
-def test_of_a_large_photograph_some_pixels_are_compared_and_none_is_shrunk(procedural_scene, most, side):
-    dataset, camera = make_dataset(procedural_scene), procedural_scene.splits["test"][0].camera
-    picture = Seer().render(None, dataset.view_rays(camera)).rgb.reshape(camera.height, camera.width, 3)
+def test_of_a_large_photograph_some_pixels_are_compared_and_none_is_shrunk(scene, dataset, most, side):
+    camera = scene.splits["test"][0].camera
+
+    def render(state: Any, rays: Rays) -> SimpleNamespace:
+        return SimpleNamespace(rgb=0.5 + 0.5 * np.sin(40 * np.asarray(rays.viewdirs)))  # the colour of its direction
+
+    picture = render(None, dataset.view_rays(camera)).rgb.reshape(camera.height, camera.width, 3)
     opaque = np.concatenate([picture, np.ones_like(picture[..., :1])], -1)
     photograph: Any = SimpleNamespace(camera=camera, load=lambda: opaque)
-    rendered, truth = render_photograph(Seer(), None, dataset, photograph, most)  # type: ignore[arg-type]
+    method: Any = SimpleNamespace(render=render)
+    rendered, truth = render_photograph(method, None, dataset, photograph, most)
     assert rendered.shape == truth.shape == (side, side, 3) and picture.std() > 0.3
     np.testing.assert_allclose(rendered, truth, atol=1e-6)
 
@@ -146,19 +145,19 @@ def test_a_big_photograph_is_decoded_without_floats_of_all_of_it(big: Path, size
     assert size == (601, 401) or not apart.any()
 
 
-def test_opaque_photographs_are_never_held_with_alpha(big: Path, procedural_scene: Scene) -> None:
-    photograph = procedural_scene.splits["train"][0]
+def test_opaque_photographs_are_never_held_with_alpha(big: Path, scene: Scene) -> None:
+    photograph = scene.splits["train"][0]
     camera = dataclasses.replace(photograph.camera, width=3000, height=2000)
     opaque = Photograph("a", camera, PictureLoader(big, (3000, 2000), (3000, 2000)))
-    scene = dataclasses.replace(procedural_scene, splits={"train": (opaque,)})
+    large = dataclasses.replace(scene, splits={"train": (opaque,)})
     assert not pixels.may_be_transparent([opaque]) and pixels.may_be_transparent([photograph])
     tracemalloc.start()
-    dataset = make_dataset(scene)
+    dataset = make_dataset(large)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert dataset.pixels.shape == (6_000_000, 3) and peak < 12 * 6e6
     photograph = dataclasses.replace(photograph, load=lambda: np.ones((48, 48, 4), np.float32))
-    dataset = make_dataset(dataclasses.replace(procedural_scene, splits={"train": (photograph,) * 2}))
+    dataset = make_dataset(dataclasses.replace(scene, splits={"train": (photograph,) * 2}))
     assert dataset.pixels.shape == (2 * 48 * 48, 3), "alpha that is 1 everywhere is left out, too"
 
 
@@ -169,35 +168,35 @@ def in_a_file(array: np.ndarray) -> bool:
     return isinstance(base, mmap.mmap)
 
 
-def test_photographs_that_memory_does_not_hold_lie_in_a_file_of_the_run(procedural_scene, tmp_path, monkeypatch):
-    photographs, size = procedural_scene.splits["train"], 12 * 48 * 48 * 4
+def test_photographs_that_memory_does_not_hold_lie_in_a_file_of_the_run(scene, tmp_path, monkeypatch):
+    photographs, size = scene.splits["train"], 12 * 48 * 48 * 4
     in_memory = load_pixels(photographs, folder=tmp_path / "run")
     assert not in_a_file(in_memory) and not (tmp_path / "run").exists()
     monkeypatch.setattr(pixels, "free_memory", lambda: 2 * size)
     on_disk = load_pixels(photographs, folder=tmp_path / "run")
     assert in_a_file(on_disk) and np.array_equal(on_disk, in_memory)
     assert not list((tmp_path / "run").iterdir()), "the file has no name, and is gone with the process"
-    dataset = make_dataset(procedural_scene, folder=tmp_path / "run")
+    dataset = make_dataset(scene, folder=tmp_path / "run")
     assert np.array_equal(np.asarray(dataset.pixels), in_memory)
 
 
-def test_more_pixels_than_ids_are_thinned_out_by_rows_and_a_line_says_so(procedural_scene: Scene) -> None:
-    photograph = procedural_scene.splits["train"][0]
+def test_more_pixels_than_ids_are_thinned_out_by_rows_and_a_line_says_so(scene: Scene) -> None:
+    photograph = scene.splits["train"][0]
     camera = dataclasses.replace(photograph.camera, width=4000, height=3000)
     many = (dataclasses.replace(photograph, camera=camera),) * 300
-    scene = dataclasses.replace(procedural_scene, splits={"train": many})
+    large = dataclasses.replace(scene, splits={"train": many})
     with pytest.warns(Notice, match=r"3,600,000,000 pixels .* one row in 2 .* --downscale 2"):
-        step = row_step_for(scene)
+        step = row_step_for(large)
     assert pixels.pixel_counts([p.camera for p in many], step).sum() == 1_800_000_000 < MOST_RAYS
-    assert row_step_for(procedural_scene) == 1
+    assert row_step_for(scene) == 1
 
 
 @pytest.mark.slow
-def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_have(procedural_scene, monkeypatch):
-    whole = make_dataset(procedural_scene)
+def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_have(scene, monkeypatch):
+    whole = make_dataset(scene)
     monkeypatch.setattr(datasets, "MOST_RAYS", whole.count // 5 + 1000)
     with pytest.warns(Notice, match="one row in 5"):
-        thin = make_dataset(procedural_scene)
+        thin = make_dataset(scene)
     assert thin.count == 12 * 48 * 10
     ids = np.random.default_rng(0).integers(0, thin.count, 200).astype(np.int32)
     view, rest = ids // (48 * 10), ids % (48 * 10)
@@ -206,8 +205,7 @@ def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_ha
     for found, wanted in zip((*rays, colours), (*expected, truth), strict=True):
         np.testing.assert_array_equal(np.asarray(found), np.asarray(wanted))
 
-    fused = pytest.importorskip("training.multires.fused.rays", reason="pip install 'snerg[train]'")
-    low, high = procedural_scene.aabb
+    low, high = scene.aabb
     layout = GridBox(jnp.asarray(low, np.float32), jnp.asarray((high - low) / 8, np.float32), jnp.full(3, 8))
     batch = fused.empty_batch(len(ids), 0.0)
     batch.background[:] = thin.background

@@ -9,7 +9,9 @@ import pytest
 
 from tests.training.reconstructions import FLIP, LENSES, SIZE, ball, write_colmap
 from tests.training.test_captures import circle, write_transforms
+from tests.training.test_dataset import scene_of
 from training.dataset import make_dataset
+from training.multires.fused.rays import _through_lens
 from training.scenes.colmap_files import read_reconstruction
 from training.scenes.lens import (
     EQUIRECTANGULAR,
@@ -22,7 +24,7 @@ from training.scenes.lens import (
     whole_lens,
 )
 from training.scenes.read import load_scene
-from training.scenes.scene import Camera, Photograph, Scene, camera_rays, pixels_of, shown_pixels
+from training.scenes.scene import Camera, camera_rays, pixels_of, shown_pixels
 from training.scenes.transforms import read_camera
 
 KEYS = {"q1": "k4", "q2": "k5", "q3": "k6", "s1": "sx1", "s2": "sy1", "f": "fl_x", "fx": "fl_x", "fy": "fl_y"}
@@ -70,9 +72,6 @@ def test_lenses_that_see_behind_themselves_show_all_directions_once(model: str):
 
 @pytest.mark.parametrize("model", ["PINHOLE", "FULL_OPENCV", "THIN_PRISM_FISHEYE", "EQUIRECTANGULAR"])
 def test_the_compiled_engine_casts_the_same_rays(model: str):
-    pytest.importorskip("numba", reason="needs Numba: pip install 'snerg[train]'")
-    from training.multires.fused.rays import _through_lens
-
     lens = MODELS[model].lens(dict(zip(MODELS[model].parameters, LENSES[model], strict=True)))
     for u, v in ((0.0, 0.0), (0.3, -0.4), (-0.6, 0.2)):
         expected = directions_at(np.array(u), np.array(v), lens)
@@ -88,11 +87,7 @@ def test_where_a_lens_shows_nothing_rays_end_at_once_in_training_and_in_evaluati
     radius = np.hypot(x - 20, y - 20) / 20
     shown = shown_pixels(camera)
     assert shown[radius < 0.84].all() and not shown[radius > 0.87].any()
-    photograph = Photograph("only", camera, lambda: np.ones((40, 40, 4), np.float32))
-    box = np.array([[-1.0] * 3, [1.0] * 3])
-    dataset = make_dataset(
-        Scene(2.0, 6.0, box, np.eye(4), path=Path("here"), kind="made", splits={"train": (photograph,)})
-    )
+    dataset = make_dataset(scene_of(camera))
     for rays in (dataset.geometry_at(jnp.arange(1600)), dataset.view_rays(camera)):
         ends_at_once = np.asarray(rays.near >= rays.far).reshape(40, 40)
         assert ends_at_once[radius > 0.87].all() and not ends_at_once[radius < 0.84].any()
