@@ -191,12 +191,9 @@ def test_two_processes_do_not_train_into_one_run(there: bool, unbroken: Path, pr
         assert main(words) == 0, "the lock has ended with its process"
 
 
-def test_an_existing_run_is_not_overwritten(unbroken: Path, procedural_path: Path, refused):
+def test_neither_a_run_nor_a_folder_of_other_files_is_overwritten(unbroken, procedural_path, tmp_path, refused):
     line = refused(main, procedural_path, "--out", unbroken, "--preset", "tiny")
     assert line.startswith("snerg-train: ") and "exists already" in line and "--resume" in line
-
-
-def test_a_folder_that_is_no_run_is_not_overwritten_either(procedural_path: Path, tmp_path: Path, refused):
     (tmp_path / "letter.txt").write_text("dear")
     assert "another --out" in refused(main, procedural_path, "--out", tmp_path, "--preset", "tiny")
 
