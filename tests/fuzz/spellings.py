@@ -58,15 +58,12 @@ def write_scene(folder: Path, cameras: list[Camera], random: Random) -> list[str
     return stems
 
 
-def _save(picture: Path) -> None:
-    picture.parent.mkdir(parents=True, exist_ok=True)
-    kind = {".jpg": "JPEG", ".tif": "TIFF"}.get(picture.suffix.lower(), picture.suffix[1:].upper())
-    Image.new("RGB", SIZE, (90, 60, 30)).save(picture, format=kind)
-
-
 def _stored(folder: Path, name: str, suffix: str, random: Random) -> None:
     """The picture, its name composed or decomposed."""
-    _save(folder / (unicodedata.normalize(random.choice(["NFC", "NFD"]), name) + suffix))
+    picture = folder / (unicodedata.normalize(random.choice(["NFC", "NFD"]), name) + suffix)
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    kind = {".jpg": "JPEG", ".tif": "TIFF"}.get(suffix.lower(), suffix[1:].upper())
+    Image.new("RGB", SIZE, (90, 60, 30)).save(picture, format=kind)
 
 
 def _spelled(name: str, suffix: str, random: Random) -> str:
@@ -115,8 +112,8 @@ def _frames(cameras: list[Camera], names: list[str], suffix: str, random: Random
     """Frames in any order, with the lens at the top where all share it."""
     frames = []
     top = _camera_keys(cameras[0], random)
-    shared = all((c.fx, c.fy, c.cx, c.cy, c.distortion) == (cameras[0].fx, cameras[0].fy, cameras[0].cx, cameras[0].cy,
-                 cameras[0].distortion) for c in cameras) and random.random() < 0.7  # fmt: skip
+    lenses = {(c.fx, c.fy, c.cx, c.cy, c.distortion) for c in cameras}
+    shared = len(lenses) == 1 and random.random() < 0.7
     for camera, name in zip(cameras, names, strict=True):
         matrix = camera.world_T_camera if random.random() < 0.7 else camera.world_T_camera[:3]
         frame: dict[str, object] = {"file_path": _spelled(name, suffix, random), "transform_matrix": matrix.tolist()}

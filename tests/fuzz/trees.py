@@ -12,14 +12,11 @@ from pathlib import Path
 
 Tree = dict[str, bytes | str]
 ARCHIVE = "@zip"
-SPECIAL = (
-    "folder", "fifo", "loop", "dangling link", "link to /dev/zero", "link to /dev/null", "link to ..",
-    "link to a file",
-)  # fmt: skip
 _LINKS = {
     "dangling link": "nowhere/at/all", "link to /dev/zero": "/dev/zero", "link to /dev/null": "/dev/null", "link to ..": "..",
     "link to a file": "/etc/passwd",
 }  # fmt: skip
+SPECIAL = ("folder", "fifo", "loop", *_LINKS)
 
 
 def read_tree(folder: Path) -> Tree:
