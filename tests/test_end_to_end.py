@@ -16,7 +16,7 @@ from baker.commands.bake import main as snerg_bake
 from baker.commands.evaluate import main as snerg_eval
 from baker.commands.make import main as snerg_make
 from baker.commands.pack import main as snerg_pack
-from scenepack import check_pack, load_pack
+from scenepack import load_pack
 from scenepack.blocks import dense_from_pack
 from scenepack.codecs.quantisation import steps_of
 from training.commands.train import main as snerg_train
@@ -57,7 +57,6 @@ def test_photographs_become_a_pack_whose_pictures_are_near_the_photographs(made,
 
 def test_the_pack_is_sound_and_says_where_it_comes_from(made: Path, scene: Path) -> None:
     pack = load_pack(made / "pack")
-    assert [f for f in check_pack(pack) if f.severity == "error"] == []
     assert pack.metadata["provenance"]["scene"] == str(scene.resolve())
     cameras = pack.metadata["cameras"]
     assert sum(camera["split"] == "train" for camera in cameras) == 12
@@ -118,17 +117,12 @@ def test_a_box_can_be_baked_alone(made: Path, tmp_path: Path, refused: Callable[
     assert "the box is empty" in refused(snerg_bake, *line, "--aabb", "1,2,3,0,5,6")
 
 
-def test_a_view_can_be_rendered_and_timed(made: Path, scene: Path, tmp_path: Path) -> None:
-    picture, report = tmp_path / "view.png", tmp_path / "bench.json"
+def test_a_view_can_be_rendered(made: Path, scene: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "view.png"
     line = [str(made / "pack"), "--scene", str(scene), "--split", "test", "--index", "0", "--out", str(picture)]
     assert snerg_render(line) == 0
     with Image.open(picture) as opened:
         assert opened.size == (48, 48) and np.asarray(opened.convert("L")).std() > 10
-    line = [str(made / "pack"), "--frames", "3", "--size", "96x64", "--compare", "paper", "--json", str(report)]
-    assert snerg_bench(line) == 0
-    figures = json.loads(report.read_text())
-    assert figures["frames"] == 3 and figures["width"] == 96 and figures["ms_p50"] > 0
-    assert figures["compare"]["paper"]["ms_mean"] > 0 and figures["compare"]["ratio"] > 0
 
 
 @pytest.mark.parametrize("there", [False, True])
