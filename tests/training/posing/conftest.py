@@ -13,7 +13,7 @@ from console import Notice
 from tests.training.posing.rooms import cameras, photograph, texture
 from training.posing.find import find_poses
 from training.scenes import Camera, Scene, load_scene
-from training.scenes.sources import Source, find_source
+from training.scenes.sources import Source, require_source
 
 COUNT = 9
 SIDEWAYS, SMALLER, STRANGER = 1, 7, "stranger.jpg"
@@ -57,7 +57,6 @@ def load_quietly(scene: Path, *, masks: bool = False) -> Scene:
 
 @pytest.fixture(scope="session")
 def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
-    pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
     folder = tmp_path_factory.mktemp("posing")
     photographs = folder / "photographs"
     given = write_photographs(photographs)
@@ -65,8 +64,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
     sharp = Image.open(photographs / "p6.jpg", formats=["JPEG"])
     sharp.filter(ImageFilter.GaussianBlur(4)).save(photographs / "p6b.jpg")
     Image.fromarray(texture(105)[:192, :256].astype(np.uint8)).save(photographs / STRANGER, quality=95)
-    source = find_source(photographs)
-    assert source is not None
+    source = require_source(photographs)
     with warnings.catch_warnings(record=True, action="always") as caught:
         scene = find_poses(source, folder / "out")
     return Found(source, given, scene, [str(warning.message) for warning in caught if warning.category is Notice])

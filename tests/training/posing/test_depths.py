@@ -11,12 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from console import Notice, UserError
 from tests.training.posing.rooms import FOCAL, SIZE, cameras, photograph
+from tests.training.test_captures import write_transforms
 from training.config import PRESETS
 from training.posing.depths import meeting_places, with_depths
 from training.run import read_description, resume_run, start_run
 from training.scenes import SceneOptions, load_scene
 from training.scenes.scene import Camera, camera_rays
-from training.scenes.space import NEAR
+from training.scenes.space import NEAR, poses_of
 
 COUNT, CLOSE = 9, 4
 
@@ -31,17 +32,10 @@ def walkers() -> list[Camera]:
 
 def write_capture(folder: Path, posed: list[Camera]) -> Path:
     """Photographs of the room with these poses, whatever those are from which they were taken, and no points."""
-    (folder / "images").mkdir(parents=True)
-    frames = []
-    for i, (camera, said) in enumerate(zip(walkers(), posed, strict=True)):
-        Image.fromarray(photograph(camera)).save(folder / f"images/{i}.png")
-        frames.append({"file_path": f"images/{i}.png", "transform_matrix": said.world_T_camera.tolist()})
-    (folder / "transforms.json").write_text(json.dumps({"fl_x": FOCAL, "w": SIZE[0], "h": SIZE[1], "frames": frames}))
+    write_transforms(folder, poses_of(posed), size=SIZE, lens={"fl_x": FOCAL})
+    for i, camera in enumerate(walkers()):
+        Image.fromarray(photograph(camera)).save(folder / f"images/{i:03d}.png")
     return folder
-
-
-def _apart(first: Camera, second: Camera) -> float:
-    return float(np.linalg.norm(first.world_T_camera[:3, 3] - second.world_T_camera[:3, 3]))
 
 
 def test_rays_meet_where_both_come_closest_to_one_another():
@@ -65,13 +59,13 @@ def test_rays_meet_where_both_come_closest_to_one_another():
 
 @pytest.mark.slow
 def test_features_of_the_photographs_tell_how_near_things_are(tmp_path: Path, recwarn: pytest.WarningsRecorder):
-    pytest.importorskip("pycolmap", reason="matching features needs pycolmap (the extra poses)")
     path = write_capture(tmp_path / "scene", walkers())
     scene = load_scene(path)
     assert scene.guessed and scene.near == NEAR
     found = with_depths(scene)
     read = [photo.camera for photo in scene.splits["train"][:2]]
-    (unit, scaled), close = (_apart(*two) for two in (walkers()[1:3], read)), walkers()[CLOSE]
+    unit, scaled = (np.linalg.norm(np.diff(poses_of(two)[:, :3, 3], axis=0)) for two in (walkers()[1:3], read))
+    close = walkers()[CLOSE]
     origins, directions = camera_rays(close)
     with np.errstate(divide="ignore"):
         nearest = np.quantile(np.where(directions < 0, -origins / directions, np.inf).min(-1), 0.01)
@@ -102,7 +96,6 @@ def turned(cameras: list[Camera], degrees: float) -> list[Camera]:
 
 
 def test_poses_that_the_photographs_were_not_taken_from_are_told(tmp_path: Path):
-    pytest.importorskip("pycolmap", reason="matching features needs pycolmap (the extra poses)")
     scene = load_scene(write_capture(tmp_path / "reversed", walkers()[::-1]))
     with pytest.warns(Notice, match="lie where the camera poses say"):
         assert with_depths(scene) is scene

@@ -15,9 +15,7 @@ from tests.fuzz.trees import write_tree
 from tests.training.posing.conftest import load_quietly
 from tests.training.posing.rooms import TILE, bilinear, texture
 from training.posing.find import posed_scene
-from training.scenes.sources import find_source
-
-pytest.importorskip("pycolmap", reason="finding poses needs pycolmap (the extra poses)")
+from training.scenes.sources import require_source
 
 COUNT = 8
 # A textured ball that turns before a textured wall, and a camera that stands still.
@@ -90,8 +88,7 @@ def test_a_turntable_before_a_still_background_is_refused_unless_it_has_masks(tm
 @pytest.mark.slow
 def test_masks_that_do_not_fit_or_are_missing_are_told(tmp_path: Path):
     write_turntable(tmp_path / "photographs", lambda name: f"{name}.png")
-    source = find_source(tmp_path / "photographs")
-    assert source is not None and len(source.files) == COUNT  # the masks are none
+    assert len(require_source(tmp_path / "photographs").files) == COUNT  # the masks are none
     Image.new("L", (64, 64)).save(tmp_path / "photographs" / "masks" / "t3.png.png")
     message = refusal(tmp_path / "photographs", tmp_path / "out")
     assert "t3.png.png: the mask is of another size than its photograph (expected 320x240, found 64x64)" in message
