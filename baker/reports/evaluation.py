@@ -23,6 +23,7 @@ from console import UserError, progress
 from console.atomic import replacing
 from scenepack import load_pack
 from scenepack.pack import Pack
+from training.method import RenderOutput
 from training.run import Run, is_run, load_run, read_description
 from training.scenes import Camera, Photograph, Scene, picture_stems
 from training.scenes.pictures import over_background
@@ -140,7 +141,11 @@ def shown_by(subject: Path | Run | Drawn, allow_half: bool = False, photographs:
 
 
 def _field_picture(run: Run, camera: Camera, mode: Mode) -> np.ndarray:
-    output = run.method.render(run.state, run.dataset.view_rays(camera))
+    return picture_of(run.method.render(run.state, run.dataset.view_rays(camera)), camera, mode)
+
+
+def picture_of(output: RenderOutput, camera: Camera, mode: Mode) -> np.ndarray:
+    """See Shown."""
     shown = np.asarray(output.rgb if mode == "normal" else output.alpha)
     return np.clip(shown, 0, 1).reshape(camera.height, camera.width, *shown.shape[1:])
 

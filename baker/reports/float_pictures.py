@@ -6,14 +6,13 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numba import njit
 
 from baker.baking.grid import FloatGrid
-from baker.reports.evaluation import Drawn, Mode
+from baker.reports.evaluation import Drawn, Mode, picture_of
 from baker.tuning.marcher import LISTED, MAX_ALPHA, PackMarcher, list_samples, pack_rays
-from baker.tuning.shading import Accumulated, over_background, shown
+from baker.tuning.shading import shown
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from training.method import Rays
 from training.run import Run
@@ -32,12 +31,8 @@ def float_pictures(floats: FloatGrid, run: Run) -> Drawn:
         marcher.rays = pack_rays(floats.pack, view)
         parts = np.zeros((rays.origins.shape[0], 8), np.float32)
         marcher.over(np.arange(len(parts), dtype=np.int32), march, lambda _, first: parts[first:])
-        sums = Accumulated(jnp.asarray(parts[:, :3]), jnp.asarray(parts[:, 3:7]), jnp.asarray(parts[:, 7]))
-        if mode == "alpha":
-            behind = over_background(sums, dataset.background, dataset.ndc)[2]
-            return np.asarray(1 - behind).reshape(camera.height, camera.width)
-        rgb = shown(sums, head, rays.viewdirs, dataset.background, dataset.ndc)
-        return np.clip(np.asarray(rgb), 0, 1).reshape(camera.height, camera.width, 3)
+        output = shown(parts, head, rays.viewdirs, dataset.background, dataset.ndc)
+        return picture_of(output, camera, mode)
 
     return Drawn(show, floats.pack.grid_size, bytes=floats.bytes)
 

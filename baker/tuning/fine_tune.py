@@ -8,7 +8,7 @@ pixels a step takes: here as many as a photograph has, of all photographs.
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,26 +16,15 @@ import numpy as np
 import optax
 
 from baker.tuning.marcher import PackMarcher
-from baker.tuning.shading import Accumulated, from_params, over_background, to_params
+from baker.tuning.shading import ErrorTerms, Pixels, from_params, pixels_of, squared_error, to_params
 from scenepack.constants import TRANSMITTANCE_SHADED
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.method import ViewMlpParams
-from training.rendering import apply_view_mlp
 
-LEARNING_RATE = 3e-4
+ADAM = optax.adam(3e-4)
 EPOCHS = 100
 MARCHED_AT_ONCE, SCORED_AT_ONCE = 1 << 22, 1 << 20
-
-
-class Pixels(NamedTuple):
-    """Shaded training pixels."""
-
-    diffuse: jax.Array  # [P, 3], with background
-    features: jax.Array  # [P, 4]
-    viewdirs: jax.Array  # [P, 3]
-    target: jax.Array  # [P, 3]
-    weight: jax.Array  # [P, 1], of a pixel's error before it is squared
 
 
 def fine_tune(
@@ -52,24 +41,21 @@ def fine_tune(
     pixels = None if pack.view_mlp is None else shaded_pixels(pack, dataset, seed, on_share)
     if pack.view_mlp is None or pixels is None:
         return pack, {}
-    if not by_opacity:
-        pixels = pixels._replace(weight=jnp.ones_like(pixels.weight))
-    params = to_params(pack.view_mlp)
-    before = _psnr(params, pixels)
-    optimiser = optax.adam(LEARNING_RATE)
-    moments, key = optimiser.init(params), jax.random.key(seed)
-    count = len(pixels.diffuse)
+    terms, head = ErrorTerms(dataset.background, pack.ndc, by_opacity), to_params(pack.view_mlp)
+    before = _psnr(head, pixels, terms)
+    moments, key = ADAM.init(head), jax.random.key(seed)
+    count = len(pixels.target)
     batch = -(-count // dataset.views)
     for epoch in range(epochs):  # pixels are in random order already: the same batches in another are enough
         order = jax.random.permutation(jax.random.fold_in(key, epoch), -(-count // batch))
-        params, moments = _epoch(params, moments, pixels, order, batch, optimiser)
+        head, moments = _epoch(head, moments, pixels, order, batch, terms)
         on_share(0.5 + 0.5 * (epoch + 1) / epochs, f"epoch {epoch + 1} of {epochs}")
     figures = {
         "epochs": epochs,
         "train_psnr_before": round(before, 3),
-        "train_psnr_after": round(_psnr(params, pixels), 3),
+        "train_psnr_after": round(_psnr(head, pixels, terms), 3),
     }
-    return replace(pack, view_mlp=from_params(params)), figures
+    return replace(pack, view_mlp=from_params(head)), figures
 
 
 def shaded_pixels(
@@ -84,51 +70,39 @@ def shaded_pixels(
             on_share(0.5 * (done + share * more) / dataset.count, "marching training pixels")
 
         sums = marcher.accumulate(part, tell)
-        shaded = np.asarray(sums.transmittance) <= TRANSMITTANCE_SHADED
+        shaded = sums[:, 7] <= TRANSMITTANCE_SHADED
         if shaded.any():
-            sums = Accumulated(*(jnp.asarray(of[shaded]) for of in sums))
-            parts.append(Pixels(*map(np.asarray, _pixels(sums, dataset, jnp.asarray(part[shaded]), pack.ndc))))  # type: ignore[arg-type]
+            parts.append(jax.tree.map(np.asarray, pixels_of(dataset, part[shaded], sums[shaded])))
     if not parts:
         return None
-    order = np.random.default_rng(seed).permutation(sum(len(some.diffuse) for some in parts))
-    return Pixels(*(jnp.asarray(np.concatenate(of)[order]) for of in zip(*parts, strict=True)))
+    order = np.random.default_rng(seed).permutation(sum(len(some.target) for some in parts))
+    return jax.tree.map(lambda *of: jnp.asarray(np.concatenate(of)[order]), *parts)
 
 
-@partial(jax.jit, static_argnames="ndc")
-def _pixels(sums: Accumulated, dataset: RayDataset, ids: jax.Array, ndc: bool) -> Pixels:
-    """What is accumulated along rays `ids`, ready for the view MLP, and what the photographs show there."""
-    diffuse, features, behind = over_background(sums, dataset.background, ndc)
-    viewdirs, target = dataset.geometry_at(ids).viewdirs, dataset.colours_at(ids)
-    return Pixels(diffuse, features, viewdirs, target, 1 - behind[:, None])
-
-
-def _squared_error(params: ViewMlpParams, pixels: Pixels) -> jax.Array:
+@partial(jax.jit, static_argnames="terms")
+def _mean_error(head: ViewMlpParams, pixels: Pixels, terms: ErrorTerms) -> jax.Array:
     """Mean squared error per channel of what the viewer would show; it clamps the sum."""
-    residual = apply_view_mlp(params, pixels.diffuse, pixels.features, pixels.viewdirs)
-    return jnp.mean(jnp.square(pixels.weight * (jnp.minimum(pixels.diffuse + residual, 1.0) - pixels.target)))
+    return squared_error(head, pixels, terms, clamped=False)[0] / pixels.target.size
 
 
-@partial(jax.jit, static_argnames=("batch", "optimiser"))
-def _epoch(params, moments, pixels: Pixels, order: jax.Array, batch: int, optimiser: optax.GradientTransformation):
+@partial(jax.jit, static_argnames=("batch", "terms"))
+def _epoch(head, moments, pixels: Pixels, order: jax.Array, batch: int, terms: ErrorTerms):
     """One pass over the pixels, in batches of neighbours, in this order; the last is filled up with the first."""
 
     def step(carry, turn):
-        params, moments = carry
-        ids = (batch * turn + jnp.arange(batch)) % len(pixels.diffuse)
-        slope = jax.grad(_squared_error)(params, Pixels(*(array[ids] for array in pixels)))
-        updates, moments = optimiser.update(slope, moments, params)
-        return (optax.apply_updates(params, updates), moments), None
+        head, moments = carry
+        ids = (batch * turn + jnp.arange(batch)) % len(pixels.target)
+        slope = jax.grad(_mean_error)(head, Pixels(*(array[ids] for array in pixels)), terms)
+        updates, moments = ADAM.update(slope, moments, head)
+        return (optax.apply_updates(head, updates), moments), None
 
-    return jax.lax.scan(step, (params, moments), order)[0]
+    return jax.lax.scan(step, (head, moments), order)[0]
 
 
-def _psnr(params: ViewMlpParams, pixels: Pixels) -> float:
+def _psnr(head: ViewMlpParams, pixels: Pixels, terms: ErrorTerms) -> float:
     """PSNR (dB) over all pixels, some at a time: a hidden layer of them all would take gigabytes."""
-    count, total = len(pixels.diffuse), 0.0
+    count, error = len(pixels.target), 0.0
     for start in range(0, count, SCORED_AT_ONCE):
         part = Pixels(*(array[start : start + SCORED_AT_ONCE] for array in pixels))
-        total += float(_error(params, part)) * len(part.diffuse)
-    return float(-10.0 * np.log10(max(total / count, 1e-12)))
-
-
-_error = jax.jit(_squared_error)
+        error += float(_mean_error(head, part, terms)) * len(part.target) / count
+    return float(-10.0 * np.log10(max(error, 1e-12)))

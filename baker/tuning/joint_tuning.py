@@ -30,23 +30,24 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 
 from baker.tuning import cells
 from baker.tuning.cells import BETAS, CHUNK, TINY, cells_of, work_for
-from baker.tuning.marcher import LISTED, OnShare, PackMarcher, on_host, sample_buffers
-from baker.tuning.shading import Accumulated, ErrorTerms, ShadingInputs, from_params, psnr_of, squared_error, to_params
+from baker.tuning.marcher import LISTED, OnShare, PackMarcher, on_host
+from baker.tuning.shading import ErrorTerms, Pixels, from_params, pixels_of, psnr_of, squared_error, to_params
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
 from training.marching import GridBox, GridFrameRays, GridRays, to_grid
 from training.method import ViewMlpParams
-from training.multires.fused.compiled import Workers
 
 PROBE_RAYS = 4096  # rays whose samples tell how many rays fill a step
 PROBED = 96  # mean number of contributing samples a ray that the probe allocates for
 SPARE = 2.0  # allocated contributing samples over their mean, since chunks differ
 PART = 8192  # cells that a worker claims
 STORED = 512  # cells that a worker stores at once
+ADAM = optax.scale_by_adam(*BETAS, eps=TINY)
 
 
 class Tuner:
@@ -56,20 +57,18 @@ class Tuner:
     """
 
     def __init__(self, pack: Pack, dataset: RayDataset, cell: int, *, by_opacity: bool = False) -> None:
-        self.terms = ErrorTerms(pack.ndc, by_opacity)
+        self.terms = ErrorTerms(dataset.background, pack.ndc, by_opacity)
         features = None if pack.atlas_features is None else np.ascontiguousarray(pack.atlas_features)
         self.pack = replace(pack, atlas_rgba=np.ascontiguousarray(pack.atlas_rgba), atlas_features=features)
-        self.dataset, self.workers = dataset, Workers()
-        self.marcher = PackMarcher(self.pack, dataset)
-        self.tables = self.marcher.tables
+        self.dataset, self.marcher = dataset, PackMarcher(self.pack, dataset)
+        self.tables, self.workers = self.marcher.tables, self.marcher.workers
         self.cells = cells_of(pack, self.tables, cell)
         count = self.cells.occupied + 1
         self.delta, self.first, self.second, self.slopes = (np.zeros((count, 8), np.float32) for _ in range(4))
         self.met = np.zeros(count, np.uint8)
         self.sums = np.zeros((-(-count // PART), 2, 8))  # see baker.tuning.cells.move_moments
-        self.head = pack.view_mlp and to_params(pack.view_mlp)
-        self.head_moments = [jax.tree.map(jnp.zeros_like, self.head) for _ in range(2)]
-        self.found = [sample_buffers() for _ in range(self.workers.count)]
+        self.head: Any = pack.view_mlp and to_params(pack.view_mlp)
+        self.head_moments: Any = ADAM.init(self.head)
         self.steps = EXACT.channels
         self.rays, self.work = 0, work_for(0, 0)
 
@@ -92,22 +91,20 @@ class Tuner:
     def update(self, ids: np.ndarray, rates: np.ndarray, count: int) -> None:
         """One step of Adam on the rays `ids` int32 [rays]; rates float32 [9]: of the 8 parts of delta, and of the view MLP.
         count: steps so far."""
-        slopes, head_slope = _slopes(self._gather(ids), terms=self.terms)
+        slopes, head_slope = _slopes(self.head, self._gather(ids), terms=self.terms)
         self._follow(np.ascontiguousarray(slopes))
-        self._move(rates[:8] * np.float32(_bias_correction(count)))
-        if self.head is not None:
-            self.head, *self.head_moments = _adam_head(
-                self.head, head_slope, *self.head_moments, jnp.float32(rates[8]), jnp.int32(count)
-            )
+        bias_correction = np.sqrt(1 - BETAS[1] ** (count + 1)) / (1 - BETAS[0] ** (count + 1))
+        self._move(rates[:8] * np.float32(bias_correction))
+        self.head, self.head_moments = _moved_head(self.head, head_slope, self.head_moments, rates[8])
 
     def score(self, ids: np.ndarray) -> tuple[float, float]:
         """(PSNR of the clamped picture, contributing samples a ray) over the rays `ids`."""
         error = weight = rays = samples = 0.0
         for start in range(0, len(ids), self.rays):
             some = ids[start : start + self.rays]
-            inputs = self._gather(np.resize(some, self.rays))
+            pixels = self._gather(np.resize(some, self.rays))
             counts = self.work.whole & (np.arange(self.rays) < len(some))
-            own = _error(inputs._replace(whole=jnp.asarray(counts)), terms=self.terms)
+            own = _error(self.head, pixels._replace(whole=jnp.asarray(counts)), terms=self.terms)
             error, weight, rays = error + float(own[0]), weight + float(own[1]), rays + np.count_nonzero(counts)
             samples += np.diff(self.work.first, axis=1).ravel()[counts].sum()
         return psnr_of(error, weight), float(samples / max(rays, 1.0))
@@ -116,17 +113,15 @@ class Tuner:
         """The pack with its voxels and view MLP as the updates so far left them."""
         return self.pack if self.head is None else replace(self.pack, view_mlp=from_params(self.head))
 
-    def _gather(self, ids: np.ndarray) -> ShadingInputs:
-        """Fills the work's samples and sums of rays `ids` [rays]; what shading them asks for."""
+    def _gather(self, ids: np.ndarray) -> Pixels:
+        """Fills the work's samples and sums of rays `ids` [rays]."""
         grid, viewdirs, target = _rays_and_colours(self.marcher.box, self.marcher.rays, self.dataset, jnp.asarray(ids))
-        tables, rays, found, work = self.tables, on_host(grid), self.found, self.work
+        tables, rays, found, work = self.tables, on_host(grid), self.marcher.found, self.work
         self.workers.share_range(
             self.rays, CHUNK,
             lambda worker, low, high: cells.gather_chunk(tables, rays, low // CHUNK, low, high, found[worker], work),
         )  # fmt: skip
-        sums, whole = jnp.asarray(self.work.sums), jnp.asarray(self.work.whole)
-        sums = Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])
-        return ShadingInputs(sums, self.head, viewdirs, target, whole, self.dataset.background)
+        return Pixels(jnp.asarray(work.sums), viewdirs, target, jnp.asarray(work.whole))
 
     def _follow(self, slopes: np.ndarray) -> None:
         """From slopes of sums to slopes of cells."""
@@ -167,37 +162,24 @@ def _rays_and_colours(
 
 
 @jax.jit
-def _adam_head(
-    head: ViewMlpParams, slope: ViewMlpParams, first: ViewMlpParams, second: ViewMlpParams, rate: jax.Array, count: jax.Array
-) -> tuple[ViewMlpParams, ViewMlpParams, ViewMlpParams]:  # fmt: skip
-    """A step of Adam on the view MLP: itself and its moments. count: steps so far."""
-    one, two = BETAS
-    rate = rate * _bias_correction(count)
-    first = jax.tree.map(lambda m, g: one * m + (1 - one) * g, first, slope)
-    second = jax.tree.map(lambda v, g: two * v + (1 - two) * jnp.square(g), second, slope)
-    head = jax.tree.map(lambda a, m, v: a - rate * m / (jnp.sqrt(v) + TINY), head, first, second)
-    return head, first, second
-
-
-def _bias_correction(count: jax.Array | int) -> jax.Array:
-    """What Adam's rate is multiplied by after `count` steps."""
-    steps = jnp.asarray(count, jnp.float32) + 1.0
-    return jnp.sqrt(1 - BETAS[1] ** steps) / (1 - BETAS[0] ** steps)
+def _moved_head(head: Any, slope: Any, moments: optax.OptState, rate: jax.Array) -> tuple[Any, optax.OptState]:
+    """The view MLP, or None, after a step of Adam, and its moments."""
+    moves, moments = ADAM.update(slope, moments)
+    return jax.tree.map(lambda value, move: value - rate * move, head, moves), moments
 
 
 _error = jax.jit(partial(squared_error, clamped=True), static_argnames="terms")
 
 
 @partial(jax.jit, static_argnames="terms")
-def _slopes(inputs: ShadingInputs, terms: ErrorTerms) -> tuple[jax.Array, ViewMlpParams | None]:
-    """Slopes of the mean loss with respect to sums, [R, 8] as Work.sums, and to the view MLP."""
+def _slopes(head: ViewMlpParams | None, pixels: Pixels, terms: ErrorTerms) -> tuple[jax.Array, ViewMlpParams | None]:
+    """Slopes of the mean loss with respect to sums, [R, 8], and to the view MLP."""
 
-    def loss_of(sums: Accumulated, head: ViewMlpParams | None) -> jax.Array:
-        error, weight = squared_error(inputs._replace(sums=sums, head=head), terms, clamped=False)
+    def loss_of(sums: jax.Array, head: ViewMlpParams | None) -> jax.Array:
+        error, weight = squared_error(head, pixels._replace(sums=sums), terms, clamped=False)
         return error / jnp.maximum(weight, 1.0)
 
-    slopes, head_slope = jax.grad(loss_of, argnums=(0, 1))(inputs.sums, inputs.head)
-    return jnp.concatenate([slopes.colour, slopes.features, slopes.transmittance[:, None]], axis=-1), head_slope
+    return jax.grad(loss_of, argnums=(0, 1))(pixels.sums, head)
 
 
 # --- The loop ---
@@ -269,14 +251,9 @@ def joint_tune(
 def shown_psnr(pack: Pack, dataset: RayDataset, seed: int, *, by_opacity: bool = False) -> float:
     """PSNR (dB) of what the viewer shows of the pack, over a random SCORED_RAYS of the training rays."""
     ids = np.sort(np.random.default_rng(seed).permutation(dataset.count)[:SCORED_RAYS]).astype(np.int32)
-    marched = PackMarcher(pack, dataset).accumulate(ids)
-    head, rays = pack.view_mlp and to_params(pack.view_mlp), jnp.asarray(ids)
-    inputs = ShadingInputs(
-        Accumulated(*(jnp.asarray(part) for part in marched)), head, dataset.geometry_at(rays).viewdirs, dataset.colours_at(rays),
-        jnp.ones(len(ids), bool), dataset.background,
-    )  # fmt: skip
-    error, weight = squared_error(inputs, ErrorTerms(pack.ndc, by_opacity), clamped=True)
-    return psnr_of(float(error), float(weight))
+    pixels = pixels_of(dataset, ids, PackMarcher(pack, dataset).accumulate(ids))
+    terms, head = ErrorTerms(dataset.background, pack.ndc, by_opacity), pack.view_mlp and to_params(pack.view_mlp)
+    return psnr_of(*_error(head, pixels, terms=terms))
 
 
 def _cell_for(pack: Pack, rays: int) -> int:

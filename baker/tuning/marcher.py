@@ -17,7 +17,6 @@ import jax.numpy as jnp
 import numpy as np
 from numba import njit
 
-from baker.tuning.shading import Accumulated
 from scenepack.constants import ALPHA_CONTRIBUTES, TRANSMITTANCE_STOP
 from scenepack.pack import Pack
 from training.dataset import RayDataset
@@ -320,11 +319,11 @@ class PackMarcher:
             np.maximum(best, other, out=best)
         return best.reshape(-1, self.side, self.side, self.side)
 
-    def accumulate(self, ids: np.ndarray, on_share: OnShare = lambda share: None) -> Accumulated:
-        """What the viewer accumulates along each ray (docs/rendering.md)."""
+    def accumulate(self, ids: np.ndarray, on_share: OnShare = lambda share: None) -> np.ndarray:
+        """What the viewer accumulates along each ray (docs/rendering.md): see accumulate_rays."""
         sums = np.zeros((len(ids), 8), np.float32)
         self.over(ids, accumulate_rays, lambda _, first: sums[first:], on_share=on_share)
-        return Accumulated(sums[:, :3], sums[:, 3:7], sums[:, 7])  # type: ignore[arg-type]
+        return sums
 
     def over(
         self, ids: np.ndarray, loop: Callable[..., None], into: Callable[[int, int], np.ndarray],

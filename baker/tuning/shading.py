@@ -1,5 +1,8 @@
 """Accumulated rays as the viewer shows them (docs/rendering.md, "Shading"), and how far that is from the photographs; the view
-MLP on its way between a pack (NumPy) and the trainer (JAX)."""
+MLP on its way between a pack (NumPy) and the trainer (JAX).
+
+Notation: sums [N, 8] is what the march leaves of N rays: premultiplied colour (3) and features (4), T behind the last sample.
+"""
 
 from typing import NamedTuple
 
@@ -7,77 +10,65 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from scenepack.constants import TRANSMITTANCE_SHADED, UNPREMULTIPLY_GAIN
+from scenepack.constants import UNPREMULTIPLY_GAIN
 from scenepack.pack import ViewMlp
-from training.method import ViewMlpParams
-from training.rendering import apply_view_mlp
+from training.dataset import RayDataset
+from training.method import RenderOutput, ViewMlpParams
+from training.multires.field import shade
 
 
-class Accumulated(NamedTuple):
-    """What the march leaves of N rays. Of NumPy or of JAX."""
+class Pixels(NamedTuple):
+    """R training rays."""
 
-    colour: jax.Array  # [N, 3], premultiplied
-    features: jax.Array  # [N, 4], premultiplied
-    transmittance: jax.Array  # [N]: T behind the last sample
-
-
-class ShadingInputs(NamedTuple):
-    """R rays and the view MLP."""
-
-    sums: Accumulated
-    head: ViewMlpParams | None
+    sums: jax.Array  # [R, 8]: what they accumulate
     viewdirs: jax.Array  # [R, 3]
     target: jax.Array  # [R, 3]: colours of photographs
     whole: jax.Array  # bool [R]: which of them count
-    background: tuple[float, ...]
+
+
+@jax.jit
+def pixels_of(dataset: RayDataset, ids: jax.Array, sums: jax.Array) -> Pixels:
+    """The training rays `ids`, all of which count."""
+    viewdirs, target = dataset.geometry_at(ids).viewdirs, dataset.colours_at(ids)
+    return Pixels(sums, viewdirs, target, jnp.ones(len(ids), bool))
 
 
 class ErrorTerms(NamedTuple):
     """How the colours of rays are compared with photographs."""
 
+    background: tuple[float, ...]
     ndc: bool  # a forward-facing scene
     by_opacity: bool  # errors weigh as much as the pack is opaque: photographs also show what lies outside of its box
 
 
-def over_background(
-    sums: Accumulated, background: tuple[float, ...], ndc: bool
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Diffuse colour [N, 3] over the background, features [N, 4] and T [N] of what was accumulated (docs/rendering.md)."""
-    colour, features, behind = sums
-    if ndc:  # forward-facing: partially un-premultiplied (appendix C.3)
-        alpha = 1.0 - behind
-        gain = jnp.minimum(1.0, UNPREMULTIPLY_GAIN * alpha) / jnp.maximum(alpha, 1e-6)
-        colour, features, behind = colour * gain[:, None], features * gain[:, None], 1.0 - alpha * gain
-    return colour + behind[:, None] * jnp.asarray(background), features, behind
-
-
 def shown(
-    sums: Accumulated, head: ViewMlpParams | None, viewdirs: jax.Array, background: tuple[float, ...], ndc: bool
-) -> jax.Array:
-    """[R, 3] what the viewer makes of accumulated rays, above 1 not yet clamped."""
-    diffuse, features, behind = over_background(sums, background, ndc)
-    if head is None:
-        return diffuse
-    residual = apply_view_mlp(head, diffuse, features, viewdirs)
-    return diffuse + residual * (behind <= TRANSMITTANCE_SHADED)[:, None]
+    sums: jax.Array, head: ViewMlpParams | None, viewdirs: jax.Array, background: tuple[float, ...], ndc: bool
+) -> RenderOutput:
+    """What the viewer makes of accumulated rays; colours above 1 are not yet clamped."""
+    if ndc:  # forward-facing: partially un-premultiplied (appendix C.3)
+        alpha = 1.0 - sums[:, 7:]
+        gain = jnp.minimum(1.0, UNPREMULTIPLY_GAIN * alpha) / jnp.maximum(alpha, 1e-6)
+        sums = jnp.concatenate([sums[:, :7] * gain, 1.0 - alpha * gain], axis=-1)
+    return shade(sums, head, viewdirs, jnp.asarray(background))
 
 
-def squared_error(inputs: ShadingInputs, terms: ErrorTerms, *, clamped: bool) -> tuple[jax.Array, jax.Array]:
+def squared_error(
+    head: ViewMlpParams | None, pixels: Pixels, terms: ErrorTerms, *, clamped: bool
+) -> tuple[jax.Array, jax.Array]:
     """Sum over the rays that count, of what they accumulated, and of their weights.
 
     clamped: as on a screen; else colours below 0 still have a slope.
     """
-    sums, head, viewdirs, target, whole, background = inputs
-    rgb = shown(sums, head, viewdirs, background, terms.ndc)
+    rgb = shown(pixels.sums, head, pixels.viewdirs, terms.background, terms.ndc).rgb
     rgb = jnp.clip(rgb, 0, 1) if clamped else jnp.minimum(rgb, 1.0)
-    opacity = jax.lax.stop_gradient(1.0 - sums.transmittance) if terms.by_opacity else 1.0
-    weight = jnp.where(whole, opacity, 0.0)
-    return jnp.square(weight[:, None] * (rgb - target)).sum(), jnp.square(weight).sum()
+    opacity = jax.lax.stop_gradient(1.0 - pixels.sums[:, 7]) if terms.by_opacity else 1.0
+    weight = jnp.where(pixels.whole, opacity, 0.0)
+    return jnp.square(weight[:, None] * (rgb - pixels.target)).sum(), jnp.square(weight).sum()
 
 
-def psnr_of(error: float, weight: float) -> float:
+def psnr_of(error: float | jax.Array, weight: float | jax.Array) -> float:
     """PSNR of a sum of squared errors over colours of rays of so much weight, in dB."""
-    return float(-10 * np.log10(max(error, 1e-12) / max(3 * weight, 1.0)))
+    return float(-10 * np.log10(max(float(error), 1e-12) / max(3 * float(weight), 1.0)))
 
 
 def to_params(mlp: ViewMlp) -> ViewMlpParams:

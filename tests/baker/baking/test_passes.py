@@ -216,9 +216,9 @@ def test_the_paper_tunes_the_view_mlp_on_all_pixels_a_photographs_worth_a_step(d
 
     taken: list[tuple[np.ndarray, int]] = []
 
-    def epoch(params: Any, moments: Any, pixels: Any, order: Any, batch: int, optimiser: Any) -> Any:
+    def epoch(head: Any, moments: Any, pixels: Any, order: Any, batch: int, terms: Any) -> Any:
         taken.append((np.asarray(order), batch))
-        return real(params, moments, pixels, order, batch, optimiser)
+        return real(head, moments, pixels, order, batch, terms)
 
     real = tuning._epoch
     monkeypatch.setattr(tuning, "_epoch", epoch)
@@ -227,7 +227,7 @@ def test_the_paper_tunes_the_view_mlp_on_all_pixels_a_photographs_worth_a_step(d
     assert tuned.view_mlp is not pack.view_mlp and tuned.atlas_rgba is pack.atlas_rgba
     diffuse = replace(pack, view_mlp=None, atlas_features=None)
     assert tuning.fine_tune(diffuse, dataset, epochs=3) == (diffuse, {}), "which has nothing to tune"
-    count = len(every.diffuse)
+    count = len(every.target)
     for order, batch in taken:
         assert batch == -(-count // dataset.views) and sorted(order) == list(range(-(-count // batch))), "each pixel"
     assert not np.array_equal(taken[0][0], taken[1][0])

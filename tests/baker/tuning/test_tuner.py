@@ -60,7 +60,7 @@ def test_gradients_are_finite_differences_of_the_loss_as_if_nothing_were_rounded
     assert tuner.work.whole.all()
     # of cells [K + 1, 8], and of the view MLP: weights, then biases
     slopes = tuner.first / (1 - BETAS[0])
-    head_slopes = [np.asarray(a) / (1 - BETAS[0]) for a in jax.tree.leaves(tuner.head_moments[0])]
+    head_slopes = [np.asarray(a) / (1 - BETAS[0]) for a in jax.tree.leaves(tuner.head_moments.mu)]
     cells, rays = cells_of_atlas(pack, tuner.cells.side), voxel_rays(pack, dataset, some)
     assert cells.max() == tuner.cells.occupied and not slopes[0].any()
     before = accumulated(pack, rays)
@@ -164,7 +164,7 @@ def test_the_same_seed_gives_the_same_pack_so_that_a_bake_that_goes_on_ends_alik
 def test_tuning_harms_no_pack_that_shows_its_photographs_already(dataset: RayDataset) -> None:
     pack = pack_of(diffuse=True)
     sums = PackMarcher(pack, dataset).accumulate(np.arange(dataset.count, dtype=np.int32))
-    colours = sums.colour + np.asarray(sums.transmittance)[:, None] * np.asarray(dataset.background)
+    colours = sums[:, :3] + sums[:, 7:] * np.asarray(dataset.background)
     shown = replace(dataset, pixels=jnp.asarray(np.round(255 * colours), jnp.uint8))
     figures = joint_tune(pack, shown, JointConfig(samples=SAMPLES))[1]
     assert figures["train_psnr_before"] > 50 and figures["train_psnr_after"] > 50, "errors stay below a level of 8 bits"
