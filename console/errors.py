@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from console.streams import one_line
 
@@ -116,20 +115,25 @@ class Notice(UserWarning):
 
 
 _collected = threading.local()
+_handlers: list[tuple[Callable[[str], object], bool]] = []  # and whether it shows them too; the last is the innermost
 
 
 def notify(notice: Notice, stacklevel: int = 2) -> None:
-    """Warns with a Notice, unless this thread collects them. stacklevel: as warnings.warn."""
+    """Tells who collects or handles notices; where nobody does, warns. stacklevel: as warnings.warn."""
     texts = getattr(_collected, "texts", None)
-    if texts is None:
-        warnings.warn(notice, stacklevel=stacklevel + 1)
-    else:
+    if texts is not None:
         texts.append(str(notice))
+        return
+    for on_notice, show_too in reversed(_handlers):
+        on_notice(str(notice))
+        if not show_too:
+            return
+    warnings.warn(notice, stacklevel=stacklevel + 1)
 
 
 @contextmanager
 def collect_notices() -> Iterator[list[str]]:
-    """The texts of this thread's Notices in the `with` block, which are not shown; warnings.catch_warnings is of all threads."""
+    """The texts of this thread's Notices in the `with` block, which go nowhere else."""
     outer, texts = getattr(_collected, "texts", None), []
     _collected.texts = texts
     try:
@@ -140,16 +144,10 @@ def collect_notices() -> Iterator[list[str]]:
 
 @contextmanager
 def handle_notices(on_notice: Callable[[str], object], *, show_too: bool = False) -> Iterator[None]:
-    """Calls `on_notice` with the text of each Notice. show_too: Python also shows it. Other warnings are shown as always."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", Notice)
-        usual = warnings.showwarning
-
-        def show(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
-            if issubclass(category, Notice):
-                on_notice(str(message))
-            if show_too or not issubclass(category, Notice):
-                usual(message, category, *rest, **named)
-
-        warnings.showwarning = show
+    """Calls `on_notice` with the text of each Notice, of any thread. show_too: they are also shown as without it."""
+    handler = on_notice, show_too
+    _handlers.append(handler)
+    try:
         yield
+    finally:
+        _handlers.remove(handler)

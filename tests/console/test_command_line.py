@@ -4,7 +4,6 @@ import errno
 import os
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 from threading import Barrier, Thread
 from typing import Any, Literal
@@ -111,11 +110,11 @@ def test_a_bug_and_whatever_fails_under_debug_come_with_their_traceback(capsys: 
     assert "Traceback" in err and "ValueError: oops" in err
 
 
-def test_notices_are_one_plain_line_and_other_warnings_stay(capsys: pytest.CaptureFixture[str]) -> None:
+def test_notices_are_one_plain_line_each(capsys: pytest.CaptureFixture[str]) -> None:
     def command() -> None:
         """Warns."""
         for _ in range(2):
-            warnings.warn(Notice("left\nout"), stacklevel=1)
+            notify(Notice("left\nout"))
 
     assert run_command(command, prog="p", args=[]) == 0
     assert capsys.readouterr().err == "p: warning: left out\n" * 2
@@ -174,7 +173,7 @@ def test_no_control_character_reaches_the_terminal_and_no_line_is_endless(kind, 
         """Tells of a name that somebody else chose."""
         if kind == "error":
             raise UserError("is not a pack", where=name)
-        warnings.warn(Notice(f"{name}: is not a pack"), stacklevel=1)
+        notify(Notice(f"{name}: is not a pack"))
 
     assert run_command(command, prog="p", args=[]) == (2 if kind == "error" else 0)
     err = capsys.readouterr().err
