@@ -21,8 +21,7 @@ i + 0.5. Its coarse occupancy has one byte for each COARSE³ voxels, 1 where a s
 have support.
 """
 
-from collections.abc import Callable, Iterator
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -122,7 +121,6 @@ def grid_points(box: GridBox, points: jax.Array) -> jax.Array:
 # --- The march ---
 
 COARSE = 4  # side of a coarse occupancy cell, in voxels
-Output = TypeVar("Output")
 
 
 class Cells(NamedTuple):
@@ -264,21 +262,3 @@ def transmittance(samples: Samples, tau: jax.Array, rays: int, per_ray: int) -> 
     tau = jnp.where(samples.valid, tau, 0.0)
     depth, whole = sums_along_rays(samples, tau, rays, per_ray)
     return jnp.exp(tau - depth), jnp.exp(-whole)
-
-
-def until_complete(
-    count: int, size: int, march_some: Callable[[np.ndarray], tuple[Output, jax.Array]]
-) -> Iterator[tuple[int, int, Output]]:
-    """Marches `count` rays, `size` at a time, each until it is whole: (first, one past the last, output) of what is done.
-
-    march_some: places int [size] among the rays, in order and filled up with the last -> its output, and bool [size]: which
-    of them were marched whole (Samples.complete). What follows the first that was not is marched again.
-    """
-    start = 0
-    while start < count:
-        output, complete = march_some(np.minimum(np.arange(start, start + size), count - 1))
-        whole = np.asarray(complete)
-        ready = size if whole.all() else max(int(whole.argmin()), 1)  # a ray that never fits is passed over
-        end = min(start + ready, count)
-        yield start, end, output
-        start = end

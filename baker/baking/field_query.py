@@ -30,16 +30,14 @@ def field_query(run: Run) -> FieldQuery:
 
     def ask(points: np.ndarray) -> FieldOutput:
         parts = []
-        for turn, start in enumerate(range(0, len(points), BATCH)):
+        for turn, start in enumerate(range(0, max(len(points), 1), BATCH)):
             part = np.asarray(points[start : start + BATCH], np.float32)
             padded = np.pad(part, ((0, BATCH - len(part)), (0, 0)))
             device = turn % len(devices)
             parts.append(run.method.query(states[device], jax.device_put(padded, devices[device])))
             if turn >= len(devices):  # no more than one batch waits for each device
-                parts[turn - len(devices)] = _fetched(parts[turn - len(devices)])
-        if not parts:
-            return FieldOutput(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 4)))  # type: ignore[arg-type]
-        arrays = zip(*map(_fetched, parts), strict=True)
+                parts[turn - len(devices)] = jax.device_get(parts[turn - len(devices)])
+        arrays = zip(*jax.device_get(parts), strict=True)
         return FieldOutput(*(np.concatenate(some)[: len(points)] for some in arrays))  # type: ignore[arg-type]
 
     return ask
@@ -54,7 +52,3 @@ def within(query: FieldQuery, box: np.ndarray) -> FieldQuery:
         return field._replace(density=np.where(inside, field.density, 0))  # type: ignore[arg-type]
 
     return ask
-
-
-def _fetched(output: FieldOutput) -> FieldOutput:
-    return FieldOutput(*(np.asarray(array) for array in output))  # type: ignore[arg-type]

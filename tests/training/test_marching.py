@@ -3,13 +3,12 @@
 from types import SimpleNamespace
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from scenepack.contraction import contract
-from training.marching import Cells, GridBox, GridFrameRays, MarchSizes, grid_points, march, to_grid, until_complete
+from training.marching import Cells, GridBox, GridFrameRays, MarchSizes, grid_points, march, to_grid
 from training.method import Rays
 from training.multires.jax_engine import cells_of
 from training.multires.state import Box
@@ -58,22 +57,6 @@ def test_the_march_lists_every_sample_with_support_and_says_which_rays_did_not_f
             assert listed[ray] == [], "a ray that is not complete must not contribute"
     assert bool(found.complete.all()) == (samples == 4096)
     assert int(found.complete.sum()) > 20
-
-
-def test_each_ray_is_done_once_and_in_order_however_few_fit() -> None:
-    capacity = iter([3, 8, 1, 5, 2, 8, 8, 8])
-    asked: list[np.ndarray] = []
-
-    def march_some(places: np.ndarray) -> tuple[np.ndarray, jax.Array]:
-        asked.append(places)
-        return 10 * places, jnp.arange(8) < next(capacity)
-
-    done = []
-    for start, end, output in until_complete(21, 8, march_some):
-        assert start == len(done) and end > start
-        done += output[: end - start].tolist()
-    assert done == list(range(0, 210, 10))
-    assert all(len(places) == 8 and places.max() <= 20 for places in asked), "one size, so one compilation"
 
 
 def test_rays_in_a_turned_grid_meet_what_they_met_and_begin_where_they_did() -> None:

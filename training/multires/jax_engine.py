@@ -26,7 +26,6 @@ from training.marching import (
     occupied_segments,
     segments_across,
     to_grid,
-    until_complete,
 )
 from training.method import Rays, RenderOutput
 from training.multires import field
@@ -212,15 +211,16 @@ class JaxEngine:
         sizes = MarchSizes(segments, RENDER_SAMPLES, RENDER_SAMPLES, segments * COARSE)
         constants = Constants(levels, sizes, RENDER_RAYS, state.step_cells, self.settings)
         trained, host = here(state.values), [np.asarray(array) for array in rays]
-
-        def render_some(places: np.ndarray) -> tuple[RenderOutput, jax.Array]:
+        parts, start, count = [], 0, len(host[0])
+        while start < count:
+            places = np.minimum(np.arange(start, start + RENDER_RAYS), count - 1)
             some = Rays(*(jnp.asarray(array[places]) for array in host))
-            return _render_chunk(trained, cells, maps, some, constants)
-
-        parts = [
-            [array[: end - start] for array in output]
-            for start, end, output in until_complete(len(host[0]), RENDER_RAYS, render_some)
-        ]
+            output, complete = _render_chunk(trained, cells, maps, some, constants)
+            whole = np.asarray(complete)
+            # what follows the first ray whose samples did not fit is rendered again; a ray that never fits is passed over
+            ready = RENDER_RAYS if whole.all() else max(int(whole.argmin()), 1)
+            parts.append([array[: min(ready, count - start)] for array in output])
+            start += ready
         return RenderOutput(*(jnp.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
     def _derived(self, state: State) -> tuple[Cells, jax.Array, jax.Array, tuple[field.Level, ...], np.ndarray]:

@@ -15,6 +15,7 @@ from tests.training.test_captures import circle, forward, write_llff, write_tran
 from training.config import TrainConfig
 from training.dataset import make_dataset
 from training.marching import GridRays, MarchSizes, march
+from training.multires import jax_engine
 from training.multires.config import MultiresConfig
 from training.multires.field import Target, decoder_size, inputs_of, seen_inputs
 from training.multires.fused.engine import FusedEngine
@@ -218,6 +219,19 @@ def test_pictures_and_points_are_those_of_the_other_engine(trained: Trained) -> 
     for name in ("rgb", "alpha"):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=2e-3)
     assert cells_of(state).occupied.sum() > 0
+
+
+@pytest.mark.parametrize("trained", ["object"], indirect=True)
+def test_pictures_of_a_list_that_few_rays_fit_into_are_the_same(
+    trained: Trained, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset, state = trained.method.dataset, dataclasses.replace(trained.state, kept={})
+    engine, rays = JaxEngine(dataset, trained.method.settings, 0), dataset.geometry_at(jnp.arange(0, dataset.count, 37))
+    expected = engine.render(state, rays)
+    monkeypatch.setattr(jax_engine, "RENDER_SAMPLES", 2048)
+    found = engine.render(state, rays)
+    for name in ("rgb", "alpha"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-5)
 
 
 @pytest.mark.slow
