@@ -34,12 +34,11 @@ import optax
 
 from baker.tuning import cells
 from baker.tuning.cells import BETAS, CHUNK, TINY, cells_of, work_for
-from baker.tuning.marcher import LISTED, OnShare, PackMarcher, on_host
+from baker.tuning.marcher import LISTED, OnShare, PackMarcher, rays_in_grid
 from baker.tuning.shading import ErrorTerms, Pixels, from_params, pixels_of, psnr_of, squared_error, to_params
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
-from training.marching import GridBox, GridFrameRays, GridRays, to_grid
 from training.method import ViewMlpParams
 
 PROBE_RAYS = 4096  # rays whose samples tell how many rays fill a step
@@ -115,13 +114,13 @@ class Tuner:
 
     def _gather(self, ids: np.ndarray) -> Pixels:
         """Fills the work's samples and sums of rays `ids` [rays]."""
-        grid, viewdirs, target = _rays_and_colours(self.marcher.box, self.marcher.rays, self.dataset, jnp.asarray(ids))
-        tables, rays, found, work = self.tables, on_host(grid), self.marcher.found, self.work
+        rays = rays_in_grid(self.marcher.box, self.marcher.rays, ids)
+        tables, found, work = self.tables, self.marcher.found, self.work
         self.workers.share_range(
             self.rays, CHUNK,
             lambda worker, low, high: cells.gather_chunk(tables, rays, low // CHUNK, low, high, found[worker], work),
         )  # fmt: skip
-        return Pixels(jnp.asarray(work.sums), viewdirs, target, jnp.asarray(work.whole))
+        return pixels_of(self.dataset, ids, work.sums)._replace(whole=jnp.asarray(work.whole))
 
     def _follow(self, slopes: np.ndarray) -> None:
         """From slopes of sums to slopes of cells."""
@@ -150,15 +149,6 @@ class Tuner:
     def _store(self, some: np.ndarray) -> None:
         stored = self.cells, cells.DEPTHS, self.delta, self.steps, some, self.tables.rgba, self.tables.features
         self.workers.share_range(len(some), STORED, lambda _, low, high: cells.store_cells(*stored, low, high))
-
-
-@jax.jit
-def _rays_and_colours(
-    box: GridBox, source: GridFrameRays, dataset: RayDataset, ids: jax.Array
-) -> tuple[GridRays, jax.Array, jax.Array]:  # fmt: skip
-    """Rays `ids` in voxels, their viewing directions and colours [R, 3]."""
-    rays = source.geometry_at(ids)
-    return to_grid(box, rays), rays.viewdirs, dataset.colours_at(ids)
 
 
 @jax.jit

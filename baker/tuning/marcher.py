@@ -41,11 +41,6 @@ def box_of(min_xyz: np.ndarray, voxel_size: float, size: tuple[int, ...], contra
     return GridBox(jnp.asarray(min_xyz, jnp.float32), jnp.float32(voxel_size), jnp.asarray(size, jnp.int32), inner)
 
 
-def on_host(rays: GridRays) -> GridRays:
-    """The rays as the loops take them, of NumPy."""
-    return GridRays(*map(np.asarray, rays[:-1]))  # type: ignore[arg-type]  (without the path, which no loop needs)
-
-
 def pack_rays(pack: Pack, dataset: RayDataset) -> GridFrameRays:
     """The training rays as a viewer of the pack would cast them: in its grid frame, from the camera on, without an end."""
     return GridFrameRays(dataset, jnp.asarray(np.linalg.inv(pack.worldspace_T_opengl), jnp.float32))
@@ -345,11 +340,17 @@ def share_rays(
     from `first` + low to `first` + high - 1, which are low … high - 1 of `rays`."""
     for first in range(0, len(ids), TOGETHER):
         some = np.minimum(np.arange(first, first + TOGETHER), len(ids) - 1)
-        moved = None if pixel_offset is None else jnp.asarray(pixel_offset[some])
-        rays = on_host(_in_grid(box, source, jnp.asarray(ids[some]), moved))
+        rays = rays_in_grid(box, source, ids[some], None if pixel_offset is None else pixel_offset[some])
         count = min(TOGETHER, len(ids) - first)
         workers.share_range(count, PART, lambda worker, *part: look(worker, rays, first, *part))  # noqa: B023  (called now)
         on_share((first + count) / len(ids))
+
+
+def rays_in_grid(
+    box: GridBox, source: GridFrameRays, ids: np.ndarray, pixel_offset: np.ndarray | None = None
+) -> GridRays:
+    """Training rays in voxels as the loops take them: of NumPy, without the path, which no loop needs."""
+    return GridRays(*map(np.asarray, _in_grid(box, source, ids, pixel_offset)[:-1]))  # type: ignore[arg-type]
 
 
 @jax.jit
