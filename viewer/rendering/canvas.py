@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 ARRIVING_S = 0.03  # of each frame, for a pack's way to the GPU
 REST_S = 0.12  # this long without a change, and the full picture is begun
 BLEND_S = 0.08  # in which a tile of it appears over the quick picture, so that nothing jumps
+SHEET = "sheet"  # the image that is the sheet of thumbnails
+HALVINGS = 2  # its mipmaps; cells are powers of two, so that neighbours do not mix at these sizes
 
 
 class Canvas:
@@ -53,8 +55,8 @@ class Canvas:
         self.other: Canvas | None = None  # another pack under the same camera
         self.difference: Layer | None = None
         self._difference: targets.Difference | None = None
-        self._images: dict[str, tuple[int, moderngl.Texture]] = {}
-        self._sheet = targets.SheetTexture(ctx, self._retired)
+        self._images: dict[str, tuple[np.ndarray, moderngl.Texture]] = {}
+        self._on_sheet: set[int] = set()  # pictures of the sheet that are in its texture
         self._preview_picture = targets.ExportPreviewPicture(ctx)
         self.clock = GpuClock(ctx)
         self.rest_s, self.blend_s = REST_S, BLEND_S
@@ -132,16 +134,29 @@ class Canvas:
 
     def image(self, name: str, pixels: np.ndarray) -> int:
         """OpenGL name of the texture `name` with `pixels` (uint8 [h, w, 3]); uploaded again when they change."""
-        if name not in self._images or self._images[name][0] != id(pixels):
-            self.drop_image(name)
-            texture = self.ctx.texture((pixels.shape[1], pixels.shape[0]), 3, pixels.tobytes(), alignment=1)
-            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-            self._images[name] = (id(pixels), texture)
-        return self._images[name][1].glo
+        return self._texture(name, pixels).glo
 
     def sheet(self, sheet: Sheet) -> int:
         """OpenGL name of the texture with all that has arrived on a sheet."""
-        return self._sheet.follow(sheet)
+        if SHEET not in self._images or self._images[SHEET][0] is not sheet.sheet:
+            self._on_sheet = set()
+        texture = self._texture(SHEET, sheet.sheet)
+        if arrived := set(sheet.boxes) - self._on_sheet:
+            for x, y, width, height in (sheet.boxes[index] for index in arrived):
+                pixels = np.ascontiguousarray(sheet.sheet[y : y + height, x : x + width])
+                texture.write(pixels, (x, y, width, height), alignment=1)
+            self._on_sheet |= arrived
+            texture.build_mipmaps(0, HALVINGS)
+            texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        return texture.glo
+
+    def _texture(self, name: str, pixels: np.ndarray) -> moderngl.Texture:
+        if name not in self._images or self._images[name][0] is not pixels:
+            self.drop_image(name)
+            texture = self.ctx.texture((pixels.shape[1], pixels.shape[0]), 3, pixels.tobytes(), alignment=1)
+            texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+            self._images[name] = (pixels, texture)
+        return self._images[name][1]
 
     def drop_image(self, name: str) -> None:
         if name in self._images:
@@ -197,7 +212,7 @@ class Canvas:
             "Pack": self.renderer.gpu_bytes() if self.renderer is not None else 0,
             "Other pack": self.other.gpu_bytes if self.other is not None else 0,
             "Pictures": sum(4 * target.size[0] * target.size[1] for target in (self._quick, self._full, self._still)),
-            "Photographs": self._sheet.gpu_bytes + sum(t.width * t.height * 4 for _, t in self._images.values()),
+            "Photographs": sum(t.width * t.height * 4 for _, t in self._images.values()),
         }
         return {use: size for use, size in uses.items() if size}
 
@@ -316,7 +331,7 @@ class Canvas:
         for name in list(self._images):
             self.drop_image(name)
         targets = self._quick, self._full, self._still
-        for part in (self._sheet, self._preview_picture, self._difference, *targets, self.renderer):
+        for part in (self._preview_picture, self._difference, *targets, self.renderer):
             if part is not None:
                 part.release()
         self.renderer = None

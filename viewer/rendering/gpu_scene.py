@@ -62,8 +62,6 @@ class GpuScene:
         self.near: np.ndarray | None = None  # a point of the grid, voxels: layers of slots close to it arrive first
         self.textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {}  # by the name of their sampler
         self.samplers: dict[str, moderngl.Sampler] = {}  # likewise
-        self.content_min = self.content_max = np.zeros(3)  # voxels, of the box around all content
-        self.hull: moderngl.Buffer | None = None  # its triangles' corners, where the layout has them and there are any
         self._atlases: list[tuple[str, moderngl.Texture3D, tuple[Part, ...]]] = []  # and what lies side by side in x
         self._arrived = np.zeros(self.slots[2], bool)  # layers of slots
         # Earlier errors of others; some drivers leave one when the context is created
@@ -96,10 +94,7 @@ class GpuScene:
         if features is not None and not self.features_beside:
             self._atlas("atlas_features", "feature", (features, every))
         if layout != "paper":  # last, for it takes time: a pack that does not fit has been refused by now
-            skip_grid = skip_grid_of(pack)
-            self.content_min, self.content_max = skip_grid.content_min, skip_grid.content_max
-            self.hull = ctx.buffer(skip_grid.hull.tobytes()) if len(skip_grid.hull) else None
-            self._filled("skip_grid", "skip distance", skip_grid.words[..., None], "u2")
+            self._filled("skip_grid", "skip distance", skip_grid_of(pack).words[..., None], "u2")
         linear = clamped_sampler(ctx, moderngl.LINEAR) if layout == "paper" else float_sampler(ctx)
         nearest = clamped_sampler(ctx, moderngl.NEAREST)
         filtered = ("atlas_alpha", "atlas_rgb", "atlas_rgba", "atlas_features")
@@ -219,9 +214,7 @@ class GpuScene:
     def release(self) -> None:
         for thing in {*self.textures.values(), *self.samplers.values()}:
             thing.release()
-        if self.hull is not None:
-            self.hull.release()
-        self.textures, self.samplers, self.hull, self.arriving = {}, {}, None, None
+        self.textures, self.samplers, self.arriving = {}, {}, None
 
 
 def largest_texture_side(ctx: moderngl.Context) -> int:

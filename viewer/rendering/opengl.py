@@ -16,7 +16,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from typing import Any
 
@@ -172,13 +172,16 @@ def free_framebuffer(framebuffer: moderngl.Framebuffer, *, textures: bool = True
 
 
 class Drawing:
-    """A vertex and a fragment shader, and content: (buffer, format, attributes) each; none for fullscreen.vert."""
+    """A vertex and a fragment shader, and the vertices that they draw, laid out as moderngl's formats and attributes name them;
+    none for fullscreen.vert.
+    """
 
     def __init__(
-        self, ctx: moderngl.Context, vertex: str, fragment: str, content: Sequence[tuple[Any, ...]] = ()
+        self, ctx: moderngl.Context, vertex: str, fragment: str, vertices: np.ndarray | None = None, *layout: str
     ) -> None:
         self.linked = ctx.program(vertex_shader=vertex, fragment_shader=fragment)
-        self.vertices = ctx.vertex_array(self.linked, list(content))
+        self._buffers = [] if vertices is None else [ctx.buffer(vertices.tobytes())]
+        self.vertices = ctx.vertex_array(self.linked, [(buffer, *layout) for buffer in self._buffers])
         # Asked for once: a window draws hundreds of frames a second, and each has some twenty values to write.
         members = ((name, self.linked[name]) for name in self.linked)
         self._uniforms = [(name, member) for name, member in members if isinstance(member, moderngl.Uniform)]
@@ -199,8 +202,8 @@ class Drawing:
         self.vertices.render(kind, vertices=vertices)
 
     def release(self) -> None:
-        self.vertices.release()
-        self.linked.release()
+        for thing in (self.vertices, *self._buffers, self.linked):
+            thing.release()
 
 
 # --- How long drawing takes ---

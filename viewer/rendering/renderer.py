@@ -19,7 +19,7 @@ from viewer.rendering.opengl import Drawing, begin_drawing
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import MARCHERS, MODES, Look, RenderSettings
 from viewer.rendering.shader_source import assemble, glsl_vec3, view_mlp_biases, view_mlp_weights
-from viewer.rendering.skip_grid import CELL
+from viewer.rendering.skip_grid import CELL, skip_grid_of
 from viewer.rendering.supersampling import Supersampling
 
 GL_FRAMEBUFFER_SRGB = 0x8DB9
@@ -150,8 +150,8 @@ class Renderer:
             framebuffer.clear(*((0.0,) * 4 if settings.raw else (*colour, 1.0)), depth=1.0, viewport=box)
             if _style(settings):
                 self._draw_backdrop(framebuffer, settings, uniforms)
-            if scene.hull is not None:
-                self._mark_hull(framebuffer, scene.hull, camera, uniforms)
+            if len(skip_grid_of(self.pack).hull):
+                self._mark_hull(framebuffer, camera, uniforms)
             ctx.enable_only(moderngl.DEPTH_TEST)
             ctx.depth_func = ">"
         rays.draw(3)
@@ -173,14 +173,12 @@ class Renderer:
         backdrop.draw(3)
         framebuffer.depth_mask = True
 
-    def _mark_hull(
-        self, framebuffer: moderngl.Framebuffer, hull: moderngl.Buffer, camera: ViewCamera, uniforms: dict[str, Any]
-    ) -> None:
+    def _mark_hull(self, framebuffer: moderngl.Framebuffer, camera: ViewCamera, uniforms: dict[str, Any]) -> None:
         """Leaves depth 0.5 in the pixels that see the hull of all content; see shaders/content_hull.vert."""
         ctx = self.ctx
         if "hull" not in self._drawings:
-            vertex, fragment = assemble("content_hull.vert"), assemble("content_hull.frag")
-            self._drawings["hull"] = Drawing(ctx, vertex, fragment, [(hull, "3f", "corner")])
+            shaders = assemble("content_hull.vert"), assemble("content_hull.frag")
+            self._drawings["hull"] = Drawing(ctx, *shaders, skip_grid_of(self.pack).hull, "3f", "corner")
         triangles = self._drawings["hull"]
         triangles.write(uniforms)
         framebuffer.color_mask = (False, False, False, False)
@@ -230,8 +228,8 @@ class Renderer:
             "atlas_count": len(scene.blocks),
             "atlas_side": ceil(round(max(len(scene.blocks), 1) ** (1 / 3), 9)),  # of the smallest cube that holds all
             "grid_size": self.pack.grid_size,
-            "content_min": scene.content_min,
-            "content_max": scene.content_max,
+            "content_min": lambda: skip_grid_of(self.pack).content_min,
+            "content_max": lambda: skip_grid_of(self.pack).content_max,
             "background": settings.background,
             "cost_scale": settings.cost_scale,
             "backdrop_height": camera.whole_height or camera.height,

@@ -131,48 +131,6 @@ class Difference:
         self._drawing.release()
 
 
-# --- The sheet of thumbnails on the GPU ---
-
-HALVINGS = 2  # mipmaps; cells are powers of two, so that neighbours do not mix at these sizes
-
-
-class SheetTexture:
-    """An RGB texture as large as a sheet. Textures that it no longer needs go to `retired`; see Canvas.sweep."""
-
-    def __init__(self, ctx: moderngl.Context, retired: list[moderngl.Texture]) -> None:
-        self.ctx, self._retired = ctx, retired
-        self._texture: moderngl.Texture | None = None
-        self._of: Sheet | None = None
-        self._there: set[int] = set()
-
-    def follow(self, sheet: Sheet) -> int:
-        """OpenGL name of the texture with all of `sheet` that has arrived."""
-        if self._texture is None or self._of is not sheet:
-            self.release()
-            height, width = sheet.sheet.shape[:2]
-            self._texture, self._of = self.ctx.texture((width, height), 3, alignment=1), sheet
-        arrived = [index for index in list(sheet.boxes) if index not in self._there]
-        for index in arrived:
-            x, y, width, height = sheet.boxes[index]
-            pixels = np.ascontiguousarray(sheet.sheet[y : y + height, x : x + width])
-            self._texture.write(pixels.tobytes(), (x, y, width, height), alignment=1)
-        if arrived:
-            self._there.update(arrived)
-            self._texture.build_mipmaps(0, HALVINGS)
-            self._texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-        return self._texture.glo
-
-    @property
-    def gpu_bytes(self) -> int:
-        """Texture memory in use, mipmaps included."""
-        return 0 if self._texture is None else self._texture.width * self._texture.height * 4
-
-    def release(self) -> None:
-        if self._texture is not None:
-            self._retired.append(self._texture)
-        self._texture, self._of, self._there = None, None, set()
-
-
 # --- The preview of an export: triangles or points with their colours, lit from the camera (shaders/sketch.vert) ---
 
 NEAREST = 1e-3  # of the farthest that is shown
@@ -184,7 +142,7 @@ class ExportPreviewPicture:
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self.ctx = ctx
-        self._on_gpu: tuple[Geometry, moderngl.Buffer, Drawing] | None = None
+        self._on_gpu: tuple[Geometry, Drawing] | None = None
 
     def draw(
         self,
@@ -197,7 +155,7 @@ class ExportPreviewPicture:
         if self._on_gpu is None or self._on_gpu[0] is not geometry:
             self._upload(geometry)
         assert self._on_gpu is not None
-        drawing, position = self._on_gpu[2], camera.position
+        drawing, position = self._on_gpu[1], camera.position
         farthest = 1.1 * float(np.linalg.norm(geometry.vertices - position, axis=1).max())
         drawing.write({
             "camera_R_grid": np.linalg.inv(camera.grid_T_camera[:3, :3]),
@@ -221,13 +179,10 @@ class ExportPreviewPicture:
         corners = np.empty(len(geometry.vertices[order]), CORNER)
         corners["place"], corners["normal"] = geometry.vertices[order], geometry.normals[order]
         corners["colour"] = geometry.colours[order]
-        buffer = self.ctx.buffer(corners.tobytes())
-        content = [(buffer, "3f 3f 3f1", "place", "normal", "colour")]
-        self._on_gpu = geometry, buffer, Drawing(self.ctx, assemble("sketch.vert"), assemble("sketch.frag"), content)
+        shaders = assemble("sketch.vert"), assemble("sketch.frag")
+        self._on_gpu = geometry, Drawing(self.ctx, *shaders, corners, "3f 3f 3f1", "place", "normal", "colour")
 
     def release(self) -> None:
         if self._on_gpu is not None:
-            _, buffer, drawing = self._on_gpu
-            drawing.release()
-            buffer.release()
+            self._on_gpu[1].release()
         self._on_gpu = None
