@@ -18,6 +18,7 @@ from scenepack.blocks import block_data
 from scenepack.cameras import PhotographCamera
 from scenepack.pack import Pack, cached_per_pack
 from scenepack.placement import placement_of
+from training.scenes import poses
 from training.scenes.lens import EQUIRECTANGULAR, MODELS, Lens, directions_at, projection_of
 from training.scenes.scene import Camera
 
@@ -66,18 +67,13 @@ class ViewCamera:
         """
         eye, target, up = (np.asarray(v, np.float64) for v in (eye, target, up))
         back = eye - target
-        if not np.linalg.norm(back) > 0:
+        distance = np.linalg.norm(back)
+        if not distance > 0:
             raise ValueError("the camera's eye and target are the same point")
-        back = back / np.linalg.norm(back)
-        right = np.cross(up, back)
-        if np.linalg.norm(right) < 1e-9 * max(np.linalg.norm(up), 1e-30):  # looking straight along up
-            right = np.cross(np.eye(3)[np.argmin(np.abs(back))], back)  # any direction across will do
-        right = right / np.linalg.norm(right) * (-1.0 if mirrored else 1.0)
-        grid_T_camera = np.eye(4)
-        grid_T_camera[:3, 0] = right
-        grid_T_camera[:3, 1] = np.cross(back, right) * (-1.0 if mirrored else 1.0)
-        grid_T_camera[:3, 2] = back
-        grid_T_camera[:3, 3] = eye
+        straight_along_up = np.linalg.norm(np.cross(up, back)) < 1e-9 * max(np.linalg.norm(up), 1e-30) * distance
+        any_across = np.eye(3)[np.argmin(np.abs(back))]
+        grid_T_camera = poses.look_at(eye, back, any_across if straight_along_up else up)
+        grid_T_camera[:3, 0] *= -1.0 if mirrored else 1.0
         width, height = size
         focal = 0.5 * height / tan(0.5 * radians(fov_degrees))
         return cls(grid_T_camera, focal, focal, 0.5 * width, 0.5 * height, width, height)
@@ -303,12 +299,12 @@ def outline(pack: Pack) -> np.ndarray:
 def _seen_box(pack: Pack, block: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Corners (x, y, z; voxels of the grid) of the box around what is seen of a macroblock (z, y, x); None where nothing is."""
     seen = block_data(pack, pack.atlas_rgba, tuple(block))[..., 3] >= SEEN
-    if not seen.any():
+    boxes = ndimage.find_objects(seen.astype(np.uint8))
+    if not boxes:
         return None
-    spans = [np.flatnonzero(seen.any(axis=axes)) for axes in ((0, 1), (0, 2), (1, 2))]  # along x, y, z
-    low, high = (np.array([span[end] for span in spans], np.float64) for end in (0, -1))
     start = block[::-1] * float(pack.block_size)
-    return start + low, start + high + 1.0
+    low, high = np.array([(side.start, side.stop) for side in boxes[0][::-1]], np.float64).T
+    return start + low, start + high
 
 
 def middle_of(points: np.ndarray) -> np.ndarray:
