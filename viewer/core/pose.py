@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from console.json_text import parse_json
-from scenepack.placement import NOT_TURNED, Rows, triple
+from scenepack.placement import NOT_TURNED, Rows, transformed, triple
 from training.scenes.lens import image_of
 from viewer.rendering.camera import ViewCamera, rays_through
 
@@ -173,8 +173,7 @@ FRUSTUM_EDGES = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1))
 
 def project(camera: ViewCamera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (float [n, 2]) of points (float [n, 3], grid frame), and whether the camera can see each (bool [n])."""
-    camera_T_grid = np.linalg.inv(camera.grid_T_camera)
-    local = points @ camera_T_grid[:3, :3].T + camera_T_grid[:3, 3]
+    local = transformed(np.linalg.inv(camera.grid_T_camera), points)
     if camera.orthographic:
         a, b, before = local[:, 0], -local[:, 1], local[:, 2] < -1e-6
     else:
@@ -185,8 +184,8 @@ def project(camera: ViewCamera, points: np.ndarray) -> tuple[np.ndarray, np.ndar
 def frustum_points(camera: ViewCamera, depth: float) -> np.ndarray:
     """float64 [5, 3]: a camera's eye and the corners of its picture at `depth` (grid units) ahead; see FRUSTUM_EDGES."""
     corners = [(0, 0), (camera.width, 0), (camera.width, camera.height), (0, camera.height)]
-    points = np.vstack([np.zeros(3), depth * rays_through(camera, np.asarray(corners, np.float64))])
-    return points @ camera.grid_T_camera[:3, :3].T + camera.grid_T_camera[:3, 3]
+    rays = rays_through(camera, np.asarray(corners, np.float64))
+    return transformed(camera.grid_T_camera, np.vstack([np.zeros(3), depth * rays]))
 
 
 def along_axis(camera: ViewCamera, at: np.ndarray, axis: int, moved: tuple[float, float]) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 
 from scenepack.constants import TRANSMITTANCE_STOP
 from scenepack.pack import Pack
+from scenepack.placement import transformed
 from viewer.rendering.camera import ViewCamera
 
 SEEN = 1.0 / 255.0  # least opacity at which there is a depth or a normal to speak of
@@ -30,8 +31,7 @@ def depth_along_axis(raw: np.ndarray, camera: ViewCamera, pack: Pack) -> np.ndar
         frame_T_camera = pack.worldspace_T_opengl @ camera.grid_T_camera
     else:
         points = pack.min_xyz + pack.voxel_size * points
-    camera_T_frame = np.linalg.inv(frame_T_camera)
-    local = points @ camera_T_frame[:3, :3].T + camera_T_frame[:3, 3]
+    local = transformed(np.linalg.inv(frame_T_camera), points)
     depth = np.linalg.norm(local, axis=-1) if camera.is_panorama else -local[..., 2]
     return np.where(raw[..., 3] >= SEEN, depth, 0.0).astype(np.float32)
 
