@@ -16,7 +16,7 @@ import numpy as np
 
 from console import UserError
 from scenepack.pack import Pack
-from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, forward_facing_path, orbit_path
+from viewer.rendering.camera import ORBIT_ELEVATION, ViewCamera, content_box, forward_facing_path
 
 FITTED = "content"  # the word of --distance for the orbit that shows all of the content
 
@@ -85,13 +85,12 @@ def flight(
     as_in_paper = pack.contraction is not None or farthest < chosen.distance
     if number is None and (distance == "paper" or (distance == "auto" and as_in_paper)):
         number, named = chosen.distance, "paper"
-    if number is not None:  # about the grid's y axis, so far from the training frame's origin, which is looked at
-        turns = (360.0 * i / frames for i in range(frames))
-        cameras = [ViewCamera.orbit(pack, turn, ORBIT_ELEVATION, number, fov, size, origin) for turn in turns]
-        return Flight(cameras, {**facts, "distance": number, "distance_from": named})
-    cameras = orbit_path(pack, frames, fov, size)
-    far = float(np.linalg.norm(cameras[0].position - np.mean(content_box(pack), axis=0)))
-    return Flight(cameras, {**facts, "distance": far, "distance_from": FITTED})
+    middle = origin if number is not None else np.mean(content_box(pack), axis=0)  # which is looked at
+    turns = (360.0 * i / frames for i in range(frames))  # about the grid's y axis
+    cameras = [ViewCamera.orbit(pack, turn, ORBIT_ELEVATION, number, fov, size, middle) for turn in turns]
+    if number is None:
+        number, named = float(np.linalg.norm(cameras[0].position - middle)), FITTED
+    return Flight(cameras, {**facts, "distance": number, "distance_from": named})
 
 
 def given_distance(text: str) -> float | None:
