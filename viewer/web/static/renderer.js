@@ -89,7 +89,7 @@ export class Renderer {
     const corners = gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, corners);
     gl.bufferData(gl.ARRAY_BUFFER, bytes, gl.STATIC_DRAW);
-    const place = gl.getAttribLocation(this.named("content_hull").program, "corner");
+    const place = gl.getAttribLocation(this.linked("content_hull.vert", "content_hull.frag").program, "corner");
     gl.enableVertexAttribArray(place);
     gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
     gl.bindVertexArray(null);
@@ -98,18 +98,14 @@ export class Renderer {
 
   // Programs
 
-  named(name) {
-    if (name === "content_hull") return this.linked(name, "content_hull.vert", "content_hull.frag", "");
-    return this.linked(name, "fullscreen.vert", "backdrop.frag", this.scene.shaders.backdrop);
-  }
-
   program(mode, gradient) {
     const { defines, modes, backdrop, overBackground } = this.scene.shaders;
     const behind = gradient && overBackground.includes(mode) ? backdrop : "";
-    return this.linked(`${mode} ${behind !== ""}`, "fullscreen.vert", "snerg.frag", defines + modes[mode] + behind);
+    return this.linked("fullscreen.vert", "snerg.frag", defines + modes[mode] + behind);
   }
 
-  linked(key, vertex, fragment, defines) {
+  linked(vertex, fragment, defines = "") {
+    const key = `${vertex} ${fragment} ${defines}`;
     if (this.programs.has(key)) return this.programs.get(key);
     const { gl } = this;
     const program = gl.createProgram();
@@ -237,7 +233,7 @@ export class Renderer {
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
       if (gradient && over) {
         gl.disable(gl.DEPTH_TEST);
-        this.use(this.named("backdrop"), values);
+        this.use(this.linked("fullscreen.vert", "backdrop.frag", scene.shaders.backdrop), values);
         gl.drawArrays(gl.TRIANGLES, 0, 3);
       }
       this.markHull(view, values);
@@ -258,7 +254,7 @@ export class Renderer {
     gl.cullFace(gl.FRONT);
     gl.frontFace(turned > 0 ? gl.CCW : gl.CW);
     gl.depthFunc(gl.ALWAYS);
-    this.use(this.named("content_hull"), values);
+    this.use(this.linked("content_hull.vert", "content_hull.frag"), values);
     gl.bindVertexArray(this.hull.array);
     gl.drawArrays(gl.TRIANGLES, 0, this.hull.count);
     gl.bindVertexArray(null);
