@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from typing import Any
 
 import moderngl
@@ -33,7 +33,7 @@ def lost(ctx: moderngl.Context) -> bool:
     return all(ctx.error != "GL_NO_ERROR" for _ in range(17))
 
 
-class OffscreenRenderer:
+class OffscreenRenderer(AbstractContextManager["OffscreenRenderer"]):
     """Renders a pack into arrays. Use as a context manager, or call release().
 
     ctx: a context to use instead of one of our own. allow_half: at half resolution if need be; see
@@ -102,9 +102,6 @@ class OffscreenRenderer:
         """Frees everything on the GPU, and the context if it is ours."""
         self.make_current()
         self._parts.close()
-
-    def __enter__(self) -> OffscreenRenderer:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.release()

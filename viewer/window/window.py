@@ -12,7 +12,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -83,7 +83,7 @@ def require_display() -> None:
         )
 
 
-class Window:
+class Window(AbstractContextManager["Window"]):
     """A window on `app`; size: screen units. NoDisplay where there is no display, UserError where it lacks OpenGL."""
 
     def __init__(self, app: App, size: tuple[int, int] = (1280, 800)) -> None:
@@ -287,9 +287,6 @@ class Window:
         self.ctx.release()
         glfw.destroy_window(self.handle)
         glfw.terminate()
-
-    def __enter__(self) -> Window:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
