@@ -25,7 +25,7 @@ SAME = re.compile(
     r"[\W\d_]*|[\d\W]*(MB|GiB|MiB|fps|ms|dB|px|s|m|cm|mm|in|ft|x|y|z)[\W\d]*|.*\b(Ctrl|Cmd|Num|Num\d|Shift|Alt)\b.*"
     r"|[?WASDEQ ]+( or F1)?|\d+ (Fotos|写真)|ms +\d+ fps|F\d+|[A-Z?]|-?[xyz]|llvmpipe.*|(View|Place) \d+|r_\d+|test|train|val"
     r"|(Space|Tab|Home|Enter|Escape|Backspace|Delete|PageUp|PageDown|Esc)( or .*)?|snerg|toy.*|English|Deutsch|日本語|\S*/\S*"
-    r"|.*\.(png|zip|json|mp4|glb)|inf|\d+ VON \d+|(the file is no pack ?)+",
+    r"|.*\.(png|zip|json|mp4|glb)|inf|\d+ VON \d+|(the file is no pack ?)+|OK|\dK|dB PSNR",
     re.IGNORECASE,
 )
 
