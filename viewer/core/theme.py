@@ -139,11 +139,7 @@ def apply(name: str, scale: float) -> None:
     """Draws in a theme, on a display whose units are `scale` times denser than usual. An unknown name is the dark one."""
     global _palette
     _palette = PALETTES.get(name, PALETTES["dark"])
-    style, plain = imgui.get_style(), imgui.Style()
-    for name in dir(plain):  # scale_all_sizes multiplies all sizes that there are, also those that are not set below
-        value = getattr(plain, name)
-        if not name.startswith("_") and isinstance(value, float | ImVec2):
-            setattr(style, name, value)
+    style = imgui.Style()  # a new one: scale_all_sizes multiplies also what is not set below
     style.font_size_base = FONT_SIZE
     for name, length in LENGTHS.items():
         setattr(style, name, ImVec2(*length) if isinstance(length, tuple) else length)
@@ -156,6 +152,7 @@ def apply(name: str, scale: float) -> None:
             style.set_color_(getattr(imgui.Col_, name), rgb(code))
     for name, (code, alpha) in TRANSLUCENT.items():
         style.set_color_(getattr(imgui.Col_, name), rgb(code, alpha))
+    imgui.get_current_context().style = style
 
 
 # --- The system's fonts ---
