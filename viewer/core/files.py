@@ -66,8 +66,7 @@ def found_poses(path: Path) -> bool:
 def pack_in(path: Path) -> Path:
     """`path`, or the folder just below it that holds a pack (snerg-make writes one beside its run)."""
     if path.is_dir() and not (path / PARAMS_NAME).is_file():
-        for found in sorted(path.glob(f"*/{PARAMS_NAME}")):
-            return found.parent
+        return next((found.parent for found in sorted(path.glob(f"*/{PARAMS_NAME}"))), path)
     return path
 
 

@@ -209,11 +209,12 @@ class CommandProcess:
 
     def warnings(self) -> list[str]:
         """What it warned of so far, a line each."""
+        return re.findall(r"^snerg-\w+: warning: (.*)$", self._printed(), re.M)
+
+    def _printed(self) -> str:
         with suppress(OSError):
-            return re.findall(
-                r"^snerg-\w+: warning: (.*)$", self.log.read_text(encoding="utf-8", errors="replace"), re.M
-            )
-        return []
+            return self.log.read_text(encoding="utf-8", errors="replace").strip()
+        return ""
 
     def stop(self) -> None:
         """Asks it to end as with Ctrl-C: it keeps what is done. Poll on until it has."""
@@ -246,11 +247,8 @@ class CommandProcess:
         report = self.report()
         if report is not None and report.error:
             return f"This is a bug in snerg ({report.error})" if report.bug else report.error
-        said: list[str] = []
-        with suppress(OSError):
-            lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
-            said = [line.strip() for line in lines if line.strip()]
-        return said[-1] if said else f"it ended with status {status} and said nothing"
+        printed = self._printed().splitlines()
+        return printed[-1].strip() if printed else f"it ended with status {status} and said nothing"
 
 
 @dataclass
