@@ -15,7 +15,7 @@ from console import UserError
 from scenepack.pack import Pack
 from scenepack.placement import moved_pose
 from viewer.app.commands import COMMANDS
-from viewer.core.annotations import Annotations, AnnotationStore, Point
+from viewer.core.annotations import AnnotationStore
 from viewer.core.files import FileRequest, kind_of, pack_in, scene_around
 from viewer.core.input import Controllers, Keyboard
 from viewer.core.log import Messages
@@ -130,20 +130,17 @@ class App:
                 self.canvas.show(pack)
         if self.scene is not None:
             self.scene.rig.stop_walking()
+        self._put_tools_away()
         self.scene = scene
         if self.settings.mode in ("features", "view-dependent") and pack.view_mlp is None:
             self.settings = replace(self.settings, mode="normal")
         self.settings = replace(self.settings, crop=scene.crop, near=scene.near)
-        if self.filming.export is not None:
-            self.filming.cancel(self)
-        self.filming = replace(self.filming.of_another_scene(), path=scene.camera_path or CameraPath())
-        self.comparison.stop()
+        self.filming.path = scene.camera_path or CameraPath()
         self.gallery.scene_changed(pack)
         saved = scene.path if scene.stays and scene.path.exists() else None
         self.annotations.open_pack(self, pack, saved, scene.annotations)
         # the annotations may be kept elsewhere than in the pack, which the rig knows
         scene.rig.begin_placed(self.annotations.current.placement.rotation)
-        self._put_tools_away()
 
     def left_now(self) -> OpenScene | None:
         """The shown pack, with what it will be shown with again; None if it does not stay open."""
@@ -167,12 +164,10 @@ class App:
         rig.history.follow(
             lambda: (self.settings.crop, self.settings.near), lambda cut: self.set(crop=cut[0], near=cut[1])
         )
-        rig.history.follow(lambda: (self.annotations.current, self.measure_tool.draft), self._restore_annotations)
+        rig.history.follow(lambda: self.annotations.current, lambda marks: setattr(self.annotations, "current", marks))
+        rig.history.follow(lambda: self.measure_tool.draft, lambda draft: setattr(self.measure_tool, "draft", draft))
         rig.history.follow(lambda: self.scene and self.scene.edits, lambda edits: setattr(self.scene, "edits", edits))
         return rig
-
-    def _restore_annotations(self, marked: tuple[Annotations, tuple[Point, ...]]) -> None:
-        self.annotations.current, self.measure_tool.draft = marked
 
     def opened(self) -> None:
         """Records the pack as recent and logs it, because it is complete."""
@@ -183,19 +178,19 @@ class App:
 
     def close(self) -> None:
         """Closes the shown pack and shows the last one of `open_packs`, or the start page."""
-        if self.filming.export is not None:
-            self.filming.cancel(self)
         self.comparison.drop_other(self)
-        self.comparison.stop()
         if self.canvas is not None:
             self.canvas.show(None)
-        self.scene, self.filming = None, self.filming.of_another_scene()
-        self.annotations.close_pack()
         self._put_tools_away()
+        self.scene = None
+        self.annotations.close_pack()
         if self.open_packs.packs:
             self.turn_to(self.open_packs.packs.pop())
 
     def _put_tools_away(self) -> None:
+        self.filming.cancel(self)
+        self.filming = self.filming.of_another_scene()
+        self.comparison.stop()
         self.measure_tool.drop()
         self.erasing = self.erasing.of_another_scene()
         self.bookmarks.drop()
