@@ -115,21 +115,29 @@ class RayDataset:
         """The same with colours divided by the gains [V, 3] of their photographs; None: as they are."""
         return replace(self, gains=None if gains is None else put_whole(jnp.asarray(gains), self.mesh))
 
-    def batch(self, key: jax.Array, size: int) -> tuple[Rays, jax.Array]:
-        """`size` rays through the centres of random pixels, and their colours [N, 3]; jittable."""
-        return self.rays_at(jax.random.randint(key, (size,), 0, self.count))
-
-    def rays_at(self, ids: jax.Array) -> tuple[Rays, jax.Array]:
-        """Rays of int32 ids [N] in [0, count), and their colours [N, 3]; jittable."""
-        return self.geometry_at(ids), self.colours_at(ids)
-
     def geometry_at(self, ids: jax.Array, away: jax.Array | None = None) -> Rays:
-        """Rays of int32 ids [N], through places `away` [N, 2] pixels from their centres; jittable."""
+        """Rays of int32 ids [N] in [0, count), through places `away` [N, 2] pixels from their centres; jittable."""
         view = self.view_of(ids)
         rest = ids - self.first[view]
         width = self.width[view] if self.facts.size is None else self.facts.size[0]
         x, y = rest % width, rest // width * self.facts.row_step
-        return self.rays(view, x, y) if away is None else self.rays(view, x + away[:, 0], y + away[:, 1])
+        if away is not None:
+            x, y = x + away[:, 0], y + away[:, 1]
+        fx, fy, cx, cy = jnp.moveaxis(self.intrinsics[view], -1, 0)
+        a, b = (x + 0.5 - cx) / fx, (y + 0.5 - cy) / fy
+        in_camera, shown = jnp.stack([a, -b, -jnp.ones_like(a)], axis=-1), jnp.ones_like(a, bool)
+        if self.facts.distorted:
+            lens = jnp.moveaxis(self.distortion[view], -1, 0)
+            a, b, shown = LENS.undistort(a, b, lens, NEWTON_STEPS)
+            in_camera = jnp.stack(LENS.direction(a, b, lens[PROJECTION]), axis=-1)
+        pose = self.world_T_camera[view]
+        directions = jnp.einsum("nij,nj->ni", pose[:, :, :3], in_camera, precision=jax.lax.Precision.HIGHEST)
+        directions /= jnp.linalg.norm(directions, axis=-1, keepdims=True)
+        origins, viewdirs = pose[:, :, 3], directions
+        if self.facts.ndc_camera is not None:
+            origins, directions = ndc_rays(origins, directions, *self.facts.ndc_camera, xp=jnp)
+        near, far = (jnp.full(origins.shape[:-1], t, jnp.float32) for t in (self.facts.near, self.facts.far))
+        return Rays(origins, directions, viewdirs, jnp.where(shown, near, far), far)
 
     def view_of(self, ids: jax.Array) -> jax.Array:
         """The photographs int32 [N] that rays int32 [N] belong to; jittable."""
@@ -174,24 +182,6 @@ class RayDataset:
             return np.asarray(self.pixels_at(jnp.asarray(ids)))
         fetch = jax.jit(RayDataset.pixels_at, out_shardings=NamedSharding(self.mesh, WHOLE))
         return np.asarray(here(fetch(self, ids)))
-
-    def rays(self, view: jax.Array, x: jax.Array, y: jax.Array) -> Rays:
-        """Rays through the centres of pixels: column x [N], row y [N] of photograph `view` [N]; jittable."""
-        fx, fy, cx, cy = jnp.moveaxis(self.intrinsics[view], -1, 0)
-        a, b = (x + 0.5 - cx) / fx, (y + 0.5 - cy) / fy
-        in_camera, shown = jnp.stack([a, -b, -jnp.ones_like(a)], axis=-1), jnp.ones_like(a, bool)
-        if self.facts.distorted:
-            lens = jnp.moveaxis(self.distortion[view], -1, 0)
-            a, b, shown = LENS.undistort(a, b, lens, NEWTON_STEPS)
-            in_camera = jnp.stack(LENS.direction(a, b, lens[PROJECTION]), axis=-1)
-        pose = self.world_T_camera[view]
-        directions = jnp.einsum("nij,nj->ni", pose[:, :, :3], in_camera, precision=jax.lax.Precision.HIGHEST)
-        directions /= jnp.linalg.norm(directions, axis=-1, keepdims=True)
-        origins, viewdirs = pose[:, :, 3], directions
-        if self.facts.ndc_camera is not None:
-            origins, directions = ndc_rays(origins, directions, *self.facts.ndc_camera, xp=jnp)
-        near, far = (jnp.full(origins.shape[:-1], t, jnp.float32) for t in (self.facts.near, self.facts.far))
-        return Rays(origins, directions, viewdirs, jnp.where(shown, near, far), far)
 
     def view_rays(self, camera: Camera) -> Rays:
         """Rays [H W] of every pixel of any camera, row by row, for evaluation (float64 geometry on the host)."""

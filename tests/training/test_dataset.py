@@ -49,19 +49,14 @@ def scene_of(camera: Camera, **changes) -> Scene:
 def test_rays_of_training_pixels_are_those_of_the_view(lens, changes):
     camera = looking_down(lens)
     dataset = make_dataset(scene_of(camera, **changes))
-    rays, colours = jax.jit(lambda d, ids: d.rays_at(ids))(dataset, jnp.arange(dataset.count))
+    rays, colours = jax.jit(lambda d, ids: (d.geometry_at(ids), d.colours_at(ids)))(dataset, jnp.arange(dataset.count))
     for one, other in zip(rays, dataset.view_rays(camera), strict=True):
         np.testing.assert_allclose(one, other, atol=2e-5)
     assert colours.shape == (1200, 3)
 
 
-def test_a_batch_comes_from_its_key_alone_and_is_composited_over_the_background():
+def test_colours_are_composited_over_the_background():
     dataset = make_dataset(scene_of(looking_down(), background=(0.0, 1.0, 0.0)))
-    rays, rgb = dataset.batch(jax.random.key(3), 64)
-    again, rgb_again = dataset.batch(jax.random.key(3), 64)
-    np.testing.assert_array_equal(rgb, rgb_again)
-    np.testing.assert_array_equal(rays.directions, again.directions)
-    assert rays.origins.shape == (64, 3) and rgb.shape == (64, 3)
     every = dataset.colours_at(jnp.zeros(1, jnp.int32))
     red, green, _, alpha = np.asarray(dataset.pixels[0]) / 255
     np.testing.assert_allclose(every[0, :2], [red * alpha, green * alpha + 1 - alpha], atol=1e-6)
@@ -201,7 +196,8 @@ def test_rays_of_thinned_photographs_go_through_the_pixels_whose_colours_they_ha
     ids = np.random.default_rng(0).integers(0, thin.count, 200).astype(np.int32)
     view, rest = ids // (48 * 10), ids % (48 * 10)
     there = (view * 48 * 48 + rest // 48 * 5 * 48 + rest % 48).astype(np.int32)
-    (rays, colours), (expected, truth) = thin.rays_at(jnp.asarray(ids)), whole.rays_at(jnp.asarray(there))
+    rays, colours = thin.geometry_at(jnp.asarray(ids)), thin.colours_at(jnp.asarray(ids))
+    expected, truth = whole.geometry_at(jnp.asarray(there)), whole.colours_at(jnp.asarray(there))
     for found, wanted in zip((*rays, colours), (*expected, truth), strict=True):
         np.testing.assert_array_equal(np.asarray(found), np.asarray(wanted))
 

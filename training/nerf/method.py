@@ -94,7 +94,8 @@ class NerfMethod(Method):
         """One update. ahead: how much further down the rate is than it would be by steps alone."""
         key = jax.random.fold_in(jax.random.PRNGKey(self.config.seed), step)
         key_batch, key_render = jax.random.split(key)
-        rays, target = dataset.batch(key_batch, self.batch_size)
+        ids = jax.random.randint(key_batch, (self.batch_size,), 0, dataset.count)
+        rays, target = dataset.geometry_at(ids), dataset.colours_at(ids)
         perturbation = model.draw_perturbation(key_render, self.batch_size, self.config.nerf)
         gradient, metrics = self._gradient(state.params, *split((rays, target, perturbation), self.mesh))
         updates, optimizer = self._optimizer.update(gradient, state.optimizer, state.params)

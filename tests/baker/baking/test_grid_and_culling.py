@@ -159,8 +159,8 @@ def precisions(program: str) -> list[str]:
 
 
 def test_the_products_that_make_training_rays_ask_for_the_highest_precision(dataset: RayDataset) -> None:
-    rays_at = jax.jit(lambda dataset, ids: dataset.rays_at(ids))
-    assert precisions(rays_at.lower(dataset, jnp.arange(8, dtype=jnp.int32)).as_text()) == ["HIGHEST"]
+    geometry_at = jax.jit(lambda dataset, ids: dataset.geometry_at(ids))
+    assert precisions(geometry_at.lower(dataset, jnp.arange(8, dtype=jnp.int32)).as_text()) == ["HIGHEST"]
 
 
 def test_so_do_those_of_culling_and_pruning(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:

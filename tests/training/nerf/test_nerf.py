@@ -24,6 +24,12 @@ def parameters(config: NerfConfig) -> model.NerfParams:
     return jax.eval_shape(lambda key: init_nerf(key, config), jax.random.key(0))
 
 
+def random_batch(dataset: RayDataset, count: int) -> tuple[Rays, jax.Array]:
+    """Random rays and their colours."""
+    ids = jax.random.randint(jax.random.key(1), (count,), 0, dataset.count)
+    return dataset.geometry_at(ids), dataset.colours_at(ids)
+
+
 # Layers by hand: the encoding has 63 channels, 27 for directions; the sixth layer gets the encoding again.
 TRUNK_512 = (63 * 512 + 512) + 4 * (512 * 512 + 512) + (575 * 512 + 512) + 2 * (512 * 512 + 512)
 TRUNK_256 = (63 * 256 + 256) + 4 * (256 * 256 + 256) + (319 * 256 + 256) + 2 * (256 * 256 + 256)
@@ -56,7 +62,7 @@ def test_every_preset_learns_and_gradients_reach_every_parameter(scene: Scene, d
     nerf = dataclasses.replace(TINY.nerf, view=view, **sizes, warmup_steps=0, clip_norm=0)
     method = NerfMethod(dataclasses.replace(TINY, batch_size=128, steps=40, nerf=nerf), dataset)
     state = method.start(jax.random.key(0))
-    rays, target = dataset.batch(jax.random.key(1), 128)
+    rays, target = random_batch(dataset, 128)
     gradient, _ = jax.jit(method._gradient)(state.params, rays, target, draw_perturbation(jax.random.key(2), 128, nerf))
     for name, leaf in named_leaves(gradient).items():
         assert np.abs(np.asarray(leaf)).max() > 0, f"no gradient reaches {name}"
@@ -78,7 +84,7 @@ def test_slices_of_a_batch_give_the_gradient_of_the_whole(dataset: RayDataset, m
         return loss, {"loss": loss}
 
     monkeypatch.setattr(NerfMethod, "_loss", linear_fit)
-    rays, target = dataset.batch(jax.random.key(1), 32)
+    rays, target = random_batch(dataset, 32)
     whole = dataclasses.replace(TINY, batch_size=32)
     sliced = dataclasses.replace(whole, nerf=dataclasses.replace(TINY.nerf, gradient_rays=8))
     params: Any = jax.random.normal(jax.random.key(2), (3, 3))
@@ -92,7 +98,7 @@ def test_slices_of_a_batch_give_the_gradient_of_the_whole(dataset: RayDataset, m
 @pytest.mark.slow
 def test_the_sparsity_loss_sees_densities_without_the_noise(dataset: RayDataset):
     nerf = dataclasses.replace(TINY.nerf, density_noise=5.0, coarse_samples=8, fine_samples=8)
-    rays, _ = dataset.batch(jax.random.key(1), 16)
+    rays, _ = random_batch(dataset, 16)
     perturbation = draw_perturbation(jax.random.key(2), 16, nerf)
     params = init_nerf(jax.random.key(0), nerf)
     noisy = render_rays(params, rays, nerf, dataset.facts, perturbation)
