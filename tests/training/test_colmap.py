@@ -162,7 +162,7 @@ def test_a_reconstruction_in_text_is_the_same(tmp_path):
     text = read_reconstruction(model)
     assert text.names == binary.names and len(text.names) == 10
     np.testing.assert_allclose(poses_of(text.cameras), poses_of(binary.cameras), atol=1e-9)
-    np.testing.assert_allclose(text.points, binary.points, atol=1e-9)
+    np.testing.assert_allclose(text.places, binary.places, atol=1e-9)
     np.testing.assert_array_equal(text.tracks, binary.tracks)
     assert all(np.array_equal(a, b) for a, b in zip(text.seen, binary.seen, strict=True))
     lenses = [[vars(camera) | {"world_T_camera": 0} for camera in found.cameras] for found in (text, binary)]

@@ -4,7 +4,7 @@ COLMAP chooses frame and unit by itself. A forward-facing capture is put where L
 image shows), any other where those of transforms.json are. Near, far and box come from the points; see training.scenes.space.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -113,7 +113,7 @@ def _placed(
     path: Path, found: Reconstruction, photographs: list[Photograph], options: SceneOptions
 ) -> tuple[tuple[Photograph, ...], Space]:
     """The photographs in the training frame, and what a Scene says of the space."""
-    P, points = space.poses_of(found.cameras), space.PointCloud(found.points, found.tracks, found.seen)
+    P, points = space.poses_of(found.cameras), space.PointCloud(found.places, found.tracks, found.seen)
     if points.suffices and not options.spherify and faces_forward(P):
         if options.up is not None:
             raise UserError("which way is up is not asked of a forward-facing scene", where=UP, found=str(path),
@@ -131,7 +131,7 @@ def _placed(
     in_frame = replace(points, places=frame.points(points.places)) if points.suffices else None
     opaque = not may_be_transparent(placed)
     if in_frame is None and not opaque:  # training.posing.depths finds points of opaque ones
-        notice(path, f"{len(found.points)} points are too few for a box; it is a guess: set --aabb")
+        notice(path, f"{len(found.places)} points are too few for a box; it is a guess: set --aabb")
     return placed, space.space_of_capture([photograph.camera for photograph in placed], in_frame, opaque=opaque)
 
 
@@ -141,19 +141,13 @@ def _frame_of(P: np.ndarray, up: Direction | None) -> space.Frame:
     return frame if up is None else frame._replace(axes=frame.axes @ axes_of(up))
 
 
-@dataclass(frozen=True)
-class SparsePoints:
-    places: np.ndarray  # float64 [M, 3] in the training frame
-    colours: np.ndarray  # uint8 [M, 3]
-    tracks: np.ndarray  # [M]: how many photographs show each
-
-
-def sparse_points(scene: Scene) -> SparsePoints | None:
-    """The points behind a COLMAP scene that is not in NDC; None for others. UserError where the reconstruction is damaged."""
+def sparse_points(scene: Scene) -> Reconstruction | None:
+    """The reconstruction behind a COLMAP scene that is not in NDC, its points in the training frame; None for others. UserError
+    where it is damaged."""
     if scene.kind != "colmap" or scene.ndc:
         return None
     found, options = reconstruction_of(scene.path), SceneOptions(**scene.notes)  # type: ignore[arg-type]
     names = {photograph.name for split in scene.splits.values() for photograph in split}
     pictured = [camera for name, camera in zip(found.names, found.cameras, strict=True) if clean_name(name) in names]
     frame = _frame_of(space.poses_of(pictured), options.up)
-    return SparsePoints(frame.points(found.points), found.colours, found.tracks)
+    return replace(found, places=frame.points(found.places))

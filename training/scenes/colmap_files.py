@@ -42,10 +42,10 @@ class Reconstruction:
 
     names: tuple[str, ...]
     cameras: tuple[Camera, ...]  # OpenGL axes
-    points: np.ndarray  # [M, 3]
+    places: np.ndarray  # [M, 3] of the points
     colours: np.ndarray  # uint8 [M, 3]
     tracks: np.ndarray  # [M]: how many images show each
-    seen: tuple[np.ndarray, ...]  # of each image the rows of `points` that it shows
+    seen: tuple[np.ndarray, ...]  # of each image the rows of `places` that it shows
 
     def only(self, rows: list[int]) -> Reconstruction:
         """The same points with these images alone."""
@@ -95,7 +95,7 @@ def _read(folder: Path, suffix: str, stamp: tuple[tuple[int, int], ...]) -> Reco
     return Reconstruction(
         names=tuple(image.name for image in images),
         cameras=tuple(replace(lenses[image.camera], world_T_camera=image.world_T_camera) for image in images),
-        points=table[:, :3], colours=np.clip(table[:, 3:6], 0, 255).astype(np.uint8), tracks=table[:, 6],
+        places=table[:, :3], colours=np.clip(table[:, 3:6], 0, 255).astype(np.uint8), tracks=table[:, 6],
         seen=tuple(_rows_of(image.shown, ids) for image in images),
     )  # fmt: skip
 

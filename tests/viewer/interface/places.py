@@ -15,7 +15,7 @@ from scenepack import Pack
 from scenepack.editing import Selection
 from scenepack.placement import Placement
 from tests.viewer.waiting import not_none
-from training.scenes.colmap import SparsePoints
+from training.scenes.colmap_files import Reconstruction
 from viewer.app.application import App
 from viewer.core.annotations import Annotations, Bookmark, Kind, Measurement, Scale
 from viewer.core.files import FileRequest
@@ -92,7 +92,7 @@ def _review(app: App, scenes: Scenes) -> None:
     low, high = crop.whole(pack)
     boxes: Any = {"subject": np.array([low, high]), "room": np.array([low, high])}
     scene: Any = SimpleNamespace(splits={"train": range(4)}, aabb=boxes["subject"])
-    points = SparsePoints(np.zeros((99, 3)), np.zeros((99, 3), np.uint8), np.ones(99))
+    points = Reconstruction((), (), np.zeros((99, 3)), np.zeros((99, 3), np.uint8), np.ones(99), ())
     app.making.sparse_preview = SparsePreview(pack, scene, points, "forward", boxes)
     app.making.review = Review(scenes.plan, app.making.sparse_preview)
     app.making.review.hold()

@@ -24,7 +24,8 @@ from scenepack.blocks import fill_atlas, restore_padding
 from scenepack.pack import Pack
 from scenepack.placement import transformed
 from training.scenes import Scene, load_scene
-from training.scenes.colmap import SparsePoints, sparse_points
+from training.scenes.colmap import sparse_points
+from training.scenes.colmap_files import Reconstruction
 from training.scenes.scene import Box, Direction, cameras_of
 from training.scenes.scene_options import composed
 from training.scenes.space import FARTHEST, HALF_SIDE, box_of_points, looks_inwards
@@ -53,7 +54,7 @@ Kind = Literal["subject", "room", "forward"]
 class SparsePreview:
     pack: Pack  # the points and cameras
     scene: Scene  # read as seen from all around, which shows forward-facing ones best, too
-    points: SparsePoints  # in its training frame
+    points: Reconstruction  # in its training frame
     kind: Kind  # found from the poses
     boxes: Mapping[Kind, np.ndarray]  # the [2, 3] that fits each, training frame; none for a forward-facing scene
 
@@ -96,7 +97,7 @@ def read_sparse_preview(
         return None
 
 
-def _kinds(scene: Scene, points: SparsePoints) -> tuple[Kind, dict[Kind, np.ndarray]]:
+def _kinds(scene: Scene, points: Reconstruction) -> tuple[Kind, dict[Kind, np.ndarray]]:
     """What cameras that stand around look at, and the boxes that go with a subject and with a room."""
     poses = np.stack([p.camera.world_T_camera for split in scene.splits.values() for p in split])
     kind: Kind = "subject" if looks_inwards(poses) else "room"
@@ -113,7 +114,7 @@ def _within(points: np.ndarray, box: np.ndarray) -> np.ndarray:
     return ((points > box[0]) & (points < box[1])).all(axis=-1)
 
 
-def points_pack(scene: Scene, points: SparsePoints) -> Pack:
+def points_pack(scene: Scene, points: Reconstruction) -> Pack:
     """The points that lie in or around the scene's box, each a voxel; a diffuse pack. ValueError where none does."""
     grid_T_training = np.linalg.inv(scene.worldspace_T_opengl)
     box = scene.aabb
