@@ -32,21 +32,21 @@ def photograph_of(
 
     described: the camera, or the camera for a size of picture. factor: how many times smaller than full size the picture is.
     shape: a size whose shape the picture must have, too."""
-    header = read_header(picture)
+    header, misfits = read_header(picture), []
     for as_stored in [False, True] if header.orientation != 1 else [False]:
         stored = header.stored if as_stored else header.size
         camera = described if isinstance(described, Camera) else described(stored)
-        if _same_shape(stored, (camera.width, camera.height)) and (shape is None or _same_shape(stored, shape)):
-            scale = min(1.0, factor / downscale)
-            size = int(stored[0] * scale + 1e-6), int(stored[1] * scale + 1e-6)  # fractions of a pixel are left out
-            if min(size) < 1:
-                raise UserError("downscale leaves no picture", where=f"--downscale {downscale}", found=times(stored),
-                                remedy="use a smaller factor")  # fmt: skip
-            return Photograph(name, camera.resized(*size), PictureLoader(picture, stored, size, mask, as_stored))
-    camera = described if isinstance(described, Camera) else described(header.size)
-    expected = (camera.width, camera.height)
-    expected = shape if shape is not None and _same_shape(header.size, expected) else expected
-    raise UserError("the picture is of another size", where=picture, expected=f"the shape of {times(expected)}",
+        sizes = (camera.width, camera.height), shape
+        if unlike := [size for size in sizes if size is not None and not _same_shape(stored, size)]:
+            misfits += unlike
+            continue
+        scale = min(1.0, factor / downscale)
+        size = int(stored[0] * scale + 1e-6), int(stored[1] * scale + 1e-6)  # fractions of a pixel are left out
+        if min(size) < 1:
+            raise UserError("downscale leaves no picture", where=f"--downscale {downscale}", found=times(stored),
+                            remedy="use a smaller factor")  # fmt: skip
+        return Photograph(name, camera.resized(*size), PictureLoader(picture, stored, size, mask, as_stored))
+    raise UserError("the picture is of another size", where=picture, expected=f"the shape of {times(misfits[0])}",
                     found=times(header.size))  # fmt: skip
 
 
