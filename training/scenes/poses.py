@@ -68,11 +68,6 @@ def look_at(eye: np.ndarray, back: np.ndarray, up: np.ndarray) -> np.ndarray:
     return np.vstack([np.column_stack([axes_along(back, up), eye]), [0, 0, 0, 1]])
 
 
-def mean_pose(P: np.ndarray) -> np.ndarray:
-    """The pose at the mean position that looks along the mean direction with the mean up [4, 4]."""
-    return look_at(P[:, :3, 3].mean(0), P[:, :3, 2].sum(0), P[:, :3, 1].sum(0))
-
-
 def focus_point(P: np.ndarray) -> np.ndarray | None:
     """The point [3] nearest to all optical axes, in the least squares sense; None where these are parallel."""
     across = np.eye(3) - P[:, :3, 2, None] * P[:, None, :3, 2]  # projects onto the plane across an axis

@@ -22,7 +22,7 @@ import numpy as np
 from console import UserError
 from scenepack.constants import NDC_NEAR
 from training.scenes.lens import NO_DISTORTION, PERSPECTIVE, directions_at, projection_of
-from training.scenes.poses import axes_along, focus_point, mean_pose
+from training.scenes.poses import axes_along, focus_point
 from training.scenes.scene import Camera, Photograph, Space, camera_rays, ndc_rays, pixel_grid, pixels_of
 
 # docs/format.md, "Coordinate frames": the pack's grid frame (y up) to a training frame whose z is up, and to NDC.
@@ -125,8 +125,8 @@ def frame_forward(P: np.ndarray, nearest: float) -> Frame:
     """Of a forward-facing capture, before the NDC warp: the mean pose, and the nearest depth behind the NDC near plane."""
     if np.linalg.norm(P[:, :3, 2].mean(0)) < 1e-3:
         raise _not_forward("the cameras look into opposite directions")
-    mean = mean_pose(P)
-    return Frame(mean[:3, :3], mean[:3, 3], 1.0 / (BOUNDS_FACTOR * nearest))
+    axes = axes_along(P[:, :3, 2].sum(0), P[:, :3, 1].sum(0))
+    return Frame(axes, P[:, :3, 3].mean(0), 1.0 / (BOUNDS_FACTOR * nearest))
 
 
 # --- near, far and box ------------------------------------------------------------------------------------------------
