@@ -21,6 +21,7 @@ i + 0.5. Its coarse occupancy has one byte for each COARSE³ voxels, 1 where a s
 have support.
 """
 
+from functools import reduce
 from typing import NamedTuple
 
 import jax
@@ -153,17 +154,14 @@ def _flat_index(cell: jax.Array, dims: jax.Array) -> jax.Array:
     return (cell[..., 2] * dims[1] + cell[..., 1]) * dims[0] + cell[..., 0]
 
 
-def coarse_occupancy(support: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def coarse_occupancy(support: np.ndarray) -> np.ndarray:
     """uint8 [Cz, Cy, Cx]: cell c answers for samples at g in [4c - 2, 4c + 6), whose padded cells are 4c - 2 ... 4c + 6."""
-    coarse = support
     for axis in range(3):
-        count = -(-shape[axis] // COARSE)
-        wide = np.pad(coarse, [(COARSE, 3 * COARSE) if other == axis else (0, 0) for other in range(3)])
-        coarse = np.zeros(1, np.uint8)
-        for first in range(COARSE // 2, 2 * COARSE + COARSE // 2 + 1):
-            some = (slice(None),) * axis + (slice(first, first + COARSE * (count - 1) + 1, COARSE),)
-            coarse = np.maximum(coarse, wide[some])
-    return coarse
+        wide = np.pad(np.moveaxis(support, axis, 0), [(COARSE // 2, 2 * COARSE), (0, 0), (0, 0)])
+        length = COARSE * -(-support.shape[axis] // COARSE)
+        shifted = (wide[first : first + length : COARSE] for first in range(2 * COARSE + 1))
+        support = np.moveaxis(reduce(np.maximum, shifted), 0, axis)
+    return support
 
 
 def dilate(volume: np.ndarray) -> np.ndarray:

@@ -58,7 +58,7 @@ def cells_of(state: State, contraction: float | None = None) -> Cells:
     side = occupied.shape[0]
     # a run of COARSE steps is tested at its middle: steps of up to two cells reach two cells further
     near = dilate(dilate(occupied)) if state.step_cells > 1 else occupied
-    coarse = coarse_occupancy(np.pad(near, (0, 2)), occupied.shape)
+    coarse = coarse_occupancy(near)
     origin, cell = (jnp.asarray(lengths, jnp.float32) for lengths in (state.box.origin, state.box.cell))
     inner = None if contraction is None else jnp.float32(contraction)
     return Cells(
