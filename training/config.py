@@ -14,7 +14,6 @@ from typing import Any, Literal
 
 from console import UserError
 from console.streams import one_line
-from training.exposure import Choice as Exposure
 from training.multires.config import MultiresConfig
 from training.scenes.presets import PresetName
 
@@ -90,7 +89,7 @@ class TrainConfig:
     sparsity_over_samples: Literal["paper", "release"] = "paper"
     """How the sparsity loss of method nerf weighs against the colours. paper: sums over samples and over channels. release: means
     of both, as in the published code; with the paper's 192 samples, 64 times less."""
-    exposure: Exposure = "auto"
+    exposure: Literal["auto", "on", "off"] = "auto"
     """Fit exposure and white balance of each photograph, so that the scene has their average look (method multires). auto: for
     what cameras took, where exposures differ; never for rendered scenes (Blender)."""
     minutes: float = 0.0
@@ -188,19 +187,16 @@ def require_valid(config: Any, where: str | None = None, prefix: str = "") -> No
 
 
 def _expected_instead(value: Any, hint: Any, least: int) -> str | None:
-    """What is expected in place of `value`; None where it will do."""
+    """What is expected in place of `value`; None where it will do. A union is one of a type and None."""
     origin, choices = typing.get_origin(hint), typing.get_args(hint)
     if origin is typing.Literal:
         return None if value in choices and isinstance(value, str) else f"one of {', '.join(choices)}"
     if origin in (types.UnionType, typing.Union):
-        expected = [_expected_instead(value, choice, least) for choice in choices]
-        return None if None in expected else expected[0]
+        return None if value is None else _expected_instead(value, choices[0], least)
     if origin is tuple:
         if not isinstance(value, tuple):
             return "a list"
         return next((text for item in value if (text := _expected_instead(item, choices[0], least))), None)
-    if hint is type(None):
-        return None if value is None else "nothing"
     if hint is int:
         fits = type(value) is int and least <= value <= LARGEST_WHOLE
         return None if fits else f"a whole number from {least} to {LARGEST_WHOLE}"

@@ -8,11 +8,8 @@ Gains are fitted every few steps by least squares. A ridge towards 1 keeps gains
 Notation: V photographs, K sampled rays of each.
 """
 
-from typing import Literal
-
 import numpy as np
 
-Choice = Literal["auto", "on", "off"]
 FITTED_FROM, FIT_EVERY = 100, 25  # steps: before, the field shows nothing to compare with
 RAYS, FEWEST, MOST = 16_384, 64, 256  # rays of a fit in all, and of a photograph
 RIDGE = 0.05  # towards 1, as a share of what a photograph's rays say
