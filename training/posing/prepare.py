@@ -6,7 +6,6 @@ Pictures that are blurred or show the same as another are not used. `pictures.js
 import contextlib
 import json
 import re
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -53,9 +52,7 @@ def fingerprint(source: Source) -> list[list[object]]:
 
 
 def prepare(source: Source, work: Path, most_frames: int, bar: Progress) -> Prepared:
-    """Pictures in `work` / IMAGES. bar: counts files, or the seconds of a film. UserError where nothing can be read."""
-    for old in (work / IMAGES, work / MASKS):
-        shutil.rmtree(old, ignore_errors=True)
+    """Pictures in a new folder, `work` / IMAGES. bar: counts files, or seconds of a film. UserError where none can be read."""
     (work / IMAGES).mkdir()
     return _frames(source, work, most_frames, bar) if source.kind == "film" else _photographs(source, work, bar)
 
