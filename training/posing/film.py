@@ -14,7 +14,6 @@ import errno
 import itertools
 import time
 from bisect import bisect_left
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -316,21 +315,8 @@ def _upright(frame: Any, aspect: float) -> np.ndarray:
 
 @contextmanager
 def _opened(film: Path) -> Iterator[tuple[Any, Any]]:
-    with _demuxed(film) as container:
-        index = _moving(container, film)
-    with _demuxed(film) as container:  # anew: which one moves may have been asked of all its packets
-        stream = container.streams[index]
-        codec = stream.codec_context
-        if codec is None or not {codec.name, codec.codec.canonical_name} & set(CODECS):
-            raise UserError("the film's codec is not supported", where=film, expected=", ".join(CODECS),
-                            found="one that FFmpeg does not know" if codec is None else codec.name)  # fmt: skip
-        stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
-        stream.thread_type = "AUTO"
-        yield container, stream
-
-
-@contextmanager
-def _demuxed(film: Path) -> Iterator[Any]:
+    """The container, and of its streams that are no still picture the one that players take. UserError where it has none, or one
+    of another codec."""
     require_source(film)
     found = container_of(film)
     assert found is not None
@@ -338,26 +324,19 @@ def _demuxed(film: Path) -> Iterator[Any]:
         film.open("rb") as file,
         av.open(file, "r", format=found.demuxer, options=OPTIONS, metadata_errors="replace") as container,
     ):
-        yield container
-
-
-def _moving(container: Any, film: Path) -> int:
-    """Index of the video stream that is the film: of those that are no still picture, a default one, and the largest.
-
-    UserError where there is none.
-    """
-    streams = [stream for stream in container.streams.video if not stream.disposition & Disposition.attached_pic]
-    if len(streams) > 1:  # headers rarely count frames
-        packets = Counter(packet.stream_index for packet in container.demux(streams) if packet.size)
-        streams = [stream for stream in streams if packets[stream.index] > 1]
-    if not streams:
-        raise UserError("there is no moving picture in this film", where=film)
-    readable = [stream for stream in streams if stream.codec_context is not None]
-
-    def rank(stream: Any) -> tuple[bool, int]:
-        return bool(stream.disposition & Disposition.default), stream.width * stream.height
-
-    return max(readable, key=rank, default=streams[0]).index
+        cover = Disposition.attached_pic
+        moving = [one for one in container.streams.video if one.frames != 1 and not one.disposition & cover]
+        if not moving:
+            raise UserError("there is no moving picture in this film", where=film)
+        best = container.streams.best("video")
+        stream: Any = best if best in moving else moving[0]
+        codec = stream.codec_context
+        if codec is None or not {codec.name, codec.codec.canonical_name} & set(CODECS):
+            raise UserError("the film's codec is not supported", where=film, expected=", ".join(CODECS),
+                            found="one that FFmpeg does not know" if codec is None else codec.name)  # fmt: skip
+        codec.options = {"max_pixels": str(MOST_PIXELS)}
+        stream.thread_type = "AUTO"
+        yield container, stream
 
 
 @contextmanager
