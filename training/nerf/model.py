@@ -253,9 +253,4 @@ def fine_samples(jitter: jax.Array | None, t: jax.Array, weights: jax.Array, cou
     cdf = jnp.concatenate([jnp.zeros_like(cdf[:, :1]), jnp.minimum(cdf[:, :-1], 1.0), jnp.ones_like(cdf[:, :1])], -1)
     within_interval = 0.5 if jitter is None else jitter
     u = jnp.broadcast_to((jnp.arange(count) + within_interval) / count, (weights.shape[0], count))
-    bin_ = jax.vmap(lambda c, q: jnp.searchsorted(c, q, side="right"))(cdf, u)
-    bin_ = jnp.clip(bin_ - 1, 0, weights.shape[-1] - 1)
-    c0, c1 = jnp.take_along_axis(cdf, bin_, -1), jnp.take_along_axis(cdf, bin_ + 1, -1)
-    e0, e1 = jnp.take_along_axis(edges, bin_, -1), jnp.take_along_axis(edges, bin_ + 1, -1)
-    within = jnp.clip((u - c0) / jnp.maximum(c1 - c0, 1e-8), 0.0, 1.0)
-    return jax.lax.stop_gradient(e0 + within * (e1 - e0))
+    return jax.lax.stop_gradient(jax.vmap(jnp.interp)(u, cdf, edges))
