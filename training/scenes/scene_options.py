@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from console import UserError
 from console.command_line import parse_numbers
@@ -147,9 +148,7 @@ def axes_of(up: Direction) -> np.ndarray:
     z = normalised(np.array(checked_up(up)))
     if z[2] < -1 + SHORTEST:
         return np.diag([1.0, -1.0, -1.0])
-    x, y, height = z
-    across = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # Rodrigues' formula, about (-y, x, 0)
-    return np.eye(3) + across + across @ across / (1.0 + height)
+    return Rotation.align_vectors(z, [0.0, 0.0, 1.0])[0].as_matrix()
 
 
 def composed(before: Direction | None, up: np.ndarray) -> Direction:
