@@ -12,6 +12,7 @@ program. Pixels are stored along the mesh (training.devices): a process decodes 
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -23,7 +24,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding
 
 from console import UserError
-from training.devices import AXIS, SPLIT, WHOLE, anywhere, every_device, here, own_rows, put_split, put_whole, together
+from training.devices import AXIS, WHOLE, anywhere, every_device, here, own_rows, put_split, put_whole, together
 from training.method import Rays
 from training.scenes import Camera, Scene, load_pixels
 from training.scenes.files import notice
@@ -50,7 +51,6 @@ class SceneFacts(NamedTuple):
     disparity: bool  # spread samples in 1/t
     background: tuple[float, float, float]  # sRGB
     distorted: bool  # some lens is not a pinhole
-    size: tuple[int, int] | None  # (width, rows) of every view, or None where they differ
     cut_out: bool = False  # photographs of an object were cut out of what surrounded it, by masks
     row_step: int = 1  # one row in so many is rows of pixels
     rendered: bool = False  # by a program, not by a camera that meters
@@ -119,8 +119,7 @@ class RayDataset:
         """Rays of int32 ids [N] in [0, count), through places `away` [N, 2] pixels from their centres; jittable."""
         view = self.view_of(ids)
         rest = ids - self.first[view]
-        width = self.width[view] if self.facts.size is None else self.facts.size[0]
-        x, y = rest % width, rest // width * self.facts.row_step
+        x, y = rest % self.width[view], rest // self.width[view] * self.facts.row_step
         if away is not None:
             x, y = x + away[:, 0], y + away[:, 1]
         fx, fy, cx, cy = jnp.moveaxis(self.intrinsics[view], -1, 0)
@@ -141,47 +140,24 @@ class RayDataset:
 
     def view_of(self, ids: jax.Array) -> jax.Array:
         """The photographs int32 [N] that rays int32 [N] belong to; jittable."""
-        if self.facts.size is None:
-            return jnp.searchsorted(self.first, ids, side="right") - 1
-        width, rows = self.facts.size
-        return ids // (width * rows)
+        return jnp.searchsorted(self.first, ids, side="right", method="scan_unrolled") - 1
 
-    def colours_at(self, ids: jax.Array) -> jax.Array:
-        """Colours float32 [N, 3] of rays over the background; jittable."""
-        return self.colours_over(ids, jnp.asarray(self.background, jnp.float32))
-
-    def colours_over(self, ids: jax.Array, background: jax.Array) -> jax.Array:
-        """Colours float32 [N, 3] of rays over another background [3] or [N, 3]; jittable."""
-        pixel = self.pixels_at(ids).astype(jnp.float32) / 255.0
+    def colours_at(self, ids: jax.Array, background: jax.Array | None = None) -> jax.Array:
+        """Colours float32 [N, 3] of rays over the background, or another [N, 3]; jittable."""
+        # the compiler has each device look among its own pixels, and adds up what they find
+        pixel = self.pixels[ids].astype(jnp.float32) / 255.0
         colour = pixel[:, :3]
         if self.gains is not None:  # what is clipped in the photograph stays white: how bright it was, nobody knows
             colour = jnp.where(colour < 1.0, jnp.minimum(colour / self.gains[self.view_of(ids)], 1.0), 1.0)
         if pixel.shape[-1] == 3:
             return colour
-        return colour * pixel[:, 3:] + (1.0 - pixel[:, 3:]) * background
-
-    def pixels_at(self, ids: jax.Array) -> jax.Array:
-        """Pixels uint8 [N, C] from the devices that have them; N is padded to a multiple of D within."""
-        if self.mesh.size == 1:
-            return self.pixels[ids]
-        padded = jnp.pad(ids, (0, -ids.shape[0] % self.mesh.size))
-
-        def own_share(pixels: jax.Array, ids: jax.Array) -> jax.Array:
-            row = ids - jax.lax.axis_index(AXIS) * pixels.shape[0]
-            mine = (row >= 0) & (row < pixels.shape[0])
-            found = pixels[jnp.clip(row, 0, pixels.shape[0] - 1)].astype(jnp.int32)
-            # each pixel is held once, so the sum over devices is the pixel; every device keeps the rows of its share
-            return jax.lax.psum_scatter(jnp.where(mine[:, None], found, 0), AXIS, tiled=True)
-
-        fetch = jax.shard_map(own_share, mesh=self.mesh, in_specs=(SPLIT, WHOLE), out_specs=SPLIT)
-        return fetch(self.pixels, padded)[: ids.shape[0]]
+        behind = jnp.asarray(self.background, jnp.float32) if background is None else background
+        return colour * pixel[:, 3:] + (1.0 - pixel[:, 3:]) * behind
 
     def pixels_here(self, ids: np.ndarray) -> np.ndarray:
         """Pixels uint8 [N, C] of int32 ids [N], the same in every process, from wherever they are."""
-        if self.mesh.size == 1:
-            return np.asarray(self.pixels_at(jnp.asarray(ids)))
-        fetch = jax.jit(RayDataset.pixels_at, out_shardings=NamedSharding(self.mesh, WHOLE))
-        return np.asarray(here(fetch(self, ids)))
+        fetch = jax.jit(operator.getitem, out_shardings=NamedSharding(self.mesh, WHOLE))
+        return np.asarray(here(fetch(self.pixels, ids)))
 
     def view_rays(self, camera: Camera) -> Rays:
         """Rays [H W] of every pixel of any camera, row by row, for evaluation (float64 geometry on the host)."""
@@ -204,12 +180,11 @@ def evenly_spread(first: int, size: int, count: int) -> np.ndarray:
 def row_step_for(scene: Scene) -> int:
     """One row in how many becomes rays; a notice where it is not each."""
     cameras = [photograph.camera for photograph in scene.splits["train"]]
-    count, step = int(pixel_counts(cameras).sum()), 1
-    while int(pixel_counts(cameras, step).sum()) > MOST_RAYS:
-        step += 1
-        if step > max(camera.height for camera in cameras):
-            raise UserError("too many pixels", where=scene.path, expected=f"at most {MOST_RAYS:,}", found=f"{count:,}",
-                            remedy="use --downscale")  # fmt: skip
+    count, steps = int(pixel_counts(cameras).sum()), range(1, max(camera.height for camera in cameras) + 1)
+    step = next((step for step in steps if pixel_counts(cameras, step).sum() <= MOST_RAYS), None)
+    if step is None:
+        raise UserError("too many pixels", where=scene.path, expected=f"at most {MOST_RAYS:,}", found=f"{count:,}",
+                        remedy="use --downscale")  # fmt: skip
     if step > 1:
         problem = f"{count:,} pixels are more than the {MOST_RAYS:,} rays that training can count"
         shrink = math.ceil(math.sqrt(count / MOST_RAYS)) * int(str(scene.notes.get("downscale", 1)))
@@ -249,12 +224,10 @@ def make_dataset(scene: Scene, *, folder: Path | None = None, contracted: bool =
         "first": (np.cumsum(sizes) - sizes).astype(np.int32),
         "width": np.array([c.width for c in cameras], np.int32),
     }
-    same_size = len({(camera.width, camera.height) for camera in cameras}) == 1
     facts = SceneFacts(
         near=float(scene.near), far=float(scene.far), aabb=tuple(map(tuple, scene.aabb.tolist())),
         ndc_camera=scene.ndc_camera, disparity=scene.disparity, background=scene.background,
         distorted=any(any(camera.distortion) for camera in cameras),
-        size=(cameras[0].width, -(-cameras[0].height // row_step)) if same_size else None,
         cut_out=bool(scene.notes.get("masks")), row_step=row_step, rendered=scene.kind == "blender",
         contraction=scene.contraction if contracted and channels == 3 else None,
     )  # fmt: skip

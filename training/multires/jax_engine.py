@@ -91,7 +91,7 @@ def draw(
     background = jax.random.uniform(colour_key, (rays, 3))
     if not settings.random_background:
         background = jnp.broadcast_to(jnp.asarray(settings.background), (rays, 3))
-    seen, colours = split((dataset.geometry_at(ids), dataset.colours_over(ids, background)), dataset.mesh)
+    seen, colours = split((dataset.geometry_at(ids), dataset.colours_at(ids, background)), dataset.mesh)
     return sampled(cells, seen, colours, background, jax.random.uniform(phase_key, (rays,)), constants)
 
 

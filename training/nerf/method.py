@@ -19,7 +19,7 @@ from console import UserError
 from training.checkpoints import from_arrays, to_arrays
 from training.config import REAL_BATCH, SYNTHETIC_BATCH, NerfConfig, TrainConfig
 from training.dataset import RayDataset
-from training.devices import SPLIT, WHOLE, here, put_whole, split
+from training.devices import WHOLE, here, put_whole, split
 from training.method import FieldOutput, Method, Rays, RenderOutput, ViewMlpParams
 from training.nerf import model
 from training.rendering import CHANNELS, cauchy_sparsity, mean_squared_error, psnr_of, squared_error
@@ -47,10 +47,7 @@ class NerfMethod(Method):
         self.batch_size = config.batch_size or (SYNTHETIC_BATCH if dataset.facts.rendered else REAL_BATCH)
         self._slices = batch_slices(self.batch_size, nerf.gradient_rays, mesh.size)
         self._optimizer: Any = make_optimizer(nerf, config.steps)
-        whole = NamedSharding(mesh, WHOLE)
-        inputs = dataclasses.replace(jax.tree.map(lambda _: whole, dataset), pixels=NamedSharding(mesh, SPLIT))
-        shardings = {"in_shardings": (inputs, whole, whole, whole), "out_shardings": whole}
-        self._update = jax.jit(self._update_traced, **shardings, donate_argnums=1)
+        self._update = jax.jit(self._update_traced, out_shardings=NamedSharding(mesh, WHOLE), donate_argnums=1)
         self._render = jax.jit(lambda params, rays: model.render_rays(params, rays, nerf, dataset.facts).fine)
         self._query = jax.jit(lambda field, points: model.field_of(field, model.apply_trunk(field, points, nerf)))
 

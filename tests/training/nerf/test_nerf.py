@@ -116,7 +116,7 @@ NEAR, FAR = jnp.full(5, 2.0), jnp.full(5, 6.0)
 @pytest.mark.parametrize("ndc, given, expected", [(True, None, [0.25, 0.0]), (False, None, 1e10), (True, 0.5, 0.5)])
 def test_the_last_sample_stands_for_the_rest_up_to_the_far_plane_in_ndc_and_for_all_elsewhere(ndc, given, expected):
     camera = (40, 32, 50.0) if ndc else None
-    facts = SceneFacts(0.0, 1.0, ((-1.0,) * 3, (1.0,) * 3), camera, False, (1.0, 1.0, 1.0), False, None)
+    facts = SceneFacts(0.0, 1.0, ((-1.0,) * 3, (1.0,) * 3), camera, False, (1.0, 1.0, 1.0), False)
     rays = Rays(*(jnp.ones((2, 3)),) * 3, near=jnp.zeros(2), far=jnp.ones(2))
     t = jnp.asarray([[0.1, 0.75], [0.2, 1.0]])
     last = model.last_interval(t, rays, NerfConfig(last_interval=given), facts)

@@ -1,6 +1,6 @@
 """Training rays from their ids, on the CPU: cameras, lenses, the NDC warp, pixels, and the grid's box.
 
-The twin of RayDataset.geometry_at, colours_over and training.marching.to_grid (a test compares them), one ray at a time.
+The twin of RayDataset.geometry_at, colours_at and training.marching.to_grid (a test compares them), one ray at a time.
 
 Notation: a ray's id counts views, then rows, then columns; N rays of a batch. Geometry is computed in float64.
 """
