@@ -8,8 +8,8 @@ Untidy packs (docs/format.md) are repaired with one PackWarning each; the rest i
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -69,10 +69,12 @@ def load_pack(path: Path, *, on_progress: OnProgress | None = None, on_preview: 
     raise UserError("keeps changing while it is read", where=path, remedy=remedy)
 
 
-def open_pack(path: Path) -> PackReader:
-    """Checks all but the pixels of a pack, at once; raises and warns like load_pack. Close the reader."""
+@contextmanager
+def open_pack(path: Path) -> Iterator[PackReader]:
+    """Checks all but the pixels of a pack, at once; raises and warns like load_pack."""
     recover_interrupted_write(path)
-    return PackReader(open_files(path))
+    with closing(open_files(path)) as files:
+        yield PackReader(files)
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
@@ -84,7 +86,7 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 
 class PackReader:
-    """An open pack whose images are not decoded yet; a context manager.
+    """An open pack whose images are not decoded yet.
 
     outline: the Pack with everything but the atlas, whose arrays have their true shape, hold zeros, take no
     memory and cannot be written. pieces, names: what is to decode, and the files of each; total: how many.
@@ -93,32 +95,22 @@ class PackReader:
     def __init__(self, files: PackFiles) -> None:
         self.files = files
         self._notes: list[str] = []  # given only once it is clear that the pack opens
-        try:
-            text, where = files.read(PARAMS_NAME, MOST_BYTES), files.where(PARAMS_NAME)
-            self.outline, format = parse_params(text, where, self._notes.append)
-            self.codec = codec_named(format, where)
-            self.outline = replace(self.outline, atlas_indices=self._indices())
-            used = np.count_nonzero(self.outline.occupied) * self.outline.padded_block_size**3
-            require_filled(self.outline.atlas_rgba.shape[:3], int(used), where)
-            self._note_claims()
-            self._layout, self._planes, self.steps = read_settings(self.outline, self.codec, where)
-            self.pieces = cut(self.outline, self._layout, self._planes)
-            self.total = len(self.pieces)
-            largest = max((int(np.prod(piece.shape)) * 4 for piece in self.pieces), default=0)
-            require_memory(2 * largest, files.path)  # rgba and features of one piece, beside the atlas
-            self.names = self._names()
-            self._check_headers()
-        except BaseException:
-            files.close()
-            raise
+        text, where = files.read(PARAMS_NAME, MOST_BYTES), files.where(PARAMS_NAME)
+        self.outline, format = parse_params(text, where, self._notes.append)
+        self.codec = codec_named(format, where)
+        self.outline = replace(self.outline, atlas_indices=self._indices())
+        used = np.count_nonzero(self.outline.occupied) * self.outline.padded_block_size**3
+        require_filled(self.outline.atlas_rgba.shape[:3], int(used), where)
+        self._note_claims()
+        self._layout, self._planes, self.steps = read_settings(self.outline, self.codec, where)
+        self.pieces = cut(self.outline, self._layout, self._planes)
+        self.total = len(self.pieces)
+        largest = max((int(np.prod(piece.shape)) * 4 for piece in self.pieces), default=0)
+        require_memory(2 * largest, files.path)  # rgba and features of one piece, beside the atlas
+        self.names = self._names()
+        self._check_headers()
         for note in self._notes:
             notify(PackWarning(note))
-
-    def __enter__(self) -> PackReader:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.files.close()
 
     def read(self, on_progress: OnProgress | None = None, on_preview: OnPreview | None = None) -> Pack:
         """The whole pack; see load_pack."""
