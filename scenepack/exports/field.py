@@ -11,20 +11,22 @@ forward-facing pack positions are those before the NDC warp (NeRF, appendix C):
 In a contracted pack they are those of space (scenepack.contraction), and u is a grid position in units of R.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cached_property
 from itertools import product
 from typing import Literal
 
 import numpy as np
 
 from scenepack.blocks import block_data
-from scenepack.constants import NDC_NEAR, PUBLISHED_NDC_CAMERA
+from scenepack.constants import NDC_NEAR
 from scenepack.contraction import uncontract
 from scenepack.pack import Pack
 from scenepack.placement import placed_T_grid, transformed
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 Place = tuple[int, int, int]
+OnShare = Callable[[float], None]
 # Components of a surface: all, the largest, or those with this share of its area
 Keep = Literal["all", "largest"] | float
 
@@ -47,7 +49,7 @@ class Field:
             inside = np.ceil(corners - 0.5).astype(np.int64)[:, ::-1]
             self._low, self._high = np.maximum(inside[0], self._low), np.minimum(inside[1], self._high)
 
-    @property
+    @cached_property
     def occupied(self) -> list[Place]:
         """Macroblocks (z, y, x) that hold something within the crop box."""
         size = self.pack.block_size
@@ -55,11 +57,8 @@ class Field:
         reached = np.all((places * size < self._high) & ((places + 1) * size > self._low), axis=1)
         return [(z, y, x) for z, y, x in places[reached].tolist()]
 
-    def block(self, place: Place) -> np.ndarray | None:
-        """Premultiplied rgba, float32 [side, side, side, 4] in 0 ... 1, of a macroblock; None where it is empty or outside."""
-        blocks = self.pack.occupied
-        if any(not 0 <= i < n for i, n in zip(place, blocks.shape, strict=True)) or not blocks[place]:
-            return None
+    def block(self, place: Place) -> np.ndarray:
+        """Premultiplied rgba, float32 [side, side, side, 4] in 0 ... 1, of an occupied macroblock."""
         if place in self._coarse:
             return self._coarse[place]
         voxels = block_data(self.pack, self.pack.atlas_rgba, place).astype(np.float32) / 255.0
@@ -79,33 +78,23 @@ class Field:
         self._coarse[place] = (mean * grown / np.maximum(alpha, 1e-9)).astype(np.float32)
         return self._coarse[place]
 
-    def boxes(self) -> Iterator[tuple[Place, np.ndarray]]:
+    def boxes(self, on_progress: OnShare) -> Iterator[tuple[Place, np.ndarray]]:
         """Boxes whose cubes of neighbouring cells are all cubes that something lies in, each once: a macroblock's cells and one
         more on its far sides, float32 [side + 1, ...]."""
-        steps = list(product((0, 1), repeat=3))
-        places = {(z - dz, y - dy, x - dx) for z, y, x in self.occupied for dz, dy, dx in steps}
-        for z, y, x in sorted(places):
+        steps, held = list(product((0, 1), repeat=3)), set(self.occupied)
+        places = sorted({(z - dz, y - dy, x - dx) for z, y, x in held for dz, dy, dx in steps})
+        for done, (z, y, x) in enumerate(places):
+            on_progress(done / len(places))
             box = np.zeros((*(self.side + 1,) * 3, 4), np.float32)
             for step in steps:
-                if (cells := self.block((z + step[0], y + step[1], x + step[2]))) is not None:
+                if (place := (z + step[0], y + step[1], x + step[2])) in held:
                     to = tuple(slice(self.side, None) if s else slice(0, self.side) for s in step)
-                    box[to] = cells[tuple(slice(0, 1) if s else slice(None) for s in step)]
+                    box[to] = self.block(place)[tuple(slice(0, 1) if s else slice(None) for s in step)]
             yield (z, y, x), box
-
-    @property
-    def count(self) -> int:
-        """How many boxes there are, about: for progress."""
-        return max(2 * len(self.occupied), 1)
-
-    def blocks(self) -> Iterator[tuple[Place, np.ndarray]]:
-        """Each macroblock of `occupied` with its cells; see block."""
-        for place in self.occupied:
-            if (cells := self.block(place)) is not None:
-                yield place, cells
 
     def crossings(self, level: float) -> int:
         """How often opacity passes `level` between neighbours along x: a measure of the surface, in cells. Reads all voxels."""
-        opaque = (cells[..., 3] > level for _, cells in self.blocks())
+        opaque = (self.block(place)[..., 3] > level for place in self.occupied)
         return sum(int(np.count_nonzero(above[:, :, 1:] != above[:, :, :-1])) for above in opaque)
 
 
@@ -197,12 +186,8 @@ class ExportFrame:
 
     @property
     def mirrors(self) -> bool:
-        """Whether the conversion reverses orientation, so that triangles must be turned."""
-        if self.pack.ndc:  # measured on the warp itself
-            probe = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) + 0.5 * np.asarray(self.pack.grid_size)
-            placed = self.points(probe)
-            return bool(np.linalg.det(placed[1:] - placed[0]) < 0)
-        return bool(np.linalg.det(self._frame_T_grid[:3, :3]) < 0)
+        """Whether the conversion reverses orientation, so that triangles must be turned. The NDC warp does so, too."""
+        return bool(np.linalg.det(self._frame_T_grid[:3, :3]) < 0) != self.pack.ndc
 
     def _contracted(self, positions: np.ndarray) -> np.ndarray:
         """u, float64 [n, 3]."""
@@ -216,10 +201,8 @@ class ExportFrame:
 
 def ndc_camera(pack: Pack) -> tuple[float, float, float]:
     """Width, height and focal length, in pixels, of the photographs whose frustum the NDC cube is."""
-    given = (pack.input_width, pack.input_height, pack.input_focal)
-    both = zip(given, PUBLISHED_NDC_CAMERA, strict=True)
-    width, height, focal = (old if value is None else float(value) for value, old in both)
-    return width, height, focal
+    assert pack.input_width and pack.input_height and pack.input_focal
+    return pack.input_width, pack.input_height, pack.input_focal
 
 
 def _unwarped(pack: Pack, ndc: np.ndarray) -> np.ndarray:

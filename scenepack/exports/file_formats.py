@@ -41,14 +41,10 @@ def ply_parts(
 
     faces: int [f, 3] or None.
     """
-    count = len(values[0])
-    table = np.zeros(count, [(name, f"<{kind}") for name, kind in columns])
-    names = iter(columns)
-    for array in values:
-        for i in range(array.shape[1]):
-            table[next(names)[0]] = array[:, i]
+    fields = [(name, f"<{kind}") for name, kind in columns]
+    table = np.rec.fromarrays([column for array in values for column in array.T], fields)
     lines = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
-    lines += [f"element vertex {count}", *(f"property {TYPES[kind]} {name}" for name, kind in columns)]
+    lines += [f"element vertex {len(table)}", *(f"property {TYPES[kind]} {name}" for name, kind in columns)]
     if faces is not None:
         lines += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
     parts = ["\n".join([*lines, "end_header", ""]).encode("ascii"), table.tobytes()]
@@ -147,7 +143,8 @@ def voxels_of(field: Field, least: float) -> tuple[np.ndarray, np.ndarray]:
     """Positions float64 [n, 3] (x, y, z in voxels of the pack) and premultiplied rgba float32 [n, 4], of opacity >= least."""
     places: list[np.ndarray] = [np.zeros((0, 3))]
     values: list[np.ndarray] = [np.zeros((0, 4), np.float32)]
-    for place, cells in field.blocks():
+    for place in field.occupied:
+        cells = field.block(place)
         at = np.argwhere(cells[..., 3] >= least)
         values.append(cells[tuple(at.T)])
         places.append(field.coarser * (at + np.asarray(place) * field.side + 0.5)[:, ::-1])

@@ -163,7 +163,7 @@ def _field(pack: Pack, export: Export, on_progress: OnProgress) -> Field:
 def _coarseness(field: Field, export: Export) -> int:
     """The fewest voxels a side that must become one for the work to stay within bounds."""
     if export.kind == "gaussians":
-        amount = sum(int(np.count_nonzero(cells[..., 3] >= LEAST_OPACITY)) for _, cells in field.blocks())
+        amount = sum(int(np.count_nonzero(field.block(place)[..., 3] >= LEAST_OPACITY)) for place in field.occupied)
         most, power = MOST_GAUSSIANS, 3
     else:
         amount = int(FACES_A_CROSSING * field.crossings(export.level))

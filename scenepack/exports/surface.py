@@ -9,7 +9,7 @@ the mesh's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
@@ -19,10 +19,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from scenepack.exports.field import Field, Keep, straight_colours
+from scenepack.exports.field import Field, Keep, OnShare, straight_colours
 
 WITHIN, EDGES = 3, 4  # a vertex within a cube, beside those on its edges along axes 0 ... 2; kinds of both together
-Shared = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -41,15 +40,14 @@ class Surface:
         return Surface(self.vertices[used], number[kept], self.colours[used])
 
 
-def extract(field: Field, level: float, on_progress: Shared = lambda share: None) -> Surface:
+def extract(field: Field, level: float, on_progress: OnShare = lambda share: None) -> Surface:
     """The surface of `field` where opacity is `level`, 0 ... 1; nothing where there is none."""
     from skimage.measure import marching_cubes
 
     level = (np.floor(255.0 * level) + 0.5) / 255.0  # all opacities are whole 255ths
     names, positions, colours, faces = [], [], [], []
     begun = 0
-    for done, (place, box) in enumerate(field.boxes()):
-        on_progress(min(done / field.count, 1.0))
+    for place, box in field.boxes(on_progress):
         opacity = box[..., 3]
         if opacity.max() <= level or opacity.min() >= level:
             continue
