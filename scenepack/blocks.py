@@ -8,8 +8,8 @@ x fastest, then y, then z, both in the grid and in the atlas. A step is one of t
 which a neighbour lies; its shell is the part of the padded copy that lies in that neighbour.
 """
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from itertools import product
 from math import ceil, sqrt
 
@@ -79,7 +79,7 @@ def voxels_at(indices: np.ndarray, blocks: np.ndarray, offsets: list[np.ndarray]
 MAX_SLICE_SIDE = 2048  # voxels; every OpenGL 3.3 driver in use takes 3D textures of this side
 
 Triple = tuple[int, int, int]
-ReadBox = Callable[[Triple, Triple], np.ndarray]
+Macroblocks = Iterable[tuple[tuple[int, ...], np.ndarray]]  # place (z, y, x), and data voxels, uint8 [bs, bs, bs, c]
 
 
 def grid_block_counts(grid_size: Triple, block_size: int) -> Triple:
@@ -120,9 +120,9 @@ def atlas_layout(occupied: np.ndarray, atlas_blocks: Triple) -> np.ndarray:
 
 
 def fill_atlas(
-    blocks: Iterable[tuple[tuple[int, ...], np.ndarray]], kept: np.ndarray, block_size: int, channels: int = 8
+    blocks: Macroblocks, kept: np.ndarray, block_size: int, channels: int = 8
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """atlas_indices, atlas_rgba and atlas_features (as Pack has them) of macroblocks (place z, y, x; uint8 [bs, bs, bs, c]).
+    """atlas_indices, atlas_rgba and atlas_features, as Pack has them.
 
     kept: bool [blocks z, y, x], all places. channels: c, 8, or 4 without features. Only data voxels are written: restore_padding
     does the rest. ValueError where no layout is large enough.
@@ -144,28 +144,12 @@ def data_voxels(slot_xyz: np.ndarray, block_size: int) -> tuple[slice, ...]:
     return tuple(slice(i * side + 1, (i + 1) * side - 1) for i in slot_xyz.tolist()[::-1])
 
 
-def atlas_from_volume(
-    read_box: ReadBox, grid_size: Triple, block_size: int, occupied: np.ndarray, channels: int = 8
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """fill_atlas of a volume that need not exist as one array, with padding.
-
-    read_box((z0, y0, x0), (z1, y1, x1)) gives uint8 [z1-z0, y1-y0, x1-x0, channels], premultiplied rgba and features; it is only
-    asked for boxes within the grid, one per occupied macroblock, at most bs a side. grid_size: voxels (x, y, z). occupied: bool
-    [blocks z, blocks y, blocks x].
-    """
-
-    def read(block: tuple[int, ...]) -> tuple[tuple[int, ...], np.ndarray]:
-        z, y, x = (b * block_size for b in block)
-        high = [min(lo + block_size, n) for lo, n in zip((z, y, x), grid_size[::-1], strict=True)]
-        voxels = read_box((z, y, x), (high[0], high[1], high[2]))
-        return block, np.pad(voxels, [*((0, block_size - n) for n in voxels.shape[:3]), (0, 0)])
-
-    blocks = map(read, map(tuple, np.argwhere(occupied).tolist()))
-    indices, rgba, features = fill_atlas(blocks, occupied, block_size, channels)
-    for atlas in (rgba, features):
-        if atlas is not None:
-            restore_padding(atlas, indices, block_size)
-    return indices, rgba, features
+def with_macroblocks(pack: Pack, blocks: Macroblocks, kept: np.ndarray) -> Pack:
+    """`pack` with the macroblocks that fill_atlas is given instead of its own, and their padding."""
+    indices, rgba, features = fill_atlas(blocks, kept, pack.block_size, 4 * len(pack.atlases))
+    filled = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
+    restore_pack_padding(filled)
+    return filled
 
 
 def block_copy(pack: Pack, atlas: np.ndarray, block_zyx: tuple[int, ...]) -> np.ndarray:
@@ -183,15 +167,18 @@ def block_data(pack: Pack, atlas: np.ndarray, block_zyx: tuple[int, ...]) -> np.
 def dense_from_pack(pack: Pack, box: tuple[Triple, Triple] | None = None) -> tuple[np.ndarray, np.ndarray | None]:
     """The grid's voxels as full arrays: rgba uint8 [z, y, x, 4], premultiplied, and features or None.
 
-    box: ((x0, y0, z0), (x1, y1, z1)) in voxels, within the grid; by default all of it.
-    Empty macroblocks are zeros.
+    box: ((x0, y0, z0), (x1, y1, z1)) in voxels; by default all of the grid.
+    Empty macroblocks are zeros, and so is what lies beyond the grid.
     """
     low, high = (np.array(corner)[::-1] for corner in box or ((0, 0, 0), pack.grid_size))  # z, y, x
     shape, size = (high - low).tolist(), pack.block_size
     dense = [np.zeros((*shape, 4), np.uint8) for _ in pack.atlases]
     first = low // size
     for block in np.argwhere(pack.occupied[tuple(map(slice, first, -(-high // size)))]) + first:
-        start, stop = np.maximum(block * size, low), np.minimum((block + 1) * size, high)
+        start, stop = (
+            np.maximum(block * size, low),
+            np.minimum((block + 1) * size, np.minimum(high, pack.grid_size[::-1])),
+        )
         to, of = (tuple(map(slice, start - corner, stop - corner)) for corner in (low, block * size))
         for part, atlas in zip(dense, pack.atlases, strict=True):
             part[to] = block_data(pack, atlas, tuple(block))[of]

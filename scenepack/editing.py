@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from math import inf, prod
@@ -23,7 +23,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from console import UserError
-from scenepack.blocks import block_copy, block_data, fill_atlas, restore_pack_padding
+from scenepack.blocks import block_copy, block_data, with_macroblocks
 from scenepack.exports.field import Corners, ExportFrame
 from scenepack.files import ZIP_ERRORS
 from scenepack.pack import Pack
@@ -275,16 +275,13 @@ def without(pack: Pack, removed: Selection, how: Sequence[str]) -> Pack:
         data[voxels.mask(removed, number)] = 0
         return place, data
 
-    indices, rgba, features = fill_atlas(map(left, numbers), kept, pack.block_size, 4 * len(pack.atlases))
-    smaller = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
-    restore_pack_padding(smaller)
     before = pack.metadata.get("provenance")
     provenance: dict[str, Any] = dict(before) if isinstance(before, Mapping) else {}
     earlier = provenance.get("edits")
     dropped = len(voxels.places) - len(numbers)
     edit = {"how": list(how), "voxels_removed": removed.count, "macroblocks_removed": dropped}
     provenance["edits"] = [*(earlier if isinstance(earlier, list) else []), edit]
-    return smaller.with_metadata(provenance=provenance)
+    return with_macroblocks(pack, map(left, numbers), kept).with_metadata(provenance=provenance)
 
 
 # --- Removed and selected voxels, shown in the atlas of a pack that is open ---

@@ -15,7 +15,7 @@ import numpy as np
 from console import UserError, check_results, run_command, write_json
 from console.command_line import parse_numbers
 from console.plots import Line, Plot, draw_plots, require_plots
-from scenepack.blocks import atlas_from_volume, grid_block_counts
+from scenepack.blocks import fill_atlas, grid_block_counts, restore_pack_padding
 from scenepack.pack import Pack
 from tests.scenepack.volumes import pack_of_cube
 from tests.viewer.rendering.shapes import BLENDER_FRAME, glossy_mlp
@@ -30,7 +30,6 @@ OPACITIES = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)
 MIDDLE_SIDE = 200  # pixels, where something else varies
 VARIED = {"resolution": "voxels", "size": "pixels", "opacity": "opacity"}
 
-Triple = tuple[int, int, int]
 Figures = dict[str, list[dict[str, float]]]  # by what varies, a point each
 
 
@@ -50,21 +49,23 @@ def carved_pack(side: int, opacity: float = 1.0) -> Pack:
     def centres(first: int, last: int) -> np.ndarray:
         return ((np.arange(first, last, dtype=np.float32) + 0.5) * voxel - 1.0).astype(np.float32)
 
-    def read_box(low: Triple, high: Triple) -> np.ndarray:
-        z, y, x = np.ix_(*(centres(lo, hi) for lo, hi in zip(low, high, strict=True)))
+    def content_of(block: tuple[int, ...]) -> tuple[tuple[int, ...], np.ndarray]:
+        z, y, x = np.ix_(*(centres(i * BLOCK_SIZE, (i + 1) * BLOCK_SIZE) for i in block))
         depth = 0.5 * SHELL + 0.5 - surface_distance(x, y, z) / voxel
         alpha = np.rint(255.0 * opacity * np.clip(depth, 0.0, 1.0))[..., None]
         waves = np.stack(np.broadcast_arrays(np.sin(9 * x), np.sin(7 * y + 1), np.cos(8 * z), alpha[..., 0]), axis=-1)
         content = np.rint((0.45 + 0.3 * waves[..., :3]) * alpha).astype(np.uint8)
         alpha = alpha.astype(np.uint8)
-        return np.concatenate([content, alpha, content[..., ::-1], alpha // 2], axis=-1)
+        return block, np.concatenate([content, alpha, content[..., ::-1], alpha // 2], axis=-1)
 
     counts = grid_block_counts((side, side, side), BLOCK_SIZE)
     middles = ((np.arange(counts[0]) + 0.5) * BLOCK_SIZE * voxel - 1.0).astype(np.float32)
     reach = (np.sqrt(3.0) * (0.5 * BLOCK_SIZE + 1.0) + SHELL) * voxel
     occupied = surface_distance(*reversed(np.ix_(middles, middles, middles))) < reach
-    atlas = atlas_from_volume(read_box, (side, side, side), BLOCK_SIZE, occupied)
-    return pack_of_cube(side, BLOCK_SIZE, atlas, glossy_mlp(), BLENDER_FRAME)
+    atlas = fill_atlas(map(content_of, map(tuple, np.argwhere(occupied).tolist())), occupied, BLOCK_SIZE)
+    pack = pack_of_cube(side, BLOCK_SIZE, atlas, glossy_mlp(), BLENDER_FRAME)
+    restore_pack_padding(pack)
+    return pack
 
 
 def times(pack: Pack, side: int, frames: int, reference: Pack) -> dict[str, float]:

@@ -33,7 +33,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from baker.tuning.marcher import OnShare, PackMarcher
-from scenepack.blocks import block_data, fill_atlas, restore_pack_padding
+from scenepack.blocks import block_data, restore_pack_padding, with_macroblocks
 from scenepack.codecs.quantisation import Steps, in_steps
 from scenepack.pack import Pack
 from training.dataset import RayDataset
@@ -156,10 +156,7 @@ def _thinner(pack: Pack, arriving: np.ndarray, tau_weight: float) -> tuple[Pack,
         before, after = before + int(np.count_nonzero(alphas)), after + stay
         kept[block] = stay > 0
     left = [slot for slot, block in enumerate(blocks) if kept[block]]
-    indices, rgba, features = fill_atlas(map(thinned, left), kept, pack.block_size)
-    thinner = replace(pack, atlas_indices=indices, atlas_rgba=rgba, atlas_features=features)
-    restore_pack_padding(thinner)
-    return thinner, Pruned(before, after, len(blocks) - len(left), tau_weight)
+    return with_macroblocks(pack, map(thinned, left), kept), Pruned(before, after, len(blocks) - len(left), tau_weight)
 
 
 def _blocks(pack: Pack) -> list[tuple[int, ...]]:

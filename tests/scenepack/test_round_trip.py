@@ -13,11 +13,9 @@ from console import UserError
 from scenepack import PackWarning, ViewMlp, check_pack, load_pack, save_pack
 from scenepack.blocks import (
     MAX_SLICE_SIDE,
-    atlas_from_volume,
     atlas_shape,
     choose_atlas_blocks,
     dense_from_pack,
-    grid_block_counts,
 )
 from scenepack.pack import Pack
 from tests.scenepack.helpers import edit_json, read_image, read_json, real_pack, same_pack, small_pack, written
@@ -99,24 +97,6 @@ def test_putting_a_pack_together_and_cutting_it_again_gives_the_same_atlas(pack:
     rgba, features = dense_from_pack(pack)
     again = atlas_from_dense(rgba, features, pack.block_size, pack.occupied, atlas_blocks=pack.atlas_blocks)
     np.testing.assert_equal(again, (pack.atlas_indices, pack.atlas_rgba, pack.atlas_features))
-
-
-def test_a_volume_is_read_one_macroblock_at_a_time_and_never_outside_of_the_grid() -> None:
-    size, boxes = (10, 7, 6), []
-
-    def read_box(low: tuple[int, int, int], high: tuple[int, int, int]) -> np.ndarray:
-        boxes.append((low, high))
-        z, y, x = np.ogrid[low[0] : high[0], low[1] : high[1], low[2] : high[2]]
-        return np.repeat((z * 100 + y * 10 + x)[..., None] % 256, 4, axis=-1).astype(np.uint8)
-
-    occupied = np.ones(grid_block_counts(size, 4)[::-1], bool)
-    indices, rgba, features = atlas_from_volume(read_box, size, 4, occupied, channels=4)
-    assert features is None and len(boxes) == occupied.size
-    for low, high in boxes:
-        assert all(0 <= a < b <= n and b - a <= 6 for a, b, n in zip(low, high, size[::-1], strict=True))
-    whole = read_box((0, 0, 0), (6, 7, 10))
-    np.testing.assert_array_equal(atlas_from_dense(whole, None, 4, occupied)[1], rgba)
-    assert indices.max() < 255
 
 
 @given(count=st.integers(0, 200_000), block_size=st.sampled_from([1, 6, 14, 30, 62]))

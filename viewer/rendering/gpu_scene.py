@@ -20,7 +20,7 @@ import moderngl
 import numpy as np
 
 from console import UserError
-from scenepack.blocks import Triple, atlas_from_volume, block_copy, dense_from_pack, grid_block_counts
+from scenepack.blocks import Triple, block_copy, dense_from_pack, grid_block_counts, with_macroblocks
 from scenepack.pack import Pack
 from viewer.rendering import software_rasteriser as software
 from viewer.rendering.skip_grid import skip_grid_of
@@ -312,22 +312,21 @@ def half_resolution(pack: Pack) -> Pack:
     occupied = np.zeros(grid_block_counts(grid_size, pack.block_size)[::-1], bool)
     bz, by, bx = np.nonzero(pack.occupied)
     occupied[bz // 2, by // 2, bx // 2] = True  # along each axis, macroblocks 2 i and 2 i + 1 make the new one i
+    side = 2 * pack.block_size
 
-    def read_box(low: Triple, high: Triple) -> np.ndarray:
-        end = [min(2 * n, side) for n, side in zip(high[::-1], pack.grid_size, strict=True)]
-        box = (2 * low[2], 2 * low[1], 2 * low[0]), (end[0], end[1], end[2])
-        means = np.concatenate([_means(part) for part in dense_from_pack(pack, box) if part is not None], axis=-1)
+    def halved(block: tuple[int, ...]) -> tuple[tuple[int, ...], np.ndarray]:
+        z, y, x = (side * i for i in block)
+        whole = dense_from_pack(pack, ((x, y, z), (x + side, y + side, z + side)))
+        means = np.concatenate([_means(part) for part in whole if part is not None], axis=-1)
         gain = 2.0 - means[..., 3:4] / 255.0
-        return np.rint(np.minimum(means * gain, 255.0)).astype(np.uint8)
+        return block, np.rint(np.minimum(means * gain, 255.0)).astype(np.uint8)
 
-    channels = 4 * len(pack.atlases)
-    indices, rgba, features = atlas_from_volume(read_box, grid_size, pack.block_size, occupied, channels)
-    atlas = {"atlas_indices": indices, "atlas_rgba": rgba, "atlas_features": features}
-    return replace(pack, voxel_size=2.0 * pack.voxel_size, grid_size=grid_size, **atlas)
+    blocks = map(halved, map(tuple, np.argwhere(occupied).tolist()))
+    coarse = replace(pack, voxel_size=2.0 * pack.voxel_size, grid_size=grid_size)
+    return with_macroblocks(coarse, blocks, occupied)
 
 
 def _means(voxels: np.ndarray) -> np.ndarray:
-    """float32 [z, y, x, c], 0 … 255: means of 2^3 voxels of uint8 [z', y', x', c], whose odd sides end with nothing."""
-    voxels = np.pad(voxels, [(0, side % 2) for side in voxels.shape[:3]] + [(0, 0)])
+    """float32 [z, y, x, c], 0 … 255: means of 2^3 voxels of uint8 [2 z, 2 y, 2 x, c]."""
     z, y, x, channels = voxels.shape
     return voxels.reshape(z // 2, 2, y // 2, 2, x // 2, 2, channels).mean(axis=(1, 3, 5), dtype=np.float32)
