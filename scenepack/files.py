@@ -98,21 +98,18 @@ class PackFiles:
 
     def read(self, name: str, most: int) -> bytes:
         """A whole file; UserError where it is missing or holds more than `most` bytes."""
-        data = self.head(name, most + 1, to_end=True)
+        data = self.head(name, most + 1)
         if len(data) > most:
             raise UserError("is too large", where=self.where(name), expected=f"at most {most} bytes")
         return data
 
-    def head(self, name: str, count: int, *, to_end: bool = False) -> bytes:
-        """The first `count` bytes of a file, or fewer where it ends. to_end: no more are expected."""
+    def head(self, name: str, count: int) -> bytes:
+        """The first `count` bytes of a file, or fewer where it ends; then the checksum of a .zip is compared, too."""
         if name not in self.sizes:
             raise UserError("is missing", where=self.where(name))
         try:
             with self.opened(name) as file:
-                data = file.read(count)
-                if to_end:
-                    file.read(1)  # the checksum of a .zip is compared only once the end is reached
-                return data
+                return file.read(count)
         except (*ZIP_ERRORS, OSError) as error:
             found = (error.strerror if isinstance(error, OSError) else str(error)) or type(error).__name__
             raise UserError("cannot be read", where=self.where(name), found=found,
