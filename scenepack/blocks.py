@@ -8,7 +8,7 @@ x fastest, then y, then z, both in the grid and in the atlas. A step is one of t
 which a neighbour lies; its shell is the part of the padded copy that lies in that neighbour.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from math import ceil, sqrt
@@ -20,7 +20,17 @@ from scenepack.pack import Pack
 
 COPIED_AT_ONCE = 2048  # macroblocks
 
+STEPS = [step for step in product((-1, 0, 1), repeat=3) if any(step)]
+# Along an axis, what lies a step away: of a padded copy, and of that neighbour's own data.
+PADDING = {-1: slice(0, 1), 0: slice(1, -1), 1: slice(-1, None)}
+COPIED = {-1: slice(-1, None), 0: slice(None), 1: slice(0, 1)}
+
 Voxels = tuple[np.ndarray, ...]  # index arrays (z, y, x) into an atlas, together [n, …]
+
+
+def along(slices: Mapping[int, slice], step: Sequence[int]) -> tuple[slice, ...]:
+    """PADDING or COPIED along all three axes."""
+    return tuple(slices[s] for s in step)
 
 
 @dataclass(frozen=True)
@@ -36,16 +46,14 @@ class Shell:
 def shells(atlas_indices: np.ndarray, block_size: int, blocks: np.ndarray) -> Iterator[Shell]:
     """The 26 shells of occupied macroblocks `blocks` int [n, 3] (z, y, x), of a grid laid out by `atlas_indices`."""
     occupied, side = atlas_indices[..., 0] != EMPTY_BLOCK, block_size + 2
-    own = {-1: np.array([0]), 0: np.arange(1, side - 1), 1: np.array([side - 1])}
-    origin = {-1: np.array([block_size]), 0: np.arange(1, side - 1), 1: np.array([1])}
-    for step in product((-1, 0, 1), repeat=3):
-        if step == (0, 0, 0):
-            continue
+    every = np.arange(side)
+    for step in STEPS:
         near = blocks + step
         inside = np.all((near >= 0) & (near < occupied.shape), axis=1)
         inside[inside] = occupied[tuple(near[inside].T)]
-        originals = voxels_at(atlas_indices, near[inside], [origin[s] for s in step], side)
-        yield Shell(step, [own[s] for s in step], inside, originals)
+        origin = [every[1:-1][copied] for copied in along(COPIED, step)]
+        originals = voxels_at(atlas_indices, near[inside], origin, side)
+        yield Shell(step, [every[padding] for padding in along(PADDING, step)], inside, originals)
 
 
 def restore_padding(atlas: np.ndarray, atlas_indices: np.ndarray, block_size: int) -> None:

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from scenepack.blocks import shells, voxels_at
+from scenepack.blocks import COPIED, PADDING, along, shells, voxels_at
 from scenepack.constants import EMPTY_BLOCK
 from scenepack.pack import Pack
 
@@ -94,13 +94,11 @@ def _check_premultiplied(pack: Pack) -> Finding:
 def _check_padding(pack: Pack, part: str, atlas: np.ndarray) -> Finding:
     """Compares the shells with what the neighbours hold, direction by direction."""
     copied = wrong_copy = blank = wrong_blank = worst = repeated = 0
-    size = pack.block_size
-    edge = {-1: slice(1, 2), 0: slice(1, -1), 1: slice(size, size + 1)}  # the macroblock's own border
     for blocks, copies in block_chunks(pack, atlas):
-        for part_of in shells(pack.atlas_indices, size, blocks):
-            z, y, x = part_of.step
-            shell, inside = copies[:, *np.ix_(*part_of.offsets)], part_of.inside
-            is_repeat = np.all(shell == copies[:, edge[z], edge[y], edge[x]], axis=-1)
+        for part_of in shells(pack.atlas_indices, pack.block_size, blocks):
+            shell, inside = copies[:, *along(PADDING, part_of.step)], part_of.inside
+            border = copies[:, 1:-1, 1:-1, 1:-1][:, *along(COPIED, [-s for s in part_of.step])]
+            is_repeat = np.all(shell == border, axis=-1)
             stray = np.any(shell[~inside], axis=-1)
             repeated += int(np.sum(stray & is_repeat[~inside]))
             blank += stray.size

@@ -23,15 +23,11 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from console import UserError
-from scenepack.blocks import block_copy, block_data, with_macroblocks
+from scenepack.blocks import COPIED, PADDING, STEPS, along, block_copy, block_data, with_macroblocks
 from scenepack.exports.field import Corners, ExportFrame
 from scenepack.files import ZIP_ERRORS
 from scenepack.pack import Pack
 
-STEPS = [step for step in product((-1, 0, 1), repeat=3) if any(step)]  # to the 26 neighbours, (z, y, x)
-# Along an axis, what lies a step away: of a padded copy, and of that neighbour's own data.
-PADDING = {-1: slice(0, 1), 0: slice(1, -1), 1: slice(-1, None)}
-COPIED = {-1: slice(-1, None), 0: slice(None), 1: slice(0, 1)}
 TOUCHING = np.ones((3, 3, 3), bool)
 Test = Callable[[np.ndarray], np.ndarray]  # positions, float64 [m, 3] -> bool [m]
 
@@ -177,7 +173,7 @@ class Voxels:
             around[1:-1, 1:-1, 1:-1] = self.mask(selection, number)
             for step, other in zip(STEPS, self.neighbours[number].tolist(), strict=True):
                 if other in selection.bits:
-                    around[_along(PADDING, step)] = self.mask(selection, other)[_along(COPIED, step)]
+                    around[along(PADDING, step)] = self.mask(selection, other)[along(COPIED, step)]
             for axis in range(3):
                 line = np.moveaxis(around, axis, 0)
                 around = np.moveaxis(line[:-2] | line[1:-1] | line[2:], 0, axis)
@@ -219,10 +215,6 @@ class Voxels:
         return Parts(small, pack.block_size)
 
 
-def _along(slices: Mapping[int, slice], step: Sequence[int]) -> tuple[slice, ...]:
-    return tuple(slices[s] for s in step)
-
-
 @dataclass(frozen=True)
 class Parts:
     """All parts but the largest. voxels: by macroblock, which of its voxels and how many the part of each has, int [m] both."""
@@ -245,8 +237,8 @@ def _joined(voxels: Voxels, labels: np.ndarray, first: np.ndarray, direction: in
     """int [2, m]: pairs of labels that name one voxel, in a macroblock's padding and in its neighbour's data."""
     near, step = voxels.neighbours[:, direction], STEPS[direction]
     own = np.flatnonzero(near >= 0)
-    outer = labels[:, *_along(PADDING, step)][own].astype(np.int64)
-    inner = labels[:, 1:-1, 1:-1, 1:-1][:, *_along(COPIED, step)][near[own]].astype(np.int64)
+    outer = labels[:, *along(PADDING, step)][own].astype(np.int64)
+    inner = labels[:, 1:-1, 1:-1, 1:-1][:, *along(COPIED, step)][near[own]].astype(np.int64)
     both = (outer > 0) & (inner > 0)
     outer += first[own].reshape(-1, 1, 1, 1) - 1
     inner += first[near[own]].reshape(-1, 1, 1, 1) - 1
@@ -354,10 +346,10 @@ class EditPreview:
         self._changed.add(number)
         reaches = [{-1: axis.min() == 0, 0: True, 1: axis.max() == pack.block_size - 1} for axis in touched]
         for step, neighbour in zip(STEPS, self.voxels.neighbours[number].tolist(), strict=True):
-            border = _along(COPIED, [-s for s in step])  # what the neighbour's padding copies
+            border = along(COPIED, [-s for s in step])  # what the neighbour's padding copies
             if neighbour < 0 or not all(ends[s] for ends, s in zip(reaches, step, strict=True)):
                 continue
             self._changed.add(neighbour)
             for atlas, values in zip(pack.atlases, data, strict=True):
                 copy = block_copy(pack, atlas, tuple(self.voxels.places[neighbour]))
-                copy[_along(PADDING, [-s for s in step])] = values[border]
+                copy[along(PADDING, [-s for s in step])] = values[border]
