@@ -92,11 +92,6 @@ class Field:
                     box[to] = self.block(place)[tuple(slice(0, 1) if s else slice(None) for s in step)]
             yield (z, y, x), box
 
-    def crossings(self, level: float) -> int:
-        """How often opacity passes `level` between neighbours along x: a measure of the surface, in cells. Reads all voxels."""
-        opaque = (self.block(place)[..., 3] > level for place in self.occupied)
-        return sum(int(np.count_nonzero(above[:, :, 1:] != above[:, :, :-1])) for above in opaque)
-
 
 # --- Export frame ---
 

@@ -8,11 +8,15 @@ g(d) = exp(-d^2 / 2 s^2) at distance d of the ray. So that a plane of voxels of 
 such that 1 - a is the mean, over where the ray pierces the plane, of the product of 1 - o g over the plane's voxels.
 """
 
+from __future__ import annotations
+
 import gzip
 import json
 import struct
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import atan
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,6 +33,29 @@ POINT: tuple[Column, ...] = (
     *((name, "f4") for name in ("x", "y", "z", "nx", "ny", "nz")),
     *((name, "u1") for name in ("red", "green", "blue")),
 )
+
+
+Camera = tuple[dict[str, Any], dict[str, Any]]  # its node and itself in the JSON of a file
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """A mesh, or points, which have no faces."""
+
+    vertices: np.ndarray  # float32 [v, 3]
+    normals: np.ndarray  # float32 [v, 3]; zero if unknown
+    colours: np.ndarray  # uint8 [v, 3], diffuse, sRGB
+    faces: np.ndarray  # int32 [f, 3], counter-clockwise from outside
+    coarser: int = 1  # voxels a side that became one
+    cameras: Sequence[Camera] = ()  # of the photographs of a mesh
+    point_size: float = 0.0  # of a preview, grid units
+
+    def file_parts(self, file: Path, comments: Sequence[str] = ()) -> list[bytes]:
+        """The bytes of a .glb or a .ply; of points, a .ply."""
+        if file.suffix.lower() == ".glb":
+            return glb_parts(self, comments)
+        faces = self.faces if len(self.faces) else None
+        return ply_parts(POINT, [self.vertices, self.normals, self.colours], faces, comments)
 
 
 def ply_parts(
@@ -62,9 +89,6 @@ ARRAY, ELEMENTS = 34962, 34963
 MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 
-Camera = tuple[dict[str, Any], dict[str, Any]]  # its node and itself in the JSON of a file
-
-
 def gltf_cameras(pack: Pack, export_frame: ExportFrame) -> list[Camera]:
     """The cameras of the photographs, but for fisheyes and panoramas. Distortion of their lenses is left out, and the principal
     point is the middle of the picture."""
@@ -79,24 +103,18 @@ def gltf_cameras(pack: Pack, export_frame: ExportFrame) -> list[Camera]:
     return cameras
 
 
-def glb_parts(
-    vertices: np.ndarray,
-    normals: np.ndarray,
-    colours: np.ndarray,
-    faces: np.ndarray,
-    said: dict[str, Any],
-    cameras: Sequence[Camera] = (),
-) -> list[bytes]:
-    """The file in parts. vertices, normals float32 [v, 3]; colours uint8 [v, 3], sRGB; faces int [f, 3]. said: asset.extras."""
+def glb_parts(geometry: Geometry, comments: Sequence[str]) -> list[bytes]:
+    """The file of a mesh in parts. comments: asset.extras."""
+    vertices, colours = geometry.vertices, geometry.colours
     colour = np.full((len(colours), 4), 65535, "<u2")
     levels = np.arange(256) / 255.0
     linear = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
     colour[:, :3] = np.rint(65535 * linear[colours])
     arrays = [
         (vertices.astype("<f4"), FLOAT, "VEC3", ARRAY),
-        (normals.astype("<f4"), FLOAT, "VEC3", ARRAY),
+        (geometry.normals.astype("<f4"), FLOAT, "VEC3", ARRAY),
         (colour, UINT16, "VEC4", ARRAY),
-        (faces.astype("<u4").reshape(-1), UINT32, "SCALAR", ELEMENTS),
+        (geometry.faces.astype("<u4").reshape(-1), UINT32, "SCALAR", ELEMENTS),
     ]
     views, accessors, offset = [], [], 0
     for i, (array, kind, shape, target) in enumerate(arrays):
@@ -107,11 +125,11 @@ def glb_parts(
     accessors[2]["normalized"] = True
     attributes = {"POSITION": 0, "NORMAL": 1, "COLOR_0": 2}
     document: dict[str, Any] = {
-        "asset": {"version": "2.0", "generator": "snerg", "extras": said},
+        "asset": {"version": "2.0", "generator": "snerg", "extras": {"snerg": comments}},
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
-        "scenes": [{"nodes": list(range(1 + len(cameras)))}],
-        "nodes": [{"mesh": 0}, *(node for node, _ in cameras)],
+        "scenes": [{"nodes": list(range(1 + len(geometry.cameras)))}],
+        "nodes": [{"mesh": 0}, *(node for node, _ in geometry.cameras)],
         "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0}]}],
         "materials": [{
             "doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0},
@@ -121,8 +139,8 @@ def glb_parts(
         "bufferViews": views,
         "accessors": accessors,
     }  # fmt: skip
-    if cameras:  # glTF forbids empty lists
-        document["cameras"] = [camera for _, camera in cameras]
+    if geometry.cameras:  # glTF forbids empty lists
+        document["cameras"] = [camera for _, camera in geometry.cameras]
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     head = struct.pack("<III", MAGIC, 2, 12 + 8 + len(text) + 8 + offset)

@@ -1,7 +1,7 @@
 """A pack as a file for other programs: what to write, and writing it in one step (docs/commands.md, "snerg-pack")."""
 
 import importlib.util
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
@@ -13,6 +13,7 @@ from console import UserError, write_result
 from console.command_line import require_in_range
 from scenepack.exports import file_formats
 from scenepack.exports.field import Corners, ExportFrame, Field, Frame, Keep, straight_colours
+from scenepack.exports.file_formats import Geometry
 from scenepack.exports.surface import (
     Surface,
     decimated,
@@ -30,6 +31,7 @@ ONLY: dict[str, Kind] = {".glb": "mesh", ".spz": "gaussians"}  # what a suffix a
 LEAST_OPACITY = 0.02  # of a voxel that becomes a Gaussian
 MOST_FACES, MOST_GAUSSIANS = 16_000_000, 6_000_000  # made before anything is thinned: 3 GB and 2 GB at their peak
 MOST_POINTS = 50_000_000
+NO_FACES = np.zeros((0, 3), np.int32)
 FACES_A_CROSSING = 6.0  # of a surface, triangles for each time that a row along x passes through it
 OnProgress = Callable[[float, str], None]
 
@@ -109,27 +111,6 @@ def divisors(number: int) -> list[int]:
     return [i for i in range(1, number + 1) if number % i == 0]
 
 
-@dataclass(frozen=True, eq=False)
-class Geometry:
-    """A mesh, or points, which have no faces."""
-
-    vertices: np.ndarray  # float32 [v, 3]
-    normals: np.ndarray  # float32 [v, 3]; zero if unknown
-    colours: np.ndarray  # uint8 [v, 3], diffuse, sRGB
-    faces: np.ndarray  # int32 [f, 3], counter-clockwise from outside
-    coarser: int = 1  # voxels a side that became one
-    cameras: Sequence[file_formats.Camera] = ()  # of the photographs of a mesh
-    point_size: float = 0.0  # of a preview, grid units
-
-    def file_parts(self, file: Path, comments: Sequence[str] = ()) -> list[bytes]:
-        """The bytes of a .glb or a .ply; of points, a .ply."""
-        if file.suffix.lower() == ".glb":
-            said = {"snerg": comments}
-            return file_formats.glb_parts(self.vertices, self.normals, self.colours, self.faces, said, self.cameras)
-        faces = self.faces if len(self.faces) else None
-        return file_formats.ply_parts(file_formats.POINT, [self.vertices, self.normals, self.colours], faces, comments)
-
-
 def export_scene(pack: Pack, file: Path, export: Export, on_progress: OnProgress = lambda share, note: None) -> Written:
     """Writes `file` in one step. on_progress: called with the share that is done and what is being done.
 
@@ -162,12 +143,12 @@ def _field(pack: Pack, export: Export, on_progress: OnProgress) -> Field:
 
 def _coarseness(field: Field, export: Export) -> int:
     """The fewest voxels a side that must become one for the work to stay within bounds."""
+    opacities = (field.block(place)[..., 3] for place in field.occupied)
     if export.kind == "gaussians":
-        amount = sum(int(np.count_nonzero(field.block(place)[..., 3] >= LEAST_OPACITY)) for place in field.occupied)
-        most, power = MOST_GAUSSIANS, 3
+        amount, most, power = sum(int(np.sum(each >= LEAST_OPACITY)) for each in opacities), MOST_GAUSSIANS, 3
     else:
-        amount = int(FACES_A_CROSSING * field.crossings(export.level))
-        most, power = MOST_FACES, 2
+        crossings = sum(int(np.sum(np.diff(each > export.level, axis=2))) for each in opacities)
+        amount, most, power = FACES_A_CROSSING * crossings, MOST_FACES, 2
     return next((f for f in divisors(field.pack.block_size) if amount <= most * f**power), field.pack.block_size)
 
 
@@ -180,8 +161,13 @@ def _gaussian_voxels(field: Field, export: Export, export_frame: ExportFrame) ->
 
 
 def geometry_of(pack: Pack, export: Export, on_progress: OnProgress = lambda share, note: None) -> Geometry:
-    """The points or the mesh (export.kind) of a pack. UserError where there would be none."""
+    """The points or the mesh (export.kind) of a pack, or the middles of its Gaussians. UserError where there would be none."""
     field, export_frame = _field(pack, export, on_progress), ExportFrame(pack, export.frame, export.scale)
+    if export.kind == "gaussians":
+        positions, rgba = _gaussian_voxels(field, export, export_frame)
+        points = export_frame.points(positions).astype(np.float32)
+        colours = np.rint(255.0 * straight_colours(rgba)).astype(np.uint8)
+        return Geometry(points, np.zeros_like(points), colours, NO_FACES, field.coarser)
     surface = extract(field, export.level, lambda share: on_progress(0.6 * share, "finding the surface"))
     on_progress(0.6, "removing floaters")
     surface = without_floaters(surface, export.keep)
@@ -194,7 +180,7 @@ def geometry_of(pack: Pack, export: Export, on_progress: OnProgress = lambda sha
     on_progress(0.7, "smoothing")
     surface = smoothed(surface, export.smooth)
     if export.kind == "points":
-        return Geometry(*scattered(surface, export, export_frame), np.zeros((0, 3), np.int32), field.coarser)
+        return Geometry(*scattered(surface, export, export_frame), NO_FACES, field.coarser)
     if export.faces:
         on_progress(0.8, "removing triangles")
         surface = decimated(surface, export.faces)
@@ -250,17 +236,10 @@ def preview_geometry(pack: Pack, export: Export, on_progress: OnProgress = lambd
     """
     check_export(export, pack)
     coarser = export.coarser or coarseness(pack)
-    spacing = max(export.spacing, float(coarser))
+    spacing = float(coarser if export.kind == "gaussians" else max(export.spacing, coarser))
     smooth = -(-export.smooth // coarser)  # smooths about as far
     alike = replace(export, coarser=coarser, smooth=smooth, spacing=spacing, frame="grid", scale=1.0)
-    if export.kind != "gaussians":
-        return replace(geometry_of(pack, alike, on_progress), point_size=spacing * pack.voxel_size)
-    export_frame = ExportFrame(pack)
-    positions, rgba = _gaussian_voxels(Field(pack, coarser, export.crop), export, export_frame)
-    points = export_frame.points(positions).astype(np.float32)
-    colours = np.rint(255.0 * straight_colours(rgba)).astype(np.uint8)
-    no_faces, size = np.zeros((0, 3), np.int32), coarser * pack.voxel_size
-    return Geometry(points, np.zeros_like(points), colours, no_faces, coarser, point_size=size)
+    return replace(geometry_of(pack, alike, on_progress), point_size=spacing * pack.voxel_size)
 
 
 def coarseness(pack: Pack) -> int:

@@ -114,8 +114,7 @@ def face_normals(surface: Surface) -> np.ndarray:
 
 def face_areas(surface: Surface) -> np.ndarray:
     """float64 [f], in units of the vertices squared."""
-    areas = [0.5 * np.linalg.norm(face_normals(part), axis=1) for part in _parts(surface)]
-    return np.concatenate(areas) if areas else np.zeros(0)
+    return np.concatenate([0.5 * np.linalg.norm(face_normals(part), axis=1) for part in _parts(surface)])
 
 
 def vertex_normals(surface: Surface) -> np.ndarray:
@@ -130,7 +129,7 @@ def vertex_normals(surface: Surface) -> np.ndarray:
 
 def smoothed(surface: Surface, times: int) -> Surface:
     """Taubin's smoothing: rough skin goes, the volume stays. Colours stay with their vertices."""
-    if not times or not len(surface.faces):
+    if not times:
         return surface
     count = len(surface.vertices)
     # On a closed surface each neighbour follows once, in one of the two faces of the edge between.
