@@ -117,7 +117,7 @@ def picture_of(camera: Mapping[str, Any]) -> np.ndarray | None:
         if max(width, height) > LARGEST_SIDE:
             return None
         with closing(Decoders()) as decoders:
-            rgba, _ = decoders.decode(PICTURE, {PICTURE: content}, (PICTURE,), (1, height, width), False)
+            (rgba,) = decoders.decode(PICTURE, {PICTURE: content}, (PICTURE,), (1, height, width), False)
         return rgba[0, ..., :3]
     except MemoryError:
         raise

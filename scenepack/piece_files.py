@@ -31,76 +31,47 @@ from scenepack.constants import PLANES_PER_IMAGE
 from scenepack.files import PackFiles
 from scenepack.pack import Pack
 
-
-@dataclass(frozen=True)
-class AtlasPiece:
-    """Planes z0 … z0 + shape[0] of the atlas [D, H, W, 4]; those past its end are zeros."""
-
-    z0: int
-    shape: Shape
-
-    @property
-    def planes(self) -> slice:
-        return slice(self.z0, self.z0 + self.shape[0])
-
-    def gather(self, atlas: np.ndarray) -> np.ndarray:
-        planes = atlas[self.planes]
-        return np.pad(planes, [(0, self.shape[0] - len(planes)), (0, 0), (0, 0), (0, 0)])
-
-    def scatter(self, values: np.ndarray, atlas: np.ndarray) -> None:
-        target = atlas[self.planes]
-        target[...] = values[: len(target)]
+Box = tuple[slice, ...]
 
 
 @dataclass(frozen=True)
-class GridPiece:
-    """Layers of the grid."""
+class Piece:
+    """Some voxels of an atlas. gather() takes them; scatter() writes them back, each piece's to others."""
 
     shape: Shape
-    block_size: int
-    corner: Shape  # where it begins in the grid (z, y, x), in blocks
-    where: np.ndarray  # int [n, 3]: the macroblocks' places (z, y, x) in the piece, in blocks
-    slots: np.ndarray  # int [n, 3]: theirs (x, y, z) in the atlas
+    boxes: list[tuple[Box, Box]]  # where they lie, in the piece and in the atlas; the rest of the piece is zeros
+    corner: Shape = (0, 0, 0)  # of the "grid" layout: where the piece begins in the grid (z, y, x), in blocks
 
     def gather(self, atlas: np.ndarray) -> np.ndarray:
         values = np.zeros((*self.shape, atlas.shape[3]), np.uint8)
-        for inside, data in self._places():
+        for inside, data in self.boxes:
             values[inside] = atlas[data]
         return values
 
     def scatter(self, values: np.ndarray, atlas: np.ndarray) -> None:
-        for inside, data in self._places():
+        for inside, data in self.boxes:
             atlas[data] = values[inside]
-
-    def _places(self) -> list[tuple[tuple[slice, ...], tuple[slice, ...]]]:
-        size = self.block_size
-        return [
-            (tuple(slice(i * size, (i + 1) * size) for i in block), data_voxels(slot, size))
-            for block, slot in zip(self.where.tolist(), self.slots, strict=True)
-        ]
-
-
-# gather() takes its voxels from an atlas; scatter() writes them back, each piece's to others
-Piece = AtlasPiece | GridPiece
 
 
 def cut(pack: Pack, layout: Layout, planes: int) -> list[Piece]:
     """All pieces of a pack, or of its outline; `planes` in each, but fewer in the last of the "grid" layout."""
     depth, height, width = pack.atlas_rgba.shape[:3]
     if layout == "atlas":
-        return [AtlasPiece(z, (planes, height, width)) for z in range(0, depth, planes)]
+        ends = [(z, min(z + planes, depth)) for z in range(0, depth, planes)]
+        return [Piece((planes, height, width), [((slice(end - z),), (slice(z, end),))]) for z, end in ends]
     size = pack.block_size
     step = planes // size
-    pieces: list[Piece] = []
+    pieces = []
     for start in range(0, pack.occupied.shape[0], step):
         where = np.argwhere(pack.occupied[start : start + step])
         if not len(where):
             continue
         low = where.min(axis=0)
-        counts = where.max(axis=0) + 1 - low
-        slots = pack.atlas_indices[start : start + step][tuple(where.T)].astype(np.intp)
-        (d, h, w), (z, y, x) = (int(n) * size for n in counts), low.tolist()
-        pieces.append(GridPiece((d, h, w), size, (start + z, y, x), where - low, slots))
+        slots = pack.atlas_indices[start : start + step][tuple(where.T)]
+        (d, h, w), (z, y, x) = (size * (where.max(axis=0) + 1 - low)).tolist(), low.tolist()
+        inside = [tuple(slice(i * size, (i + 1) * size) for i in block) for block in (where - low).tolist()]
+        boxes = list(zip(inside, (data_voxels(slot, size) for slot in slots), strict=True))
+        pieces.append(Piece((d, h, w), boxes, (start + z, y, x)))
     return pieces
 
 
@@ -127,7 +98,7 @@ def settings_for(pack: Pack, codec: Codec, quality: int | None) -> dict[str, Any
     if codec.default_quality is None and not isinstance(codec, PngCodec):
         # Without loss means the atlas voxel by voxel, even where it is not as it should be.
         layout = "grid" if layout == "grid" and all(follows_grid(pack, part) for part in pack.atlases) else "atlas"
-        steps = steps_of(pack.atlas_rgba, pack.atlas_features)
+        steps = steps_of(pack.atlases)
     settings: dict[str, Any] = {"layout": layout, "planes": codec.planes(layout, pack.block_size)}
     if steps != EXACT:
         settings[STEPS] = list(steps if steps.alpha > 1 else steps[:2])
@@ -138,10 +109,9 @@ def encoding_jobs(pack: Pack, codec: Codec, settings: Mapping[str, Any]) -> list
     """A call for each piece that gives its files, name and content."""
 
     def encode(number: int, piece: Piece) -> list[tuple[str, bytes]]:
-        features = None if pack.atlas_features is None else piece.gather(pack.atlas_features)
-        rgba, features = to_counts(piece.gather(pack.atlas_rgba), features, Steps(*settings.get(STEPS, EXACT)))
-        files = codec.encode(rgba, features, settings.get("quality", 0))
-        return list(zip(codec.names(number, piece.shape, features is not None), files, strict=True))
+        parts = to_counts([piece.gather(atlas) for atlas in pack.atlases], Steps(*settings.get(STEPS, EXACT)))
+        files = codec.encode(parts, settings.get("quality", 0))
+        return list(zip(codec.names(number, piece.shape, len(parts) > 1), files, strict=True))
 
     return [partial(encode, *each) for each in enumerate(cut(pack, settings["layout"], settings["planes"]))]
 

@@ -40,7 +40,7 @@ from scenepack.files import (
 )
 from scenepack.pack import Pack, PackWarning
 from scenepack.params import parse_params
-from scenepack.piece_files import AtlasPiece, cut, in_threads, png_channels, read_settings
+from scenepack.piece_files import cut, in_threads, png_channels, read_settings
 
 OnProgress = Callable[[int, int], None]
 OnPreview = Callable[[Pack], object]
@@ -89,7 +89,7 @@ class PackReader:
     """An open pack whose images are not decoded yet.
 
     outline: the Pack with everything but the atlas, whose arrays have their true shape, hold zeros, take no
-    memory and cannot be written. pieces, names: what is to decode, and the files of each; total: how many.
+    memory and cannot be written. layout, pieces, names: what is to decode, and the files of each; total: how many.
     """
 
     def __init__(self, files: PackFiles) -> None:
@@ -102,8 +102,8 @@ class PackReader:
         used = np.count_nonzero(self.outline.occupied) * self.outline.padded_block_size**3
         require_filled(self.outline.atlas_rgba.shape[:3], int(used), where)
         self._note_claims()
-        self._layout, self._planes, self.steps = read_settings(self.outline, self.codec, where)
-        self.pieces = cut(self.outline, self._layout, self._planes)
+        self.layout, self._planes, self.steps = read_settings(self.outline, self.codec, where)
+        self.pieces = cut(self.outline, self.layout, self._planes)
         self.total = len(self.pieces)
         largest = max((int(np.prod(piece.shape)) * 4 for piece in self.pieces), default=0)
         require_memory(2 * largest, files.path)  # rgba and features of one piece, beside the atlas
@@ -121,18 +121,17 @@ class PackReader:
         features = atlases[1][:depth] if parts > 1 else None
         pack = replace(self.outline, atlas_rgba=atlases[0][:depth], atlas_features=features)
         order, previews = list(range(self.total)), [1, self.total // 4, self.total // 2]
-        if self._layout == "atlas" and self._planes == PLANES_PER_IMAGE:
+        if self.layout == "atlas" and self._planes == PLANES_PER_IMAGE:
             order, previews = order_of_groups(depth, pack.padded_block_size)
         if self.total > 1:
             previews.append(self.total)  # it is shown until all voxels are on the GPU
         # Planes that are decoded; in the "grid" layout all count, for there are zeros where nothing has arrived.
-        known, decoders = np.full(depth, self._layout == "grid"), Decoders()
+        known, decoders = np.full(depth, self.layout == "grid"), Decoders()
 
         def decode(job: int) -> None:
-            piece = self.pieces[order[job]]
             self._decode(order[job], atlases, decoders)
-            if isinstance(piece, AtlasPiece):
-                known[piece.planes] = True
+            for _, (planes, *_) in self.pieces[order[job]].boxes:
+                known[planes] = True
 
         with closing(decoders):
             for done in in_threads(decode, self.total):
@@ -143,7 +142,7 @@ class PackReader:
                     if coarse is not None:
                         on_preview(coarse)
         # Left out of the grid's planes; lossy codecs make a copy differ from its original, which shows as a seam.
-        if self._layout == "grid" or self.codec.default_quality is not None:
+        if self.layout == "grid" or self.codec.default_quality is not None:
             restore_pack_padding(pack)
         return pack
 
@@ -153,15 +152,15 @@ class PackReader:
         most = 2 * int(np.prod(piece.shape)) * 4 + (1 << 20)  # no format grows noise by more
         data = {name: self.files.read(name, most) for name in names}
         with self.files.decoding(names[0]):
-            if isinstance(piece, AtlasPiece) and isinstance(self.codec, PngCodec):
+            if isinstance(self.codec, PngCodec):
+                first = number * PLANES_PER_IMAGE
                 for name, atlas in zip(names, atlases, strict=True):
                     with decoding(name):
-                        decode_png(data[name], atlas[piece.planes].reshape(-1, *atlas.shape[2:]))
+                        decode_png(data[name], atlas[first : first + PLANES_PER_IMAGE].reshape(-1, *atlas.shape[2:]))
                 return
             decoded = decoders.decode(self.codec.name, data, names, piece.shape, len(atlases) > 1)
-            for values, atlas in zip(from_counts(*decoded, self.steps), atlases, strict=False):
-                if values is not None:
-                    piece.scatter(values, atlas)
+            for values, atlas in zip(from_counts(decoded, self.steps), atlases, strict=True):
+                piece.scatter(values, atlas)
 
     @property
     def _groups(self) -> int:

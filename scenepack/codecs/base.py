@@ -11,7 +11,7 @@ from scenepack.constants import PLANES_PER_IMAGE
 
 Layout = Literal["atlas", "grid"]
 Shape = tuple[int, int, int]  # planes, rows, columns
-Decoded = tuple[np.ndarray, np.ndarray | None]
+Parts = list[np.ndarray]  # of a piece: rgba and, where there are any, features, uint8 [D, H, W, 4] each
 
 
 class CodecError(Exception):
@@ -40,7 +40,7 @@ def decoding(file: str) -> Iterator[None]:
 
 
 class Codec(ABC):
-    """One way to store pieces, uint8 [D, H, W, 4] of rgba and of features. Its methods run in several threads."""
+    """One way to store pieces. Its methods run in several threads."""
 
     name: ClassVar[str]  # the JSON's "format"
     layout: ClassVar[Layout]  # how it likes the atlas cut
@@ -64,11 +64,11 @@ class Codec(ABC):
         raise NotImplementedError
 
     @abstractmethod
-    def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
-        """The contents of `names`, in their order, for uint8 [D, H, W, 4] of each."""
+    def encode(self, parts: Parts, quality: int) -> tuple[bytes, ...]:
+        """The contents of `names`, in their order."""
 
-    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
-        """rgba and features (None without) uint8 [D, H, W, 4] from `files`. CodecError where it cannot."""
+    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Parts:
+        """The parts back from `files`. CodecError where it cannot."""
         raise NotImplementedError
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from console.child_process import ChildProcess
 from scenepack.codecs import CODECS, CodecError
-from scenepack.codecs.base import Decoded, Shape
+from scenepack.codecs.base import Parts, Shape
 from scenepack.codecs.images import decode_picture
 
 PATIENCE_S, BYTES_PER_S = 20.0, 2e6  # time limit of a decoder: PATIENCE_S + decoded bytes / BYTES_PER_S
@@ -44,7 +44,7 @@ class Decoders:
 
     def decode(
         self, codec: str, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
-    ) -> Decoded:
+    ) -> Parts:
         """Result of `decode` of the codec of that name.
 
         CodecError also if it takes too long or too much memory, crashes, or is stopped.
@@ -103,9 +103,9 @@ class _Process(ChildProcess):
 
     def ask(
         self, codec: str, files: Mapping[str, bytes], names: tuple[str, ...], shape: Shape, features: bool
-    ) -> Decoded:
+    ) -> Parts:
         """The decoded piece. CodecError if decoding fails or the process ends."""
-        decoded = 4 * int(np.prod(shape)) * (2 if features else 1)
+        decoded = 4 * int(np.prod(shape)) * (1 + features)
         seconds = START_S
         question = {"codec": codec, "names": names, "sizes": [len(files[name]) for name in names], "shape": shape,
                     "features": features, "memory": SPARE_BYTES + TIMES_DECODED * decoded}  # fmt: skip
@@ -121,11 +121,10 @@ class _Process(ChildProcess):
                     error = CodecError(str(answer["error"]))
                     error.file = answer.get("file") if answer.get("file") in names else None
                     raise error
-                parts = [self._part(shape) for _ in range(2 if features else 1)]
+                return [self._part(shape) for _ in range(1 + features)]
         except (OSError, EOFError, ValueError) as failure:
             what = f"did not come to an end within {seconds:.0f} s" if late.is_set() else "crashed"
             raise CodecError(f"its decoder {what}") from failure
-        return parts[0], parts[1] if features else None
 
     def _part(self, shape: Shape) -> np.ndarray:
         part = np.empty((*shape, 4), np.uint8)
@@ -170,7 +169,7 @@ def _answer(question: dict[str, Any], files: dict[str, bytes], target: BinaryIO)
     try:
         decoded = decode(files, tuple(question["names"]), tuple(question["shape"]), question["features"])
         whole = (*question["shape"], 4)
-        parts = [np.ascontiguousarray(part, np.uint8).reshape(whole) for part in decoded if part is not None]
+        parts = [np.ascontiguousarray(part, np.uint8).reshape(whole) for part in decoded]
     except CodecError as error:
         answer = {"error": str(error)[:1000], "file": error.file}
     except MemoryError:

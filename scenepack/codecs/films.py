@@ -18,14 +18,14 @@ import io
 import lzma
 from math import prod
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import imagecodecs
 import numpy as np
 
 from console import UserError
 from console.file_signature import sniff_type
-from scenepack.codecs.base import Codec, CodecError, Decoded, Layout, Shape, cut_off, decoding, in_few_levels
+from scenepack.codecs.base import Codec, CodecError, Layout, Parts, Shape, cut_off, decoding, in_few_levels
 
 CELL = 16  # voxels
 GREY = 128
@@ -124,7 +124,8 @@ class FilmCodec(Codec):
         elif not head.startswith(_XZ):
             raise CodecError("it is not an .xz")
 
-    def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
+    def encode(self, parts: Parts, quality: int) -> tuple[bytes, ...]:
+        rgba, *others = parts
         alpha = np.ascontiguousarray(rgba[..., 3])
         k = FIRST_SMOOTHING * min(1.0, (100 - quality) / (100 - SMOOTHED_FROM))
 
@@ -134,13 +135,13 @@ class FilmCodec(Codec):
         grey = _filled(alpha[..., None], alpha)[..., 0] if self.straight else _padded(alpha)
         files = [_pack_occupancy(alpha > 0), self.film(grey, "alpha", quality)]
         files.append(self.film(colours(rgba[..., :3]), "rgb", quality))
-        if features is not None:
+        for features in others:
             values, part = colours(features), "fine feature" if in_few_levels(features) else "feature"
             files.append(self.film(np.ascontiguousarray(values[..., :3]), part, quality))
             files.append(self.film(np.ascontiguousarray(values[..., 3]), part, quality))
         return tuple(files)
 
-    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
+    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Parts:
         _, height, width = shape
         frames = _frames(shape)
         with decoding(names[0]):
@@ -156,10 +157,10 @@ class FilmCodec(Codec):
                 return _premultiplied(values, alpha)
             return np.minimum(values[:, :height, :width], alpha[..., None])
 
-        rgba = np.concatenate([colours(names[2], True), alpha[..., None]], axis=-1)
-        if not features:
-            return rgba, None
-        return rgba, np.concatenate([colours(names[3], True), colours(names[4], False)], axis=-1)
+        parts = [[colours(names[2], True), alpha[..., None]]]
+        if features:
+            parts.append([colours(names[3], True), colours(names[4], False)])
+        return [np.concatenate(channels, axis=-1) for channels in parts]
 
     def film(self, frames: np.ndarray, part: str, quality: int) -> bytes:
         """uint8 frames [D, H, W] grey or [D, H, W, 3] coded; part: "alpha", "rgb", "feature", "fine feature" (in_few_levels)."""
@@ -228,12 +229,11 @@ class AvifCodec(FilmCodec):
         return max(1, PLANES // block_size) * block_size
 
     def film(self, frames: np.ndarray, part: str, quality: int) -> bytes:
-        options: dict[str, Any] = {"pixelformat": "yuv444"}
+        pixels = "yuv444"
         if frames.ndim == 3:  # imagecodecs codes grey without loss only; this is grey, coded as colour
-            frames = np.repeat(frames[..., None], 3, axis=-1)
-            options = {"pixelformat": "yuv420"}
+            frames, pixels = np.repeat(frames[..., None], 3, axis=-1), "yuv420"
         level = min(max(quality + OFFSETS[part], 1), 99)
-        options |= {"level": level, "speed": SPEED, "matrix": MATRIX, "numthreads": THREADS}
+        options = {"level": level, "speed": SPEED, "matrix": MATRIX, "numthreads": THREADS, "pixelformat": pixels}
         return bytes(imagecodecs.avif_encode(np.ascontiguousarray(frames), **options))
 
     def frames(self, data: bytes, shape: Shape, *, colour: bool) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from console.file_signature import sniff_type
-from scenepack.codecs.base import Codec, CodecError, Decoded, Shape, cut_off, decoding, in_few_levels
+from scenepack.codecs.base import Codec, CodecError, Parts, Shape, cut_off, decoding, in_few_levels
 
 # --- PNG: the published format, a group in one picture ---
 
@@ -32,11 +32,10 @@ class PngCodec(Codec):
     header_bytes = PNG_HEADER_BYTES
 
     def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
-        return tuple(f"{part}_{number:03d}.png" for part in (("rgba", "feature") if features else ("rgba",)))
+        return tuple(f"{part}_{number:03d}.png" for part in ("rgba", "feature")[: 1 + features])
 
-    def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
-        parts = [part.reshape(-1, *part.shape[2:]) for part in (rgba, features) if part is not None]
-        return tuple(encode_png(part) for part in parts)
+    def encode(self, parts: Parts, quality: int) -> tuple[bytes, ...]:
+        return tuple(encode_png(part.reshape(-1, *part.shape[2:])) for part in parts)
 
 
 def probe_png(head: bytes, size: int) -> tuple[int, int, str]:
@@ -109,7 +108,7 @@ class WebpCodec(Codec):
     header_bytes = 64
 
     def names(self, number: int, shape: Shape, features: bool) -> tuple[str, ...]:
-        parts = ("rgba", "feature") if features else ("rgba",)
+        parts = ("rgba", "feature")[: 1 + features]
         return tuple(f"{part}_{number:03d}_{i}.webp" for part in parts for i in range(len(_rows(shape))))
 
     def check(self, name: str, head: bytes, shape: Shape) -> None:
@@ -118,21 +117,20 @@ class WebpCodec(Codec):
         if found != expected:
             raise CodecError(f"it is {found[0]}×{found[1]} pixels, expected {expected[0]}×{expected[1]}")
 
-    def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
-        parts = [part for part in (rgba, features) if part is not None]
+    def encode(self, parts: Parts, quality: int) -> tuple[bytes, ...]:
         pictures = [part[first:end].reshape(-1, *part.shape[2:]) for part in parts for first, end in _rows(part.shape)]
         encode = partial(imagecodecs.webp_encode, level=EFFORT, lossless=True, method=METHOD)
         return tuple(bytes(encode(np.ascontiguousarray(picture))) for picture in pictures)
 
-    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
-        rgba, feature = (np.empty((*shape, 4), np.uint8) for _ in range(2))
+    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Parts:
+        parts = [np.empty((*shape, 4), np.uint8) for _ in range(1 + features)]
         for name in names:
             first, end = _rows(shape)[_number(name)]
-            target = (rgba if name.startswith("rgba") else feature)[first:end]
+            target = parts[name.startswith("feature")][first:end]
             with decoding(name):
                 self.check(name, files[name], shape)
                 target[...] = imagecodecs.webp_decode(files[name], hasalpha=True).reshape(target.shape)
-        return rgba, feature if features else None
+        return parts
 
 
 def _rows(shape: tuple[int, ...]) -> list[tuple[int, int]]:
@@ -188,16 +186,15 @@ class JpegCodec(Codec):
         if found != expected or mode != ("RGB" if is_colour else "L"):
             raise CodecError(f"it is {found[0]}×{found[1]} pixels {mode}, expected {expected[0]}×{expected[1]}")
 
-    def encode(self, rgba: np.ndarray, features: np.ndarray | None, quality: int) -> tuple[bytes, ...]:
-        stacked = rgba.reshape(-1, *rgba.shape[2:])
-        files = [_jpeg(stacked[..., :3], quality), encode_png(stacked[..., 3])]
-        if features is not None:
-            stacked = features.reshape(stacked.shape)
+    def encode(self, parts: Parts, quality: int) -> tuple[bytes, ...]:
+        rgba, *others = (part.reshape(-1, *part.shape[2:]) for part in parts)
+        files = [_jpeg(rgba[..., :3], quality), encode_png(rgba[..., 3])]
+        for features in others:
             quality = 100 - (100 - quality) // 4 if in_few_levels(features) else quality
-            files += [_jpeg(stacked[..., :3], quality), _jpeg(stacked[..., 3], quality)]
+            files += [_jpeg(features[..., :3], quality), _jpeg(features[..., 3], quality)]
         return tuple(files)
 
-    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
+    def decode(self, files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Parts:
         images = []
         for name in names:
             with decoding(name):
@@ -208,9 +205,7 @@ class JpegCodec(Codec):
                 images.append(decode(files[name]).reshape(*shape, -1))
         colours, alpha = images[:2]
         rgba = np.concatenate([np.minimum(colours, alpha), alpha], axis=-1)  # no colour outshines its alpha
-        if not features:
-            return rgba, None
-        return rgba, np.concatenate(images[2:], axis=-1) * (alpha > 0)
+        return [rgba, np.concatenate(images[2:], axis=-1) * (alpha > 0)] if features else [rgba]
 
 
 def _jpeg(pixels: np.ndarray, quality: int) -> bytes:
@@ -223,7 +218,7 @@ def _jpeg(pixels: np.ndarray, quality: int) -> bytes:
 FORMATS = ("AVIF", "WEBP", "JPEG", "PNG")
 
 
-def decode_picture(files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Decoded:
+def decode_picture(files: dict[str, bytes], names: tuple[str, ...], shape: Shape, features: bool) -> Parts:
     """As of a codec, in a process of its own (scenepack.codecs.decoder_sandbox): AVIF and JPEG can ask for endless work."""
     with decoding(names[0]), Image.open(io.BytesIO(files[names[0]]), formats=FORMATS) as opened:
-        return np.asarray(opened.convert("RGBA")).reshape(*shape, 4), None
+        return [np.asarray(opened.convert("RGBA")).reshape(*shape, 4)]

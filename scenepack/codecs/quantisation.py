@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scenepack.codecs.base import Parts
+
 MOST_STEP = 128  # larger steps leave only zero and the maximum
 OPAQUE = 255
 
@@ -29,27 +31,30 @@ class Steps(NamedTuple):
 EXACT = Steps()
 
 
-def steps_of(rgba: np.ndarray, features: np.ndarray | None) -> Steps:
-    """The coarsest steps of premultiplied uint8 [D, H, W, 4]; 1 where there are none."""
+def steps_of(parts: Parts) -> Steps:
+    """The coarsest steps of premultiplied parts; 1 where there are none."""
+    rgba, *others = parts
     alpha = rgba[..., 3]
-    of_features = 1 if features is None else _step(features, alpha)
+    of_features = _step(others[0], alpha) if others else 1
     opaque = np.broadcast_to(np.uint8(OPAQUE), alpha.shape)
     return Steps(_step(rgba[..., :3], alpha), of_features, _step(rgba[..., 3:], opaque))
 
 
-def to_counts(rgba: np.ndarray, features: np.ndarray | None, steps: Steps) -> tuple[np.ndarray, np.ndarray | None]:
-    """rgba and features of a piece as counts of steps."""
+def to_counts(parts: Parts, steps: Steps) -> Parts:
+    """The parts of a piece as counts of steps."""
+    rgba, *others = parts
     if (steps.colour, steps.alpha) != (1, 1):
         rgba = np.concatenate([_counts(rgba[..., :3], steps.colour), _counts(rgba[..., 3:], steps.alpha)], axis=-1)
-    return rgba, features if features is None or steps.feature == 1 else _counts(features, steps.feature)
+    return [rgba, *(_counts(features, steps.feature) for features in others)]
 
 
-def from_counts(rgba: np.ndarray, features: np.ndarray | None, steps: Steps) -> tuple[np.ndarray, np.ndarray | None]:
+def from_counts(parts: Parts, steps: Steps) -> Parts:
     """The inverse of `to_counts`."""
+    rgba, *others = parts
     alpha = _times(rgba[..., 3:], steps.alpha, OPAQUE)
     if (steps.colour, steps.alpha) != (1, 1):
         rgba = np.concatenate([_times(rgba[..., :3], steps.colour, alpha), alpha], axis=-1)
-    return rgba, features if features is None or steps.feature == 1 else _times(features, steps.feature, alpha)
+    return [rgba, *(_times(features, steps.feature, alpha) for features in others)]
 
 
 def in_steps(values: np.ndarray, step: int, most: np.ndarray | int) -> np.ndarray:

@@ -24,7 +24,7 @@ from scenepack.codecs import CodecError
 from scenepack.codecs.films import AvifCodec, cubes_in, numbers_in
 from scenepack.codecs.quantisation import EXACT
 from scenepack.pack import Pack
-from scenepack.piece_files import GridPiece
+from scenepack.piece_files import Piece
 from scenepack.reader import open_pack
 
 BLOCKS_A_CHUNK = 48  # macroblocks compressed together; the page shows its progress by chunks
@@ -84,18 +84,16 @@ class Film:
 
 # A piece of the grid; which of its voxels have any alpha, as scenepack.codecs.films packs it, but as zlib; and its films:
 # alpha, rgb; in packs with features also their first three channels, and the fourth.
-FilmedPiece = tuple[GridPiece, bytes, list[Film]]
+FilmedPiece = tuple[Piece, bytes, list[Film]]
 
 
 def films_of(path: Path) -> list[FilmedPiece] | None:
     """The pieces of the pack at `path` as films; None where it is not AVIF in the usual layout. UserError: unreadable."""
     with open_pack(path) as reader:
-        if not isinstance(reader.codec, AvifCodec) or reader.steps != EXACT:
+        if not isinstance(reader.codec, AvifCodec) or reader.layout != "grid" or reader.steps != EXACT:
             return None
         made = []
         for piece, names in zip(reader.pieces, reader.names, strict=True):
-            if not isinstance(piece, GridPiece):
-                return None
             occupancy, *files = (reader.files.read(name, reader.files.sizes[name]) for name in names)
             films = [film for data in files if (film := film_in(data, piece.shape[0])) is not None]
             if len(films) < len(files):
