@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from console import UserError
-from scenepack.blocks import data_voxels, restore_padding
+from scenepack.blocks import restore_padding
 from scenepack.codecs import Codec, PngCodec
 from scenepack.codecs.base import Layout, Shape
 from scenepack.codecs.images import probe_png
@@ -39,17 +39,23 @@ class Piece:
     """Some voxels of an atlas. gather() takes them; scatter() writes them back, each piece's to others."""
 
     shape: Shape
-    boxes: list[tuple[Box, Box]]  # where they lie, in the piece and in the atlas; the rest of the piece is zeros
+    size: Shape  # of each of n boxes, which hold them; the rest of the piece is zeros
+    places: np.ndarray  # int [n, 2, 3] (z, y, x): where the boxes begin in the piece, and in the atlas
     corner: Shape = (0, 0, 0)  # of the "grid" layout: where the piece begins in the grid (z, y, x), in blocks
+
+    def boxes(self) -> Iterator[list[Box]]:
+        """Each box in the piece, and in the atlas."""
+        for place in self.places.tolist():
+            yield [tuple(slice(i, i + n) for i, n in zip(first, self.size, strict=True)) for first in place]
 
     def gather(self, atlas: np.ndarray) -> np.ndarray:
         values = np.zeros((*self.shape, atlas.shape[3]), np.uint8)
-        for inside, data in self.boxes:
+        for inside, data in self.boxes():
             values[inside] = atlas[data]
         return values
 
     def scatter(self, values: np.ndarray, atlas: np.ndarray) -> None:
-        for inside, data in self.boxes:
+        for inside, data in self.boxes():
             atlas[data] = values[inside]
 
 
@@ -57,8 +63,9 @@ def cut(pack: Pack, layout: Layout, planes: int) -> list[Piece]:
     """All pieces of a pack, or of its outline; `planes` in each, but fewer in the last of the "grid" layout."""
     depth, height, width = pack.atlas_rgba.shape[:3]
     if layout == "atlas":
-        ends = [(z, min(z + planes, depth)) for z in range(0, depth, planes)]
-        return [Piece((planes, height, width), [((slice(end - z),), (slice(z, end),))]) for z, end in ends]
+        shape = (planes, height, width)
+        sizes = [(z, (min(planes, depth - z), height, width)) for z in range(0, depth, planes)]
+        return [Piece(shape, size, np.array([[[0, 0, 0], [z, 0, 0]]])) for z, size in sizes]
     size = pack.block_size
     step = planes // size
     pieces = []
@@ -67,11 +74,10 @@ def cut(pack: Pack, layout: Layout, planes: int) -> list[Piece]:
         if not len(where):
             continue
         low = where.min(axis=0)
-        slots = pack.atlas_indices[start : start + step][tuple(where.T)]
+        slots = pack.atlas_indices[start : start + step][tuple(where.T)][:, ::-1].astype(np.intp)
         (d, h, w), (z, y, x) = (size * (where.max(axis=0) + 1 - low)).tolist(), low.tolist()
-        inside = [tuple(slice(i * size, (i + 1) * size) for i in block) for block in (where - low).tolist()]
-        boxes = list(zip(inside, (data_voxels(slot, size) for slot in slots), strict=True))
-        pieces.append(Piece((d, h, w), boxes, (start + z, y, x)))
+        places = np.stack([(where - low) * size, slots * (size + 2) + 1], axis=1)
+        pieces.append(Piece((d, h, w), (size, size, size), places, (start + z, y, x)))
     return pieces
 
 

@@ -130,8 +130,9 @@ class PackReader:
 
         def decode(job: int) -> None:
             self._decode(order[job], atlases, decoders)
-            for _, (planes, *_) in self.pieces[order[job]].boxes:
-                known[planes] = True
+            if self.layout == "atlas":
+                for _, (planes, *_) in self.pieces[order[job]].boxes():
+                    known[planes] = True
 
         with closing(decoders):
             for done in in_threads(decode, self.total):
