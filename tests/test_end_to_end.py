@@ -107,7 +107,7 @@ def test_a_box_can_be_baked_alone(made: Path, tmp_path: Path, refused: Callable[
     tuned = pack.metadata["provenance"]["fine_tuning"]
     assert tuned["quality"] == "compact"
     assert tuned["train_psnr_after"] > tuned["train_psnr_before"] - 0.6, "coarser steps cost little"
-    assert steps_of(pack.atlas_rgba, pack.atlas_features) == COMPACT
+    assert steps_of(pack.atlases) == COMPACT
     z, y, x = np.nonzero(dense_from_pack(pack)[0][..., 3])
     content = (np.stack([x, y, z], -1) + 0.5) * pack.voxel_size + pack.min_xyz
     places = content @ pack.worldspace_T_opengl[:3, :3].T

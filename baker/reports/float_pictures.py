@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from numba import njit
 
@@ -31,7 +32,7 @@ def float_pictures(floats: FloatGrid, run: Run) -> Drawn:
         marcher.rays = pack_rays(floats.pack, view)
         parts = np.zeros((rays.origins.shape[0], 8), np.float32)
         marcher.over(np.arange(len(parts), dtype=np.int32), march, lambda _, first: parts[first:])
-        output = shown(parts, head, rays.viewdirs, dataset.background, dataset.ndc)
+        output = shown(jnp.asarray(parts), head, rays.viewdirs, dataset.background, dataset.ndc)
         return picture_of(output, camera, mode)
 
     return Drawn(show, floats.pack.grid_size, bytes=floats.bytes)

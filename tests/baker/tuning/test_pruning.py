@@ -166,7 +166,7 @@ def test_values_stay_in_their_steps_below_alpha_and_padding_follows(steps: Steps
     smooth = follow_neighbours(pack, light(pack, hidden=True), steps, HIDDEN[0])
     rgba, features = smooth.atlas_rgba, features_of(smooth)
     assert np.all(rgba[..., :3] <= rgba[..., 3:]) and np.all(features <= rgba[..., 3:])
-    assert steps == EXACT or steps_of(rgba, features) == steps
+    assert steps == EXACT or steps_of([rgba, features]) == steps
     assert follows_grid(smooth, rgba) and follows_grid(smooth, features)
 
 
