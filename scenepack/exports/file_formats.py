@@ -129,7 +129,7 @@ def glb_parts(geometry: Geometry, comments: Sequence[str]) -> list[bytes]:
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
         "scenes": [{"nodes": list(range(1 + len(geometry.cameras)))}],
-        "nodes": [{"mesh": 0}, *(node for node, _ in geometry.cameras)],
+        "nodes": [{"name": "mesh", "mesh": 0}, *(node for node, _ in geometry.cameras)],
         "meshes": [{"primitives": [{"attributes": attributes, "indices": 3, "material": 0}]}],
         "materials": [{
             "doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0},

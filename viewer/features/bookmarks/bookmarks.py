@@ -97,7 +97,7 @@ class Bookmarks:
         stale = [point for point, found in self._looked.items() if found[1] != view]
         now = time.monotonic()
         if stale:
-            app.touch(1)
+            app.touch(2)  # this frame and the next
         if now - max((found[0] for found in self._looked.values()), default=0.0) < PAUSE_S:
             stale = []
         for point in sorted(stale, key=lambda point: self._looked[point][0]):
