@@ -27,8 +27,9 @@ class MultiresConfig:
     where something else is said."""
     occupancy_threshold: float | None = None
     """Optical depth over 1/512 of the cube from which a cell is occupied."""
-    finest_from: float = 0.25
-    """When the finest level joins, and others of more than half its cells, as a fraction of all steps: coarse ones generalise."""
+    finest_from: float | None = None
+    """When the finest level joins, and others of more than half its cells, as a fraction of all steps. Coarse ones generalise;
+    scenes seen from one side need fine ones early, but after space that is seen to be empty: it would fill memory."""
     samples_per_step: int | None = None
     """Samples per step, without those in empty space. The number of rays adapts to it. None: from 32,768 for small photographs
     to 131,072 for those of 512 pixels and more, in contracted space of 1,024."""
@@ -82,6 +83,7 @@ class KindSettings:
     distortion_weight: float
     sparsity_factor: float
     least_views: int
+    finest_from: float = 0.25
     feature_decay: float = 0.0
     density_smoothness: float = 0.0
     colour_smoothness: float = 0.0
@@ -94,8 +96,8 @@ BY_KIND: Mapping[Kind, KindSettings] = {
     "surroundings": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
     "unbounded": KindSettings(128, occupancy_threshold=0.03, distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
     "forward": KindSettings(
-        256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=0.2, least_views=1, feature_decay=1.0,
-        density_smoothness=0.01, colour_smoothness=0.1,
+        256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=0.2, least_views=1, finest_from=0.05,
+        feature_decay=1.0, density_smoothness=0.01, colour_smoothness=0.1,
     ),
 }  # fmt: skip
 # Samples along the cube's side, over the cells of the finest level, where steps_across is None; of contracted space few at first,

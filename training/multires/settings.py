@@ -89,7 +89,7 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
         resolution=by_kind.occupancy,
         resolutions=resolutions,
         ndc_depth=depth,
-        joins=(0.0, *(own.finest_from * (2 * n > resolutions[-1]) for n in resolutions[1:])),
+        joins=(0.0, *(by_kind.finest_from * (2 * n > resolutions[-1]) for n in resolutions[1:])),
         samples=own.samples_per_step or samples_for(longest_side(dataset), dataset.kind),
         steps_across=steps_across,
         least_views=max(min(by_kind.least_views, dataset.views // 4), 1),
