@@ -47,8 +47,9 @@ def child() -> Any:
     """A process that works on and on."""
     report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training", seconds_left=270.0)
     child = SimpleNamespace(
-        stopping=False, killed=False, poll=lambda: None, report=lambda: report, log=Path(os.devnull)
-    )
+        stopping=False, killed=False, poll=lambda: None, report=lambda: report, warnings=lambda: [],
+        log=Path(os.devnull),
+    )  # fmt: skip
     child.stop = lambda: setattr(child, "stopping", True)
     child.kill = lambda: setattr(child, "killed", True)
     child.end = lambda seconds: None
