@@ -115,11 +115,11 @@ class Notice(UserWarning):
 
 
 _collected = threading.local()
-_handlers: list[tuple[Callable[[str], object], bool]] = []  # and whether it shows them too; the last is the innermost
+_handlers: list[tuple[Callable[[str], object], bool]] = []  # arguments of handle_notices, the innermost last
 
 
 def notify(notice: Notice, stacklevel: int = 2) -> None:
-    """Tells who collects or handles notices; where nobody does, warns. stacklevel: as warnings.warn."""
+    """Gives a notice to this thread's collect_notices, else to handle_notices, else to warnings.warn, with stacklevel."""
     texts = getattr(_collected, "texts", None)
     if texts is not None:
         texts.append(str(notice))

@@ -126,7 +126,7 @@ def procedural_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def scene(procedural_path: Path):
-    """The procedural scene, as it is read."""
+    """The procedural scene, loaded."""
     from training.scenes import load_scene
 
     return load_scene(procedural_path)

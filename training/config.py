@@ -187,7 +187,7 @@ def require_valid(config: Any, where: str | None = None, prefix: str = "") -> No
 
 
 def _expected_instead(value: Any, hint: Any, least: int) -> str | None:
-    """What is expected in place of `value`; None where it will do. A union is one of a type and None."""
+    """What is expected in place of `value`; None where it will do. Unions are of one type and None."""
     origin, choices = typing.get_origin(hint), typing.get_args(hint)
     if origin is typing.Literal:
         return None if value in choices and isinstance(value, str) else f"one of {', '.join(choices)}"

@@ -315,8 +315,8 @@ def _upright(frame: Any, aspect: float) -> np.ndarray:
 
 @contextmanager
 def _opened(film: Path) -> Iterator[tuple[Any, Any]]:
-    """The container, and of its streams that are no still picture the one that players take. UserError where it has none, or one
-    of another codec."""
+    """The container, and the video stream that FFmpeg prefers of those that are not still pictures. UserError if there is none,
+    or its codec is not supported."""
     require_source(film)
     found = container_of(film)
     assert found is not None

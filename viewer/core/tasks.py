@@ -76,7 +76,7 @@ class Task(Generic[T]):
 
 @atexit.register
 def _end_running() -> None:
-    """Has tasks give up before Python ends daemon threads: one that is ended within a library's C++ aborts the process."""
+    """Cancels running tasks before Python stops its threads: one that is stopped inside a C++ library aborts the process."""
     running = list(_running)
     for task in running:
         task.cancel()
@@ -260,7 +260,10 @@ class FolderProcess:
 
     @classmethod
     def start(cls, command: str, words: Callable[[Path], Sequence[str]], **fields: Any) -> Self:
-        """words: gives the arguments, may write files into the folder. fields: of a subclass. UserError where it cannot start."""
+        """words: called with the folder, where it may write files; returns the arguments. fields: those of a subclass.
+
+        UserError if the process cannot start.
+        """
         folder = temporary_folder("snerg-process-")
         try:
             child = CommandProcess(module_command("snerg", command, *words(folder)), folder / "log.txt")

@@ -86,7 +86,7 @@ class Docking:
     def _prepare(self, app: App, space: int, box: Box) -> None:
         """Makes the dock space, and the home node where a page is to be shown there."""
         builder = imgui.internal
-        if not app.interface.layout_reset:  # else pages still lie where they are to leave
+        if not app.interface.layout_reset:  # until it is done, pages are still where they were dragged
             self._notice_moves(app)
         root = builder.dock_builder_get_node(space)
         sized = root is not None and root.size.x > 1 and root.size.y > 1  # it has none while the start page is shown

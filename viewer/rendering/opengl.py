@@ -172,8 +172,9 @@ def free_framebuffer(framebuffer: moderngl.Framebuffer, *, textures: bool = True
 
 
 class Drawing:
-    """A vertex and a fragment shader, and the vertices that they draw, laid out as moderngl's formats and attributes name them;
-    none for fullscreen.vert.
+    """A vertex and a fragment shader, and the vertices that they draw; none for fullscreen.vert.
+
+    layout: of a vertex, as moderngl has it: its format, and the name of each attribute.
     """
 
     def __init__(

@@ -55,7 +55,7 @@ def test_the_right_stick_turns_the_left_one_slides_and_a_trigger_comes_closer(ap
     assert rig.goal == start  # each way is one step
 
 
-def test_a_held_button_runs_its_command_once_one_that_was_down_before_not_at_all_and_the_left_stick_flies(app, hear):
+def test_a_button_starts_flying_once_for_each_press_and_the_left_stick_flies_ahead(app, hear):
     rig = app.scene.rig
     hear(pad((A,)))
     assert not rig.flying  # it was down when the device came

@@ -215,7 +215,7 @@ class Review:
         app.set(crop=self.box_in_grid() if on else None)
 
     def pick_ground(self, app: App, x: float, y: float) -> None:
-        """Takes for up what is up on the ground at a point of the viewport (window units from its corner)."""
+        """Sets which way is up by the ground at a point of the viewport (window units from its corner)."""
         camera = app.camera()
         if camera is None or not app.making.sparse_preview_shown(app):
             return

@@ -50,7 +50,7 @@ HIT = 1.0 / 255.0  # opacity
 
 @dataclass(frozen=True, eq=False)
 class RayCosts:
-    """samples, jumps: of each ray that hit, float32 [n]; one 0 for none. hit: their share, 0 … 1. size: of the picture."""
+    """samples, jumps: of each ray that hit, float32 [n]; one 0 if none did. hit: their share, 0 … 1. size: of the picture."""
 
     samples: np.ndarray
     jumps: np.ndarray
