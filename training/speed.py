@@ -1,6 +1,6 @@
-"""How long this computer takes to train a field, before anything is begun: `python -m training.speed [unbounded] SIDE ...`.
+"""How long this computer takes to train a field, before anything is begun: `python -m training.speed KIND SIDE ...`.
 
-unbounded: with all that surrounds the cameras. SIDE: pixels along the photographs' longer side, one for each size that may be
+KIND: of scene (training.scenes.scene.Kind). SIDE: pixels along the photographs' longer side, one for each size that may be
 chosen.
 Lines of JSON go to standard output as they are known, for programs such as the viewer:
   {"runs": {preset: {side: {"samples": that a whole run takes, "disk": bytes that its folder has in the end}}}}
@@ -30,7 +30,7 @@ REAL_BY_SMALL = 1.4
 DISK_BY_FINENESS = 5600.0  # bytes by cells of the finest level squared: two checkpoints of 730 MB for lego at 512
 
 
-def whole_runs(sides: Sequence[int], kind: Kind = "object") -> dict[str, dict[int, dict[str, int]]]:
+def whole_runs(sides: Sequence[int], kind: Kind) -> dict[str, dict[int, dict[str, int]]]:
     """Samples and bytes on the disk of a whole run, by preset and by the photographs' longer side in pixels."""
     from training.multires.settings import resolutions_for, samples_for
 
@@ -81,6 +81,6 @@ def seconds_per_sample() -> float:
 
 if __name__ == "__main__":
     answer = json_answers()
-    sides = [int(word) for word in sys.argv[1:] if word.isdigit()]
-    answer(runs=whole_runs(sides, "unbounded" if "unbounded" in sys.argv else "object"))
+    kind, *sides = sys.argv[1:]
+    answer(runs=whole_runs([int(side) for side in sides], kind))  # pyright: ignore[reportArgumentType]
     answer(seconds_per_sample=seconds_per_sample())

@@ -52,7 +52,7 @@ class BakeConfig:
         if self.preset == "paper":
             return SYNTHETIC_RESOLUTION if scene.kind == "blender" else REAL_RESOLUTION
         pixels = max(max(photo.camera.width, photo.camera.height) for photo in scene.splits["train"])
-        return voxels_for(pixels, contracted=run.dataset.facts.contraction is not None)
+        return voxels_for(pixels, run.dataset.kind)
 
     def check(self) -> None:
         """UserError where a number makes no sense: for commands to ask before hours of work, not after."""

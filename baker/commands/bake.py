@@ -33,8 +33,9 @@ def snerg_bake(
         out: Folder of the pack, or a file name that ends in .zip. A new pack replaces an old one when it is complete.
         scene: Folder of the photographs, if they moved. The default is where the run read them.
         preset: How to bake: snerg (our way), paper (what the SNeRG paper writes; see docs/commands.md).
-        resolution: Voxels along the longest side of the content. The default is 1.25 a pixel of the photographs, 5 where they
-            show everything around, from 512 to 1000; of the preset paper, 1000 for synthetic scenes, 1300 for photographs.
+        resolution: Voxels along the longest side of the content. The default is 1.25 a pixel of the photographs, 1.5 where
+            they look forward, 5 where they show everything around, from 512 to 1000; of the preset paper, 1000 for synthetic
+            scenes, 1300 for photographs.
         codec: Codec of the atlas: png (the published layout), webp (lossless, smaller), or jpeg, h264, avif (lossy).
         quality: draft (nothing is tuned), full (tuned, 8 bits), or compact (tuned, and stored in coarser steps: a third
             fewer bytes for up to 0.3 dB less). compact is full where the codec is lossy. The preset paper tunes the view MLP

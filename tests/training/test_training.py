@@ -299,12 +299,13 @@ def test_help_explains_every_preset(command, kind, capsys: pytest.CaptureFixture
 
 
 def test_packs_are_about_as_fine_as_photographs_and_those_of_unbounded_scenes_four_times_as_fine() -> None:
-    assert [voxels_for(pixels) for pixels in (200, 400, 504, 640, 800, 4000)] == [512, 512, 630, 800, 1000, 1000]
-    assert [voxels_for(pixels, contracted=True) for pixels in (64, 128, 240, 256)] == [512, 640, 1000, 1000]
+    assert [voxels_for(pixels, "object") for pixels in (200, 400, 504, 640, 800, 4000)] == [512, 512, 630, 800, 1000, 1000]
+    assert [voxels_for(pixels, "forward") for pixels in (252, 504, 1008)] == [512, 756, 1000]
+    assert [voxels_for(pixels, "unbounded") for pixels in (64, 128, 240, 256)] == [512, 640, 1000, 1000]
 
 
 def test_larger_photographs_take_more_of_both_until_the_field_is_as_fine_as_it_gets() -> None:
-    runs = whole_runs([100, 250, 800, 1600])["quick"]
+    runs = whole_runs([100, 250, 800, 1600], "object")["quick"]
     for key in ("samples", "disk"):
         assert runs[100][key] <= runs[250][key] < runs[800][key] == runs[1600][key]
     assert runs[100]["disk"] < runs[250]["disk"]

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from training.scenes.scene import Kind
+
 # --preset of snerg-make: what a pack can hold; and of snerg-train: the paper's baselines, too
 BakeablePreset = Literal["quick", "normal", "full", "paper", "small", "tiny", "deferred", "diffuse", "no-sparsity"]
 PresetName = Literal[BakeablePreset, "jaxnerf", "jaxnerf-plus", "tinyview"]
@@ -15,15 +17,16 @@ PresetName = Literal[BakeablePreset, "jaxnerf", "jaxnerf-plus", "tinyview"]
 # Those that snerg-make also bakes as the paper does (snerg-bake --preset paper).
 BAKED_AS_THE_PAPER: tuple[BakeablePreset, ...] = ("paper", "deferred", "diffuse", "no-sparsity")
 
-# Voxels along the longest side of a pack. The paper's 1000 for photographs of 800 × 800: lego baked at 512 lost 1.6 dB, at 1000
-# nothing.
-VOXELS_PER_PIXEL, FEWEST_VOXELS, MOST_VOXELS = 1.25, 512, 1000
+# Voxels along the longest side of a pack, for each pixel along the photographs' longer side. An object: the paper's 1000 for
+# photographs of 800 × 800 (lego baked at 512 lost 1.6 dB, at 1000 nothing). NDC's box is wider than any photograph's view of it.
+# Unbounded scenes have their inner cube in half of a side, and much is nearer to the cameras than its middle.
+VOXELS_PER_PIXEL: Mapping[Kind, float] = {"object": 1.25, "surroundings": 1.25, "forward": 1.5, "unbounded": 5.0}
+FEWEST_VOXELS, MOST_VOXELS = 512, 1000
 
 
-def voxels_for(pixels: int, *, contracted: bool = False) -> int:
-    """Voxels along a pack's longest side, by pixels along the photographs'. contracted: unbounded scenes need more, for the
-    inner cube takes half of a side, and many things are nearer to the cameras than its middle."""
-    return max(FEWEST_VOXELS, min(MOST_VOXELS, round(VOXELS_PER_PIXEL * pixels * (4 if contracted else 1))))
+def voxels_for(pixels: int, kind: Kind) -> int:
+    """Voxels along a pack's longest side, by pixels along the photographs'."""
+    return max(FEWEST_VOXELS, min(MOST_VOXELS, round(VOXELS_PER_PIXEL[kind] * pixels)))
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from training.scenes import Scene, load_scene
 from training.scenes.picture_headers import UNREADABLE, read_header
 from training.scenes.presets import PRESETS, voxels_for
 from training.scenes.read import has_poses, suggested_downscale
+from training.scenes.scene import Kind
 from training.scenes.sources import FEWEST, Source, find_source, require_source
 from viewer.core.language import translated
 from viewer.core.tasks import FolderProcess, JsonTask, Task, temporary_folder
@@ -92,15 +93,14 @@ DISK_OF_1000 = 1.1e9
 class TimeNeeded(JsonTask):
     """An estimate for photographs of these longer sides (pixels), from the moment this is made. Poll `news`, and close it.
 
-    unbounded: whether all that surrounds the cameras is trained. after: what else is being measured, which ends first.
+    after: what else is being measured, which ends first.
     """
 
-    def __init__(self, sides: Sequence[int], unbounded: bool, after: Task[None] | None) -> None:
+    def __init__(self, sides: Sequence[int], kind: Kind, after: Task[None] | None) -> None:
         self._runs: Mapping[str, Any] = {}
         self._per_sample: float | None = None
-        self._after, self._unbounded = after, unbounded
-        words = ["unbounded"] * unbounded + [str(side) for side in sorted(set(sides))]
-        super().__init__("training.speed", words, self._take)
+        self._after, self._kind = after, kind
+        super().__init__("training.speed", [kind, *(str(side) for side in sorted(set(sides)))], self._take)
 
     def _listen(self) -> None:
         if self._after is not None:
@@ -126,7 +126,7 @@ class TimeNeeded(JsonTask):
 
     def _share(self, preset: str, side: int) -> float:
         """Of what a bake at 1000 voxels takes: it grows with surfaces."""
-        resolution = PRESETS[preset].resolution or voxels_for(side, contracted=self._unbounded)  # type: ignore[index]
+        resolution = PRESETS[preset].resolution or voxels_for(side, self._kind)  # type: ignore[index]
         return (resolution / 1000) ** 2
 
     def _take(self, message: Mapping[str, Any]) -> None:
@@ -254,8 +254,9 @@ class Survey(Task[None]):
 
     def _begin_time(self) -> None:
         if MEASURES and not self.cancelled and not trainer_missing():
-            unbounded = not (self.kind == "blender" or self.masked or self.forward)
-            self.time = TimeNeeded([max(size) for size in self.sizes.values()], unbounded, self.preview)
+            cut_out = self.kind == "blender" or self.masked
+            kind: Kind = "forward" if self.forward else "object" if cut_out else "unbounded"
+            self.time = TimeNeeded([max(size) for size in self.sizes.values()], kind, self.preview)
 
 
 def _size(scene: Scene) -> tuple[int, int]:
