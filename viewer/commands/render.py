@@ -55,8 +55,8 @@ NEEDING = {
     "--target": "--eye", "--up": "--eye", "--index": "--scene", "--eye-distance": "--projection", "--focus": "--aperture",
 }  # fmt: skip
 LENGTHS = {
-    "--ortho-height": ("is not a height", "grid units above 0"), "--aperture": ("is not a length", "above 0"),
-    "--focus": ("is not a length", "above 0"), "--eye-distance": ("is not a distance", "grid units above 0"),
+    "--ortho-height": ("is not a height", "above 0"), "--aperture": ("is not a length", "above 0"),
+    "--focus": ("is not a length", "above 0"), "--eye-distance": ("is not a distance", "above 0"),
 }  # fmt: skip
 
 View = tuple[str, tuple[ViewCamera, ...]]  # a picture's file name without suffix, and its camera, or those of two eyes
