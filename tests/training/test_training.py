@@ -299,7 +299,14 @@ def test_help_explains_every_preset(command, kind, capsys: pytest.CaptureFixture
 
 
 def test_packs_are_about_as_fine_as_photographs_and_those_of_unbounded_scenes_four_times_as_fine() -> None:
-    assert [voxels_for(pixels, "object") for pixels in (200, 400, 504, 640, 800, 4000)] == [512, 512, 630, 800, 1000, 1000]
+    assert [voxels_for(pixels, "object") for pixels in (200, 400, 504, 640, 800, 4000)] == [
+        512,
+        512,
+        630,
+        800,
+        1000,
+        1000,
+    ]
     assert [voxels_for(pixels, "forward") for pixels in (252, 504, 1008)] == [512, 756, 1000]
     assert [voxels_for(pixels, "unbounded") for pixels in (64, 128, 240, 256)] == [512, 640, 1000, 1000]
 

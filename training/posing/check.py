@@ -24,7 +24,7 @@ from console.atomic import replacing
 from training.posing.child_process import ask
 from training.posing.find import require
 from training.posing.photograph import preview_of, sharpness
-from training.posing.prepare import IMAGES, LOG, Prepared, camera_groups, prepare
+from training.posing.prepare import IMAGES, LOG, CameraGroup, Prepared, camera_groups, prepare
 from training.scenes.pictures import small_picture
 from training.scenes.sources import FEWEST, Source
 
@@ -105,7 +105,7 @@ def check(source: Source, page: Path, most_frames: int) -> Verdict:
 def match_small(
     work: Path,
     names: Sequence[str],
-    groups: Sequence[tuple[list[str], float | None]],
+    groups: Sequence[CameraGroup],
     bar: Progress,
     begun: float = 0.0,
 ) -> dict[str, Any]:

@@ -16,9 +16,10 @@ from PIL import Image
 
 from console import UserError, progress
 from training.posing.check import LONGEST_SIDE, match_small
-from training.posing.prepare import IMAGES
+from training.posing.prepare import IMAGES, CameraGroup
 from training.scenes import Photograph, Scene
 from training.scenes.files import notice
+from training.scenes.lens import EQUIRECTANGULAR, projection_of
 from training.scenes.pictures import as_bytes
 from training.scenes.scene import camera_rays
 from training.scenes.scene_options import with_box
@@ -89,16 +90,18 @@ def _matching_rays(photographs: Sequence[Photograph]) -> tuple[np.ndarray, np.nd
     with tempfile.TemporaryDirectory(prefix="snerg-depths-") as folder, progress("finding depths", 3) as bar:
         work, numbers = Path(folder), {}
         (work / IMAGES).mkdir()
-        groups: dict[tuple[int, int], list[str]] = {}
+        groups: dict[tuple[tuple[int, int], bool], list[str]] = {}
         for index, photograph in enumerate(photographs):
             picture = Image.fromarray(as_bytes(photograph.load()[..., :3]))
             picture.thumbnail((LONGEST_SIDE, LONGEST_SIDE), Image.Resampling.BOX)
             name = f"{index:04d}.png"
             picture.save(work / IMAGES / name)
             numbers[name] = index
-            groups.setdefault(picture.size, []).append(name)
+            is_panorama = projection_of(photograph.camera.distortion) == EQUIRECTANGULAR
+            groups.setdefault((picture.size, is_panorama), []).append(name)
             bar.update((index + 1) / len(photographs))
-        pairs = match_small(work, list(numbers), [(names, None) for names in groups.values()], bar, begun=1.0)["pairs"]
+        by_camera = [CameraGroup(names, None, is_panorama) for (_, is_panorama), names in groups.items()]
+        pairs = match_small(work, list(numbers), by_camera, bar, begun=1.0)["pairs"]
     found = [np.zeros((2, 0, 2, 3))]
     for pair in pairs:
         cameras = [photographs[numbers[pair[end]]].camera for end in ("first", "second")]

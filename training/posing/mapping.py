@@ -23,7 +23,9 @@ import numpy as np
 import pycolmap
 
 DATABASE, PAIRS, MODELS, MODEL = "database.db", "pairs.txt", "models", "model"
-LENS = "SIMPLE_RADIAL"  # while pictures are being added; the parameters of richer ones need many pictures
+LENS = pycolmap.CameraModelId.SIMPLE_RADIAL  # while pictures are being added; richer ones need many pictures
+PANORAMA = pycolmap.CameraModelId.EQUIRECTANGULAR
+PANORAMA_FINER = 2  # times the pixels in which features are looked for: they show several times the angle
 LONGEST_SIDE = 1600  # pixels in which features are looked for; places are those of the full picture
 MOST_FEATURES = 8192
 UNKNOWN_FOCAL = 1.2  # of the longer side
@@ -53,7 +55,7 @@ class Task:
     images: Path  # the folder of prepared pictures
     work: Path  # what is found is kept there
     names: Sequence[str]  # of all pictures, in order
-    groups: Sequence[tuple[Sequence[str], float | None]]  # see prepare.camera_groups
+    groups: Sequence[tuple[Sequence[str], float | None, bool]]  # see prepare.CameraGroup
     seed: int = 0
     masks: Path = Path()  # a folder of masks NAME.png
     masked: Sequence[str] = ()  # the pictures that have one: features are found where it is not black
@@ -131,7 +133,7 @@ def measured(images: Path, names: Sequence[str]) -> tuple[float, float]:
     """Seconds that the features and the matches of some pictures of one camera take. Nothing of them is kept."""
     began: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix="snerg-measured-") as folder:
-        task = Task(images, Path(folder), names, [(names, None)])
+        task = Task(images, Path(folder), names, [(names, None, False)])
         _features_and_matches(task, lambda title, *_: began.setdefault(title, time.monotonic()))
         return began["matches"] - began["features"], time.monotonic() - began["matches"]
 
@@ -151,25 +153,27 @@ def _begin_database(task: Task) -> None:
         for leftover in task.work.glob(f"{DATABASE}*"):
             leftover.unlink()
         pycolmap.Database.open(task.database).close()
-        for names, _ in task.groups:
+        for names, *_ in task.groups:
             pycolmap.import_images(task.database, task.images, pycolmap.CameraMode.SINGLE, names, _reading())
     with pycolmap.Database.open(task.database) as database:
         camera_of = {image.name: image.camera_id for image in database.read_all_images()}
-        for names, focal in task.groups:
+        for names, focal, is_panorama in task.groups:
             camera = database.read_camera(camera_of[names[0]])
-            camera.model = getattr(pycolmap.CameraModelId, LENS)  # where a process was killed, it may be another
+            camera.model = PANORAMA if is_panorama else LENS  # where a process was killed, it may be another
             guess = focal or UNKNOWN_FOCAL * max(camera.width, camera.height)
-            camera.params = [guess, camera.width / 2, camera.height / 2, 0.0]
-            camera.has_prior_focal_length = focal is not None
+            size = camera.width, camera.height
+            camera.params = size if is_panorama else [guess, size[0] / 2, size[1] / 2, 0.0]
+            camera.has_prior_focal_length = focal is not None and not is_panorama
             database.update_camera(camera)
 
 
 def _reading(**more: Any) -> Any:
-    return pycolmap.ImageReaderOptions(camera_model=LENS, default_focal_length_factor=UNKNOWN_FOCAL, **more)
+    return pycolmap.ImageReaderOptions(camera_model=LENS.name, default_focal_length_factor=UNKNOWN_FOCAL, **more)
 
 
 def _extract(task: Task, on_progress: OnProgress) -> None:
-    options = pycolmap.FeatureExtractionOptions(use_gpu=False, max_image_size=task.longest_side, num_threads=_threads())
+    side = task.longest_side * (PANORAMA_FINER if any(is_panorama for *_, is_panorama in task.groups) else 1)
+    options = pycolmap.FeatureExtractionOptions(use_gpu=False, max_image_size=side, num_threads=_threads())
     options.sift.max_num_features = task.most_features
     with pycolmap.Database.open(task.database) as database:
         there = {image.name for image in database.read_all_images() if database.exists_keypoints(image.image_id)}
@@ -335,13 +339,14 @@ def _with_two_focals(model: Any) -> Any:
     """
     pictures = _pictures_of_cameras(model)
     fitted = pycolmap.Reconstruction(model)
-    for number, camera in fitted.cameras.items():
+    lenses = {number: camera for number, camera in fitted.cameras.items() if camera.model == LENS}  # not of panoramas
+    for number, camera in lenses.items():
         if pictures[number] >= FEWEST_FOR_LENS:
             focal, cx, cy, k = camera.params
             camera.model = pycolmap.CameraModelId.OPENCV
             camera.params = [focal, focal, cx, cy, k, 0.0, 0.0, 0.0]
     _adjust(fitted)
-    ratios = [camera.focal_length_x / camera.focal_length_y for camera in fitted.cameras.values()]
+    ratios = [camera.focal_length_x / camera.focal_length_y for camera in lenses.values()]
     squeezed = any(abs(np.log(ratio)) > SQUEEZED for ratio in ratios)
     before, after = (_median_error(each) for each in (model, fitted))
     return fitted if squeezed and after < MUCH_BETTER * before else None
@@ -373,16 +378,16 @@ def _with_fitted_lens(model: Any) -> Any:
         return model
     fitted = pycolmap.Reconstruction(model)
     for camera in fitted.cameras.values():
-        if camera.model == getattr(pycolmap.CameraModelId, LENS):
+        if camera.model == LENS:
             camera.model, camera.params = pycolmap.CameraModelId.RADIAL, [*camera.params, 0.0]
     _adjust(fitted, refine_principal_point=True)
     off = [
         max(abs(camera.principal_point_x / camera.width - 0.5), abs(camera.principal_point_y / camera.height - 0.5))
         for number, camera in fitted.cameras.items()
-        if number in pictures
+        if number in pictures and camera.model != PANORAMA
     ]
     better = fitted.compute_mean_reprojection_error() <= model.compute_mean_reprojection_error()
-    return fitted if better and max(off) < FARTHEST_CENTRE else model
+    return fitted if better and max(off, default=0.0) < FARTHEST_CENTRE else model
 
 
 def _pictures_of_cameras(model: Any) -> Counter[int]:

@@ -21,6 +21,10 @@ QUALITY = 95
 LINKED = {"JPEG": (".jpg", ".jpeg"), "MPO": (".jpg", ".jpeg"), "PNG": (".png",)}
 MAKE, MODEL, EXIF_IFD, FOCAL_MM, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0x920A, 0xA405
 DIAGONAL_35MM = 43.266615  # of 36 × 24 mm; what "35 mm equivalent" refers to
+# Of panoramas, by the mean difference between neighbouring columns: that between the first and the last, at most, and that within
+# the first and the last row, at most. Rendered ones have 1.9 and 0.05 at most; photographs cut to 2:1 have 2.3 and 0.6 at least.
+SEAM, POLE = 2.5, 0.2
+TELLING = 0.03  # standard deviation of the first column: below it, a seam says nothing
 SAME = 1.5 / 255  # root mean square difference of thumbnails below which two pictures show the same from the same place
 THUMBNAIL = 32
 
@@ -34,6 +38,7 @@ class PhotographFile:
     focal: float | None  # in pixels, as EXIF says; None where it does not
     sharpness: float
     thumbnail: np.ndarray
+    is_panorama: bool
 
 
 def read_photograph(file: Path) -> PhotographFile:
@@ -45,7 +50,7 @@ def read_photograph(file: Path) -> PhotographFile:
     preview = preview_of(file)
     return PhotographFile(
         file, not (plain and named and header.orientation == 1 and not header.deep), header.format in LOSSY,
-        camera, focal, sharpness(preview), thumbnail(preview),
+        camera, focal, sharpness(preview), thumbnail(preview), is_panorama(preview),
     )  # fmt: skip
 
 
@@ -84,6 +89,17 @@ def _lens(exif: Any, size: tuple[int, int]) -> tuple[str, float | None]:
     camera = "/".join([f"{size[0]}x{size[1]}", *words, f"{millimetres or 0:g}mm", f"{equivalent or 0:g}mm"])
     focal = equivalent * float(np.hypot(*size)) / DIAGONAL_35MM if equivalent else None
     return camera, focal if focal is None or 0.2 < focal / max(size) < 20 else None
+
+
+def is_panorama(preview: np.ndarray) -> bool:
+    """Whether a picture shows all around, 360° × 180° (equirectangular): it is twice as wide as tall, goes on from its right edge
+    at its left one, and its first and last row are a single point each."""
+    height, width = preview.shape
+    if abs(width - 2 * height) > 1:
+        return False
+    seam, within = np.abs(preview[:, 0] - preview[:, -1]).mean(), np.abs(np.diff(preview, axis=1)).mean(axis=1)
+    poles, between = max(within[0], within[-1]), within.mean()
+    return bool(seam <= SEAM * between and poles <= POLE * between and preview[:, 0].std() >= TELLING)
 
 
 def _positive(value: Any) -> float | None:

@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -17,7 +18,15 @@ from console import Progress, UserError
 from console.atomic import write_file
 from console.json_text import read_json_file
 from training.posing.child_process import ask
-from training.posing.photograph import PhotographFile, link_or_convert, read_photograph, same_view, write_picture
+from training.posing.photograph import (
+    PhotographFile,
+    is_panorama,
+    link_or_convert,
+    preview_of,
+    read_photograph,
+    same_view,
+    write_picture,
+)
 from training.scenes.files import distinct, is_hidden, times
 from training.scenes.pictures import as_bytes, read_mask
 from training.scenes.pixels import notice_masks
@@ -35,6 +44,7 @@ class Picture:
     display_name: str  # how the user knows it
     camera: str  # the same for pictures of one camera with one focal length
     focal: float | None = None  # in pixels, None where it is not known
+    is_panorama: bool = False  # it shows all around
 
 
 @dataclass(frozen=True)
@@ -71,14 +81,26 @@ def store(work: Path, key: object, prepared: Prepared) -> None:
     write_file(work / RECORD, json.dumps({"key": key, **asdict(prepared)}, indent=1))
 
 
-def camera_groups(pictures: Sequence[Picture]) -> list[tuple[list[str], float | None]]:
-    """The names of each camera's pictures, and its focal length in pixels, None where it is not known."""
+class CameraGroup(NamedTuple):
+    """The pictures of one camera."""
+
+    names: Sequence[str]
+    focal: float | None = None  # in pixels, None where it is not known
+    is_panorama: bool = False
+
+
+def camera_groups(pictures: Sequence[Picture]) -> list[CameraGroup]:
+    """The pictures of each camera. They are panoramas where most look like some."""
     groups: dict[str, list[Picture]] = {}
     for picture in pictures:
         groups.setdefault(picture.camera, []).append(picture)
-    focals = [[picture.focal for picture in group if picture.focal is not None] for group in groups.values()]
-    known = [float(np.median(some)) if some else None for some in focals]
-    return [([picture.name for picture in group], focal) for group, focal in zip(groups.values(), known, strict=True)]
+    found = []
+    for group in groups.values():
+        focals = [picture.focal for picture in group if picture.focal is not None]
+        panoramas = sum(picture.is_panorama for picture in group)
+        focal = float(np.median(focals)) if focals else None
+        found.append(CameraGroup([picture.name for picture in group], focal, 2 * panoramas > len(group)))
+    return found
 
 
 def read_photographs(
@@ -157,7 +179,8 @@ def _photographs(source: Source, work: Path, bar: Progress) -> Prepared:
         except UserError as error:  # its header was whole
             aside[source.name_of(file)] = error.what
             continue
-        pictures.append(Picture(name, source.name_of(file), photograph.camera, photograph.focal))
+        picture = Picture(name, source.name_of(file), photograph.camera, photograph.focal, photograph.is_panorama)
+        pictures.append(picture)
         if (mask := source.mask_of(file)) is not None:
             values = as_bytes(read_mask(mask, file))
             (work / MASKS).mkdir(exist_ok=True)
@@ -187,5 +210,6 @@ def _frames(source: Source, work: Path, most: int, bar: Progress) -> Prepared:
             aside[display_name] = "blurred"
             (work / IMAGES / frame["name"]).unlink()
         else:
-            pictures.append(Picture(frame["name"], display_name, times(frame["size"])))
+            panorama = is_panorama(preview_of(work / IMAGES / frame["name"]))
+            pictures.append(Picture(frame["name"], display_name, times(frame["size"]), is_panorama=panorama))
     return Prepared(tuple(pictures), aside)

@@ -113,7 +113,7 @@ def _placed(
     path: Path, found: Reconstruction, photographs: list[Photograph], options: SceneOptions
 ) -> tuple[tuple[Photograph, ...], Space]:
     """The photographs in the training frame, and what a Scene says of the space."""
-    P, points = space.poses_of(found.cameras), space.PointCloud(found.places, found.tracks, found.seen)
+    P, points = space.viewing_poses(found.cameras), space.PointCloud(found.places, found.tracks, found.seen)
     if points.suffices and not options.spherify and faces_forward(P):
         if options.up is not None:
             raise UserError("which way is up is not asked of a forward-facing scene", where=UP, found=str(path),
@@ -149,5 +149,5 @@ def sparse_points(scene: Scene) -> Reconstruction | None:
     found, options = reconstruction_of(scene.path), SceneOptions(**scene.notes)  # type: ignore[arg-type]
     names = {photograph.name for split in scene.splits.values() for photograph in split}
     pictured = [camera for name, camera in zip(found.names, found.cameras, strict=True) if clean_name(name) in names]
-    frame = _frame_of(space.poses_of(pictured), options.up)
+    frame = _frame_of(space.viewing_poses(pictured), options.up)
     return replace(found, places=frame.points(found.places))

@@ -14,6 +14,7 @@ import numpy as np
 from console import UserError, collect_notices
 from training.scenes import colmap, llff, programs, transforms
 from training.scenes.files import PICTURE_SUFFIXES
+from training.scenes.lens import EQUIRECTANGULAR, projection_of
 from training.scenes.scene import Scene, camera_rays, pixel_grid
 from training.scenes.scene_options import UP, SceneOptions, with_box
 
@@ -50,12 +51,15 @@ def load_scene(path: str | Path, options: SceneOptions = AS_IT_IS, **changes: An
 
 
 def suggested_downscale(scene: Path, longest_side: int | None) -> int:
-    """The smallest whole number that brings the photographs to `longest_side` pixels or fewer; 1 where that is None."""
+    """The smallest whole number that brings the photographs to `longest_side` pixels or fewer, panoramas to as many for each
+    quarter of a turn; 1 where that is None."""
     downscale = 1  # the reader knows of which size: the pictures of an LLFF capture may be stored shrunk
     while longest_side is not None:
         with collect_notices():  # what the reader has to say is said when training reads the scene
             camera = load_scene(scene, downscale=downscale).splits["train"][0].camera
         longest = max(camera.width, camera.height)
+        if projection_of(camera.distortion) == EQUIRECTANGULAR:
+            longest = -(-camera.width // 4)
         if longest <= longest_side:
             break
         downscale = max(downscale + 1, math.ceil(downscale * longest / longest_side))

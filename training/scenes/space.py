@@ -21,7 +21,7 @@ import numpy as np
 
 from console import UserError
 from scenepack.constants import NDC_NEAR
-from training.scenes.lens import NO_DISTORTION, PERSPECTIVE, directions_at, projection_of
+from training.scenes.lens import EQUIRECTANGULAR, NO_DISTORTION, PERSPECTIVE, directions_at, projection_of
 from training.scenes.poses import axes_along, focus_point
 from training.scenes.scene import Camera, Photograph, Space, camera_rays, ndc_rays, pixel_grid, pixels_of
 
@@ -103,7 +103,7 @@ def frame_about_focus(P: np.ndarray) -> Frame:
 
 def frame_of_object(cameras: Sequence[Camera]) -> Frame:
     """The file's own frame, where the published bounds suit it; else about the focus at the published distance."""
-    centre, distance = _centre(poses_of(cameras))
+    centre, distance = _centre(viewing_poses(cameras))
     stays = np.linalg.norm(centre) <= SYNTHETIC_SUITS * distance and _published_bounds_suit(cameras, centre)
     if stays or distance < 1e-9:
         return Frame(np.eye(3), np.zeros(3), 1.0)
@@ -135,7 +135,7 @@ def frame_forward(P: np.ndarray, nearest: float) -> Frame:
 def space_of_object(cameras: Sequence[Camera], *, opaque: bool) -> Space:
     """Of an object in its frame_of_object: the published bounds, or what training cameras frame about the origin. Cameras that
     look outwards may stand indoors, unless the object was cut out: then they are wrong, and see nothing of the box."""
-    origin, P = np.zeros(3), poses_of(cameras)
+    origin, P = np.zeros(3), viewing_poses(cameras)
     inwards = looks_inwards(P)
     if _published_bounds_suit(cameras, origin) or not (inwards or opaque):
         return Space(SYNTHETIC_NEAR, SYNTHETIC_FAR, cube(SYNTHETIC_HALF_SIDE), WORLDSPACE_T_OPENGL)
@@ -165,7 +165,7 @@ def space_of_capture(
     """Of a capture in its frame_about_focus. points: in that frame; None where there are too few to tell. opaque: photographs are
     trained up to their corners. file_box: what the file names, in that frame; it counts where no points tell, if it holds the
     focus, and as far as HALF_SIDE where cameras look inwards."""
-    P = poses_of(cameras)
+    P = viewing_poses(cameras)
     inwards = looks_inwards(P)
     reach, near, far = HALF_SIDE if inwards else FARTHEST, NEAR, FAR
     if points is not None:
@@ -210,7 +210,7 @@ def nearest_depth(P: np.ndarray, points: PointCloud) -> float:
 
 def _published_bounds_suit(cameras: Sequence[Camera], centre: np.ndarray) -> bool:
     """Whether cameras look at `centre` [3] from about as far, and frame about as much there, as NeRF-synthetic's do."""
-    P = poses_of(cameras)
+    P = viewing_poses(cameras)
     P[:, :3, 3] -= centre
     distance = np.linalg.norm(P[:, :3, 3], axis=-1).mean() / SYNTHETIC_DISTANCE
     framed = framed_half_side(cameras, centre) / SYNTHETIC_HALF_SIDE
@@ -231,6 +231,18 @@ def cube(half_side: float) -> np.ndarray:
 def poses_of(cameras: Sequence[Camera]) -> np.ndarray:
     """Poses [N, 4, 4]."""
     return np.stack([camera.world_T_camera for camera in cameras])
+
+
+def viewing_poses(cameras: Sequence[Camera]) -> np.ndarray:
+    """Poses [N, 4, 4] whose z axes say which way cameras look. Panoramas look every way: theirs are turned, level, towards the
+    middle of all cameras."""
+    P = poses_of(cameras)
+    aside = P[:, :3, 3] - P[:, :3, 3].mean(0)
+    for pose, camera, back in zip(P, cameras, aside, strict=True):
+        level = back - (back @ pose[:3, 1]) * pose[:3, 1]
+        if projection_of(camera.distortion) == EQUIRECTANGULAR and np.linalg.norm(level) > 1e-9:
+            pose[:3, :3] = axes_along(level, pose[:3, 1])
+    return P
 
 
 def framed_half_side(cameras: Sequence[Camera], centre: np.ndarray) -> float:

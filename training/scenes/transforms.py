@@ -164,7 +164,7 @@ def _read_capture(path: Path, options: SceneOptions) -> Scene:
     document = _read_json(description)
     frames = _read_frames(description, document, FileFinder(path, path / "images"))
     photographs = _photographs(path, description, sorted(frames, key=lambda frame: frame.name), options)
-    frame = space.frame_about_focus(space.poses_of([photograph.camera for photograph in photographs]))
+    frame = space.frame_about_focus(space.viewing_poses([photograph.camera for photograph in photographs]))
     photographs = moved(photographs, frame)
     cameras = [photograph.camera for photograph in photographs]
     file_box = _box_of_file(document, description, frame)

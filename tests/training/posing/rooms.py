@@ -1,12 +1,14 @@
-"""Photographs of a textured corner of a room, by cameras that are known: what finds poses must find these."""
+"""Photographs of a textured room, most of one corner, by cameras that are known: what finds poses must find these."""
 
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 from PIL import Image
 from scipy.ndimage import map_coordinates
 
 from training.scenes import Camera
+from training.scenes.lens import MODELS
 from training.scenes.poses import look_at
 from training.scenes.scene import camera_rays
 
@@ -37,18 +39,31 @@ def cameras(count: int) -> list[Camera]:
     return out
 
 
+def panorama_cameras(count: int) -> list[Camera]:
+    """Cameras that show all around, on a circle about the middle of the room, each turned another way."""
+    width = 2 * SIZE[0]
+    focal, lens = width / (2 * np.pi), MODELS["EQUIRECTANGULAR"].lens({})
+    out = []
+    for number, angle in enumerate(np.linspace(0, 2 * np.pi, count, endpoint=False)):
+        eye = WALL / 2 + np.array([0.8 * np.cos(angle), 0.8 * np.sin(angle), 0.2 * np.sin(3 * angle)])
+        back = np.array([np.cos(2.4 * number), np.sin(2.4 * number), 0.0])
+        pose = look_at(eye, back, np.array([0.0, 0.0, 1.0]))
+        out.append(Camera(pose, width, width // 2, focal, focal, width / 2, width / 4, lens))
+    return out
+
+
 def photograph(camera: Camera, walls: int = 0) -> np.ndarray:
-    """What the camera sees of the walls x = 0, y = 0 and the floor z = 0: uint8 [H, W, 3]. walls: the first of their textures."""
+    """What the camera sees of a room between 0 and WALL: uint8 [H, W, 3]. walls: the first texture."""
     origins, directions = camera_rays(camera)
     with np.errstate(divide="ignore"):
-        reach = np.where(directions < 0, -origins / directions, np.inf)
-    wall = reach.argmin(axis=-1)
+        reach = (np.where(directions < 0, 0.0, WALL) - origins) / directions
+    wall, far = reach.argmin(axis=-1), directions > 0
     points = origins + directions * reach.min(axis=-1)[..., None]
     out = np.zeros(points.shape, np.float32)
-    for axis in range(3):
-        seen = wall == axis
+    for axis, opposite in product(range(3), (False, True)):
+        seen = (wall == axis) & (far[..., axis] == opposite)
         u, v = (np.clip(points[seen][:, other] / WALL, 0, 0.998) * (TILE - 1) for other in range(3) if other != axis)
-        out[seen] = bilinear(texture(walls + axis), u, v)
+        out[seen] = bilinear(texture(walls + axis + 20 * opposite), u, v)
     return np.rint(out).astype(np.uint8)
 
 

@@ -16,11 +16,14 @@ from PIL import Image
 from baker.commands.make import main as snerg_make
 from console import UserError
 from tests.training.posing.conftest import COUNT, STRANGER, Found, load_quietly, write_photographs
-from tests.training.posing.rooms import cameras, photograph
+from tests.training.posing.rooms import cameras, panorama_cameras, photograph
 from tools.pose_error import pose_error
 from training.posing import child_process, find
 from training.posing.find import find_poses, posed_scene
+from training.posing.photograph import read_photograph
 from training.scenes import Photograph, Scene
+from training.scenes.lens import EQUIRECTANGULAR, projection_of
+from training.scenes.read import suggested_downscale
 
 ROOT = Path(__file__).parents[3]
 
@@ -56,6 +59,31 @@ def test_pixels_that_are_not_square_are_found(tmp_path: Path):
     assert result.positions.max() < 0.01 and result.degrees.max() < 0.5
     aspects = [one.camera.fx / one.camera.fy for one in photographs_of(scene).values()]
     assert aspects == pytest.approx([0.75] * 12, rel=0.01)
+
+
+def test_panoramas_are_told_from_photographs(tmp_path: Path):
+    inside, (corner,) = panorama_cameras(3), cameras(1)
+    for camera, expected in ((inside[0], True), (inside[2], True), (replace(corner, height=128), False)):
+        Image.fromarray(photograph(camera)).save(tmp_path / "picture.png")
+        assert read_photograph(tmp_path / "picture.png").is_panorama == expected
+    Image.new("RGB", (64, 32), "white").save(tmp_path / "picture.png")
+    assert not read_photograph(tmp_path / "picture.png").is_panorama
+
+
+@pytest.mark.slow
+def test_the_cameras_of_panoramas_are_found(tmp_path: Path):
+    (tmp_path / "photographs").mkdir()
+    given = {f"p{number}": camera for number, camera in enumerate(panorama_cameras(COUNT))}
+    for name, camera in given.items():
+        Image.fromarray(photograph(camera)).save(tmp_path / "photographs" / f"{name}.png")
+    scene = load_quietly(posed_scene(tmp_path / "photographs", tmp_path / "out"))
+    views = tuple(Photograph(name, camera, lambda: None) for name, camera in given.items())  # type: ignore[arg-type, return-value]
+    result = pose_error(scene, replace(scene, splits={"train": views}))
+    assert len(result.names) == COUNT
+    assert result.positions.max() < 0.01 and result.degrees.max() < 0.5
+    assert all(projection_of(one.camera.distortion) == EQUIRECTANGULAR for one in photographs_of(scene).values())
+    assert scene.contraction is not None, "what lies around the cameras has no end"
+    assert suggested_downscale(scene.path, 128) == 1 and suggested_downscale(scene.path, 64) == 2
 
 
 def test_the_users_folder_is_left_as_it_was_and_the_scene_holds_no_copies_of_what_can_be_used(found: Found):

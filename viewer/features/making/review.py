@@ -28,7 +28,7 @@ from training.scenes.colmap import sparse_points
 from training.scenes.colmap_files import Reconstruction
 from training.scenes.scene import Box, Direction, cameras_of
 from training.scenes.scene_options import composed
-from training.scenes.space import FARTHEST, HALF_SIDE, box_of_points, looks_inwards
+from training.scenes.space import FARTHEST, HALF_SIDE, box_of_points, looks_inwards, viewing_poses
 from viewer.core.pose import Pose, Turntable, project, triple
 from viewer.features.camera.orbit_camera import DEFAULT_FOV
 from viewer.features.crop import crop
@@ -99,7 +99,7 @@ def read_sparse_preview(
 
 def _kinds(scene: Scene, points: Reconstruction) -> tuple[Kind, dict[Kind, np.ndarray]]:
     """What cameras that stand around look at, and the boxes that go with a subject and with a room."""
-    poses = np.stack([p.camera.world_T_camera for split in scene.splits.values() for p in split])
+    poses = viewing_poses([photograph.camera for split in scene.splits.values() for photograph in split])
     kind: Kind = "subject" if looks_inwards(poses) else "room"
     boxes: dict[Kind, np.ndarray] = {
         "subject": box_of_points(points.places, points.tracks, HALF_SIDE, scene.aabb),
