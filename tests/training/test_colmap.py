@@ -1,6 +1,7 @@
 """COLMAP scenes: the geometry of what pycolmap wrote, which pictures are taken, and what is wrong with the files."""
 
 import shutil
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ from tests.training.reconstructions import SIZE, ball, ndc_points, save_picture,
 from tests.training.test_captures import circle, complaint, everyone, write_transforms
 from tools.pose_error import similarity
 from training.scenes import load_scene
+from training.scenes.colmap import sparse_points
 from training.scenes.colmap_files import read_reconstruction
 from training.scenes.pictures import PictureLoader
+from training.scenes.pixels import may_be_transparent
 from training.scenes.scene import Scene, camera_rays
 from training.scenes.space import poses_of
 
@@ -137,6 +140,30 @@ def test_what_is_left_out_is_told_in_one_line_each(tmp_path):
     lines = "\n".join(str(one.message) for one in warned)
     assert len(warned) == 3 and "2 of 11 pictures have no pose" in lines and "lost_0.png" in lines
     assert "1 of 10 images" in lines and "right/04.png" in lines and "2 parts" in lines
+
+
+@pytest.mark.parametrize(
+    ("model", "pictures"),
+    [
+        ("colmap/sparse/0", "images"),
+        ("colmap/sparse", "images"),
+        (".", "images"),
+        ("sparse/0", "."),
+        ("dense/sparse", "dense/images"),
+        ("dense/0/sparse", "dense/0/images"),
+    ],
+)
+def test_a_reconstruction_is_found_where_programs_leave_it(tmp_path: Path, model: str, pictures: str):
+    made, path = write_colmap(tmp_path / "made", circle(10), ball()), tmp_path / "scene"
+    masks = Path(pictures).parent / "masks"
+    for target, source in ((model, "sparse/0"), (pictures, "images"), (masks, "images")):
+        shutil.copytree(made / source, path / target, dirs_exist_ok=True)
+    with warnings.catch_warnings(action="error"):
+        scene = load_scene(path)
+    assert scene.kind == "colmap" and len(everyone(scene)) == 10
+    assert may_be_transparent(everyone(load_scene(path, masks=True)))
+    found = sparse_points(scene)
+    assert found is not None and len(found.places) == 150
 
 
 def test_the_reconstruction_may_lie_in_sparse_itself_and_others_descriptions_win(tmp_path):

@@ -1,4 +1,4 @@
-"""COLMAP scenes: sparse/N with cameras, images and points3D, and the pictures in images or images_K.
+"""COLMAP scenes: cameras, images and points3D in a folder of MODELS, and the pictures in images, in images_K or beside.
 
 COLMAP chooses frame and unit by itself. A forward-facing capture is put where LLFF's are (depths come from the points that each
 image shows), any other where those of transforms.json are. Near, far and box come from the points; see training.scenes.space.
@@ -11,7 +11,7 @@ import numpy as np
 
 from console import UserError
 from training.scenes import space
-from training.scenes.colmap_files import Reconstruction, model_suffix, read_reconstruction
+from training.scenes.colmap_files import PARTS, Reconstruction, model_suffix, read_reconstruction
 from training.scenes.files import PICTURE_SUFFIXES, FileFinder, clean_name, is_hidden, notice
 from training.scenes.llff import choose_factor, masks_folder, masks_of, picture_folders
 from training.scenes.photographs import moved, photographs_of
@@ -22,29 +22,35 @@ from training.scenes.scene import HELD_OUT_BY_NAME, Direction, Photograph, Scene
 from training.scenes.scene_options import UP, SceneOptions, axes_of
 
 LOOKED_FOR = "sparse/0/cameras.bin with images (COLMAP)"
+# Where reconstructions lie: of COLMAP, of ns-process-data, and of programs that export to COLMAP.
+MODELS = ("sparse/*", "sparse", "colmap/sparse/*", "colmap/sparse")
+UNDISTORTED = ("dense", "dense/*")  # scenes of their own below that of the photographs, by image_undistorter
 
 
 def recognises(path: Path) -> bool:
-    return bool(_model_folders(path))
+    return any(map(_model_folders, _scene_folders(path)))
 
 
 def read(path: Path, options: SceneOptions) -> Scene:
     """Reads the reconstruction, finds each image's picture and checks its header."""
     found = reconstruction_of(path)
-    folder, factor = _choose_folder(path, found.names, options)
-    return scene_of(path, found, FileFinder(folder), folder, factor, options)
+    beside = _scene_folder(path)
+    folder, factor = _choose_folder(beside, found.names, options)
+    return scene_of(path, found, FileFinder(folder), folder, factor, options, beside)
 
 
 def scene_of(
-    path: Path, found: Reconstruction, finder: FileFinder, folder: Path, factor: int, options: SceneOptions
-) -> Scene:
-    """The scene of a reconstruction whose pictures, `factor` times smaller than full size, lie in a folder."""
+    path: Path, found: Reconstruction, finder: FileFinder, folder: Path, factor: int, options: SceneOptions,
+    beside: Path | None = None,
+) -> Scene:  # fmt: skip
+    """The scene of a reconstruction whose pictures, `factor` times smaller than full size, lie in a folder. beside: where masks
+    are, else in `path`."""
     listed = finder.find_all(found.names)
     _tell_left_out(path, folder, found, listed)
     found = found.only([index for index, picture in enumerate(listed) if picture is not None])
     pictures = [picture for picture in listed if picture is not None]
     names = [clean_name(name) for name in found.names]
-    masks = masks_of(path, factor, names) if options.masks else [None] * len(names)
+    masks = masks_of(beside or path, factor, names) if options.masks else [None] * len(names)
     described = zip(names, pictures, found.cameras, masks, strict=True)
     photographs = photographs_of(path, described, factor, options.downscale)
     photographs, space = _placed(path, found, photographs, options)
@@ -55,7 +61,7 @@ def scene_of(
 def reconstruction_of(path: Path) -> Reconstruction:
     """The largest of the reconstructions that COLMAP wrote into a scene's folder. UserError where all are damaged."""
     read, errors = {}, []
-    for folder in _model_folders(path):
+    for folder in _model_folders(_scene_folder(path)):
         try:
             read[folder] = read_reconstruction(folder)
         except UserError as error:
@@ -66,21 +72,33 @@ def reconstruction_of(path: Path) -> Reconstruction:
     if (count := len(read) + len(errors)) > 1:
         parts = ", ".join(f"{folder.name}: {len(read[folder].names)}" for folder in read)
         text = f"COLMAP split the capture into {count} parts; reading {best.name}, the largest (images: {parts})"
-        notice(path / "sparse", text)
+        notice(best.parent, text)
     return read[best]
 
 
 def _model_folders(path: Path) -> list[Path]:
-    """Where reconstructions lie: in folders of sparse, else in sparse itself."""
-    sparse = path / "sparse"
-    folders = sorted(folder for folder in sparse.glob("*") if model_suffix(folder)) if sparse.is_dir() else []
-    return folders or [folder for folder in (sparse,) if model_suffix(folder)]
+    """The folders of a scene's reconstructions: those of the first of MODELS where there are any, else the scene's own."""
+    found = (sorted(folder for folder in path.glob(pattern) if model_suffix(folder)) for pattern in MODELS)
+    suffix = model_suffix(path)
+    own = [path] if suffix and (path / f"{PARTS[1]}{suffix}").is_file() else []
+    return next(filter(None, found), own)
+
+
+def _scene_folders(path: Path) -> list[Path]:
+    return [path, *(folder for pattern in UNDISTORTED for folder in sorted(path.glob(pattern)))]
+
+
+def _scene_folder(path: Path) -> Path:
+    """Where a reconstruction and its pictures lie: in `path`, else in one of UNDISTORTED; else where a reconstruction is."""
+    folders = list(filter(_model_folders, _scene_folders(path)))
+    return next((folder for folder in folders if next(folder.glob("images*/"), None)), folders[0])
 
 
 def _choose_folder(path: Path, names: tuple[str, ...], options: SceneOptions) -> tuple[Path, int]:
     """The folder of pictures images_K with the largest K up to the downscale, and K (1 for images). Passes over folders that lack
     most pictures or (where wanted) masks, or whose pictures are not K times smaller than those in images."""
-    folders = picture_folders(path)
+    has_folder = next(path.glob("images*/"), None) or not any(FileFinder(path).find_all(names))
+    folders = picture_folders(path) if has_folder else {1: path}
     found = {k: [file for file in FileFinder(folder).find_all(names) if file] for k, folder in folders.items()}
     sizes = {k: read_header(pictures[0]).size for k, pictures in found.items() if pictures}
 
@@ -105,6 +123,7 @@ def _tell_left_out(path: Path, folder: Path, found: Reconstruction, listed: list
     known = {picture for picture in listed if picture is not None}
     stored = (p for p in folder.rglob("*") if p.suffix.lower() in PICTURE_SUFFIXES and p not in known)
     unposed = sorted(p.relative_to(folder).as_posix() for p in stored if not is_hidden(p))
+    unposed = [name for name in unposed if not name.startswith("masks")]  # where these lie beside
     of = f"{len(unposed)} of {len(known) + len(unposed)} pictures"
     notice(folder, f"{of} have no pose in the reconstruction and are left out", unposed)
 
