@@ -15,6 +15,7 @@ from typing import Literal
 from console import UserError
 from console.file_signature import HEAD_BYTES, sniff_type
 from training.scenes import files, llff
+from training.scenes.read import has_poses
 
 FILM_HEAD_BYTES = 1024  # of a film that tell its container
 STILLS = (b"avif", b"avis", b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1", b"jxl ", b"crx ")
@@ -64,6 +65,7 @@ FEWEST = 8  # pictures that must have a pose in the end; of fewer no scene can c
 PHOTOGRAPHS = f"a folder of photographs ({files.READ_PICTURES}), at least {FEWEST} or with camera poses"
 READ = f"{PHOTOGRAPHS}, or a film ({FILM_NAMES})"
 SUBFOLDER = "images"  # where other programs keep a scene's pictures
+UNPACK = "unpack the archive, and name the folder"
 MASKS = "masks"  # beside the photographs, or beside the folder SUBFOLDER that they are in
 
 
@@ -102,17 +104,20 @@ class Source:
 def find_source(path: Path) -> Source | None:
     """The photographs or the film at `path`, whether or not there are poses; None where there are none.
 
-    Photographs lie in the folder itself, or else in its `images`, or else in folders just below, but those of masks. A folder
-    may hold one film instead, also beside fewer than FEWEST pictures, such as its cover. UserError for several films, and for a
-    folder or its `images` with pictures of formats that are not read alone.
+    Photographs lie in the folder itself, in its `images`, in folders just below but those of masks, or below these in folders of
+    `images`, `images` or `DCIM`: in the first with FEWEST or more, else in the first with any. A folder may hold one film
+    instead, also beside fewer than FEWEST pictures, such as its cover. UserError for several films, for photographs of a scene
+    with poses in a folder below, and for a folder or its `images` with pictures of formats that are not read alone.
     """
     if os.path.isfile(path):
         return Source("film", path, (path,)) if is_film(path) or container_of(path) is not None else None
     if not os.path.isdir(path):
         return None
-    found, unread = _pictures(path)
+    found, unread, passed_over = _pictures(path)
     films = sorted(file for file in path.iterdir() if is_film(file))
     notes = [f"{_formats(unread)}, a format that is not read; {_remedies(unread)}"] if unread else []
+    if passed_over:
+        notes.append(f"the {len(found)} pictures in folders below are used, not {_named(passed_over)}")
     if len(found) < FEWEST and films:
         if len(films) > 1:
             also = f"only {len(found)}" if found else "no"
@@ -123,6 +128,7 @@ def find_source(path: Path) -> Source | None:
             notes.append(f"{_readable(films[0].name)} is used, not {beside} beside it")
         return Source("film", path, (films[0],), tuple(notes))
     if found:
+        _require_no_scene_below(path, found[0])
         return Source("photographs", path, tuple(sorted(found, key=lambda file: in_order(str(file)))), tuple(notes))
     if any(file.parent in (path, path / SUBFOLDER) for file in unread):
         raise _none_is_read(path, unread)
@@ -140,9 +146,10 @@ def require_source(path: Path) -> Source:
     if os.path.isfile(file):
         with file.open("rb") as opened:
             found = sniff_type(opened.read(HEAD_BYTES))
-        of_scene = file.suffix.lower() in (*files.PICTURE_SUFFIXES, *files.UNREAD_FORMATS, ".json", ".npy", ".bin")
+        of_scene = file.suffix.lower() in (*files.PICTURE_SUFFIXES, ".json", ".npy", ".bin")
+        remedies = {found == "a ZIP archive": UNPACK, of_scene: "name the folder that it is in"}
         raise UserError("not a film that can be read", where=file, expected=READ, found=found,
-                        remedy="name the folder that it is in" if of_scene else None)  # fmt: skip
+                        remedy=remedies.get(True, files.UNREAD_FORMATS.get(file.suffix.lower())))  # fmt: skip
     if not os.path.isdir(path):
         raise UserError("neither a file nor a folder", where=path, expected=READ)
     if unread := _pictures(path)[1]:
@@ -150,25 +157,47 @@ def require_source(path: Path) -> Source:
     entries = sorted(entry for entry in path.iterdir() if not files.is_hidden(entry))
     if not entries:
         raise UserError("the folder is empty", where=path, expected=READ)
-    raise UserError("no photographs and no film in this folder", where=path, expected=READ, found=_named(entries))
+    raise UserError("no photographs and no film in this folder", where=path, expected=READ, found=_named(entries),
+                    remedy=UNPACK if any(entry.suffix.lower() == ".zip" for entry in entries) else None)  # fmt: skip
 
 
-def _pictures(path: Path) -> tuple[list[Path], list[Path]]:
-    """Pictures in a folder, in its SUBFOLDER, or in folders just below: those of the first that has any, and those up to there
-    of formats that are not read, but for an IMG_1.DNG beside IMG_1.JPG."""
+def _pictures(path: Path) -> tuple[list[Path], list[Path], list[Path]]:
+    """The pictures that find_source chooses; those up to there of formats that are not read, but for an IMG_1.DNG beside
+    IMG_1.JPG; and those that were passed over."""
     found: list[Path] = []
     unread: list[Path] = []
-    below = [folder for folder in path.glob("*/") if folder.name != SUBFOLDER and not folder.name.startswith(MASKS)]
+    passed_over: list[Path] = []  # too few: a cover, say
+    places = [".", SUBFOLDER, "*", f"{SUBFOLDER}/*", f"*/{SUBFOLDER}", "DCIM/*"]
     if llff.recognises(path):  # images_4 and images_8 hold the same photographs
-        below = sorted(path.glob(f"{SUBFOLDER}_*/"), key=lambda folder: in_order(folder.name))[:1]
-    for folders in ([path], [path / SUBFOLDER], [folder for folder in below if not files.is_hidden(folder)]):
-        there = [folder for folder in folders if folder.is_dir()]
-        found = [file for folder in there for file in files.visible_files(folder)]
-        unread += [file for folder in there for file in files.visible_files(folder, files.UNREAD_FORMATS)]
-        if found:
+        smaller = sorted(path.glob(f"{SUBFOLDER}_*"), key=lambda folder: in_order(folder.name))[:1]
+        places = [".", SUBFOLDER, *(folder.name for folder in smaller)]
+    for place in places:
+        folders = [path] if place == "." else [one for one in path.glob(place) if _may_hold_pictures(path, one)]
+        here = [file for folder in folders for file in files.visible_files(folder)]
+        unread += [file for folder in folders for file in files.visible_files(folder, files.UNREAD_FORMATS)]
+        if not found or len(here) >= FEWEST:
+            passed_over, found = found, here
+        if len(found) >= FEWEST:
             break
     stems = {file.with_suffix("") for file in found}
-    return found, [file for file in unread if file.with_suffix("") not in stems]
+    unread = sorted({file for file in unread if file.with_suffix("") not in stems})
+    return found, unread, [file for file in passed_over if file not in found]
+
+
+def _may_hold_pictures(path: Path, folder: Path) -> bool:
+    """Whether `folder`, below `path`, is a folder that may be read, and neither hidden nor of masks, nor in such a folder."""
+    parts = [Path(part) for part in folder.relative_to(path).parts]
+    is_open = folder.is_dir() and os.access(folder, os.R_OK | os.X_OK)
+    return is_open and not any(part.name.startswith(MASKS) or files.is_hidden(part) for part in parts)
+
+
+def _require_no_scene_below(path: Path, picture: Path) -> None:
+    """UserError where the picture is one of a scene with poses in a folder below `path`: they would not be used."""
+    below = [folder for folder in picture.parents if path in folder.parents]
+    if scene := next(filter(has_poses, below), None):
+        raise UserError(
+            "a scene with camera poses lies in a folder below", where=path, found=scene, remedy="name that folder"
+        )
 
 
 def _none_is_read(path: Path, unread: Sequence[Path]) -> UserError:

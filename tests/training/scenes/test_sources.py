@@ -33,9 +33,21 @@ def test_photographs_are_found_in_the_folder_or_just_below_it_in_the_order_of_th
     assert names_of(found(tmp_path / "a", "IMG_10.jpg", "IMG_9.JPG", "notes.txt")) == ["IMG_9.JPG", "IMG_10.jpg"]
     assert names_of(found(tmp_path / "b", "images/1.heic", "masks/1.png")) == ["images/1.heic"]
     assert names_of(found(tmp_path / "c", "left/1.png", "right/1.png")) == ["left/1.png", "right/1.png"]
+    assert names_of(found(tmp_path / "sd", "DCIM/100APPLE/1.jpg", "DCIM/.x/2.jpg")) == ["DCIM/100APPLE/1.jpg"]
+    phone = "keyframes/depth/1.png", "keyframes/images/1.jpg"  # Polycam's raw data
+    assert names_of(found(tmp_path / "phone", *phone, "masks/left/1.png")) == ["keyframes/images/1.jpg"]
+    covered = found(tmp_path / "covered", "cover.jpg", *(f"images/{name}" for name in MANY))
+    assert len(covered.files) == FEWEST and covered.notes == (
+        f"the {FEWEST} pictures in folders below are used, not cover.jpg",
+    )
     copies = "images_8/1.png", "images_4/1.png"  # an LLFF scene's, of the same photograph
     assert names_of(found(tmp_path / "d", "poses_bounds.npy", *copies)) == ["images_4/1.png"]
     assert find_source(files(tmp_path / "e", "notes.txt")) is None and find_source(tmp_path / "none") is None
+
+
+def test_a_scene_below_is_named_where_its_poses_would_not_be_used(tmp_path: Path):
+    with pytest.raises(UserError, match=r"found .*scene\); name that folder"):
+        found(tmp_path, "scene/transforms.json", "scene/images/1.jpg")
 
 
 def test_a_film_with_its_cover_is_a_film_and_a_film_beside_enough_photographs_is_not(tmp_path: Path):
