@@ -25,6 +25,7 @@ from training.posing.child_process import ask
 from training.posing.find import require
 from training.posing.photograph import preview_of, sharpness
 from training.posing.prepare import IMAGES, LOG, CameraGroup, Prepared, camera_groups, prepare
+from training.scenes.files import few, notice
 from training.scenes.pictures import small_picture
 from training.scenes.sources import FEWEST, Source
 
@@ -57,9 +58,8 @@ class Verdict:
 
     @property
     def retake(self) -> dict[str, str]:
-        """Why, by the name that the user knows, a photograph should be taken again."""
-        found = self.figures
-        return {**found["set_aside"], **found["weakly_connected"], **found["differently_exposed"]}
+        """Why, by the name that the user knows, a photograph that is used should be taken again."""
+        return {**self.figures["weakly_connected"], **self.figures["differently_exposed"]}
 
     def lines(self) -> list[str]:
         """What a user should know, a line each."""
@@ -77,6 +77,9 @@ class Verdict:
             lines.append("the last match the first: the walk closes" if closed else ends)
         if found["moving"] > MUCH_MOVES:
             lines.append("much moves: leaves, people, reflections; or the photographs are blurred")
+        if len(self.matches) < FEWEST:
+            lines.append(f"too few to find camera poses: at least {FEWEST} are needed")
+        lines += [f"left out {name}: {why}" for name, why in found["set_aside"].items()]
         return lines + [f"take again {name}: {why}" for name, why in self.retake.items()]
 
 
@@ -84,14 +87,17 @@ def check(source: Source, page: Path, most_frames: int) -> Verdict:
     """Looks at photographs or a film, and writes a page about them. UserError where too few can be read, ModuleNotFoundError
     where a package is missing.
     """
+    for note in source.notes:
+        notice(source.path, note)
     require(source)
     with tempfile.TemporaryDirectory(prefix="snerg-check-") as folder:
         work = Path(folder)
         with progress("looking at photographs", len(source.files), stage=STAGE) as bar:
             prepared = prepare(source, work, most_frames, bar)
         if len(prepared.pictures) < 2:
+            left_out = few([f"{name} ({why})" for name, why in prepared.aside.items()])
             raise UserError("too few photographs that can be used", where=source.path, expected=f"at least {FEWEST}",
-                            found=len(prepared.pictures))  # fmt: skip
+                            found=f"{len(prepared.pictures)}{', without ' * bool(left_out)}{left_out}")  # fmt: skip
         files = [work / IMAGES / picture.name for picture in prepared.pictures]
         with progress("matching", 2, stage=STAGE) as bar:
             found = match_small(work, [file.name for file in files], camera_groups(prepared.pictures), bar)
@@ -145,7 +151,7 @@ def judge(prepared: Prepared, files: Sequence[Path], pairs: Sequence[dict[str, A
         kind = "a turntable before a still background: masks are needed"
     weak, exposed = {}, {}
     for index, name in enumerate(names):
-        if not together[index]:
+        if not together[index] or not partners[index]:
             weak[name] = "does not overlap with the others"
         elif partners[index] <= FEW_PARTNERS:
             others = "1 other" if partners[index] == 1 else f"{partners[index]} others"

@@ -1,6 +1,7 @@
 """The check of photographs: spoilt versions of a capture come out worse, and what to take again is named."""
 
 import json
+import shutil
 from collections.abc import Callable
 from math import comb
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from PIL import Image, ImageFilter
 
 from baker.commands.make import main as snerg_make
+from console import Notice, UserError
 from tests.training.posing.rooms import cameras, photograph, texture
 from training.posing import mapping
 from training.posing.check import Verdict, check
@@ -34,6 +36,8 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Verdic
         folder = tmp_path_factory.mktemp(name)
         for i, picture in enumerate(pictures):
             picture.save(folder / f"p{i:02d}.png")
+        if name == "third":
+            shutil.copy(folder / "p00.png", folder / "q.png")
         page = folder / "out/check.html"
         found[name] = check(require_source(folder), page, 60), page.read_text()
     return found
@@ -68,6 +72,9 @@ def test_what_to_take_again_is_named_with_its_reason_on_one_page(captures: dict[
     assert page.count("<figure") == COUNT + 1 and page.count('class="again"') == 2
     assert 'src="data:' in page and "http" not in page and "does not overlap" in page
     assert any(line.startswith("take again p12.png") for line in verdict.lines())
+    few, _ = captures["third"]
+    assert "too few to find camera poses: at least 8 are needed" in few.lines()
+    assert "left out q.png: the same as p00.png" in few.lines() and "q.png" not in few.retake
     found = json.loads(json.dumps(verdict.figures))
     assert list(found["weakly_connected"]) == [f"p{STRANGER}.png"]
     assert list(found["differently_exposed"]) == [f"p{DARK:02d}.png"]
@@ -79,6 +86,12 @@ def test_snerg_make_checks_and_stops(tmp_path: Path, refused: Callable[..., str]
     words = [tmp_path / "photos", "--out", tmp_path / "out"]
     assert "empty" in refused(snerg_make, *words, "--check") and not (tmp_path / "out").exists()
     assert "--json: needs --check" in refused(snerg_make, *words, "--json", "-")
+    for name in ("a.png", "b.png"):
+        Image.new("RGB", (32, 32)).save(tmp_path / "photos" / name)
+    assert "at least 8, found 1, without b.png (the same as a.png)" in refused(snerg_make, *words, "--check")
+    (tmp_path / "photos/c.dng").touch()
+    with pytest.warns(Notice, match="1 DNG picture, a format that is not read"), pytest.raises(UserError):
+        check(require_source(tmp_path / "photos"), tmp_path / "check.html", 60)
 
 
 def test_a_missing_package_is_named(tmp_path: Path, refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch):
