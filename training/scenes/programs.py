@@ -373,8 +373,8 @@ def _read_bundler(file: Path, size_of: SizeOf) -> Reconstruction:
 
 
 PROGRAMS = (
-    Program("Metashape", ("*.xml",), lambda head: b"<document" in head and b"<chunk" in head, _read_metashape),
-    Program("RealityCapture", ("*.csv",), _is_realitycapture, _read_realitycapture),
+    Program("Metashape", ("*.[xX][mM][lL]",), lambda head: b"<document" in head and b"<chunk" in head, _read_metashape),
+    Program("RealityCapture", ("*.[cC][sS][vV]",), _is_realitycapture, _read_realitycapture),
     Program("Polycam", ("keyframes/corrected_cameras/*.json",), lambda head: b'"t_00"' in head, _read_polycam,
             ("keyframes/corrected_images", ".")),
     Program("Polycam", ("keyframes/cameras/*.json",), lambda head: b'"t_00"' in head, _read_polycam, ("keyframes/images", ".")),

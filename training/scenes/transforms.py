@@ -178,7 +178,7 @@ def _read_capture(path: Path, options: SceneOptions) -> Scene:
 
 
 class _NothingThere(UserError):
-    """A description without frames, or without pictures of them."""
+    """A description without frames, or without pictures or poses of them."""
 
 
 def _read_json(path: Path) -> dict[str, Any]:
@@ -193,7 +193,7 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 
 def _read_frames(description: Path, document: dict[str, Any], finder: FileFinder) -> list[_Frame]:
-    """The frames whose picture exists, each picture once; a Notice of the others, and of what is not read."""
+    """The frames that have a pose and a picture, each picture once; a Notice of the others, and of what is not read."""
     listed = document.get("frames")
     if not isinstance(listed, list) or not listed:
         found = "none" if not listed else type(listed).__name__
@@ -210,10 +210,15 @@ def _read_frames(description: Path, document: dict[str, Any], finder: FileFinder
     if len(gone) == len(listed):
         raise _NothingThere("picture not found", where=description.parent / gone[0], remedy="no frame has its picture")
     notice(description, f"{len(gone)} of {len(listed)} frames have no picture and are left out", gone)
+    posed = [frame.get("transform_matrix") is not None for frame in listed]
+    if not any(has_pose and picture for has_pose, picture in zip(posed, pictures, strict=True)):
+        raise _NothingThere("no picture has a pose", where=description, expected="a transform_matrix of each frame")
+    unposed = [name for name, has_pose in zip(names, posed, strict=True) if not has_pose]
+    notice(description, f"{len(unposed)} of {len(listed)} frames have no transform_matrix and are left out", unposed)
     frames: dict[Path, _Frame] = {}
     repeated = []
     for index, (name, picture, listed_frame) in enumerate(zip(names, pictures, listed, strict=True)):
-        if picture is None:
+        if picture is None or not posed[index]:
             continue
         where = f"{description} frame {index} ({name})"
         own_focal = any(key in listed_frame for key in FOCAL_KEYS)

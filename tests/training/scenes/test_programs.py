@@ -185,6 +185,13 @@ def test_what_arrives_broken_is_refused_in_one_line(tmp_path: Path, name: str):
             assert file.name in line or file.parent.name in line, broken[:500]
 
 
+@pytest.mark.parametrize("name", ["cameras.XML", "cameras.CSV"])
+def test_the_suffix_of_an_export_may_be_in_capitals(tmp_path: Path, name: str):
+    WRITERS["Metashape" if name.endswith("XML") else "RealityCapture"](tmp_path)
+    (tmp_path / name.lower()).rename(tmp_path / name)
+    assert load_scene(tmp_path).kind == "program"
+
+
 @pytest.mark.parametrize(
     ("name", "edit", "words"),
     [
