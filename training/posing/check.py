@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from console import Progress, UserError, progress
 from console.atomic import replacing
+from console.streams import one_line
 from training.posing.child_process import ask
 from training.posing.find import require
 from training.posing.photograph import preview_of, sharpness
@@ -80,7 +81,8 @@ class Verdict:
         if len(self.matches) < FEWEST:
             lines.append(f"too few to find camera poses: at least {FEWEST} are needed")
         lines += [f"left out {name}: {why}" for name, why in found["set_aside"].items()]
-        return lines + [f"take again {name}: {why}" for name, why in self.retake.items()]
+        lines += [f"take again {name}: {why}" for name, why in self.retake.items()]
+        return [one_line(line) for line in lines]
 
 
 def check(source: Source, page: Path, most_frames: int) -> Verdict:
