@@ -168,4 +168,5 @@ def _head(path: Path) -> bytes:
 
 def short_reason(error: Exception) -> str:
     """The first sentence of a decoder's complaint, without the path that we print already."""
-    return str(error).split("\n")[0][:120] or type(error).__name__
+    words = getattr(error, "strerror", None) or str(error)
+    return words.split("\n")[0][:120] or type(error).__name__

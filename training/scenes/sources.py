@@ -66,6 +66,7 @@ PHOTOGRAPHS = f"a folder of photographs ({files.READ_PICTURES}), at least {FEWES
 READ = f"{PHOTOGRAPHS}, or a film ({FILM_NAMES})"
 SUBFOLDER = "images"  # where other programs keep a scene's pictures
 UNPACK = "unpack the archive, and name the folder"
+MAPS = ("depth", "depths", "conf", "confidence", "normals")  # folders of pictures that are no photographs, beside these
 MASKS = "masks"  # beside the photographs, or beside the folder SUBFOLDER that they are in
 
 
@@ -104,10 +105,10 @@ class Source:
 def find_source(path: Path) -> Source | None:
     """The photographs or the film at `path`, whether or not there are poses; None where there are none.
 
-    Photographs lie in the folder itself, in its `images`, in folders just below but those of masks, or below these in folders of
-    `images`, `images` or `DCIM`: in the first with FEWEST or more, else in the first with any. A folder may hold one film
-    instead, also beside fewer than FEWEST pictures, such as its cover. UserError for several films, for photographs of a scene
-    with poses in a folder below, and for a folder or its `images` with pictures of formats that are not read alone.
+    Photographs lie in the folder itself, in its `images`, in folders just below but those of masks or MAPS, or below these in
+    folders of `images`, `images` or `DCIM`: in the first with FEWEST or more, else in the first with any. A folder may hold one
+    film instead, also beside fewer than FEWEST pictures, such as its cover. UserError for several films, for photographs of a
+    scene with poses in a folder below, and for a folder or its `images` with pictures of formats that are not read alone.
     """
     if os.path.isfile(path):
         return Source("film", path, (path,)) if is_film(path) or container_of(path) is not None else None
@@ -185,10 +186,10 @@ def _pictures(path: Path) -> tuple[list[Path], list[Path], list[Path]]:
 
 
 def _may_hold_pictures(path: Path, folder: Path) -> bool:
-    """Whether `folder`, below `path`, is a folder that may be read, and neither hidden nor of masks, nor in such a folder."""
-    parts = [Path(part) for part in folder.relative_to(path).parts]
+    """Whether `folder`, below `path`, is a folder that may be read, and neither it nor one above is hidden, of masks or MAPS."""
+    parts = folder.relative_to(path).parts
     is_open = folder.is_dir() and os.access(folder, os.R_OK | os.X_OK)
-    return is_open and not any(part.name.startswith(MASKS) or files.is_hidden(part) for part in parts)
+    return is_open and not any(p.startswith(MASKS) or p.lower() in MAPS or files.is_hidden(Path(p)) for p in parts)
 
 
 def _require_no_scene_below(path: Path, picture: Path) -> None:

@@ -16,7 +16,7 @@ from PIL import Image, ImageOps, features
 
 from console import UserError
 from training.posing.photograph import link_or_convert, read_photograph
-from training.scenes.picture_headers import SCAN, read_header
+from training.scenes.picture_headers import SCAN, read_header, short_reason
 from training.scenes.pictures import PictureLoader, as_floats, decoded, read_mask, small_picture, with_alpha
 
 RNG = np.random.default_rng(0)
@@ -315,3 +315,7 @@ def test_a_jpeg_of_many_scans_is_refused_by_all_that_decodes(tmp_path: Path) -> 
             decode()
     picture.write_bytes(progressive(50))
     np.testing.assert_allclose(read_picture(picture)[..., 0], 200 / 255, atol=0.02)
+
+
+def test_a_complaint_of_the_system_comes_without_its_number_and_path():
+    assert short_reason(PermissionError(13, "Permission denied", "a.jpg")) == "Permission denied"

@@ -36,6 +36,7 @@ def test_photographs_are_found_in_the_folder_or_just_below_it_in_the_order_of_th
     assert names_of(found(tmp_path / "sd", "DCIM/100APPLE/1.jpg", "DCIM/.x/2.jpg")) == ["DCIM/100APPLE/1.jpg"]
     phone = "keyframes/depth/1.png", "keyframes/images/1.jpg"  # Polycam's raw data
     assert names_of(found(tmp_path / "phone", *phone, "masks/left/1.png")) == ["keyframes/images/1.jpg"]
+    assert names_of(found(tmp_path / "depths", "rgb/1.jpg", "depth/1.exr", "conf/1.png")) == ["rgb/1.jpg"]  # Record3D's
     covered = found(tmp_path / "covered", "cover.jpg", *(f"images/{name}" for name in MANY))
     assert len(covered.files) == FEWEST and covered.notes == (
         f"the {FEWEST} pictures in folders below are used, not cover.jpg",
