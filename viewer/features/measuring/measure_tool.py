@@ -127,6 +127,7 @@ class MeasureTool:
     shown: bool = False  # whether measurements stay in the picture while their page is closed
     known: float = 1.0  # the length that the scale is set by, as it is typed
     known_unit: Unit = "m"
+    asks: bool = False  # that length's field gets the keyboard in the next frame
     cursor: Hit | None = None  # the surface under the mouse; None for no surface
 
     def drop(self) -> None:
@@ -173,6 +174,7 @@ class MeasureTool:
             return
         app.open_scene.rig.remember()
         self.draft = (*self.draft, point)
+        self.asks = self.tool == "scale" and len(self.draft) == 2
         if len(self.draft) == ENDS.get(self.tool):
             self._keep(app)
 

@@ -111,10 +111,13 @@ def _known(app: App) -> None:
     ui.hint("How far apart are they?" if ready else HINTS["scale"])
     imgui.begin_disabled(not ready)
     ui.label("Distance")
+    if measure_tool.asks:
+        imgui.set_keyboard_focus_here()
+        measure_tool.asks = False
     changed, value = imgui.input_float("##known", measure_tool.known, 0.0, 0.0, "%.6g")
     if changed:
         measure_tool.known = value
-    entered = imgui.is_item_deactivated_after_edit() and imgui.is_key_pressed(imgui.Key.enter)
+    entered = imgui.is_item_deactivated() and any(map(imgui.is_key_pressed, (imgui.Key.enter, imgui.Key.keypad_enter)))
     picked = ui.choice("Unit##known unit", UNIT_TITLES, UNIT_TITLES[measure_tool.known_unit])
     if picked is not None:  # "" is one of them
         measure_tool.known_unit = picked
