@@ -44,7 +44,8 @@ def show(app: App, canvas: Canvas) -> None:
         histogram(app.times, target, px(96))
         for name, share in (("Median", 50), ("95th percentile", 95), ("Slowest", 100)):
             ui.figure(name, f"{np.percentile(app.times.frame_ms or [0.0], share):.1f} ms")
-        ui.hint(f"Of the last {len(app.times.frame_ms)} frames; the figures above are of the last {AVERAGED}.")
+        count = len(app.times.frame_ms)
+        ui.hint(f"Of the last {count} frames; the figures above are of the last {min(count, AVERAGED)}.")
     with ui.card("rays", "Rays"):
         _rays(app)
     with ui.card("card", "Graphics card"):

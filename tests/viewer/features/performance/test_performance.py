@@ -4,6 +4,7 @@ import numpy as np
 
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import not_none
+from viewer.core import widgets
 from viewer.features.performance.frame_stats import LONGEST_SIDE, RayCosts
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
@@ -31,6 +32,19 @@ def test_exact_marching_fetches_far_fewer_samples_than_brute_for_the_same_opacit
     assert hit.any() and exact[..., 0][hit].min() >= 1
     assert exact[..., 0].sum() < 0.5 * brute[..., 0].sum()  # what skipping is for
     assert exact[..., 1].max() > 0 and brute[..., 1].max() == 0
+
+
+def test_the_page_averages_over_no_more_frames_than_there_are(offscreen, app, pack, pack_folder, monkeypatch):
+    app.interface.page = "performance"
+    ui = offscreen(app, pack, pack_folder)
+    hints: list[str] = []
+    monkeypatch.setattr(widgets, "hint", lambda text, *_: hints.append(text))
+    for count in (24, 40):
+        app.times.frame_ms.clear()
+        app.times.frame_ms.extend([9.0] * count)
+        hints.clear()
+        ui.frame()
+        assert f"Of the last {count} frames; the figures above are of the last {min(count, 30)}." in hints
 
 
 def test_the_page_counts_while_the_camera_rests_once_a_view_and_not_at_all_when_off(offscreen, app, pack, pack_folder):
