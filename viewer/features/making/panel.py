@@ -61,7 +61,9 @@ def _check(app: App, plan: Plan) -> None:
         imgui.same_line()
         imgui.align_text_to_frame_padding()
         report = check.report
-        ui.write("Starting the check…" if report is None else f"{report.title.capitalize()}, {report.share:.0%}")
+        ui.write(
+            "Starting the check…" if report is None else f"{report.title.capitalize()}, {100 * report.share:.0f} %"
+        )
         imgui.progress_bar(report.share if report is not None else 0.0, ImVec2(-1, px(6)), "")
         return
     assert plan.survey is not None

@@ -326,10 +326,10 @@ def result_lines(result: Mapping[str, Any]) -> list[tuple[str, bool]]:
     """What was found, a line each, and whether it is a warning."""
     count, aside = len(result["photographs"]), len(result["set_aside"])
     used = f"{count} of {count + aside} photographs are used" if aside else f"{count} photographs"
-    good = f"Sharpness {result['sharpness']:.0%} and overlap {result['overlap']:.0%} of what is good"
+    good = f"Sharpness {100 * result['sharpness']:.0f} % and overlap {100 * result['overlap']:.0f} % of what is good"
     lines = [
         (f"{used}, {result['kind']}.", False),
-        (f"{good}; exposures differ by {result['exposure_spread']:.0%}.", False),
+        (f"{good}; exposures differ by {100 * result['exposure_spread']:.0f} %.", False),
     ]
     for group, title in GROUPS.items():
         if named := result[group]:
