@@ -15,6 +15,7 @@ LANGUAGES = {"en": "English", "de": "Deutsch", "ja": "日本語"}
 LETTERS = {"ja": "あ漢"}  # that a font must have
 FIELD = re.compile(r"\{(\d*)\}")
 _ICONS = re.compile(r"([\ue000-\uf8ff\s]|\+\s)*")  # that of a plus is a plus
+_ICONS_AFTER = re.compile(r"[\ue000-\uf8ff\s]*$")
 _SENTENCES = re.compile(r"(?<=[.:!?…]) +")
 
 _language = "en"
@@ -49,13 +50,13 @@ def _pattern(english: str) -> re.Pattern[str]:
 
 @lru_cache(maxsize=4096)
 def translated(text: str) -> str:
-    """What is drawn instead of an English text; what stands behind ## (imgui's ids), and icons before it, stay."""
+    """What is drawn instead of an English text; what stands behind ## (imgui's ids), and icons around it, stay."""
     if not _exact:
         return text
     shown, mark, name = text.partition("##")
     icons = _ICONS.match(shown)
     start = icons.end() if icons is not None else 0
-    body = shown[start:].rstrip()
+    body = _ICONS_AFTER.sub("", shown[start:])
     parts = _SENTENCES.split(body) if "  (" not in body else body.split("  (", 1)  # sentences, or a title and its keys
     found, known = _exact.get(body), [_found(part) for part in parts]
     if found is None and (len(parts) == 1 or None in known):

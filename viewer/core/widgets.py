@@ -159,15 +159,17 @@ def choice(name: str, titles: Mapping[T, str], shown: str) -> T | None:
 def segments(name: str, titles: Mapping[T, str], current: object, width: float = LABEL_WIDTH) -> T | None:
     """A few named values side by side, as one control; the value that was picked just now, else None. width: of the label."""
     name, picked = labelled(name, width), None
-    gap = px(2)
-    each = (imgui.get_content_region_avail().x - gap * (len(titles) - 1)) / len(titles)
+    gap, texts = px(2), [imgui.calc_text_size(title).x for title in titles.values()]
+    whole = imgui.get_content_region_avail().x - gap * (len(titles) - 1)
+    equal, spare = whole / len(titles), (whole - sum(texts)) / len(titles)
+    fits = max(texts) + px(8) <= equal
     for i, (option, title) in enumerate(titles.items()):
         if i:
             imgui.same_line(0, gap)
         chosen = option == current
         face = {"button": theme.ACCENT, "button_hovered": theme.ACCENT, "text": theme.ON_ACCENT} if chosen else {}
         with style(frame_padding=(0, 6)), coloured(**face):
-            if imgui.button(f"{title}{name}", ImVec2(each, 0)):
+            if imgui.button(f"{title}{name}", ImVec2(equal if fits else texts[i] + spare, 0)):
                 picked = option
     return picked
 

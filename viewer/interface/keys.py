@@ -89,9 +89,10 @@ def _groups(app: App) -> list[_Group]:
             ("Shift, or the wheel", "faster"),
         )
         groups += [("While flying", flying), ("While walking", (*flying[:2], (up, "jump"), *flying[3:]))]
+    either = f" {translated('or')} "
     commands = [command for command in COMMANDS.values() if command.keys]
     for name, members in groupby(commands, lambda command: command.group):
-        groups.append((name, tuple((shown_keys(" or ".join(member.keys)), member.title) for member in members)))
+        groups.append((name, tuple((shown_keys(either.join(member.keys)), member.title) for member in members)))
     return groups
 
 

@@ -227,7 +227,7 @@ def _show_dialog(app: App, canvas: Canvas) -> None:
 
 def _dialog_buttons(buttons: tuple[tuple[str, str], ...]) -> str | None:
     """Draws them from the right; the command id of the one that was pressed, "" for none to run."""
-    width, answer = px(104), None
+    width, answer = max(px(104), *(imgui.calc_text_size(text).x + px(24) for text, _ in buttons)), None
     imgui.set_cursor_pos_x(imgui.get_window_width() - px(24) - len(buttons) * (width + px(8)) + px(8))
     for i, (text, command) in enumerate(reversed(buttons)):
         if i:

@@ -5,11 +5,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from imgui_bundle import imgui
 
 from baker.baking.config import BakeConfig
 from baker.baking.passes import passes_of
 from tests.viewer.conftest import toy_pack
 from tests.viewer.interface.places import PLACES, WITHOUT_SCENE
+from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
 from viewer.core import language
 from viewer.core.language import FIELD, LANGUAGES, catalogue, translated
@@ -19,13 +21,13 @@ from viewer.features.preferences.preferences import apply_preferences, current_p
 ROOT = Path(__file__).parents[3]
 OTHERS = [name for name in LANGUAGES if name != "en"]
 PRINTF = re.compile(r"%[-+ #0-9.]*[a-zA-Z%]")
-ICONS = re.compile(r"^([\ue000-\uf8ff\s]|\+\s)+")
+ICONS = re.compile(r"^([\ue000-\uf8ff\s]|\+\s)+|[\ue000-\uf8ff\s]+$")
 # What no catalogue has: numbers with their units, keys, names, and what is the same in all languages.
 SAME = re.compile(
     r"[\W\d_]*|[\d\W]*(MB|GiB|MiB|fps|ms|dB|px|s|m|cm|mm|in|ft|x|y|z)[\W\d]*|.*\b(Ctrl|Cmd|Num|Num\d|Shift|Alt)\b.*"
-    r"|[?WASDEQ ]+( or F1)?|\d+ (Fotos|写真)|ms +\d+ fps|F\d+|[A-Z?]|-?[xyz]|llvmpipe.*|(View|Place) \d+|r_\d+|test|train|val"
-    r"|(Space|Tab|Home|Enter|Escape|Backspace|Delete|PageUp|PageDown|Esc)( or .*)?|snerg|toy.*|English|Deutsch|日本語|\S*/\S*"
-    r"|.*\.(png|zip|json|mp4|glb)|inf|\d+ VON \d+|(the file is no pack ?)+|OK|\dK|dB PSNR",
+    r"|[?WASDEQ ]+( oder F1)?|\d+ (Fotos|写真)|ms +\d+ fps|F\d+|[A-Z?]|-?[xyz]|llvmpipe \(.*|(View|Place) \d+|r_\d+"
+    r"|(Space|Tab|Home|Enter|Escape|Backspace|Delete|PageUp|PageDown|Esc)( oder .*)?|snerg|toy.*|English|Deutsch|日本語|\S*/\S*"
+    r"|.*\.(png|zip|json|mp4|glb)|inf|test|train|val|\d+ VON \d+|(the file is no pack ?)+|OK|\dK|dB PSNR",
     re.IGNORECASE,
 )
 
@@ -57,6 +59,9 @@ def test_fields_and_formats_of_a_translation_are_those_of_the_text(name: str) ->
     ("english", "german"),
     [("Cancel", "Abbrechen"), ("\uf0c5  Copy##name", "\uf0c5  Kopieren##name"),
      ("\uf030   Picture###page-view", "\uf030   Bild###page-view"), ("+  Keyframe", "+  Schlüsselbild"),
+     ("Next  \uf061", "Nächstes  \uf061"),
+     ("llvmpipe draws in software: its timer is not reliable.",
+      "llvmpipe zeichnet in Software: Der Zeitgeber ist nicht verlässlich."),
      ("Saved a.png", "a.png gespeichert"), ("Writing a.mp4, 3 s left", "a.mp4 wird geschrieben, noch 3 s"),
      ("Play  (P)", "Abspielen  (P)"), ("Paint on surfaces. Esc stops.", "Auf Flächen malen. Esc beendet."),
      ("A film of 4 seconds through 3 views", "Ein Film von 4 Sekunden durch 3 Ansichten"),
@@ -124,6 +129,23 @@ def test_everything_that_the_interface_shows_is_in_the_catalogues(offscreen, sce
         if translated(text) == text and not translated_already and not SAME.fullmatch(shown):
             left.add(shown)
     assert not left, "\n".join(sorted(left))
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_the_words_of_a_button_fit_into_it(offscreen, scenes, name: str) -> None:
+    ui, cut_off = offscreen(App(), size=(900, 640)), []
+    with watch() as seen:
+        for place in ("view", "film", "export a page", "question", "make a scene", "review"):
+            ui.app = app = App(canvas=ui.canvas)
+            app.interface.language, app.resolution.rest_scale = name, 0.1
+            app.show(scenes.pack, scenes.path)
+            PLACES[place](app, scenes)
+            ui.settle(40)
+            imgui.set_current_context(ui.ui.context)
+            buttons = [each for each in seen.seen.values() if each.kind == "button"]
+            widths = [imgui.calc_text_size(each.label, hide_text_after_double_hash=True).x for each in buttons]
+            cut_off += [e.label for e, wide in zip(buttons, widths, strict=True) if wide > e.rect[2] - e.rect[0]]
+    assert not cut_off
 
 
 def test_the_language_is_switched_while_running_and_remembered(offscreen, app) -> None:

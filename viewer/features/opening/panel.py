@@ -15,6 +15,7 @@ from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.files import SESSION_SUFFIX, FileRequest
+from viewer.core.language import translated
 from viewer.core.widgets import CARD_MARGIN, CARD_WIDTH, px
 from viewer.features.opening.opening import OpenPrompt, browse, choose, expanded
 
@@ -88,7 +89,7 @@ class FileDialogs:
         imgui.set_next_item_width(-1)
         with ui.coloured(frame_bg=theme.BASE):
             flags = imgui.InputTextFlags_.enter_returns_true
-            entered, self._text = imgui.input_text_with_hint("##typed", "Path", self._text, flags)
+            entered, self._text = imgui.input_text_with_hint("##typed", translated("Path"), self._text, flags)
         saves = self._request.kind == "save"
         ui.hint("An existing file is replaced." if saves else "Or drop it on the window.")
         cancelled, chosen = ui.cancel_or("Save" if saves else "Open", 104, 24)
@@ -108,12 +109,12 @@ BROWSED: dict[Literal["open", "folder"], str] = {  # buttons of the system's dia
     "folder": f"{fa.ICON_FA_FOLDER_OPEN}  Folder…",
 }
 KINDS = {  # what stands before and behind a path
-    "pack": (fa.ICON_FA_CUBE, "pack"),
-    "run": (fa.ICON_FA_GEARS, "training run"),
-    "scene": (fa.ICON_FA_IMAGES, "scene"),
-    "pictures": (fa.ICON_FA_IMAGES, "photographs"),
-    "film": (fa.ICON_FA_FILM, "film"),
-    "session": (fa.ICON_FA_BOOKMARK, "session"),
+    "pack": (fa.ICON_FA_CUBE, "Pack"),
+    "run": (fa.ICON_FA_GEARS, "Training run"),
+    "scene": (fa.ICON_FA_IMAGES, "Scene"),
+    "pictures": (fa.ICON_FA_IMAGES, "Photographs"),
+    "film": (fa.ICON_FA_FILM, "Film"),
+    "session": (fa.ICON_FA_BOOKMARK, "Session"),
     "unknown": (fa.ICON_FA_FOLDER, ""),
 }
 

@@ -32,7 +32,7 @@ def show(app: App, canvas: Canvas) -> None:
     with ui.card("cameras", "Cameras"):
         gallery.frusta = ui.switch("frusta", gallery.frusta, "Show in the scene")
         splits, shown = {shot.split: shot.split for shot in photographs.shots}, gallery.split_shown
-        if len(splits) > 1 and (picked := ui.segments("##split", {"": "all"} | splits, shown)) is not None:
+        if len(splits) > 1 and (picked := ui.segments("##split", {"": "All"} | splits, shown)) is not None:
             gallery.split_shown, gallery.reveal = picked, True
         if gallery.frusta and comparison.against != "photograph":
             gallery.frusta_size = ui.slider(
