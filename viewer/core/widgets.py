@@ -110,9 +110,10 @@ def figure(name: str, value: str, dot: str = "") -> None:
         imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + px(15))
     write(name, theme.MUTED)
     imgui.same_line()
-    x = imgui.get_content_region_avail().x - imgui.calc_text_size(value).x
-    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(0.0, x))
-    imgui.text_unformatted(value)
+    width = imgui.get_content_region_avail().x
+    shown = elided(value, width)
+    imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + width - imgui.calc_text_size(shown).x)
+    imgui.text_unformatted(shown)
 
 
 def headline(number: str, unit: str) -> None:

@@ -1,7 +1,10 @@
 """Photographs, comparisons, the crop box, and dropping things on the window."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 
 from console import UserError
 from tests.viewer.app.test_application import FakeCanvas
@@ -96,6 +99,24 @@ def test_two_packs_are_compared_under_one_camera(ui, app, pack_folder):
     app.comparison.drop_other(app)
     ui.settle()
     assert ui.canvas.other is None
+
+
+def test_names_of_compared_packs_fit_into_the_page_and_have_no_suffix(ui, app, monkeypatch):
+    app.comparison.with_pack(app, toy_pack(), Path("other.zip"))
+    app.open_scene.name, app.interface.page = "long-name-" * 9, "compare"
+    ui.settle()
+    drawn: dict[str, float] = {}  # widths
+    draw = imgui.text_unformatted
+
+    def note(text: str) -> None:
+        drawn[text] = imgui.calc_text_size(text).x
+        draw(text)
+
+    monkeypatch.setattr(imgui, "text_unformatted", note)
+    ui.frame()
+    assert "other" in drawn
+    shown = [text for text in drawn if text.startswith("long-name") and drawn[text] < 280]
+    assert shown and shown[0].endswith("…")
 
 
 def test_a_crop_box_cuts_and_its_handles_can_be_dragged(ui, app):

@@ -8,6 +8,7 @@ from viewer.app.frame import other_layers
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.screen import draw_layers
+from viewer.core.state import name_of
 from viewer.core.widgets import Box, px
 from viewer.features.comparison.comparison import How
 from viewer.features.opening.opening import ask_to_open
@@ -41,7 +42,7 @@ def show(app: App, canvas: Canvas) -> None:
     with ui.card("other", "The other pack"):
         if comparison.other_path is not None:
             ui.figure("Left", app.open_scene.name)
-            ui.figure("Right", comparison.other_path.name)
+            ui.figure("Right", name_of(comparison.other_path))
         else:
             ui.hint("Choose a second pack, for example another bake of the same scene. Both use the same camera.")
         if ui.button(f"{fa.ICON_FA_FOLDER_OPEN}  Choose a pack…"):
