@@ -308,7 +308,7 @@ class Erasing:
         if names and not app.messages.dialogs:
             title = f"What you erased from {', '.join(names)} is not saved"
             text = "The Erase page saves what is left as a new pack."
-            app.messages.dialogs.append(Dialog(title, text, (("Keep it", ""), ("Leave it", command))))
+            app.messages.dialogs.append(Dialog(title, text, (("Keep it", ""), ("Discard it", command))))
             app.touch()
         return bool(names)
 

@@ -43,7 +43,7 @@ def check_is_on_disk(scene: OpenScene, remedy: str) -> None:
     if kind_of(scene.path) != "pack":
         raise UserError("is not a pack on disk", where=scene.path, remedy=remedy)
     if scene.edits.removed.bits:
-        raise UserError("lacks what was erased only here", where=scene.name, remedy="save it on the Erase page first")
+        raise UserError("what you erased is not saved", where=scene.name, remedy="save it on the Erase page first")
 
 
 def crop_words(crop: Corners | None) -> list[str]:

@@ -205,7 +205,10 @@ def test_unsaved_edits_are_asked_about_and_neither_exported_nor_shared(ui, app):
     run(ui, "select-parts", "erase-selected")
     for command in ("export-scene", "share"):
         app.run(command)
-        assert "save it on the Erase page first" in app.messages.dialogs.pop().text and app.exporting.preview is None
+        assert (
+            "what you erased is not saved; save it on the Erase page first" in app.messages.dialogs.pop().text
+            and app.exporting.preview is None
+        )
     for command, answer in (("close", "close-unsaved"), ("quit", "quit-unsaved")):
         app.run(command)
         dialog = app.messages.dialogs.pop()
