@@ -42,6 +42,9 @@ def dispatch(app: App, waiting: Presses) -> None:
 
 
 def _run(app: App, press: KeyPress) -> None:
+    if press.name == "Escape" and not in_front(app) and imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
+        imgui.internal.close_popup_to_level(0, True)  # a menu or a list: it is what Escape is for
+        return
     for command in COMMANDS.values():
         if any(fits(press, key) for key in command.keys) and (command.id == "quit" or not in_front(app)):
             app.run(command.id)

@@ -150,6 +150,15 @@ def test_a_pack_a_photograph_and_a_message_may_have_any_name(offscreen, app, pac
     ui.settle()
 
 
+def test_a_long_name_on_the_start_page_ends_where_its_column_ends(offscreen, app, tmp_path: Path) -> None:
+    app.preferences.recent = [str(tmp_path / ("long" * 50))]
+    (tmp_path / ("long" * 50)).mkdir()
+    ui = offscreen(app, size=(800, 600))
+    ui.settle()
+    listed = ui.picture()[440:].astype(int)
+    assert np.ptp(listed[:, 200:600]) > 100 and np.ptp(listed[:, 630:]) < 30
+
+
 # Pages are dragged out of their place, docked elsewhere, remembered, and brought back
 
 
@@ -235,8 +244,13 @@ def test_a_dense_small_window_has_a_menu_for_its_buttons_and_pages(offscreen, ap
     ui.settle()
     ui.click(640 - 2 * (8 + 17), 2 * 24)  # the menu's button
     assert len(imgui.get_current_context().open_popup_stack) == 1
+    app.run("measure")
     ui.key(imgui.Key.escape)
-    ui.click(20, 400)
+    assert not len(imgui.get_current_context().open_popup_stack) and app.measure_tool.tool
+    ui.key(imgui.Key.escape)
+    assert not app.measure_tool.tool
+    app.interface.over = ""
+    ui.frames(2)
     shown = int((480 - 96 - 40 + 16) / 80) - 1
     ui.click(640 - 50, 2 * (48 + 10 + 16 + 40 * shown))
     menu = imgui.get_current_context().open_popup_stack[0].window

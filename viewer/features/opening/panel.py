@@ -259,8 +259,9 @@ def _recent(app: App, path: Path, width: float) -> None:
     draw = imgui.get_window_draw_list()
     middle = at.y + px(6)
     draw.add_text(ImVec2(at.x + px(6), middle), theme.packed(theme.ACCENT), icon_of(path))
-    draw.add_text(ImVec2(at.x + px(32), middle), theme.packed(theme.TEXT), path.name)
-    name = imgui.calc_text_size(path.name).x
+    shown = ui.elided(path.name, width - px(120))
+    draw.add_text(ImVec2(at.x + px(32), middle), theme.packed(theme.TEXT), shown)
+    name = imgui.calc_text_size(shown).x
     parent = ui.elided_start(str(path.parent), width - px(54) - name)
     draw.add_text(ImVec2(at.x + px(44) + name, middle), theme.packed(theme.FAINT), parent)
 
