@@ -227,6 +227,12 @@ def test_tab_comes_to_every_widget_and_escape_declines(ui, app, scenes, ask):
     assert not in_front(app)
 
 
+def test_upright_photographs_are_as_large_as_their_longer_side(ui, app, scenes, monkeypatch):
+    monkeypatch.setattr(scenes.plan.survey, "sizes", {1: (48, 64), 2: (24, 32)})
+    making(app, scenes)
+    assert [each.label for each in ui.widgets(" px##")] == ["32 px##Photographs", "64 px##Photographs"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_dialogs_that_are_asked_for_at_once_come_one_after_the_other(ui, app, scenes, seed):

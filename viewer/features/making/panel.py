@@ -102,7 +102,7 @@ def _choices(plan: Plan) -> None:
     _indented(OFFERED[plan.preset].advice if plan.preset in OFFERED else plan.preset)
     survey = plan.survey
     assert survey is not None
-    titles = {0: "Automatic"} | {k: f"{survey.sizes[k][0]} px" for k in survey.choices}
+    titles = {0: "Automatic"} | {k: f"{max(survey.sizes[k])} px" for k in survey.choices}
     picked = ui.segments("Photographs", titles, plan.downscale or 0, LABELS)
     if picked is not None:
         plan.downscale = picked or None
