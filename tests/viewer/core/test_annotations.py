@@ -41,6 +41,7 @@ def test_words_have_as_many_digits_as_voxels_are_worth(pack: Pack):
     assert words.length(1.23456) == "1.23 m" and words.measurement(LINE) == "7.00 m = 5.00 + 2.00"
     assert LengthFormat(replace(pack, voxel_size=0.02), Annotations(Scale(100.0, "cm"))).length(1.23456) == "123 cm"
     assert LengthFormat(pack, Annotations()).measurement(ANGLE) == "45.0°"
+    assert words.place((-0.004, 0.0, 1.0)) == "0.00  0.00  1.00"
 
 
 def test_the_table_has_a_row_for_each_point_and_the_text_a_line_for_each_measurement(pack: Pack):

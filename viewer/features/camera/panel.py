@@ -66,7 +66,7 @@ def show(app: App, canvas: Canvas) -> None:
 
 
 def _numbers(point: np.ndarray) -> str:
-    return "  ".join(f"{value + 0.0:.3f}" for value in point)
+    return "  ".join(f"{value:z.3f}" for value in point)
 
 
 # --- The axes of the placed frame in a corner of the picture: a click looks along one, a drag orbits ---

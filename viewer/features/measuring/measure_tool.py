@@ -72,7 +72,7 @@ class LengthFormat:
 
     def place(self, point: Point | np.ndarray) -> str:
         """Coordinates in the placed frame."""
-        return "  ".join(f"{value:.{self.decimals}f}" for value in self.placed(point))
+        return "  ".join(f"{value:z.{self.decimals}f}" for value in self.placed(point))
 
     def in_scene(self, point: Point) -> Point:
         """The same place in the frame of the scene's own cameras, unscaled."""
@@ -103,7 +103,7 @@ def as_csv(pack: Pack, annotations: Annotations) -> str:
         pieces = [piece * annotations.scale.factor for piece in lengths(measurement.points)]
         is_line = measurement.kind == "line"
         for j, point in enumerate(measurement.points):
-            place = [f"{value:.{MOST_DECIMALS}f}" for value in (*words.placed(point), *words.in_scene(point))]
+            place = [f"{value:z.{MOST_DECIMALS}f}" for value in (*words.placed(point), *words.in_scene(point))]
             length = f"{pieces[j - 1]:.{MOST_DECIMALS}f}" if is_line and j else ""
             total = f"{sum(pieces):.{MOST_DECIMALS}f}" if is_line and j == len(pieces) else ""
             turn = f"{angle(measurement.points):.4f}" if measurement.kind == "angle" and j == 1 else ""

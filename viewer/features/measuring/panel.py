@@ -44,7 +44,7 @@ def show(app: App, canvas: Canvas) -> None:
     with ui.card("cursor", "Under the cursor"):
         ui.figure("Distance", words.length(hit.distance) if hit is not None else "–")
         ui.figure("Position", words.place(hit.point) if hit is not None else "–")
-        scene = "  ".join(f"{v:.3f}" for v in words.in_scene(triple(hit.point))) if hit is not None else "–"
+        scene = "  ".join(f"{v:z.3f}" for v in words.in_scene(triple(hit.point))) if hit is not None else "–"
         ui.figure("In the scene", scene)
         ui.hint("From the camera; in the placed frame, y up; in the frame of the scene's cameras, in its own units.")
     with ui.card("ruler", "Ruler"):

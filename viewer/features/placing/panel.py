@@ -34,7 +34,7 @@ def show(app: App, canvas: Canvas) -> None:
                     angles[i] = min(max(value, -most), most)
                     placing.put(app, placement.with_angles(*angles))
     with ui.card("origin", "Origin"):
-        ui.figure("In the grid frame", "  ".join(f"{value:.3f}" for value in placement.origin))
+        ui.figure("In the grid frame", "  ".join(f"{value:z.3f}" for value in placement.origin))
         _tool_button(app, "origin", f"{fa.ICON_FA_LOCATION_CROSSHAIRS}  By a point", "move-origin")
     with ui.card("scale", "Scale"):
         show_scale(app)
