@@ -412,8 +412,10 @@ def corner_card(name: str, box: Box) -> Iterator[None]:
 def titled_button(title: str, action: str, note: str = "") -> bool:
     """The first row of such a card: a title, a note behind it, and a button at the right; whether that was pressed."""
     width = px(BUTTON_WIDTH)
+    taken = width + px(8) + (imgui.calc_text_size(note).x + px(10) if note else 0.0)
     imgui.align_text_to_frame_padding()
-    write(title, face=theme.fonts.bold, size=16.0)
+    with font(theme.fonts.bold, 16.0):
+        write(elided(title, imgui.get_content_region_avail().x - taken))
     if note:
         imgui.same_line(0, px(10))
         write(note, theme.ACCENT)

@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 from imgui_bundle import ImVec2, imgui
 
+from console.progress import duration
 from viewer.app.application import App
 from viewer.app.frame import draw_frame
 from viewer.core import screen, theme
 from viewer.core.state import Viewport
-from viewer.core.widgets import Box, button, chip, in_front, px, style
+from viewer.core.widgets import Box, button, chip, elided, in_front, px, style
 from viewer.features.bookmarks import panel as bookmarks_panel
 from viewer.features.camera.panel import show_axes
 from viewer.features.comparison import panel as comparison_panel
@@ -257,7 +258,7 @@ def _progress(app: App, box: Box) -> None:
         title, share = f"Opening {app.loading.path.name}", app.loading.share
     elif export is not None:
         left = export.seconds_left
-        title = f"Writing {export.target.name}" + (f", {left:.0f} s left" if left is not None else "")
+        title = f"Writing {export.target.name}" + (f", {duration(left)} left" if left is not None else "")
         share = export.share
     else:
         return
@@ -267,7 +268,7 @@ def _progress(app: App, box: Box) -> None:
     with style(window_padding=(16, 12)):
         imgui.begin_child("##progress", ImVec2(width, height), imgui.ChildFlags_.always_use_window_padding)
     imgui.align_text_to_frame_padding()
-    imgui.text_unformatted(title)
+    imgui.text_unformatted(elided(title, width - px(16 + 8 + 70 + 16)))
     imgui.same_line(width - px(16) - px(70))
     if button("Cancel", px(70)):
         app.opening.cancel(app) if app.loading is not None else app.filming.cancel(app)

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from imgui_bundle import imgui
 
+from tests.viewer.interface.places import child
 from tests.viewer.rendering.shapes import surroundings_pack
 from tests.viewer.waiting import at_once
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS
 from viewer.core import widgets
 from viewer.features.camera import panel as camera_panel
+from viewer.features.export.exporting import Writing
 from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import apply_preferences, current_preferences
 from viewer.interface import keys
@@ -157,6 +159,28 @@ def test_a_long_name_on_the_start_page_ends_where_its_column_ends(offscreen, app
     ui.settle()
     listed = ui.picture()[440:].astype(int)
     assert np.ptp(listed[:, 200:600]) > 100 and np.ptp(listed[:, 630:]) < 30
+
+
+def test_cards_of_long_work_name_minutes_and_shorten_names(ui, app, tmp_path: Path, monkeypatch) -> None:
+    name = "long-name-" * 9
+    app.interface.page = "film"
+    app.filming.turntable(app)
+    app.filming.film(app, tmp_path / name)
+    monkeypatch.setattr(type(app.filming.export), "seconds_left", 467.0)
+    app.exporting.writing = Writing(child(), tmp_path / "nothing", file=tmp_path / f"{name}.glb")
+    drawn: dict[str, float] = {}  # widths
+    draw = imgui.text_unformatted
+
+    def note(text: str) -> None:
+        drawn[text] = imgui.calc_text_size(text).x
+        draw(text)
+
+    monkeypatch.setattr(imgui, "text_unformatted", note)
+    ui.frames(2)
+    monkeypatch.undo()
+    assert any(text.endswith("%, about 7 min 47 s left") for text in drawn)
+    named = [text for text in drawn if "long-name" in text]
+    assert len(named) == 3 and all(text.endswith("…") and drawn[text] < 280 for text in named)
 
 
 # Pages are dragged out of their place, docked elsewhere, remembered, and brought back

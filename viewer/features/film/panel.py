@@ -7,6 +7,7 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as fa
 
+from console.progress import duration
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
@@ -146,9 +147,9 @@ def _export(app: App, filming: Filming) -> None:
     export = filming.export
     if export is not None:
         percent, left = 100 * export.share, export.seconds_left
-        imgui.text_unformatted(export.target.name)
+        imgui.text_unformatted(ui.elided(export.target.name, imgui.get_content_region_avail().x))
         imgui.progress_bar(export.share, ImVec2(-1, px(8)), "")
-        ui.hint(f"{percent:.0f} %" if left is None else f"{percent:.0f} %, about {left:.0f} s left")
+        ui.hint(f"{percent:.0f} %" if left is None else f"{percent:.0f} %, about {duration(left)} left")
         if ui.button("Cancel"):
             filming.cancel(app)
         return
