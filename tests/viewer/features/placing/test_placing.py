@@ -66,7 +66,9 @@ def test_clicks_level_the_ground_set_the_origin_and_the_scale_and_undo_takes_eac
     ui.press("Set by two points")
     for x in (-0.4, 0.6):
         ui.click(*ui.place_of(on_slope(x, 0.5)))
-    app.measure_tool.known = 2.0
+    ui.frames(2)
+    ui.io.add_input_characters_utf8("2")
+    ui.frame()
     ui.press("Set the scale")
     scale = app.annotations.current.scale
     assert scale.unit == "m" and scale.factor == pytest.approx(2.0 / np.hypot(1.0, SLOPE), rel=0.05)
