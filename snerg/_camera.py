@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import radians, tan
-from typing import TYPE_CHECKING, Literal
+from operator import index
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from snerg._errors import SnergError, with_snerg_errors
 
@@ -101,7 +102,7 @@ class Camera:
             convention: Of `pose`.
             fov: Vertical field of view, degrees; the principal point is the middle then.
             intrinsics: In place of `fov`: fx, fy, cx, cy in pixels, or the matrix K [3, 3].
-            distortion: OpenCV's k1, k2, p1, p2, or what docs/format.md calls a lens.
+            distortion: OpenCV's k1, k2, p1, p2, also with k3, or the 12 numbers of docs/format.md ("cameras").
             frame: Of `pose`: "world" or "grid".
 
         Raises:
@@ -110,6 +111,8 @@ class Camera:
         import numpy as np
         from scipy.spatial.transform import Rotation
 
+        for where, value, choices in (("convention", convention, Convention), ("frame", frame, Frame)):
+            check_choice(where, value, choices)
         matrix, given = np.eye(4), np.asarray(pose, np.float64)
         if given.shape not in (((7,),) if convention == "colmap" else ((3, 4), (4, 4))) or not np.isfinite(given).all():
             expected = "7 finite numbers" if convention == "colmap" else "a finite matrix [4, 4] or [3, 4]"
@@ -121,11 +124,12 @@ class Camera:
             matrix[:3, :3], matrix[:3, 3] = rotation.T, -rotation.T @ given[4:]
         else:
             matrix[: len(given)] = given
+            if not np.allclose(matrix[3], (0, 0, 0, 1)) or not np.linalg.det(matrix[:3, :3]):
+                expected = "a rotation and a place, and 0 0 0 1 as the last row"
+                raise SnergError("is no pose", where="pose", expected=expected, remedy="transpose it?")
         if convention != "opengl":
             matrix[:, 1:3] *= -1.0
-        width, height = size
-        if width < 1 or height < 1:
-            raise SnergError("is no size", where="size", expected="width and height in pixels", found=size)
+        width, height = checked_size(size)
         if (fov is None) == (intrinsics is None):
             raise SnergError("a lens needs fov or intrinsics", expected="one of them")
         if fov is not None and not 0.1 <= fov < 179:
@@ -136,13 +140,40 @@ class Camera:
         if lens.shape != (4,) or not np.isfinite(lens).all() or (lens[:2] <= 0).any():
             raise SnergError("are no intrinsics", where="intrinsics", expected="fx, fy, cx, cy, or K [3, 3]")
         fx, fy, cx, cy = map(float, lens)
-        return Camera(matrix, fx, fy, cx, cy, width, height, distortion, frame)
+        distorted = np.asarray(distortion, np.float64).ravel()
+        if len(distorted) not in (4, 5, 12) or not np.isfinite(distorted).all():
+            expected = "k1, k2, p1, p2, and perhaps k3; or 12 numbers"
+            raise SnergError("is no distortion", where="distortion", expected=expected, found=distortion)
+        return Camera(matrix, fx, fy, cx, cy, width, height, tuple(distorted.tolist()), frame)
 
+    @with_snerg_errors
     def resized(self, width: int, height: int) -> Camera:
-        """The same view as a picture of another size, in pixels."""
+        """The same view as a picture of another size, in pixels.
+
+        Raises:
+            SnergError: Where that is no size.
+        """
+        width, height = checked_size((width, height))
         sx, sy = width / self.width, height / self.height
         lens = {"fx": self.fx * sx, "fy": self.fy * sy, "cx": self.cx * sx, "cy": self.cy * sy}
         return replace(self, width=width, height=height, **lens)
+
+
+def check_choice(where: str, value: object, choices: Any) -> None:
+    """Raises SnergError where `value` is none of a Literal's."""
+    if value not in get_args(choices):
+        raise SnergError("no such choice", where=where, expected=", ".join(get_args(choices)), found=repr(value))
+
+
+def checked_size(size: Any) -> tuple[int, int]:
+    """Width and height in pixels. Raises SnergError where `size` is something else."""
+    try:
+        width, height = map(index, size)
+    except (TypeError, ValueError):
+        width = height = 0
+    if min(width, height) < 1:
+        raise SnergError("is no size", where="size", expected="width and height in whole pixels", found=size)
+    return width, height
 
 
 def camera_of(camera: SceneCamera | PhotographCamera, name: str, split: str) -> Camera:

@@ -49,7 +49,10 @@ def with_snerg_errors(function: Callable[P, R]) -> Callable[P, R]:
             from console.errors import UserError, missing_extra, refusal
 
             if isinstance(error, UserError):
-                raise SnergError(**vars(error)) from error
+                fields = vars(error)
+                if str(fields["where"]).startswith("--"):  # an option of a command, and the argument of the same name
+                    fields = {**fields, "where": fields["where"].removeprefix("--").replace("-", "_")}
+                raise SnergError(**fields) from error
             if (line := refusal(error) or missing_extra(error)) is None:
                 raise
             raise SnergError(line) from error

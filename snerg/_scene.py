@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import html
 import importlib
+import os
 import sys
 import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
-from snerg._camera import Camera, camera_of, camera_of_view, view_of
+from snerg._camera import Camera, camera_of, camera_of_view, check_choice, checked_size, view_of
 from snerg._errors import SnergError, with_snerg_errors
 
 if TYPE_CHECKING:
@@ -32,7 +33,8 @@ def load(path: str | Path, *, context: Any = None) -> Scene:
     """Opens a pack, a folder or one .zip, wholly in memory.
 
     Any number of scenes may be open. Each renders in an invisible OpenGL context of its own, or in `context`, a
-    moderngl.Context of OpenGL 3.3 or later, which it leaves current as it was. Render a scene in one thread only.
+    moderngl.Context of OpenGL 3.3 or later, which it leaves current as it was. Render a scene in one thread only. A process that
+    was forked after the first picture cannot render.
 
     Raises:
         SnergError: Where there is no pack, or it cannot be read.
@@ -67,7 +69,7 @@ class Scene:
         self.path, self._context = path, context
         self._pack: Pack = pack
         self._renderer: OffscreenRenderer | None = None
-        self._thread = 0
+        self._thread = (0, 0)  # that renders: its process and itself
 
     @property
     @with_snerg_errors
@@ -111,9 +113,10 @@ class Scene:
         """
         from viewer.rendering.camera import filling_orbit
 
-        if frames < 1 or not 0.1 <= fov < 179 or min(size) < 1:
-            found = f"frames {frames}, fov {fov}, size {size}"
-            raise SnergError("is no orbit", expected="frames from 1, fov 0.1 ... 179, size in pixels", found=found)
+        size = checked_size(size)
+        if frames < 1 or not 0.1 <= fov < 179:
+            found = f"frames {frames}, fov {fov}"
+            raise SnergError("is no orbit", expected="frames from 1, fov 0.1 ... 179", found=found)
         return [camera_of_view(view) for view in filling_orbit(self._pack, frames, fov, size, FIRST_AZIMUTH)]
 
     @with_snerg_errors
@@ -153,16 +156,18 @@ class Scene:
         from viewer.rendering.opengl import current_context
         from viewer.rendering.settings import MOST_SAMPLES, RenderSettings
 
-        if mode not in get_args(Mode):
-            modes = "normal, depth, normals, alpha or features"
-            raise SnergError("is no mode", where="mode", expected=modes, found=mode)
-        if not 1 <= samples <= MOST_SAMPLES:
+        check_choice("mode", mode, Mode)
+        if samples not in range(1, MOST_SAMPLES + 1):
             raise SnergError("is out of range", where="samples", expected=f"1 to {MOST_SAMPLES}", found=samples)
+        colour = _checked_colour(WHITE if background is None else background)
         if camera is None:
-            camera = self.orbit(1, size=size or (800, 800))[0]
-        view = view_of(camera if size is None else camera.resized(*size), self._pack)
+            camera = self.orbit(1, size=(800, 800) if size is None else size)[0]
+        elif not isinstance(camera, Camera):
+            remedy = "Camera.from_pose makes one of a matrix"
+            raise SnergError("is no snerg.Camera", where="camera", found=type(camera).__name__, remedy=remedy)
+        view = view_of(camera if size is None else camera.resized(*checked_size(size)), self._pack)
         raw = mode != "normal" or background is None
-        settings = RenderSettings(mode=mode, background=background or WHITE, samples=samples, raw=raw)
+        settings = RenderSettings(mode=mode, background=colour, samples=int(samples), raw=raw)
         give_back = current_context()  # the caller may be drawing
         try:
             renderer = self._drawn_here()
@@ -180,9 +185,14 @@ class Scene:
     def _drawn_here(self) -> OffscreenRenderer:
         from viewer.rendering.offscreen import OffscreenRenderer
 
+        global _rendering_process
+        _rendering_process = _rendering_process or os.getpid()
+        if _rendering_process != os.getpid():
+            remedy = 'start processes by multiprocessing.get_context("spawn")'
+            raise SnergError("OpenGL, once it has rendered, does not work in a forked process", remedy=remedy)
         if self._renderer is None:
-            self._renderer, self._thread = OffscreenRenderer(self._pack, ctx=self._context), threading.get_ident()
-        elif self._thread != threading.get_ident():
+            self._renderer, self._thread = OffscreenRenderer(self._pack, ctx=self._context), _this_thread()
+        elif self._thread != _this_thread():
             raise SnergError("is rendered by another thread", where=self.path, remedy="load it in each thread")
         return self._renderer
 
@@ -213,6 +223,7 @@ class Scene:
     def _geometry(self, kind: Literal["mesh", "points"], **options: Any) -> Geometry:
         from scenepack.exports.scene import Export, geometry_of
 
+        check_choice("frame", options["frame"], MovedFrame)
         made = geometry_of(self._pack, Export(kind, **options))
         return Geometry(made.vertices, made.normals, made.colours, made.faces, tuple(made.cameras))
 
@@ -243,7 +254,7 @@ class Scene:
     def close(self) -> None:
         """Frees what it holds on the graphics card. It may be rendered again."""
         renderer, self._renderer = self._renderer, None
-        if renderer is not None and self._thread == threading.get_ident():
+        if renderer is not None and self._thread == _this_thread():
             from viewer.rendering.opengl import current_context
 
             give_back = current_context()
@@ -263,9 +274,31 @@ class Scene:
         if getattr(self, "_renderer", None) is not None and not sys.is_finalizing():
             self.close()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles are read again from where it lies, and render in a context of their own."""
+        return load, (self.path.resolve(),)
+
     def __repr__(self) -> str:
         """Where it was read, and its size."""
         return f"Scene({str(self.path)!r}, {' × '.join(map(str, self._pack.grid_size))} voxels)"
+
+
+_rendering_process = 0  # that made the first OpenGL context
+
+
+def _this_thread() -> tuple[int, int]:
+    return os.getpid(), threading.get_ident()
+
+
+def _checked_colour(colour: Any) -> tuple[float, float, float]:
+    try:
+        red, green, blue = map(float, colour)
+    except (TypeError, ValueError):
+        red = green = blue = -1.0
+    if not all(0.0 <= part <= 1.0 for part in (red, green, blue)):
+        expected = "red, green and blue in 0 ... 1, or None"
+        raise SnergError("is no colour", where="background", expected=expected, found=colour)
+    return red, green, blue
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,8 +42,14 @@ def test_a_field_of_view_is_the_lens_with_its_middle_in_the_picture() -> None:
     [
         ({"pose": np.eye(3)}, "pose"),
         ({"pose": np.full((4, 4), np.nan)}, "pose"),
+        ({"pose": np.column_stack([np.eye(4)[:, :3], (1, 2, 3, 1)]).T}, "pose"),  # by columns, as OpenGL has it
+        ({"pose": np.zeros((3, 4))}, "pose"),
         ({"pose": np.zeros(7), "convention": "colmap"}, "pose"),
-        ({"size": (0, 30)}, "size"),
+        *(({"size": size}, "size") for size in ((0, 30), (40.5, 30), 40, (40, 30, 3), "40x30")),
+        ({"convention": "OpenCV"}, "convention"),
+        ({"frame": "placed"}, "frame"),
+        ({"distortion": (0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)}, "distortion"),  # of OpenCV's rational model
+        ({"distortion": (np.nan, 0.0, 0.0, 0.0)}, "distortion"),
         ({"fov": 180.0}, "fov"),
         ({"fov": None}, None),
         ({"fov": None, "intrinsics": [0.0, 1.0, 2.0, 3.0]}, "intrinsics"),
@@ -53,6 +59,15 @@ def test_numbers_that_are_no_camera_are_refused(changes: dict, where: str | None
     with pytest.raises(snerg.SnergError) as refused:
         snerg.Camera.from_pose(**({"pose": np.eye(4), "size": (40, 30), "fov": 50.0} | changes))
     assert refused.value.where == where and "\n" not in str(refused.value)
+
+
+def test_what_numpy_and_opencv_hand_out_is_taken() -> None:
+    matrix = np.asfortranarray(np.eye(4, dtype=np.float32))
+    size, k3 = (np.array([40, 30]), np.array([[0.1, 0.0, 0.0, 0.0, 0.2]]))
+    camera = snerg.Camera.from_pose(matrix, size=size, fov=50.0, distortion=k3)  # type: ignore[arg-type]
+    assert (camera.width, camera.height, camera.distortion) == (40, 30, (0.1, 0.0, 0.0, 0.0, 0.2))
+    with pytest.raises(snerg.SnergError, match="is no size"):
+        camera.resized(20, 0)
 
 
 def test_an_eye_at_its_target_is_refused() -> None:

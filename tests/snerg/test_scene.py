@@ -2,11 +2,16 @@
 stands the page, or a picture where the page is refused.
 """
 
+import copy
+import os
+import pickle
+import subprocess
 import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -106,6 +111,59 @@ def test_another_thread_is_refused_and_not_let_into_the_context(toy: Path, camer
     assert refused == ["is rendered by another thread"]
 
 
+@pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        ({"camera": np.eye(4)}, "camera"),
+        ({"size": 48}, "size"),
+        ({"mode": "rgb"}, "mode"),
+        ({"samples": 2.5}, "samples"),
+        *(({"background": colour}, "background") for colour in ((255, 255, 255), 0, "white", (0, 0, 0, 1))),
+    ],
+)
+def test_what_cannot_be_rendered_is_refused_by_its_argument(toy: Path, arguments: dict, where: str) -> None:
+    with pytest.raises(snerg.SnergError) as refused:
+        snerg.load(toy).render(**arguments)
+    assert refused.value.where == where
+
+
+def test_a_size_that_the_driver_refuses_does_not_spoil_the_next_picture(toy: Path, camera: snerg.Camera) -> None:
+    with snerg.load(toy) as scene:
+        expected = scene.render(camera, background=np.zeros(3))  # type: ignore[arg-type]
+        with pytest.raises(snerg.SnergError, match="refuses a picture of this size"):
+            scene.render(camera, size=(100_000, 100_000))
+        np.testing.assert_array_equal(scene.render(camera, background=(0.0, 0.0, 0.0)), expected)
+
+
+def test_a_copy_renders_on_its_own(toy: Path, camera: snerg.Camera) -> None:
+    with snerg.load(toy) as scene:
+        expected = scene.render(camera)
+        for again in (copy.copy(scene), pickle.loads(pickle.dumps(scene))):
+            np.testing.assert_array_equal(again.render(camera), expected)
+            again.close()
+        np.testing.assert_array_equal(scene.render(camera), expected)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_forked_process_is_refused_in_words(toy: Path, camera: snerg.Camera) -> None:
+    program = f"""
+import os, snerg
+scene = snerg.load({str(toy)!r})
+scene.render(size=(8, 8))
+if not os.fork():
+    for one in (scene, snerg.load({str(toy)!r})):
+        try:
+            one.render(size=(8, 8))
+        except snerg.SnergError as error:
+            print(error.remedy, flush=True)
+    scene.close()
+    os._exit(0)
+os.wait()
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=100, check=True)
+    assert done.stdout.count("spawn") == 2
+
+
 def test_a_forward_facing_scene_comes_out_the_right_way_round(tmp_path: Path) -> None:
     pack = toy_pack(ndc=True)
     save_pack(pack, tmp_path / "ndc.zip")
@@ -130,6 +188,11 @@ def test_geometry_is_written_as_the_commands_write_it(toy: Path, tmp_path: Path)
     assert len(trimesh.load(tmp_path / "points.ply").vertices) == len(points.vertices)
     with pytest.raises(snerg.SnergError, match=r"expected \.ply"):
         points.save(tmp_path / "points.glb")
+    wrong: list[dict[str, Any]] = [{"frame": "worlds"}, {"level": 2.0}]
+    for arguments in wrong:  # named as arguments, not as options
+        with pytest.raises(snerg.SnergError) as refused:
+            scene.to_mesh(**arguments)
+        assert [refused.value.where] == list(arguments)
 
 
 def test_a_scene_is_saved_as_a_pack_and_as_a_page(toy: Path, tmp_path: Path) -> None:

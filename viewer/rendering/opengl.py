@@ -126,6 +126,7 @@ def new_framebuffer(ctx: moderngl.Context, width: int, height: int, dtype: str =
         colour = ctx.texture((width, height), 4, dtype=dtype)
         framebuffer = ctx.framebuffer([colour], ctx.depth_renderbuffer((width, height)))
     except moderngl.Error as error:
+        _ = ctx.error  # OpenGL keeps it, and would hold it against the next picture
         raise refused from error
     if ctx.error != "GL_NO_ERROR":
         free_framebuffer(framebuffer)
