@@ -67,6 +67,8 @@ def test_the_mouse_moves_the_camera_as_the_desktops_does(ndc: bool, show) -> Non
     browser.mouse("mouseWheel", 300, 100, deltaX=0, deltaY=-200)
     rig.dolly(2, ((2 * 300 - 400) / 300, 1 - 2 * 100 / 300))
     assert_as_desktop(browser, rig)
+    browser.key("keyDown", " ", "Space")  # forward-facing scenes have no turntable
+    assert browser.evaluate("document.getElementById('play').classList.contains('on')") is not ndc
     assert not browser.problems
 
 
@@ -118,6 +120,27 @@ def test_keys_fly_turn_choose_and_reset(show, shapes: Pack) -> None:
     browser.key("keyDown", "r")
     settle(browser)
     assert goal(browser) == start
+
+
+@pytest.mark.slow
+def test_the_panel_says_what_is_shown_after_the_browser_went_back_to_the_page(show, shapes: Pack) -> None:
+    browser = show(shapes, size=SIZE)
+    browser.evaluate("document.getElementById('near').value = 0.5; document.getElementById('measurements').click()")
+    browser.open("data:text/html,another")
+    browser.evaluate("setTimeout(() => history.back())")
+    browser.until("globalThis.snerg?.level && snerg.resting")
+    shown = "[document.getElementById('near').value, document.getElementById('measurements').checked]"
+    assert browser.evaluate(shown) == ["0", True] and browser.evaluate("snerg.camera.view(0).near") == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("enabled", ["true", "false"])
+def test_a_button_for_the_full_screen_is_there_where_it_works(
+    enabled: str, show, shapes: Pack, browser: Browser
+) -> None:
+    with browser.before_scripts(f"Object.defineProperty(document, 'fullscreenEnabled', {{ value: {enabled} }})"):
+        show(shapes, size=SIZE)
+        assert browser.evaluate("document.getElementById('fullscreen').hidden") is (enabled == "false")
 
 
 @pytest.mark.slow

@@ -117,7 +117,7 @@ function setPlaying(playing) {
 
 const commands = {
   reset() { setPlaying(false); camera.reset(); },
-  play() { setPlaying(!player.playing); },
+  play() { if (!element("play").hidden) setPlaying(!player.playing); },
   background() {
     const names = Object.keys(BACKGROUNDS);
     const at = names.findIndex((name) => String(BACKGROUNDS[name]) === String(settings.background));
@@ -202,6 +202,7 @@ function buildInterface() {
     near = element("near").value * 2 * scene.camera.radius;
     touch();
   });
+  element("fullscreen").hidden = !document.fullscreenEnabled; // as on iPhones, and in frames that do not allow it
   if (scene.camera.bounded) [element("drag").textContent, element("slide").textContent] = ["move", "turn a little"];
   setBackground(settings.background);
 }
