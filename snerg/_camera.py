@@ -102,7 +102,7 @@ class Camera:
             convention: Of `pose`.
             fov: Vertical field of view, degrees; the principal point is the middle then.
             intrinsics: In place of `fov`: fx, fy, cx, cy in pixels, or the matrix K [3, 3].
-            distortion: OpenCV's k1, k2, p1, p2, also with k3, or the 12 numbers of docs/format.md ("cameras").
+            distortion: OpenCV's k1, k2, p1, p2, also with k3, or the 12 numbers of docs/format.md ("Additional keys").
             frame: Of `pose`: "world" or "grid".
 
         Raises:
