@@ -15,6 +15,7 @@ from baker.commands.report import main as report
 from console import check_results, write_json
 from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
+from tests.stand_ins import raising
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.texture_limits import limit_textures
 from viewer.commands.bench import main as snerg_bench
@@ -55,11 +56,8 @@ WORK = ("viewer.commands.render.load_pack", "viewer.commands.bench.load_pack", "
     ],
 )
 def test_what_cannot_end_well_is_refused_before_the_work(command, words, expected, places, refused, monkeypatch):
-    def begin(*_: object, **__: object) -> None:
-        raise AssertionError("the work has begun")
-
     for work in WORK:
-        monkeypatch.setattr(work, begin)
+        monkeypatch.setattr(work, raising(AssertionError("the work has begun")))
     assert expected in refused(command, *words.format(**places).split())
     assert not Path(places["out"]).exists() and not Path(places["out"] + ".mp4").exists()
 

@@ -6,13 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 from threading import Barrier, Thread
-from typing import Any, Literal
+from typing import Literal
 
 import pytest
 
 from console import Notice, UserError, collect_notices, notify, run_command
 from console.command_line import parse_point, parse_size
 from console.errors import handle_notices
+from tests.stand_ins import raising
 
 ROOT = Path(__file__).parents[2]
 
@@ -33,14 +34,6 @@ def train(
     """
     print(scene, out, preset, max_steps, resume)
     return 3 if max_steps == 33 else None
-
-
-def raising(error: BaseException) -> Any:
-    def command() -> None:
-        """Fails."""
-        raise error
-
-    return command
 
 
 def test_parameters_become_options_and_flags_and_a_number_returned_the_status(capsys):

@@ -17,6 +17,7 @@ from console.child_process import module_command
 from console.json_text import MOST_BYTES, parse_json
 from console.progress import Estimate, duration
 from console.progress_protocol import PROGRESS, Report, read_report
+from tests.stand_ins import raising
 
 
 @pytest.fixture
@@ -166,7 +167,7 @@ def test_why_a_command_failed_is_data_too(file: Path, bug: Exception, said: str)
     assert report is not None and (report.stage, report.done) == ("training", 4.0)
     assert (report.error, report.bug) == (said, is_bug)
     file.unlink()
-    assert run_command(lambda: (_ for _ in ()).throw(UserError("no")), prog="works", args=[]) == 2
+    assert run_command(raising(UserError("no")), prog="works", args=[]) == 2
     report = read_report(file)
     assert report is not None and (report.title, report.error) == ("works", "no")
 

@@ -43,8 +43,9 @@ def images(folder: Path) -> list[Path]:
     return sorted(f for f in folder.iterdir() if f.name not in ("scene_params.json", "atlas_indices.png"))
 
 
-def edit_json(folder: Path, change: Callable[[dict[str, Any]], Any]) -> None:
-    file = folder / "scene_params.json"
+def edit_json(file: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    """Changes the object in a file; of a pack, given its folder, in its JSON."""
+    file = file / "scene_params.json" if file.is_dir() else file
     values = json.loads(file.read_text())
     change(values)
     file.write_text(json.dumps(values))

@@ -1,6 +1,5 @@
 """Every codec: lossless ones exactly, lossy ones closely, and what is empty stays exactly empty in all."""
 
-import json
 import sys
 import warnings
 from dataclasses import replace
@@ -19,6 +18,7 @@ from scenepack.piece_files import follows_grid
 from tests.scenepack.helpers import edit_json, images, read_json, same_pack, small_pack, smooth_pack, written
 from tests.scenepack.volumes import features_of
 from tests.viewer.conftest import toy_pack
+from viewer.features.photographs.photographs import psnr
 
 LOSSLESS = {"png", "webp"}
 # At the default quality, on smooth content: mean alpha error, and PSNR over voxels in use.
@@ -33,10 +33,6 @@ def pack() -> Pack:
 @pytest.fixture(params=sorted(CODECS))
 def codec(request: pytest.FixtureRequest) -> str:
     return request.param
-
-
-def psnr(a: np.ndarray, b: np.ndarray) -> float:
-    return float(-10 * np.log10(np.mean((a.astype(float) - b) ** 2) / 255**2))
 
 
 def test_voxels_survive_and_empty_ones_stay_exactly_empty(codec: str, pack: Pack, tmp_path: Path) -> None:
@@ -158,7 +154,7 @@ def test_converting_in_place_replaces_the_pack_and_with_a_lossy_codec_only_by_fo
     assert main(["convert", str(source), "--out", str(source), "--codec", "webp"]) == 0
     assert main(["convert", str(source), "--out", str(source), "--codec", "avif", "--quality", "40", "--force"]) == 0
     assert {f.suffix for f in images(source)} == {".avif", ".xz"}
-    assert json.loads((source / "scene_params.json").read_text())["format"] == "avif"
+    assert read_json(source)["format"] == "avif"
 
 
 # Values in coarse steps: a lossless codec counts them in steps, and loses nothing

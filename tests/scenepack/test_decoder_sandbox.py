@@ -13,7 +13,7 @@ from console import UserError
 from scenepack import load_pack, save_pack
 from scenepack.codecs import decoder_sandbox
 from tests.scenepack.helpers import small_pack
-from tests.viewer.waiting import until
+from tests.viewer.waiting import is_gone, until
 
 ROOT = Path(__file__).parents[2]
 HANGS, CRASHES = "while True: pass", "os.kill(os.getpid(), signal.SIGSEGV)"
@@ -60,18 +60,13 @@ def decoder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callabl
     decoder_sandbox._end_idle()
 
 
-def is_gone(process: Path) -> bool:
-    status = Path(f"/proc/{process.read_text()}/stat")
-    return not status.exists() or status.read_text().rpartition(")")[2].split()[0] == "Z"
-
-
 @pytest.mark.parametrize("lines, message", [(HANGS, "did not come to an end within"), (CRASHES, "crashed")])
 def test_a_decoder_that_hangs_or_crashes_is_an_error_that_names_the_file(pack, decoder, monkeypatch, lines, message):
     monkeypatch.setattr(decoder_sandbox, "PATIENCE_S", 0.5)
     began = decoder(lines)
     with pytest.raises(UserError, match=rf"rgba_00\d_0\.webp: cannot be decoded: its decoder {message}"):
         load_pack(pack)
-    assert is_gone(began)
+    assert is_gone(int(began.read_text()))
 
 
 @pytest.mark.slow
@@ -93,7 +88,7 @@ def test_ctrl_c_ends_a_decoder_that_hangs(pack: Path, tmp_path: Path) -> None:
     finally:
         process.kill()
     assert process.returncode != 0 and "KeyboardInterrupt" in words_said
-    assert is_gone(began)
+    assert is_gone(int(began.read_text()))
 
 
 @pytest.mark.slow
@@ -109,7 +104,7 @@ while not (os.path.exists({str(began)!r}) and os.path.getsize({str(began)!r})): 
     code = INTERRUPTED.rsplit("load_pack(", 1)[0] + ends
     words = [sys.executable, "-c", code, str(pack), SPOILT.format(began=str(began), lines=HANGS)]
     assert subprocess.run(words, cwd=ROOT, timeout=120).returncode == 0
-    until(lambda: is_gone(began))
+    until(lambda: is_gone(int(began.read_text())))
 
 
 def test_decoders_are_used_again_and_those_that_were_killed_are_replaced(tmp_path: Path) -> None:

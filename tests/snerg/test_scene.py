@@ -20,6 +20,7 @@ import pytest
 import snerg
 from console import UserError
 from scenepack import load_pack, save_pack
+from tests.stand_ins import raising
 from tests.viewer.conftest import toy_pack
 from tests.viewer.scenes import with_cameras
 from viewer.features.photographs.photographs import shots_of
@@ -245,10 +246,7 @@ def test_a_cell_shows_the_page_in_a_frame(toy: Path, cell: list) -> None:
 
 
 def test_a_cell_shows_a_picture_where_there_can_be_no_page(toy, cell, monkeypatch):
-    def refuse(*_: object) -> bytes:
-        raise UserError("the pack is too large for a web page")
-
-    monkeypatch.setattr("viewer.web.page.scene_page", refuse)
+    monkeypatch.setattr("viewer.web.page.scene_page", raising(UserError("the pack is too large for a web page")))
     with snerg.load(toy) as scene:
         snerg.show(scene, size=(64, 40))
     assert [picture.size for picture in cell] == [(64, 40)]

@@ -10,8 +10,9 @@ from PIL import Image
 
 from scenepack import Pack, save_pack
 from tests.messages import without_progress
+from tests.stand_ins import raising
 from tools.card import __main__ as card_report
-from tools.card.parts import Budget, Skipped
+from tools.card.parts import Skipped
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("hardly_optimised")]
 SHORT = ["--size", "48x36", "--frames", "3", "--views", "2", "--power-seconds", "0.05"]
@@ -57,18 +58,12 @@ def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(fol
 
 
 def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(folder, tmp_path, monkeypatch, capsys):
-    def broken(*_: object) -> dict:
-        raise RuntimeError("the driver is moody")
-
-    def skipped(out: Path, budget: Budget) -> dict:
-        raise Skipped("they take seconds, and one test is enough")
-
-    monkeypatch.setattr(card_report, "device", broken)
-    monkeypatch.setattr(card_report, "golden", skipped)
+    monkeypatch.setattr(card_report, "device", raising(RuntimeError("the driver is moody")))
+    monkeypatch.setattr(card_report, "golden", raising(Skipped("they take seconds, and one test is enough")))
     out = tmp_path / "card"
     words = ["--out", str(out), "--only", "--pack", str(folder), *SHORT, "--train-minutes", "0"]
     assert card_report.main(words) == 2
     assert "1 of 3 parts failed" in without_progress(capsys.readouterr().err)[-1]
     parts = json.loads((out / "report.json").read_text())["parts"]
-    assert parts["device"]["status"] == "failed" and "broken" in parts["device"]["traceback"]
+    assert parts["device"]["status"] == "failed" and "raise error" in parts["device"]["traceback"]
     assert parts["pack shapes"]["status"] == "done" and "the driver is moody" in (out / "report.md").read_text()

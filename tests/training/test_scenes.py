@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from console import UserError
+from tests.scenepack.helpers import edit_json
 from tests.training.reconstructions import ball, write_colmap
-from tests.training.scenes.test_transforms import edit
 from tests.training.test_captures import circle, complaint, everyone, forward, write_llff, write_transforms
 from tests.training.test_training import MINUTE
 from training.commands.train import main
@@ -98,7 +98,7 @@ def test_a_folder_without_a_scene_says_what_was_looked_for(tmp_path: Path):
     ],
 )
 def test_a_description_that_is_wrong_gets_one_clear_line(copy: Path, change, words: str):
-    edit(copy / "transforms_train.json", change)
+    edit_json(copy / "transforms_train.json", change)
     assert words in complaint(copy)
 
 
@@ -187,7 +187,7 @@ def test_cameras_that_all_look_away_from_the_box_are_refused_before_training(cop
         for frame in document["frames"]:
             frame["transform_matrix"] = (np.array(frame["transform_matrix"]) * [-1, 1, -1, 1]).tolist()
 
-    edit(copy / "transforms_train.json", turn_round)
+    edit_json(copy / "transforms_train.json", turn_round)
     line = refused(main, copy, "--out", tmp_path / "run", "--preset", "tiny", "--steps", 2)
     assert "no photograph sees the box of the content" in line
     assert not (tmp_path / "run").exists()

@@ -21,6 +21,7 @@ from console import Notice, UserError
 from console.progress import Progress
 from console.progress_protocol import PROGRESS, read_report
 from tests.compiling import as_users_have_it
+from tests.scenepack.helpers import edit_json
 from tests.stored_runs import SCENE, STORED
 from training.checkpoints import from_arrays, read_newest_checkpoint, to_arrays, write_checkpoint
 from training.commands.train import main
@@ -214,9 +215,7 @@ def test_a_resumed_run_keeps_its_settings(unbroken: Path, procedural_path: Path,
 @pytest.mark.slow
 def test_a_run_whose_photographs_are_gone_says_so(unbroken: Path, tmp_path: Path):
     moved = Path(shutil.copytree(unbroken, tmp_path / "moved"))
-    document = json.loads((moved / "config.json").read_text())
-    document["scene"] = str(tmp_path / "gone")
-    (moved / "config.json").write_text(json.dumps(document))
+    edit_json(moved / "config.json", lambda document: document.update(scene=str(tmp_path / "gone")))
     with pytest.raises(UserError, match=r"gone: no such folder \(found .*/gone\).*--scene FOLDER"):
         load_run(moved)
     assert load_run(moved, scene_path=json.loads((unbroken / "config.json").read_text())["scene"]).step

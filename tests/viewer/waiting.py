@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from types import MethodType
 from typing import Any, TypeVar
 
@@ -30,6 +31,12 @@ def until(happened: Callable[[], Any], longest_s: float = LONGEST_S) -> Any:
 def live(app: App, happened: Callable[[], Any], longest_s: float = LONGEST_S) -> None:
     """Lets time pass for the app until something is so."""
     until(lambda: app.tick(0.02) or happened(), longest_s)
+
+
+def is_gone(process: int) -> bool:
+    """Whether a process has ended, waited for or not."""
+    status = Path(f"/proc/{process}/stat")
+    return not status.exists() or status.read_text().rpartition(")")[2].split()[0] == "Z"
 
 
 def at_once(move: MethodType, *words: object) -> None:

@@ -11,6 +11,7 @@ from baker.baking.to_pack import FIRST_STEP, Previews, preview_pack
 from baker.tuning.joint_tuning import shown_psnr
 from console import UserError
 from scenepack import load_pack
+from tests.stand_ins import raising
 from training.config import QUICK
 from training.loop import train
 from training.multires.config import MultiresConfig
@@ -68,9 +69,6 @@ def test_a_preview_looks_like_the_field_and_says_after_how_many_steps(trained: t
 
 @pytest.mark.parametrize("failure", [UserError("the disk is full"), OSError(28, "no space"), MemoryError()])
 def test_a_preview_that_fails_does_not_stop_the_training(trained, tmp_path, monkeypatch, failure):
-    def fail(run: Run) -> None:
-        raise failure
-
-    monkeypatch.setattr(to_pack, "preview_pack", fail)
+    monkeypatch.setattr(to_pack, "preview_pack", raising(failure))
     Previews(tmp_path / "preview.zip", 0.0).write(trained[0])
     assert not (tmp_path / "preview.zip").exists()

@@ -1,6 +1,5 @@
 """A bake shared by several processes through its work folder: the same voxels, whoever made which piece."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -17,7 +16,7 @@ from baker.commands.bake import main as snerg_bake
 from console import UserError
 from tests.baker.analytic import ball, culled
 from tests.baker.baking.test_grid_and_culling import baked
-from tests.scenepack.helpers import same_pack
+from tests.scenepack.helpers import edit_json, same_pack
 from tests.scenepack.random_packs import BLENDER_FRAME
 from tests.stored_runs import SCENE, STORED
 
@@ -53,9 +52,8 @@ def test_shares_come_from_options_or_the_launcher(monkeypatch: pytest.MonkeyPatc
 def test_two_processes_of_two_devices_write_the_pack_of_one(tmp_path: Path) -> None:
     run, one, two = tmp_path / "run", tmp_path / "one", tmp_path / "two"
     shutil.copytree(STORED / "multires", run)  # so that nothing is trained here
-    description = json.loads((run / "config.json").read_text())
-    description["config"]["engine"] = "jax"  # which several devices have, and rounds otherwise than compiled loops
-    (run / "config.json").write_text(json.dumps(description))
+    # which several devices have, and rounds otherwise than compiled loops
+    edit_json(run / "config.json", lambda description: description["config"].update(engine="jax"))
     # without pruning, by rays that two devices may round otherwise
     options = ["--scene", str(SCENE), "--resolution", "60", "--preset", "paper", "--quality", "draft"]
     assert snerg_bake([str(run), "--out", str(one), *options]) == 0

@@ -30,7 +30,9 @@ from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_tuning import JointConfig
 from scenepack import load_pack, save_pack
 from scenepack.files import stored_bytes
+from tests.scenepack.helpers import edit_json
 from tests.scenepack.random_packs import random_pack
+from tests.stand_ins import raising
 from tests.stored_runs import SCENE, STORED
 from training.config import PRESETS
 from training.run import Run
@@ -48,9 +50,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     sparse, foggy = folder / "sparse", folder / "foggy"
     for path in (sparse, foggy):
         shutil.copytree(STORED / "multires", path)
-    description = json.loads((foggy / "config.json").read_text())
-    description["config"]["sparsity_weight"] = 0.0
-    (foggy / "config.json").write_text(json.dumps(description))
+    edit_json(foggy / "config.json", lambda description: description["config"].update(sparsity_weight=0.0))
     return sparse, foggy
 
 
@@ -195,11 +195,8 @@ def test_every_picture_that_the_report_shows_is_there(out: Path) -> None:
 
 @pytest.mark.slow
 def test_the_same_study_again_bakes_and_scores_nothing(out, runs, monkeypatch):
-    def again(*_: Any, **__: Any) -> None:
-        raise AssertionError("was made before")
-
     for name in ("bake_to", "evaluate", "bake_floats"):
-        monkeypatch.setattr(f"baker.reports.report_cache.{name}", again)
+        monkeypatch.setattr(f"baker.reports.report_cache.{name}", raising(AssertionError("was made before")))
     figures = json.loads((out / "report.json").read_text())
     options = ReportOptions(out, SCENE, resolution=46, resolutions="46", quality="draft", against=runs[1])
     write_tables(open_study(runs[0], options), ["quality", "real"])

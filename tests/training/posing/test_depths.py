@@ -1,6 +1,5 @@
 """Captures with camera poses but without points: near, far and box come from features that match in their photographs."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from console import Notice, UserError
+from tests.scenepack.helpers import edit_json
 from tests.training.posing.rooms import FOCAL, SIZE, cameras, photograph
 from tests.training.test_captures import write_transforms
 from training.config import PRESETS
@@ -76,11 +76,9 @@ def test_features_of_the_photographs_tell_how_near_things_are(tmp_path: Path, re
     box, out, config = (-0.2, -0.2, -0.2, 0.2, 0.2, 0.2), tmp_path / "run", replace(PRESETS["quick"], steps=1)
     boxed = start_run(out, path, config, SceneOptions(aabb=box)).scene
     assert boxed.near == found.near and tuple(boxed.aabb.ravel()) == box
-    document = json.loads((out / "config.json").read_text())
-    document["depths"]["near"] = 0.125
-    (out / "config.json").write_text(json.dumps(document))
+    edit_json(out / "config.json", lambda document: document["depths"].update(near=0.125))
     assert resume_run(out, read_description(out), path, config).scene.near == 0.125
-    (out / "config.json").write_text(json.dumps(document | {"depths": {**document["depths"], "near": float("nan")}}))
+    edit_json(out / "config.json", lambda document: document["depths"].update(near=float("nan")))
     with pytest.raises(UserError, match="damaged"):
         read_description(out)
 

@@ -1,10 +1,8 @@
 """transforms.json in the two layouts: one camera model, space from cameras and points, splits, and what is refused by name."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +10,7 @@ from PIL import Image
 from plyfile import PlyData, PlyElement
 
 from console import Notice
+from tests.scenepack.helpers import edit_json
 from tests.training.test_captures import circle, complaint, everyone, write_transforms
 from training.scenes import load_scene
 from training.scenes.poses import look_at
@@ -46,12 +45,6 @@ def write_capture(path: Path, P: np.ndarray | None = None, **values) -> Path:
     """transforms.json with pictures in images."""
     focal = {} if any(key.startswith(("fl_", "camera_angle", "x_fov")) for key in values) else {"fl_x": FOCAL}
     return write_transforms(path, circle(9) if P is None else P, lens=focal, size=SIZE, **values)
-
-
-def edit(file: Path, change: Callable[[dict[str, Any]], Any]) -> None:
-    document = json.loads(file.read_text())
-    change(document)
-    file.write_text(json.dumps(document))
 
 
 def eyes_of(scene: Scene) -> np.ndarray:
@@ -173,7 +166,7 @@ def test_scale_offset_and_aabb_place_the_box_as_instant_ngp_does(tmp_path: Path)
 def test_the_points_that_a_file_names_say_where_things_are(tmp_path: Path, text: bool):
     points = np.random.default_rng(0).normal(size=(400, 3)) * 0.2 + [1.0, -2.0, 0.5]
     path = write_capture(tmp_path, ply_file_path="points.ply")
-    edit(path / "transforms.json", lambda d: d.update(fl_x=30.0))
+    edit_json(path / "transforms.json", lambda d: d.update(fl_x=30.0))
     vertices = points.astype("<f4").view([(axis, "<f4") for axis in "xyz"])[:, 0]
     PlyData([PlyElement.describe(vertices, "vertex")], text=text).write(str(path / "points.ply"))
     for file in (path / "images").iterdir():
@@ -209,7 +202,7 @@ def test_a_frame_is_never_trained_on_and_held_out(tmp_path: Path):
     assert len(names(scene, "train")) == 8 and names(scene, "test") == both[8:]
     path = write_blender(tmp_path / "b")
     first = json.loads((path / "transforms_train.json").read_text())["frames"][0]
-    edit(path / "transforms_test.json", lambda d: d["frames"].append(first))
+    edit_json(path / "transforms_test.json", lambda d: d["frames"].append(first))
     with pytest.warns(Notice, match="1 of 3 frames are trained on"):
         assert len(names(load_scene(path), "test")) == 2
 

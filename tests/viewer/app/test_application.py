@@ -1,6 +1,5 @@
 """The app without a window: opening, commands, messages."""
 
-import json
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,6 +12,7 @@ from hypothesis import strategies as st
 
 from console import UserError
 from scenepack import save_pack
+from tests.scenepack.helpers import edit_json
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import live, until
 from viewer.app.application import App
@@ -138,9 +138,7 @@ def test_repairs_are_reported_once_and_stay_in_the_log(pack, pack_folder, tmp_pa
     save_pack(pack, untidy)
     for file in untidy.glob("feature_*"):
         file.unlink()
-    params = json.loads((untidy / "scene_params.json").read_text())
-    params["atlas_blocks_x"] += 1
-    (untidy / "scene_params.json").write_text(json.dumps(params))
+    edit_json(untidy, lambda params: params.update(atlas_blocks_x=98))
     app = App(canvas=FakeCanvas())
     assert opened(app, pack_folder) == ""  # a sound pack
     notice = opened(app, untidy)
@@ -148,7 +146,7 @@ def test_repairs_are_reported_once_and_stay_in_the_log(pack, pack_folder, tmp_pa
     assert str(untidy) not in notice and app.messages.toast_left > 5
     assert opened(app, untidy) == ""
     assert sum("feature_000.png" in line.text for line in app.messages.lines) == 2
-    (untidy / "scene_params.json").write_text(json.dumps({**params, "atlas_blocks_x": 99}))
+    edit_json(untidy, lambda params: params.update(atlas_blocks_x=99))
     again = opened(app, untidy)
     assert "feature_000.png" not in again and again  # only what is new
 

@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from scenepack import save_pack
+from tests.stand_ins import raising
 from tests.viewer.features.film.test_filming import needs_video
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.texture_limits import limit_textures
@@ -112,10 +113,8 @@ def test_a_pack_that_is_cut_off_while_it_is_seen_leads_to_the_start_page(
 
 @pytest.mark.parametrize("target", ["still.png", pytest.param("film.mp4", marks=needs_video), "frames"])
 def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_written(ui, tmp_path, monkeypatch, target):
-    def full(handle: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fsync", full)  # whatever is written cannot be flushed
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    monkeypatch.setattr(os, "fsync", raising(full))  # whatever is written cannot be flushed
     app, disk = ui.app, tmp_path / "disk"
     disk.mkdir()
     (disk / "mine.txt").write_text("keep me")

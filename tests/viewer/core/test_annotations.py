@@ -2,7 +2,6 @@
 
 import csv
 import io
-import json
 import os
 import stat
 from dataclasses import replace
@@ -13,6 +12,7 @@ import pytest
 
 from scenepack import Pack, load_pack, save_pack
 from scenepack.placement import NOT_MOVED
+from tests.scenepack.helpers import edit_json, read_json
 from tests.viewer.waiting import not_none, until
 from viewer.app.application import App
 from viewer.core.annotations import (
@@ -109,13 +109,13 @@ def test_a_folder_of_ours_carries_its_marks_and_opens_elsewhere(own: Path, tmp_p
     keep(opened(own, tmp_path / "user"), ANNOTATIONS)
     assert not (tmp_path / "user").exists()
     assert {file.name: file.read_bytes() for file in own.iterdir() if file.suffix == ".png"} == before
-    document = json.loads((own / "scene_params.json").read_text())
+    document = read_json(own)
     assert document["snerg"]["marks"]["scale"] == {"factor": 2.5, "unit": "m"} and document["snerg"]["version"]
     assert opened(own.rename(tmp_path / "moved"), tmp_path / "another user").annotations.current == ANNOTATIONS
     save_pack(load_pack(tmp_path / "moved"), tmp_path / "packed.zip")
     assert opened(tmp_path / "packed.zip", tmp_path / "another user").annotations.current == ANNOTATIONS
     keep(opened(tmp_path / "moved", tmp_path / "user"), Annotations())
-    assert "marks" not in json.loads((tmp_path / "moved" / "scene_params.json").read_text())["snerg"]
+    assert "marks" not in read_json(tmp_path / "moved")["snerg"]
 
 
 @pytest.mark.parametrize("kind", ["zip", "foreign", "read-only"])
@@ -123,10 +123,7 @@ def test_what_is_not_ours_to_change_is_not_changed(pack: Pack, tmp_path: Path, k
     path = tmp_path / ("pack.zip" if kind == "zip" else "pack")
     save_pack(pack, path)
     if kind == "foreign":
-        file = path / "scene_params.json"
-        document = json.loads(file.read_text())
-        del document["snerg"]
-        file.write_text(json.dumps(document))
+        edit_json(path, lambda document: document.pop("snerg"))
     if kind == "read-only":
         if os.geteuid() == 0:
             pytest.skip("root may write anywhere")

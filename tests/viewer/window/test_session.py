@@ -10,9 +10,8 @@ import pytest
 
 from tests.viewer.conftest import installed
 from tests.viewer.features.making.conftest import FAKE
-from tests.viewer.features.making.test_making import gone
 from tests.viewer.screen import virtual_screen
-from tests.viewer.waiting import until
+from tests.viewer.waiting import is_gone, until
 from tests.viewer.window.running import RunningViewer
 
 # snerg-view in which fake_make.py is at work: python -c MAKING FOLDER FAKE
@@ -81,7 +80,7 @@ def test_what_is_being_made_saves_when_the_session_ends(own_display, tmp_path, h
             number = getattr(signal, how)
             assert viewer.signal(number) == 128 + number
         until((tmp_path / "saved").exists)  # before the viewer ended, but on a busy machine
-        until(lambda: gone(int((tmp_path / "pid").read_text())))
+        until(lambda: is_gone(int((tmp_path / "pid").read_text())))
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from console import UserError
 from scenepack import Pack
 from scenepack.exports import scene
 from scenepack.exports.scene import Export
+from tests.stand_ins import raising
 from tests.viewer.waiting import not_none, until
 from tests.viewer.web.test_page import described
 from viewer.app.application import App
@@ -123,10 +124,7 @@ def test_the_newest_choice_is_shown_and_older_ones_are_given_up(pack: Pack, monk
 
 @pytest.mark.parametrize("error", [UserError("a mesh needs scikit-image", remedy="install it"), MemoryError()])
 def test_what_cannot_be_previewed_says_why(pack: Pack, monkeypatch, error: Exception) -> None:
-    def fails(*_: object):
-        raise error
-
-    monkeypatch.setattr(scene, "preview_geometry", fails)
+    monkeypatch.setattr(scene, "preview_geometry", raising(error))
     preview = ExportPreview()
     finish(preview, pack, Export("mesh"))
     assert ("scikit-image" in preview.error) if isinstance(error, UserError) else ("memory" in preview.error)

@@ -17,6 +17,7 @@ from PIL import Image
 
 from console import UserError
 from scenepack import load_pack
+from tests.stand_ins import raising
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.commands.test_commands import exr
 from tests.viewer.offscreen_ui import OffscreenUi
@@ -233,10 +234,7 @@ def test_a_film_shows_the_same_on_any_number_of_cores(tmp_path: Path) -> None:
 
 
 def test_what_is_too_large_is_refused_and_without_a_clipboard_the_reason_and_the_remedy_are_told(monkeypatch) -> None:
-    def refuses(*_: object) -> None:
-        raise copykitten.CopykittenError("there is no display")
-
-    monkeypatch.setattr(copykitten, "copy_image", refuses)
+    monkeypatch.setattr(copykitten, "copy_image", raising(copykitten.CopykittenError("there is no display")))
     with pytest.raises(UserError, match=r"cannot be reached.*there is no display.*Ctrl\+S"):
         copy_picture(np.zeros((4, 6, 3), np.uint8))
     monkeypatch.setattr(filming_module, "LARGEST_BYTES", 15 << 10)

@@ -25,7 +25,7 @@ from tests.training.reconstructions import ball, write_colmap
 from tests.training.test_captures import circle
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.features.making.conftest import FAKE, ROOT
-from tests.viewer.waiting import live, not_none, until
+from tests.viewer.waiting import is_gone, live, not_none, until
 from tools.procedural import write_procedural_scene
 from training.config import PRESETS
 from training.posing import find
@@ -37,14 +37,6 @@ from viewer.features.making.make_job import preview_title
 from viewer.features.making.make_plan import Plan
 from viewer.features.making.panel import what_it_needs
 from viewer.features.making.survey import Survey, result_lines
-
-
-def gone(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    return False
 
 
 def test_progress_is_shown_while_the_child_works(making):
@@ -68,7 +60,7 @@ def test_stopping_lets_the_child_save_and_ends_one_that_does_not_hear_when_asked
         app.making.stop()
     assert app.making.job.child.stopping
     live(app, lambda: app.making.job is None)
-    assert gone(pid) and not app.messages.dialogs and "make it again" in app.messages.toast
+    assert is_gone(pid) and not app.messages.dialogs and "make it again" in app.messages.toast
     assert (tmp_path / "saved").exists() == (how == "wait")
     assert ("saved at step 40" in (tmp_path / "make.log").read_text()) == (how == "wait")
 
@@ -94,7 +86,7 @@ def test_quitting_asks_first_and_leaves_no_child(making, tmp_path):
     answers = dict(app.messages.dialogs.pop().buttons)
     app.run(answers["Stop and quit"])
     live(app, lambda: app.quitting)
-    assert (tmp_path / "saved").exists() and gone(pid)
+    assert (tmp_path / "saved").exists() and is_gone(pid)
     assert App().run("quit")
 
 
@@ -240,7 +232,7 @@ def test_a_check_whose_dialog_is_closed_is_stopped_and_leaves_nothing(asked: App
     pid = check.child._child.pid
     asked.making.dismiss()  # which stops it first
     assert asked.making.check is None
-    live(asked, lambda: gone(pid) and not list((tmp_path / "temporary").glob("snerg-ch*")))
+    live(asked, lambda: is_gone(pid) and not list((tmp_path / "temporary").glob("snerg-ch*")))
     assert not (tmp_path / "shed-snerg").exists() and not asked.messages.dialogs
 
 

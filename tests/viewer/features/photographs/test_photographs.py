@@ -1,6 +1,5 @@
 """Choosing photographs in the list and in the scene, and their thumbnails."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +9,7 @@ from PIL import Image
 from baker.baking.to_pack import with_pictures
 from scenepack import load_pack, save_pack
 from scenepack.cameras import PICTURE, has_picture, picture_of, picture_uri
+from tests.scenepack.helpers import read_json
 from tests.viewer.scenes import photographed
 from tests.viewer.waiting import not_none, until
 from training.scenes import load_scene
@@ -111,7 +111,7 @@ def test_copies_are_the_photographs_shrunk_and_survive_every_way_a_pack_goes(kno
     for index in range(len(there.shots)):
         small = Image.fromarray(there.pixels(index)).resize((48, 48), Image.Resampling.BOX)
         assert psnr(travelled.pixels(index), np.asarray(small)) > 34
-    assert json.loads((tmp_path / "b" / "scene_params.json").read_text())["snerg"]["cameras"][0][PICTURE]
+    assert read_json(tmp_path / "b")["snerg"]["cameras"][0][PICTURE]
 
 
 def test_a_pack_without_its_photographs_shows_their_places_and_no_error(offscreen, app, known_pack, pack_folder):
