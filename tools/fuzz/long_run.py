@@ -109,7 +109,7 @@ def run(minutes: float, base: Path, tell: Callable[[Lap], None]) -> list[Lap]:
     import jax
     import moderngl
 
-    from tests.viewer.interface.many_packs import open_and_look
+    from tests.viewer.interface.test_scripted_hour import open_and_look
     from tests.viewer.offscreen_ui import OffscreenUi
     from tools.procedural import write_procedural_scene
     from viewer.app.application import App
