@@ -1,4 +1,4 @@
-"""Recipes: which valid files are spoilt how. Drawn from a seed, made smaller, kept as findings, and done again.
+"""Recipes: which valid files are spoilt how. Drawn from a seed, kept as findings, and done again.
 
 A recipe is JSON: {"subject": "packs", "base": "avif", "steps": [["cut", "rgb_000.avif", 100]]}; see tests.fuzz.mutations. A
 finding is a recipe with "found", what was wrong.
@@ -6,7 +6,6 @@ finding is a recipe with "found", what was wrong.
 
 import importlib
 import json
-from collections.abc import Callable
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -44,27 +43,6 @@ class Source:
         base = random.choice(list(self.trees))
         archived = self.subject == "packs" and random.random() < ARCHIVED
         return {"subject": self.subject, "base": base, "steps": propose(random, self.trees[base], archived)}
-
-
-def class_of(recipe: Recipe) -> str:
-    """What a recipe is counted under: "packs, avif, .zip"."""
-    archived = any(step[1] == "@zip" for step in recipe["steps"])
-    return ", ".join([recipe["subject"], recipe["base"], *([".zip"] if archived else [])])
-
-
-def smaller(recipe: Recipe, same: Callable[[Recipe], bool]) -> Recipe:
-    """The recipe without the steps that do not matter to `same`."""
-    for index in reversed(range(len(recipe["steps"]))):
-        fewer = {**recipe, "steps": recipe["steps"][:index] + recipe["steps"][index + 1 :]}
-        if fewer["steps"] and same(fewer):
-            recipe = fewer
-    return recipe
-
-
-def keep(recipe: Recipe, key: str, line: str) -> None:
-    """Adds a finding to those that tests/fuzz/test_fuzz.py does again."""
-    with open(FINDINGS, "a", encoding="utf-8") as file:
-        file.write(json.dumps({**recipe, "found": f"{key}: {line}"[:300]}) + "\n")
 
 
 def findings() -> list[Recipe]:

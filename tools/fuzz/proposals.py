@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import struct
 from collections.abc import Callable, Iterator
 from math import prod
@@ -22,6 +23,22 @@ _NPY_WORDS = (("<f8", "|O"), ("<f8", "<U9"), ("<f8", "<i8"), ("<f8", "<c16"), ("
               ("<f8", "|S99999999"),
               ("False", "True"), ("17", "0"), ("17", "17000000000"), ("17", "-17"), ("17", "1" * 400), ("shape", "shapf"),
               ("{", "[" * 400), ("}", ""), ("(", "(9, "), ("17", "17, 1"), ("descr", "\0escr"))  # fmt: skip
+
+
+# As they stand in a JSON file; json.dumps would not write most of them.
+RAW = (
+    "0", "-1", "1", "2", "255", "256", "65535", "65536", "2147483647", "2147483648", "4294967296", "9223372036854775808",
+    "1" + "0" * 400, "-" + "7" * 5000, "1e308", "-1e308", "1e-308", "1e999", "-1e999", "1e30", "1e-300", "0.5", "-0.0",
+    "Infinity", "-Infinity", "NaN", "true", "false", "null", "[]", "{}", '""', '"text"', '"0"', '"NaN"', '"1e999"', "[null]",
+    '{"x": {}}', "[[1, 2], [3]]", "[[1e308, 1e308, 1e308, 1e308]]", '"a\\u0000b"', '"\\ud800"', '"\\u001b[31m\\u0007"',
+    '"two\\nlines\\u2028\\u202e"', '"../../../../etc/passwd"', '"/dev/zero"', '"/"', '"."', '""', '"~"', '"con\\\\x"',
+    *hostile.LARGE,
+)  # fmt: skip
+WHOLE = (
+    0, 1, 2, 3, 127, 128, 255, 256, 1023, 4096, 32767, 32768, 65535, 65536, 2**24, 2**31 - 1, 2**31, 2**32 - 1, 2**63,
+    2**64 - 1,
+)  # fmt: skip
+FLOATS = (0.0, -1.0, 1e-300, 1e30, 1e300, float("inf"), float("-inf"), float("nan"))
 
 
 def propose(random: Random, tree: Tree, archived: bool) -> list[Step]:
@@ -110,8 +127,8 @@ def _of_fields(random: Random, file: str, data: bytes, known: list[Field]) -> St
     old = int.from_bytes(data[at : at + size], order)  # type: ignore[arg-type]
     near = [old + 1, old - 1, old * 2, old // 2, old << 8, old ^ 1 << random.randrange(8 * size)]
     if size == 8 and random.random() < 0.3:
-        return ["put", file, at, struct.pack("<d", random.choice(hostile.FLOATS)).hex()]
-    value = random.choice(near) if random.random() < 0.4 else hostile.number_of(random, size)
+        return ["put", file, at, struct.pack("<d", random.choice(FLOATS)).hex()]
+    value = random.choice(near) if random.random() < 0.4 else number_of(random, size)
     return ["put", file, at, (value % 256**size).to_bytes(size, order).hex()]  # type: ignore[arg-type]
 
 
@@ -124,13 +141,13 @@ def _of_json(random: Random, file: str, document: Any) -> Step:
         inner = inner[key]
     kind = random.random()
     if kind < 0.8 or not path:
-        return ["json set", file, path, hostile.value_for(random, inner)]
+        return ["json set", file, path, value_for(random, inner)]
     if kind < 0.88:
         return ["json drop", file, path]
     if isinstance(path[-1], int):
-        return ["json set", file, path, random.choice(hostile.RAW)]
+        return ["json set", file, path, random.choice(RAW)]
     if kind < 0.96:
-        return ["json again", file, path, hostile.value_for(random, inner)]
+        return ["json again", file, path, value_for(random, inner)]
     return ["json name", file, path, random.choice(["", "x" * 1000, "\x1b[31m", path[-1] + " ", "__proto__"])]
 
 
@@ -146,7 +163,7 @@ def _of_png(random: Random, file: str, data: bytes) -> Step:
     at = (
         random.randrange(0, max(len(payload) - size + 1, 1)) if chunk else random.choice((0, 0, 4, 4, 8, 9, 10, 11, 12))
     )
-    number = hostile.number_of(random, 1 if chunk == 0 and at >= 8 else size)
+    number = number_of(random, 1 if chunk == 0 and at >= 8 else size)
     old = int.from_bytes(payload[at : at + 4], "big") if chunk == 0 and at < 8 else None
     if old is not None:
         number = random.choice([number, old + 1, old - 1, old * 2, old * 1000, 65_535]) % 2**32
@@ -193,7 +210,7 @@ def _of_npy(random: Random, file: str, data: bytes) -> Step:
         return ["npy header", file, *random.choice(_NPY_WORDS)]
     start = 10 + struct.unpack_from("<H", data, 8)[0]
     at = start + 8 * random.randrange(max((len(data) - start) // 8, 1))
-    return ["put", file, at, struct.pack("<d", random.choice(hostile.FLOATS)).hex()]
+    return ["put", file, at, struct.pack("<d", random.choice(FLOATS)).hex()]
 
 
 # Where in a binary file the numbers stand that its reader believes: (offset, bytes, byte order) of each
@@ -287,3 +304,25 @@ BY_SUFFIX: dict[str, Callable[[bytes], list[Field]]] = {
     ".mp4": boxes, ".avif": boxes, ".jpg": segments, ".jpeg": segments, ".webp": riff, ".zip": archive, ".bin": words,
     ".npy": header, ".safetensors": header, ".xz": header, ".png": header,
 }  # fmt: skip
+
+
+def value_for(random: Random, old: Any) -> str:
+    """JSON text in place of `old`: something hostile, or something a little different."""
+    if isinstance(old, bool) or random.random() < 0.6:
+        return random.choice(RAW)
+    if isinstance(old, int | float):
+        changed = [old + 1, old - 1, -old, old * 2, old * 1000, old / 3, old * random.uniform(0.5, 2), round(old) + 0.5]
+        return json.dumps(random.choice(changed))
+    if isinstance(old, str):
+        half = len(old) // 2
+        others = [old[:half], old + "x", old.upper(), old * 3, f"../{old}", f"/{old}", old[half:]]
+        return json.dumps(random.choice(others))
+    if isinstance(old, list) and old:
+        several = [old[:-1], old[1:], old + old, [*old, old[0]], [old], old[0], list(reversed(old)), old * 40]
+        return json.dumps(random.choice(several))
+    return random.choice(RAW)
+
+
+def number_of(random: Random, size: int) -> int:
+    """A whole number of `size` bytes that a header's reader may not expect."""
+    return random.choice([*WHOLE, random.getrandbits(8 * size)]) % 256**size
