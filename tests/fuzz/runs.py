@@ -12,7 +12,7 @@ import numpy as np
 from tests.stored_runs import SCENE, STORED
 from training.commands.train import FREE, changed_settings
 from training.recorder import Recorder, draw_curves, read_metrics
-from training.run import Run, read_description, resume_run
+from training.run import read_description, resume_run
 
 BASES = ("nerf", "multires")
 
@@ -36,12 +36,9 @@ def open_it(path: Path, base: str) -> None:
         draw_curves(recorder.records, path / "curves.png", "fuzz")
     changed = changed_settings(read_description(STORED / base).config, description.config, leave_out=FREE)
     if base == "multires" and not changed:
-        _one_step(run)  # arrays of the other method are compared one by one with what they must be
-
-
-def _one_step(run: Run) -> None:
-    """What a state that makes no sense would break: compiled loops, which check no index."""
-    run.method.may_hold(run.state, np.zeros((1, 3)), np.ones((1, 3)))
-    state, metrics = run.method.step(run.state, run.step + 1, 0.5)
-    jax.block_until_ready(metrics)
-    run.method.save(state)
+        # A state that makes no sense would break compiled loops, which check no index. Arrays of the other method are compared
+        # one by one with what they must be.
+        run.method.may_hold(run.state, np.zeros((1, 3)), np.ones((1, 3)))
+        state, metrics = run.method.step(run.state, run.step + 1, 0.5)
+        jax.block_until_ready(metrics)
+        run.method.save(state)

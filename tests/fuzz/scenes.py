@@ -1,12 +1,12 @@
 """Scenes of the four layouts: what is spoilt, and all that reading one does."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from tests.fuzz.words import require_words
+from tests.scenepack.helpers import edit_json
 from tools.procedural import write_procedural_scene
 from training.scenes import load_scene
 from training.scenes.scene import camera_rays, picture_stems
@@ -32,21 +32,15 @@ def write_base(name: str, folder: Path) -> None:
     elif name == "transforms":
         lens = {"k1": 0.1, "k2": -0.02, "p1": 0.001, "p2": -0.002, "aabb_scale": 4, "camera_model": "OPENCV"}
         write_transforms(folder, circle(4), train_filenames=["images/001.png", "images/002.png"], **lens)
-        _add_masks(folder)
+        masks = [f"masks/{i}.png" for i in range(4)]
+        (folder / "masks").mkdir()
+        for i, mask in enumerate(masks):
+            Image.new("L", (30, 20), 255 * (i % 2)).save(folder / mask)
+            edit_json(folder / "transforms.json", lambda d, i=i, mask=mask: d["frames"][i].update(mask_path=mask))
     elif name == "colmap":
         write_colmap(folder, circle(5), ball(80), models=("OPENCV", "SIMPLE_RADIAL"))
     else:
         write_colmap(folder, side_by_side(5), ball(80))
-
-
-def _add_masks(folder: Path) -> None:
-    file = folder / "transforms.json"
-    document = json.loads(file.read_text())
-    for i, frame in enumerate(document["frames"]):
-        frame["mask_path"] = f"masks/{i}.png"
-        (folder / "masks").mkdir(exist_ok=True)
-        Image.new("L", (30, 20), 255 * (i % 2)).save(folder / "masks" / f"{i}.png")
-    file.write_text(json.dumps(document))
 
 
 def open_it(path: Path, base: str) -> None:

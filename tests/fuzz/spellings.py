@@ -15,7 +15,7 @@ from PIL import Image
 from tools.pose_error import similarity
 from training.scenes import load_scene
 from training.scenes.poses import look_at
-from training.scenes.scene import Camera, Photograph, Scene, camera_rays
+from training.scenes.scene import Camera, Scene, camera_rays
 
 SIZE = (12, 9)
 PIXELS = np.array([0.5, 6.0, 11.5]), np.array([0.5, 8.5, 4.0])
@@ -168,7 +168,10 @@ def _write_colmap(folder: Path, cameras: list[Camera], stems: list[str], suffix:
 
 def differs(scene: Scene, cameras: list[Camera], stems: list[str]) -> str:
     """How rays of a scene differ from those of the cameras, up to one similarity of space; "" where they do not."""
-    found = {_stem(photograph): photograph.camera for split in scene.splits.values() for photograph in split}
+    found = {}
+    for photograph in (each for split in scene.splits.values() for each in split):
+        path: Path = photograph.load.path  # type: ignore[attr-defined]
+        found[unicodedata.normalize("NFC", path.stem)] = photograph.camera
     if sorted(found) != sorted(stems):
         return f"photographs {sorted(found)}"
     ours = [found[stem] for stem in stems]
@@ -179,11 +182,6 @@ def differs(scene: Scene, cameras: list[Camera], stems: list[str]) -> str:
         mine, theirs = (camera_rays(each, *PIXELS)[1] for each in (camera, other))
         error = max(error, float(np.abs(theirs - mine @ turn.T).max()))
     return "" if error < TOLERANCE else f"rays by {error:.2g}"
-
-
-def _stem(photograph: Photograph) -> str:
-    path: Path = photograph.load.path  # type: ignore[attr-defined]
-    return unicodedata.normalize("NFC", path.stem)
 
 
 def trial(seed: int, folder: Path) -> str:

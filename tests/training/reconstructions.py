@@ -1,6 +1,5 @@
 """Reconstructions as COLMAP would write them, of known points seen by known cameras. pycolmap itself writes them."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -72,10 +71,11 @@ def write_colmap(
         made.add_image_with_trivial_frame(image, pycolmap.Rigid3d(camera_T_world[:3]))
     for point, seen in zip(points, shown, strict=True):
         if seen:
-            made.add_point3D(point, _track(seen))
+            made.add_point3D(point, pycolmap.Track([pycolmap.TrackElement(*each) for each in seen]))
     wrong.sort()
     for (_, *first), (_, *second) in zip(wrong[::2], wrong[1::2], strict=False):
-        made.add_point3D(rng.normal(size=3) * 200, _track([first, second]))
+        track = pycolmap.Track([pycolmap.TrackElement(*first), pycolmap.TrackElement(*second)])
+        made.add_point3D(rng.normal(size=3) * 200, track)
     (path / folder).mkdir(parents=True)
     made.write(path / folder)
     for index in range(len(P)):
@@ -89,13 +89,6 @@ def save_picture(file: Path, size: tuple[int, int] = SIZE, index: int = 0) -> No
     """A picture of one colour."""
     file.parent.mkdir(parents=True, exist_ok=True)
     Image.new("RGB", size, (10 * index, 100, 50)).save(file)
-
-
-def _track(seen: Sequence[Sequence[int]]) -> pycolmap.Track:
-    track = pycolmap.Track()
-    for image, place in seen:
-        track.add_element(image, place)
-    return track
 
 
 def ndc_points(points: np.ndarray, width: float, height: float, focal: float, near: float = NDC_NEAR) -> np.ndarray:

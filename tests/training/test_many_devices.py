@@ -20,9 +20,8 @@ import numpy as np
 import pytest
 
 from training.checkpoints import list_checkpoints, read_checkpoint
-from training.config import TINY, TrainConfig
+from training.config import TINY
 from training.devices import is_writer, join_processes
-from training.method import Method
 
 pytestmark = pytest.mark.slow
 
@@ -102,36 +101,26 @@ def test_two_processes_leave_the_files_of_one(trained: dict[str, Path]) -> None:
     assert {n: a.shape for n, a in ours.items()} == {n: a.shape for n, a in theirs.items()}
 
 
-def leave_states(method: Method, config: TrainConfig, folder: Path) -> None:
-    """Writes states/."""
-    folder.mkdir()
-    state = method.start(jax.random.PRNGKey(config.seed))
-    for step in range(max(SHARED) + 1):
-        if step in SHARED:
-            np.savez(folder / f"{step}.npz", **method.save(state))  # type: ignore[arg-type]
-        state, _ = method.step(state, step)
-
-
-def take_shared_steps(method: Method, states: Path, out: Path) -> None:
-    """Writes after/."""
-    for step in SHARED:
-        with np.load(states / f"{step}.npz") as arrays:
-            state, metrics = method.step(method.restore(dict(arrays)), step)
-        after, loss = method.save(state), float(metrics["loss"])
-        if is_writer():
-            out.mkdir(exist_ok=True)
-            np.savez(out / f"{step}.npz", loss=loss, **after)  # type: ignore[arg-type]
-
-
 def main(scene: str, out: str, one: str, coordinator: str = "", processes: str = "1", process_id: str = "0") -> None:
     if coordinator:
         join_processes(coordinator, int(processes), int(process_id))
     from training.loop import train
 
-    method = train(scene, Path(out) / "run", CONFIG).method
+    method, states, after = train(scene, Path(out) / "run", CONFIG).method, Path(one) / "states", Path(out) / "after"
     if out == one:
-        leave_states(method, CONFIG, Path(out) / "states")
-    take_shared_steps(method, Path(one) / "states", Path(out) / "after")
+        states.mkdir()
+        state = method.start(jax.random.PRNGKey(CONFIG.seed))
+        for step in range(max(SHARED) + 1):
+            if step in SHARED:
+                np.savez(states / f"{step}.npz", **method.save(state))  # type: ignore[arg-type]
+            state, _ = method.step(state, step)
+    for step in SHARED:
+        with np.load(states / f"{step}.npz") as arrays:
+            state, metrics = method.step(method.restore(dict(arrays)), step)
+        arrays, loss = method.save(state), float(metrics["loss"])
+        if is_writer():
+            after.mkdir(exist_ok=True)
+            np.savez(after / f"{step}.npz", loss=loss, **arrays)  # type: ignore[arg-type]
 
 
 if __name__ == "__main__":

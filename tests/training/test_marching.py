@@ -25,9 +25,9 @@ def cells_of_grid(present: np.ndarray) -> Cells:
     return cells_of(SimpleNamespace(box=box, codes=codes, step_cells=1.0))  # type: ignore[arg-type]
 
 
-def random_rays(count: int, seed: int = 0) -> Rays:
+def random_rays(count: int) -> Rays:
     """Rays through the grid, some axis-parallel, some that miss it."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     target = ORIGIN + rng.random((count, 3)) * np.array(SHAPE[::-1]) * VOXEL * 1.3
     origins = target + rng.normal(size=(count, 3))
     directions = target - origins

@@ -30,17 +30,6 @@ PLACES = {
 }
 
 
-def draw_unseen(data: imgui.ImDrawData) -> None:
-    """Draws the panels' last frame into one pixel: in software, filling pixels is most of a frame. Textures of letters arrive
-    with it; the same data can be drawn whole after.
-    """
-    size = data.display_size
-    whole = ImVec2(size.x, size.y)
-    data.display_size = ImVec2(1.0, 1.0)
-    imgui.backends.opengl3_render_draw_data(data)
-    data.display_size = whole
-
-
 class OffscreenUi:
     """An App with its panels in a framebuffer of `size` (width, height in units) × `density` pixels per unit.
 
@@ -94,7 +83,13 @@ class OffscreenUi:
         self.ui.frame(self.app, self.canvas, self.scale)
         drawn = self.canvas.drawn
         self.framebuffer.use()
-        draw_unseen(imgui.get_draw_data())
+        # Into one pixel: in software, filling pixels is most of a frame. Textures of letters arrive with it; picture() draws the
+        # same data whole.
+        data = imgui.get_draw_data()
+        whole = ImVec2(data.display_size.x, data.display_size.y)
+        data.display_size = ImVec2(1.0, 1.0)
+        imgui.backends.opengl3_render_draw_data(data)
+        data.display_size = whole
         if drawn is not None:
             frame_ms = max(drawn[0], 1000.0 * seconds)
             self.app.times.add(frame_ms, *drawn)

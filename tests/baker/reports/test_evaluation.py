@@ -12,7 +12,7 @@ import pytest
 from baker.commands.pack import main
 from baker.reports import evaluation
 from baker.reports.evaluation import evaluate, reading_of
-from scenepack import Pack, save_pack
+from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
 from tests.scenepack.random_packs import random_pack
 from training.scenes import Scene
@@ -92,12 +92,8 @@ def test_two_methods_are_scored_on_the_same_pixels_with_the_mask_of_one(scene, m
 # snerg-pack compare
 
 
-@pytest.fixture(scope="module")
-def pack() -> Pack:
-    return random_pack(np.random.default_rng(2), grid_blocks=(2, 2, 2), style="blob", alpha_style="solid")
-
-
-def test_the_json_has_each_view_and_their_means(pack: Pack, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_the_json_has_each_view_and_their_means(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    pack = random_pack(np.random.default_rng(2), grid_blocks=(2, 2, 2), style="blob", alpha_style="solid")
     save_pack(pack, tmp_path / "a")
     save_pack(pack, tmp_path / "b", codec="jpeg", quality=20)
     words = ["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--views", "3", "--size", "40x30"]

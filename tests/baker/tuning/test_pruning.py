@@ -16,7 +16,7 @@ from tests.baker.analytic import RADIUS, ball, culled
 from tests.baker.baking.test_grid_and_culling import baked
 from tests.baker.tuning.reference import pack_of
 from tests.scenepack.test_codecs import in_steps
-from tests.scenepack.volumes import BLENDER_FRAME, atlas_from_dense, cube_pack, dense_of, features_of
+from tests.scenepack.volumes import BLENDER_FRAME, atlas_from_dense, centres, cube_pack, dense_of, features_of
 from training.dataset import RayDataset
 from training.scenes import Scene
 
@@ -38,8 +38,8 @@ def hazy_ball(dataset) -> tuple[Pack, np.ndarray]:
     empty = rgba[..., 3] == 0
     rgba[empty] = (0, 0, HAZE, HAZE)
     atlas = atlas_from_dense(rgba, features, grid.block_size)
-    centres = np.stack(np.meshgrid(*(np.arange(n) + 0.5 for n in rgba.shape[:3]), indexing="ij"), -1)
-    distance = np.linalg.norm(centres[..., ::-1] * pack.voxel_size + pack.min_xyz, axis=-1)
+    places = np.moveaxis(np.indices(rgba.shape[:3]), 0, -1) + 0.5
+    distance = np.linalg.norm(places[..., ::-1] * pack.voxel_size + pack.min_xyz, axis=-1)
     return replace(pack, atlas_indices=atlas[0], atlas_rgba=atlas[1], atlas_features=atlas[2]), distance
 
 
@@ -82,19 +82,6 @@ def test_no_more_is_emptied_than_the_score_allows(dataset) -> None:
     assert untouched is pack and figures.tau_weight == 0 and figures.voxels_after == figures.voxels_before > 0
 
 
-def fine_ball() -> tuple[Pack, np.ndarray]:
-    """An opaque ball of RADIUS in a fine grid about it, and its outermost voxels' places [N, 3] as z, y, x."""
-    side = 140
-    voxel = 2.2 * RADIUS / side
-    axis = (np.arange(side) + 0.5 - side / 2) * voxel
-    distance = np.sqrt(axis[:, None, None] ** 2 + axis[:, None] ** 2 + axis**2)
-    rgba = np.where(distance[..., None] < RADIUS, np.array([200, 100, 50, 255], np.uint8), np.uint8(0))
-    pack = replace(
-        cube_pack(rgba, 14, features=np.zeros_like(rgba)), voxel_size=voxel, min_xyz=np.full(3, -side / 2 * voxel)
-    )
-    return pack, np.argwhere((distance < RADIUS) & (distance > RADIUS - 0.9 * voxel))
-
-
 def shown(pack: Pack, places: np.ndarray, scene: Scene, slope: float = 0.7) -> np.ndarray:
     """bool [N]: which voxels of a ball about the origin some training camera sees, no more aslant than `slope`."""
     at = ((places[:, ::-1] + 0.5) * pack.voxel_size + pack.min_xyz) @ pack.worldspace_T_opengl[:3, :3].T
@@ -105,7 +92,12 @@ def shown(pack: Pack, places: np.ndarray, scene: Scene, slope: float = 0.7) -> n
 
 
 def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_fine_it_is(dataset, scene, monkeypatch) -> None:
-    pack, surface = fine_ball()
+    reach, side = 1.1 * RADIUS, 140  # an opaque ball in a fine grid about it
+    distance = reach * np.sqrt(np.square(centres(side)).sum(axis=0))
+    rgba = np.where(distance[..., None] < RADIUS, np.array([200, 100, 50, 255], np.uint8), np.uint8(0))
+    pack = cube_pack(rgba, 14, features=np.zeros_like(rgba))
+    pack = replace(pack, voxel_size=2 * reach / side, min_xyz=np.full(3, -reach))
+    surface = np.argwhere((distance < RADIUS) & (distance > RADIUS - 0.9 * pack.voxel_size))  # z, y, x
     # fewer than a voxel of the surface has: as 1000³ of many photographs
     monkeypatch.setattr(pruning, "MOST_RAYS", 4000)
     seen = surface[shown(pack, surface, scene)]

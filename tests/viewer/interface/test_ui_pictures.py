@@ -65,7 +65,10 @@ def compare(request) -> Picture:
         ui.frames(FADING_FRAMES)
         _freeze(ui)
         ui.frames(2)
-        compare_with_golden(request.config, renderer, f"ui/{name}", _in_units(ui)[:, columns], _differs)
+        picture = ui.picture()
+        if ui.density != 1:  # a pixel for each unit
+            picture = np.asarray(Image.fromarray(picture).reduce(round(ui.density)))
+        compare_with_golden(request.config, renderer, f"ui/{name}", picture[:, columns], _differs)
 
     return take
 
@@ -73,12 +76,6 @@ def compare(request) -> Picture:
 def _differs(picture: np.ndarray, expected: np.ndarray) -> str:
     mean = flip(picture, expected)
     return f"FLIP {mean:.4f}, allowed {FLIP_TOLERANCE}" if mean > FLIP_TOLERANCE else ""
-
-
-def _in_units(ui: OffscreenUi) -> np.ndarray:
-    """A pixel for each unit."""
-    picture = ui.picture()
-    return picture if ui.density == 1 else np.asarray(Image.fromarray(picture).reduce(round(ui.density)))
 
 
 def _freeze(ui: OffscreenUi) -> None:

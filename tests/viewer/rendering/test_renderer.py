@@ -7,6 +7,7 @@ import moderngl
 import numpy as np
 import pytest
 
+from baker.metrics import psnr
 from console import Notice, UserError
 from scenepack import Pack
 from tests.scenepack.random_packs import random_pack
@@ -20,7 +21,7 @@ from viewer.rendering import supersampling
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.dynamic_resolution import DynamicResolution
-from viewer.rendering.gpu_scene import GpuScene, half_resolution, tightest_atlas
+from viewer.rendering.gpu_scene import half_resolution, tightest_atlas
 from viewer.rendering.offscreen import OffscreenRenderer, create_context
 from viewer.rendering.opengl import free_framebuffer, unbind_framebuffers
 from viewer.rendering.renderer import Renderer
@@ -165,7 +166,12 @@ def test_what_a_camera_is_close_to_arrives_first(ctx: moderngl.Context) -> None:
         renderer.see_first(ViewCamera.look_at(eye, pack.min_xyz + 42.5 * pack.voxel_size, size=(8, 8)))
         renderer.arrive(0.0)
         scene.textures["indirection"].write(scene._indirection(), alignment=1)
-        there = arrived(scene, pack)
+        texture = scene.textures["indirection"]
+        assert isinstance(texture, moderngl.Texture3D)
+        indirection = np.frombuffer(texture.read(alignment=1), np.uint8).reshape(
+            *(n + 2 for n in pack.occupied.shape), 4
+        )
+        there = indirection[1:-1, 1:-1, 1:-1, 3][pack.occupied] == 0  # the macroblocks that rays see
         new = np.unique(layers[there & ~shown])
         assert len(new) == 1 and np.array_equal(there & ~shown, layers == new[0])
         away = np.linalg.norm(middles - near, axis=1)
@@ -174,23 +180,10 @@ def test_what_a_camera_is_close_to_arrives_first(ctx: moderngl.Context) -> None:
     renderer.release()
 
 
-def arrived(scene: GpuScene, pack: Pack) -> np.ndarray:
-    """bool [macroblocks, in the grid's order]: those that rays see."""
-    texture = scene.textures["indirection"]
-    assert isinstance(texture, moderngl.Texture3D)
-    indirection = np.frombuffer(texture.read(alignment=1), np.uint8)
-    indirection = indirection.reshape(*(n + 2 for n in pack.occupied.shape), 4)
-    return indirection[1:-1, 1:-1, 1:-1, 3][pack.occupied] == 0
-
-
 # Packs that are too large for the card: half the resolution, the same place, a warning with both sizes
 
 
 PLENTY = 2048
-
-
-def psnr(a: np.ndarray, b: np.ndarray) -> float:
-    return float(-10 * np.log10(np.mean((a.astype(np.float64) - b) ** 2)))
 
 
 @pytest.mark.parametrize("side", [140, 141])

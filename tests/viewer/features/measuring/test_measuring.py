@@ -119,16 +119,6 @@ TILES = [  # corners of tiles, voxels: on the floor and on the wall
 ]
 
 
-def tiled_pack() -> Pack:
-    """A floor and a wall with tiles of TILE voxels in two colours, in the box of -1 … 1."""
-    z, y, x = np.mgrid[:SIDE, :SIDE, :SIDE]
-    rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
-    dark = (x // TILE + (y + 4) // TILE + z // TILE) % 2 == 0
-    solid = (y < FLOOR) | (z < WALL)
-    rgba[solid & dark], rgba[solid & ~dark] = (70, 80, 90, 255), (210, 200, 180, 255)
-    return cube_pack(rgba, BLOCK)
-
-
 CORNERS = [(16, 28, WALL), (48, 28, WALL), (48, 44, WALL)]  # of a right angle on the wall
 
 
@@ -139,8 +129,13 @@ def seen_at(ui, *voxel: int) -> tuple[float, float]:
 
 @pytest.fixture
 def ui(offscreen, app):
-    """The tiles from before the wall, and the ruler in hand."""
-    ui = offscreen(app, tiled_pack(), Path("tiles"), size=(1280, 800))
+    """A floor and a wall with tiles of TILE voxels in two colours, seen from before the wall, and the ruler in hand."""
+    z, y, x = np.mgrid[:SIDE, :SIDE, :SIDE]
+    rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
+    dark = (x // TILE + (y + 4) // TILE + z // TILE) % 2 == 0
+    solid = (y < FLOOR) | (z < WALL)
+    rgba[solid & dark], rgba[solid & ~dark] = (70, 80, 90, 255), (210, 200, 180, 255)
+    ui = offscreen(app, cube_pack(rgba, BLOCK), Path("tiles"), size=(1280, 800))
     look_from(ui, 0, 20)
     app.run("measure")
     return ui
