@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from scenepack import save_pack
 from tests.compiling import as_users_have_it, compile_once_and_quickly
 from tests.messages import without_progress
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
@@ -143,6 +144,14 @@ def dataset(scene):
 @pytest.fixture(scope="session")
 def shapes():
     return shapes_pack()
+
+
+@pytest.fixture(scope="session")
+def shapes_folder(shapes, tmp_path_factory) -> Path:
+    """That pack on disk, for whoever only reads it."""
+    folder = tmp_path_factory.mktemp("packs") / "shapes"
+    save_pack(shapes, folder)
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -2,13 +2,12 @@
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from scenepack import Pack, save_pack
+from scenepack import save_pack
 from tests.messages import without_progress
 from tests.stand_ins import raising
 from tools.card import __main__ as card_report
@@ -18,17 +17,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("hardly_optimised")]
 SHORT = ["--size", "48x36", "--frames", "3", "--views", "2", "--power-seconds", "0.05"]
 
 
-@pytest.fixture
-def folder(tmp_path: Path, shapes: Pack) -> Path:
-    path = tmp_path / "packs" / "shapes"
-    save_pack(shapes, path)
-    return path
-
-
-def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(folder, ndc_shapes, tmp_path):
+def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(shapes_folder, ndc_shapes, tmp_path):
     out, other = tmp_path / "card", tmp_path / "packs" / "fern" / "pack"
     save_pack(ndc_shapes, other)
-    words = ["--out", str(out), "--only", "--pack", str(folder), str(other), *SHORT, "--train-minutes", "0.1"]
+    words = ["--out", str(out), "--only", "--pack", str(shapes_folder), str(other), *SHORT, "--train-minutes", "0.1"]
     assert card_report.main(words) == 0
     parts = json.loads((out / "report.json").read_text())["parts"]
     assert {name: facts["status"] for name, facts in parts.items()} == {
@@ -57,11 +49,11 @@ def test_one_command_measures_what_can_be_measured_here_and_says_what_cannot(fol
         assert len({row.count("|") for row in table}) == 1
 
 
-def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(folder, tmp_path, monkeypatch, capsys):
+def test_a_part_that_fails_leaves_the_others_and_is_told_at_the_end(shapes_folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(card_report, "device", raising(RuntimeError("the driver is moody")))
     monkeypatch.setattr(card_report, "golden", raising(Skipped("they take seconds, and one test is enough")))
     out = tmp_path / "card"
-    words = ["--out", str(out), "--only", "--pack", str(folder), *SHORT, "--train-minutes", "0"]
+    words = ["--out", str(out), "--only", "--pack", str(shapes_folder), *SHORT, "--train-minutes", "0"]
     assert card_report.main(words) == 2
     assert "1 of 3 parts failed" in without_progress(capsys.readouterr().err)[-1]
     parts = json.loads((out / "report.json").read_text())["parts"]

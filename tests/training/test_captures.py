@@ -46,13 +46,11 @@ def write_llff(path: Path, P: np.ndarray, depths=(2.0, 8.0), sizes: Mapping[str,
     return path
 
 
-def write_transforms(
-    path: Path, P: np.ndarray, *, missing: int = 0, size=(30, 20), lens: Mapping[str, float] = LENS, **values
-) -> Path:
-    """transforms.json with pictures in images, without the first `missing` of them. lens, values: keys at its top."""
+def write_transforms(path: Path, P: np.ndarray, size=(30, 20), lens: Mapping[str, float] = LENS, **values) -> Path:
+    """transforms.json with pictures in images. lens, values: keys at its top."""
     (path / "images").mkdir(parents=True)
     frames = [{"file_path": f"images/{i:03d}.png", "transform_matrix": p.tolist()} for i, p in enumerate(P)]
-    for i in range(missing, len(P)):
+    for i in range(len(P)):
         Image.new("RGB", size, (i, 0, 0)).save(path / f"images/{i:03d}.png")
     (path / "transforms.json").write_text(json.dumps({**lens, "frames": frames, **values}))
     return path

@@ -6,11 +6,9 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,6 +16,7 @@ import pytest
 
 from baker.commands.make import main as snerg_make
 from console import Notice, UserError
+from console.atomic import locked_folder
 from console.progress import Progress
 from console.progress_protocol import PROGRESS, read_report
 from tests.compiling import as_users_have_it
@@ -164,32 +163,20 @@ def test_a_run_that_time_ends_ends_with_the_last_learning_rate(procedural_path, 
 # The command
 
 
-ROOT = Path(__file__).parents[2]
-HOLDING = (
-    "import sys; from pathlib import Path; from console.atomic import locked_folder\n"
-    "with locked_folder(Path(sys.argv[1]), 'training'):\n    print('held', flush=True); sys.stdin.read()"
-)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("there", [True, False])
-def test_two_processes_do_not_train_into_one_run(there: bool, unbroken: Path, procedural_path: Path, tmp_path, refused):
+def test_a_run_that_somebody_trains_into_is_left_alone(there: bool, unbroken, procedural_path, tmp_path, refused):
     run = tmp_path / "deep" / "run"
     if there:
         shutil.copytree(unbroken, run)
     before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
     words = [str(procedural_path), "--out", str(run), *(["--resume"] if there else ["--preset", "tiny"])]
-    pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    child = subprocess.Popen([sys.executable, "-c", HOLDING, str(run)], cwd=ROOT, text=True, **pipes)
-    try:
-        assert child.stdout is not None and child.stdout.readline() == "held\n"
+    with locked_folder(run, "training into this run"):
         assert "another process is training into this run" in refused(main, *words)
-    finally:
-        child.communicate(timeout=60)
     assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
     assert (tmp_path / "deep").exists() == there, "folders that are left empty are taken away"
     if there:
-        assert main(words) == 0, "the lock has ended with its process"
+        assert main(words) == 0, "nobody holds it any more"
 
 
 def test_neither_a_run_nor_a_folder_of_other_files_is_overwritten(unbroken, procedural_path, tmp_path, refused):

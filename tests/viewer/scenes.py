@@ -11,7 +11,7 @@ from PIL import Image
 
 from scenepack import Pack
 from training.scenes import load_scene
-from training.scenes.scene import Camera
+from training.scenes.scene import cameras_of
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
 
@@ -45,20 +45,15 @@ def photographed(
                 frames.append({"file_path": f"./{split}/r_{i}", "transform_matrix": matrix})
             document = {"camera_angle_x": ANGLE, "frames": frames}
             (folder / f"transforms_{split}.json").write_text(json.dumps(document))
-    shots = [(split, shot) for split, photographs in load_scene(folder).splits.items() for shot in photographs]
-    cameras = [_camera(shot.name, split, shot.camera.world_T_camera, shot.camera) for split, shot in shots]
-    return pack.with_metadata(cameras=cameras, provenance={"scene": str(folder)})
+    return pack.with_metadata(cameras=cameras_of(load_scene(folder)), provenance={"scene": str(folder)})
 
 
 def with_cameras(pack: Pack, views: Iterable[ViewCamera]) -> Pack:
     """The pack with those (grid frame) as the cameras of photographs that are nowhere."""
-    frame = pack.worldspace_T_opengl
-    cameras = [_camera(str(i), "train", frame @ view.grid_T_camera, view) for i, view in enumerate(views)]
+    cameras = []
+    for i, view in enumerate(views):
+        numbers = {key: getattr(view, key) for key in ("width", "height", "fx", "fy", "cx", "cy")}
+        pose = (pack.worldspace_T_opengl @ view.grid_T_camera).tolist()
+        lens = list(view.distortion)
+        cameras.append({"name": str(i), "split": "train", "world_T_camera": pose, "distortion": lens, **numbers})
     return pack.with_metadata(cameras=cameras)
-
-
-def _camera(name: str, split: str, world_T_camera: np.ndarray, camera: Camera | ViewCamera) -> dict[str, object]:
-    """A camera as the metadata of packs have it."""
-    numbers = {key: getattr(camera, key) for key in ("width", "height", "fx", "fy", "cx", "cy")}
-    pose = np.asarray(world_T_camera).tolist()
-    return {"name": name, "split": split, "world_T_camera": pose, "distortion": list(camera.distortion), **numbers}

@@ -126,18 +126,21 @@ def test_what_is_rounded_is_the_pack_and_drawn_as_the_reference_draws_it_and_wha
 # snerg-bake --preset paper: what the paper writes (sections 5.3 to 5.5 and 6), setting by setting
 
 
-def note_bakes(monkeypatch: pytest.MonkeyPatch, configs: list[BakeConfig]) -> None:
-    """Adds how a run would be baked to `configs`, in place of baking it."""
+@pytest.fixture
+def configs(monkeypatch: pytest.MonkeyPatch) -> list[BakeConfig]:
+    """How runs would be baked, in place of their bakes."""
+    noted: list[BakeConfig] = []
 
     def bake_to(run: Any, config: BakeConfig, *_: Any, **__: Any) -> None:
-        configs.append(replace(config, resolution=config.resolution_of(run)))
+        noted.append(replace(config, resolution=config.resolution_of(run)))
 
     monkeypatch.setattr("baker.baking.to_pack.bake_to", bake_to)
+    return noted
 
 
-def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_single_options_change_it(tmp_path, monkeypatch):
-    configs: list[BakeConfig] = []
-    note_bakes(monkeypatch, configs)
+def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_options_change_it(
+    configs, tmp_path, monkeypatch
+):
     photograph = SimpleNamespace(camera=SimpleNamespace(width=400, height=300))
     run = SimpleNamespace(scene=None, dataset=SimpleNamespace(facts=SimpleNamespace(contraction=None)))
     monkeypatch.setattr("training.run.load_run", lambda *_, **__: run)
@@ -155,11 +158,9 @@ def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_single_op
     assert asked("") == BakeConfig(512) == asked("--preset snerg") and BakeConfig().block_limit == MOST_MACROBLOCKS
 
 
-def test_snerg_make_bakes_presets_as_the_paper_or_our_way(scene, procedural_path, tmp_path, monkeypatch) -> None:
-    configs: list[BakeConfig] = []
+def test_snerg_make_bakes_presets_as_the_paper_or_our_way(configs, scene, procedural_path, tmp_path, monkeypatch):
     trained = SimpleNamespace(scene=scene, dataset=SimpleNamespace(facts=SimpleNamespace(contraction=None)))
     monkeypatch.setattr("training.loop.train", lambda *_, **__: trained)
-    note_bakes(monkeypatch, configs)
     papers = ("--preset paper", "--preset deferred", "--preset paper --resolution 64")
     for words in (*papers, "--preset normal --quality compact", "--preset small"):
         assert snerg_make([str(procedural_path), "--out", str(tmp_path / "out"), "--no-view", *words.split()]) == 0

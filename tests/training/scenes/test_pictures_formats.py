@@ -19,8 +19,7 @@ from training.posing.photograph import link_or_convert, read_photograph
 from training.scenes.picture_headers import SCAN, read_header, short_reason
 from training.scenes.pictures import PictureLoader, as_floats, decoded, read_mask, small_picture, with_alpha
 
-RNG = np.random.default_rng(0)
-COLOURS = RNG.random((20, 30, 4)).astype(np.float32)
+COLOURS = np.random.default_rng(0).random((20, 30, 4)).astype(np.float32)
 RGBA16 = np.rint(COLOURS * 65535).astype(np.uint16)
 RGBA8 = np.rint(COLOURS * 255).astype(np.uint8)
 

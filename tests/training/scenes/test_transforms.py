@@ -21,16 +21,11 @@ from training.scenes.space import PointCloud, space_of_capture
 SIZE = (40, 30)
 ORIGIN = (0.0, 0.0, 0.0)
 FOCAL = 55.0  # frames what NeRF-synthetic's cameras frame
+SYNTHETIC = circle(9, radius=4.03 / np.hypot(1, 0.4), centre=ORIGIN)  # cameras as NeRF-synthetic has them
 
 
-def synthetic(count: int = 9) -> np.ndarray:
-    """Cameras as NeRF-synthetic has them."""
-    return circle(count, radius=4.03 / np.hypot(1, 0.4), centre=ORIGIN)
-
-
-def write_blender(path: Path, P: np.ndarray | None = None, *, mode="RGBA", **values) -> Path:
+def write_blender(path: Path, P: np.ndarray = SYNTHETIC, *, mode="RGBA", **values) -> Path:
     """transforms_{train,test}.json, of which the last 2 cameras are for testing. values: keys at the top."""
-    P = synthetic() if P is None else P
     values = values or {"fl_x": FOCAL}
     for split, poses in (("train", P[:-2]), ("test", P[-2:])):
         (path / split).mkdir(parents=True, exist_ok=True)
@@ -125,7 +120,7 @@ def test_frames_without_a_matrix_are_left_out(tmp_path: Path, write):
 
 @pytest.mark.parametrize(("scale", "offset"), [(1, 0), (0.3, 0), (6, 0), (1, 10), (1e3, -4e3)])
 def test_an_object_of_any_scale_and_place_gets_the_published_bounds(tmp_path: Path, scale, offset):
-    P = synthetic()
+    P = SYNTHETIC.copy()
     P[:, :3, 3] = scale * P[:, :3, 3] + np.array([1, 0, 0.2]) * offset
     scene = load_scene(write_blender(tmp_path, P))
     assert (scene.near, scene.far) == (2, 6) and np.abs(scene.aabb).tolist() == [[1.5] * 3] * 2

@@ -154,7 +154,6 @@ def test_repairs_are_reported_once_and_stay_in_the_log(pack, pack_folder, tmp_pa
 # One history: whatever was changed last is undone first, and nothing else
 
 
-PACK = toy_pack()
 STEPS: dict[str, Callable[[App, int], object]] = {
     "orbit": lambda app, i: (app.open_scene.rig.remember(), app.open_scene.rig.orbit(0.01 * (i + 1), 0.0)),
     "crop": lambda app, i: app.cut(crop=((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5 + 0.01 * i))),
@@ -177,9 +176,9 @@ def state(app: App) -> tuple:
 
 
 @given(st.lists(st.sampled_from(list(STEPS)), min_size=1, max_size=12))
-def test_moves_cuts_marks_and_the_near_plane_are_undone_in_turn(steps):
+def test_moves_cuts_marks_and_the_near_plane_are_undone_in_turn(pack, steps):
     app = App()
-    app.show(PACK, Path("toy"))
+    app.show(pack, Path("toy"))
     states = [state(app)]
     for i, step in enumerate(steps):
         STEPS[step](app, i)

@@ -4,26 +4,16 @@ import errno
 import os
 import shutil
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from scenepack import save_pack
 from tests.stand_ins import raising
 from tests.viewer.features.film.test_filming import needs_video
-from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.texture_limits import limit_textures
 from tests.viewer.waiting import at_once, until
 from viewer.features.opening import opening as loading_module
-
-
-@pytest.fixture(scope="session")
-def shapes_folder(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("shapes") / "shapes"
-    save_pack(shapes_pack(70), folder)
-    return folder
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """snerg-render and snerg-bench as a person or a script runs them."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from PIL import Image
 from scenepack import Pack, load_pack, save_pack
 from scenepack.blocks import dense_from_pack
 from tests.scenepack.volumes import cube_pack
+from tests.viewer.rendering import conftest as rendering
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from tests.viewer.scenes import SIDE, photographed
 from viewer.benchmark.frames import same_view
@@ -19,12 +21,21 @@ from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
 
 SMALL = ["--size", "48x36"]
+ctx, no_opengl_error_is_left = rendering.ctx, rendering.no_opengl_error_is_left  # fixtures
 
 
 @pytest.fixture(scope="module")
-def ndc_folder(folder: str, ndc_shapes: Pack) -> str:
-    save_pack(ndc_shapes, Path(folder).with_name("ndc"))
-    return str(Path(folder).with_name("ndc"))
+def ndc_folder(tmp_path_factory: pytest.TempPathFactory, ndc_shapes: Pack) -> Path:
+    path = tmp_path_factory.mktemp("packs") / "ndc"
+    save_pack(ndc_shapes, path)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def our_context_again(ctx) -> Iterator[None]:
+    """The commands make contexts of their own; the room's is current again behind each test."""
+    yield
+    ctx.__enter__()
 
 
 def picture(path: Path) -> np.ndarray:
@@ -43,21 +54,21 @@ def benched(pack: object, out: Path, *words: object) -> dict:
     return json.loads(out.read_text())
 
 
-def test_one_picture_from_a_pose_with_negative_numbers(folder: str, tmp_path: Path) -> None:
+def test_one_picture_from_a_pose_with_negative_numbers(shapes_folder: Path, tmp_path: Path) -> None:
     pose = ["--eye", "-2,1,-2", "--target", "0,-0.2,0", "--up", "0,1,0", "--fov", "45"]
-    out = rendered(folder, tmp_path / "deep" / "one.png", *pose, *SMALL)
+    out = rendered(shapes_folder, tmp_path / "deep" / "one.png", *pose, *SMALL)
     assert picture(out).shape == (36, 48, 3) and picture(out).std() > 5
     assert not [path for path in out.parent.iterdir() if path != out]
 
 
-def test_360_degrees_as_a_picture_and_two_eyes_as_stereo(folder: str, tmp_path: Path) -> None:
+def test_360_degrees_as_a_picture_and_two_eyes_as_stereo(shapes_folder: Path, tmp_path: Path) -> None:
     pose = ["--eye", "0.1,-0.2,0.1", "--target", "1,-0.2,0.4"]
     eyes = ["--eye-distance", "0.2"]
     shapes = {"one": ("equirectangular", 64, []), "above": ("equirectangular", 64, eyes), "beside": ("vr180", 32, eyes)}
     seen = {}
     for name, (projection, width, more) in shapes.items():
         words = [*pose, "--projection", projection, "--size", f"{width}x32", *more]
-        seen[name] = picture(rendered(folder, tmp_path / f"{name}.png", *words)).astype(int)
+        seen[name] = picture(rendered(shapes_folder, tmp_path / f"{name}.png", *words)).astype(int)
     assert [each.shape[:2] for each in seen.values()] == [(32, 64), (64, 64), (32, 64)]
     left, right = seen["above"][:32], seen["above"][32:]
     assert np.abs(left - right).mean() > 1 and np.abs(left - seen["one"]).mean() < np.abs(left - right).mean()
@@ -65,16 +76,16 @@ def test_360_degrees_as_a_picture_and_two_eyes_as_stereo(folder: str, tmp_path: 
     assert np.array_equal(seen["beside"][:, 32:], right[:, 16:48])
 
 
-def test_several_views_are_a_folder_a_sheet_or_a_film(folder: str, tmp_path: Path) -> None:
-    sheet = picture(rendered(folder, tmp_path / "sheet.png", "--sheet", "--orbit", 5, *SMALL))
-    each = rendered(folder, tmp_path / "each", "--orbit", 5, *SMALL)
+def test_several_views_are_a_folder_a_sheet_or_a_film(shapes_folder: Path, tmp_path: Path) -> None:
+    sheet = picture(rendered(shapes_folder, tmp_path / "sheet.png", "--sheet", "--orbit", 5, *SMALL))
+    each = rendered(shapes_folder, tmp_path / "each", "--orbit", 5, *SMALL)
     assert sorted(path.name for path in each.iterdir()) == [f"{i:04d}.png" for i in range(5)]
     assert sheet.shape == (2 * 44 + 8, 3 * 56 + 8, 3)
     for i in range(5):
         x, y = 8 + 56 * (i % 3), 8 + 44 * (i // 3)
         assert np.array_equal(sheet[y : y + 36, x : x + 48], picture(each / f"{i:04d}.png"))
     pytest.importorskip("av", reason="PyAV is not installed: pip install 'snerg[video]'")
-    assert rendered(folder, tmp_path / "turn.mp4", "--orbit", 3, "--size", "49x37").stat().st_size > 500
+    assert rendered(shapes_folder, tmp_path / "turn.mp4", "--orbit", 3, "--size", "49x37").stat().st_size > 500
 
 
 def test_forward_facing_packs_render_without_a_pose_but_no_360_pictures(ndc_folder, tmp_path, refused):
@@ -94,9 +105,9 @@ def test_the_surroundings_of_a_contracted_pack_can_be_left_out(tmp_path: Path) -
     assert 15 < figures["compare"]["psnr"] < 60
 
 
-def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(folder: str, tmp_path: Path) -> None:
-    smooth = picture(rendered(folder, tmp_path / "smooth.png", "--samples", 4, *SMALL))
-    large = picture(rendered(folder, tmp_path / "large.png", "--size", "192x144"))
+def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(shapes_folder: Path, tmp_path: Path) -> None:
+    smooth = picture(rendered(shapes_folder, tmp_path / "smooth.png", "--samples", 4, *SMALL))
+    large = picture(rendered(shapes_folder, tmp_path / "large.png", "--size", "192x144"))
     mean = large.astype(float).reshape(36, 4, 48, 4, 3).mean(axis=(1, 3))
     assert np.abs(smooth - mean).max() <= 1.01  # both are rounded to 8 bits
 
@@ -133,9 +144,9 @@ def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(folder: str, tmp
         ("a.png --background clear", "--background"),
     ],
 )
-def test_bad_arguments_are_status_2_and_one_line(folder, tmp_path, monkeypatch, refused, words, complaint):
+def test_bad_arguments_are_status_2_and_one_line(shapes_folder, tmp_path, monkeypatch, refused, words, complaint):
     monkeypatch.chdir(tmp_path)
-    assert complaint in refused(render.main, folder, "--out", *words.split())
+    assert complaint in refused(render.main, shapes_folder, "--out", *words.split())
     assert not list(tmp_path.iterdir())
 
 
@@ -148,8 +159,8 @@ def exr(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
     return file.header(), {name: channel.pixels for name, channel in file.channels().items()}
 
 
-def test_one_exr_holds_picture_depth_normals_and_opacity(folder: str, tmp_path: Path) -> None:
-    header, channels = exr(rendered(folder, tmp_path / "F.exr", "--mode", "rgb,depth,normal,alpha", *SMALL))
+def test_one_exr_holds_picture_depth_normals_and_opacity(shapes_folder: Path, tmp_path: Path) -> None:
+    header, channels = exr(rendered(shapes_folder, tmp_path / "F.exr", "--mode", "rgb,depth,normal,alpha", *SMALL))
     assert set(channels) == {"R", "G", "B", "A", "Z", "N.X", "N.Y", "N.Z"}
     assert all(values.dtype == np.float32 and values.shape == (36, 48) for values in channels.values())
     said = json.loads(header["snerg"])
@@ -169,26 +180,26 @@ def test_one_exr_holds_picture_depth_normals_and_opacity(folder: str, tmp_path: 
     assert np.allclose(header["worldToCamera"].T @ matrix, np.eye(4), atol=1e-5)
 
 
-def test_an_exr_without_opacity_has_the_picture_over_its_background(folder: str, tmp_path: Path) -> None:
+def test_an_exr_without_opacity_has_the_picture_over_its_background(shapes_folder: Path, tmp_path: Path) -> None:
     words = ["--background", "0.5,0.5,0.5", "--mode", "rgb,samples", *SMALL]
-    _, channels = exr(rendered(folder, tmp_path / "F.exr", *words))
+    _, channels = exr(rendered(shapes_folder, tmp_path / "F.exr", *words))
     assert set(channels) == {"R", "G", "B", "samples"}
     assert np.allclose(channels["R"][0, 0], 0.21404, atol=1e-4)
     assert channels["samples"].max() > 2 and np.all(channels["samples"] == np.rint(channels["samples"]))
 
 
-def test_a_transparent_png_has_straight_alpha_and_laid_over_white_it_is_the_picture(folder, tmp_path):
-    white = picture(rendered(folder, tmp_path / "white.png", "--mode", "diffuse", *SMALL))
+def test_a_transparent_png_has_straight_alpha_and_laid_over_white_it_is_the_picture(shapes_folder, tmp_path):
+    white = picture(rendered(shapes_folder, tmp_path / "white.png", "--mode", "diffuse", *SMALL))
     words = ["--background", "transparent", "--mode", "diffuse", *SMALL]
-    seen = Image.open(rendered(folder, tmp_path / "clear.png", *words))
+    seen = Image.open(rendered(shapes_folder, tmp_path / "clear.png", *words))
     assert seen.mode == "RGBA" and seen.getpixel((0, 0)) == (0, 0, 0, 0)
     over = Image.alpha_composite(Image.new("RGBA", seen.size, "white"), seen).convert("RGB")
     assert np.abs(np.asarray(over, int) - white.astype(int)).max() <= 2
 
 
-def test_a_folder_gets_a_file_for_each_mode_of_each_view_or_one_exr_for_each_view(folder: str, tmp_path: Path) -> None:
+def test_a_folder_gets_a_file_for_each_mode_of_each_view_or_one_exr_for_each_view(shapes_folder, tmp_path):
     words = ["--orbit", 2, "--mode", "rgb,alpha,normals", "--background", "transparent", *SMALL]
-    png, layered = (rendered(folder, tmp_path / kind, *words, "--format", kind) for kind in ("png", "exr"))
+    png, layered = (rendered(shapes_folder, tmp_path / kind, *words, "--format", kind) for kind in ("png", "exr"))
     names = {f"{view}_{mode}.png" for view in ("0000", "0001") for mode in ("rgb", "alpha", "normals")}
     assert {path.name for path in png.iterdir()} == names
     assert Image.open(png / "0001_rgb.png").mode == "RGBA"
@@ -199,9 +210,9 @@ def test_a_folder_gets_a_file_for_each_mode_of_each_view_or_one_exr_for_each_vie
 
 
 def test_the_benchmarks_json_is_what_scripts_expect_and_its_table_has_a_row_for_each_way_to_draw(
-    folder: str, tmp_path: Path, capsys: pytest.CaptureFixture
+    shapes_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:
-    result = benched(folder, tmp_path / "a.json", "--frames", 4, "--compare", "paper", "--ablations")
+    result = benched(shapes_folder, tmp_path / "a.json", "--frames", 4, "--compare", "paper", "--ablations")
     promised = {"renderer", "width", "height", "frames", "ms_mean", "ms_std", "ms_p50", "ms_p95", "fps", "gpu_bytes"}
     assert promised | {"watts", "compare"} <= set(result)
     assert (result["width"], result["height"], result["frames"]) == (48, 36, 4)
@@ -242,10 +253,10 @@ def scene(tmp_path_factory: pytest.TempPathFactory, shapes: Pack) -> str:
 
 @pytest.mark.slow
 def test_two_systems_are_compared_under_their_own_marchers_and_against_photographs(
-    folder, turned_folder, scene, tmp_path, capsys
+    shapes_folder, turned_folder, scene, tmp_path, capsys
 ):
     out, words = tmp_path / "bench.json", ["--against", turned_folder, "--scene", scene, "--frames", 3]
-    result = benched(folder, out, *words)
+    result = benched(shapes_folder, out, *words)
     assert "compare" not in result and "ablations" not in result
     against, shown = result["against"], result["photographs"]
     assert against["systems"] == ["shapes, exact", "turned, paper"]
@@ -256,7 +267,7 @@ def test_two_systems_are_compared_under_their_own_marchers_and_against_photograp
     assert 10 < against["psnr"] < shown["psnr"] - 2
     printed = " ".join(capsys.readouterr().out.split())
     assert "as fast as turned, paper" in printed and "2 photographs" in printed
-    again = benched(folder, out, *words, "--algorithms", "brute,exact")
+    again = benched(shapes_folder, out, *words, "--algorithms", "brute,exact")
     assert again["against"]["systems"] == ["shapes, brute", "turned, exact"]
     assert again["photographs"]["psnr"] == pytest.approx(shown["psnr"], abs=0.05)
 
@@ -283,18 +294,20 @@ def test_a_pack_in_another_grid_frame_is_seen_by_the_same_cameras(turned_folder:
         ["--frames", "0"],
     ],
 )
-def test_systems_that_cannot_be_compared_are_refused_in_one_line(folder, ndc_folder, scene, tmp_path, refused, words):
-    places = {"PACK": folder, "NDC": ndc_folder, "SCENE": scene}
+def test_systems_that_cannot_be_compared_are_refused_in_one_line(
+    shapes_folder, ndc_folder, scene, tmp_path, refused, words
+):
+    places = {"PACK": shapes_folder, "NDC": ndc_folder, "SCENE": scene}
     words = [places.get(word, word) for word in words]
-    refused(bench.main, folder, "--frames", 1, *words, "--json", tmp_path / "a.json", *SMALL)
+    refused(bench.main, shapes_folder, "--frames", 1, *words, "--json", tmp_path / "a.json", *SMALL)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_context_that_is_lost_is_one_line(folder, tmp_path, monkeypatch, refused):
+def test_a_context_that_is_lost_is_one_line(shapes_folder, tmp_path, monkeypatch, refused):
     monkeypatch.setattr(offscreen, "lost", lambda ctx: True)
-    assert "was lost" in refused(render.main, folder, "--out", tmp_path / "a.png", *SMALL)
+    assert "was lost" in refused(render.main, shapes_folder, "--out", tmp_path / "a.png", *SMALL)
 
 
-def test_the_protocol_follows_the_pack_and_a_wrong_one_is_refused(ndc_folder: str, tmp_path: Path, refused) -> None:
+def test_the_protocol_follows_the_pack_and_a_wrong_one_is_refused(ndc_folder: Path, tmp_path: Path, refused) -> None:
     assert benched(ndc_folder, tmp_path / "bench.json", "--frames", 2)["protocol"] == "forward-facing"
     refused(bench.main, ndc_folder, "--protocol", "synthetic")

@@ -183,8 +183,6 @@ def test_all_that_was_grey_somewhere_was_clicked_elsewhere(size):
 WIDGETS = ("button", "invisible_button", "selectable", "checkbox", "slider_float", "slider_int", "input_text",
            "input_text_with_hint", "begin_combo")  # fmt: skip
 MOST_TABS = 40
-DOWN, ENTER = imgui.Key.down_arrow, imgui.Key.enter
-CTRL_O = (imgui.Key.mod_ctrl, imgui.Key.o)
 
 
 def opening(app: App, scenes: Scenes) -> None:
@@ -289,9 +287,9 @@ def test_down_and_enter_within_one_slow_frame_open_the_picked_line(offscreen, ap
     monkeypatch.setattr(app, "drop", opened.extend)
     ui: OffscreenUi = offscreen(app, size=(800, 600))
     ui.frame()
-    stroke(ui, *CTRL_O)
+    stroke(ui, imgui.Key.mod_ctrl, imgui.Key.o)
     ui.frames(frames)
-    for key in (DOWN, DOWN, ENTER):
+    for key in (imgui.Key.down_arrow, imgui.Key.down_arrow, imgui.Key.enter):
         stroke(ui, key)
     ui.frame()
     assert opened == [tmp_path / "b"] and app.open_prompt is None

@@ -15,15 +15,11 @@ from viewer.app.application import App
 from viewer.commands import view
 from viewer.window.window import NoDisplay, Window, require_display
 
-HERE = Path(__file__).parent
-ALWAYS = ["live_window.py"]
-ALL = ["live_features.py"]
 
-
-@pytest.mark.parametrize("scripts", [ALWAYS, pytest.param(ALL, marks=pytest.mark.slow)], ids=["always", "all"])
-def test_the_live_window(display, scripts):
-    """All scripts share one window, in a process of its own."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *(HERE / script for script in scripts)]
+@pytest.mark.parametrize("script", ["live_window.py", pytest.param("live_features.py", marks=pytest.mark.slow)])
+def test_the_live_window(display, script):
+    """All tests of a script share one window, in a process of its own."""
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", Path(__file__).with_name(script)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=1500)
     assert done.returncode == 0, done.stdout + done.stderr
 
