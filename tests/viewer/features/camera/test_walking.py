@@ -18,7 +18,6 @@ from viewer.features.camera.walking import JUMP_SPEED, RADIUS, SCENE_M, STEP, US
 from viewer.features.crop import crop
 from viewer.features.photographs.photographs import shots_of
 from viewer.features.placing import placing
-from viewer.features.preferences.preferences import apply_preferences, current_preferences
 
 PLATE = -0.65  # its upper side
 
@@ -161,11 +160,6 @@ def test_a_metre_is_that_of_the_scale_unless_the_scene_is_too_small_for_a_body(a
     assert rig.home_pose.eye(rig.table)[1] - PLATE == pytest.approx(max(heights))
     assert max(heights) > np.median(heights) + 0.1
     assert metre_of(photographed, rig, Scale()) == pytest.approx(np.median(heights) / USUAL_M, abs=0.02)
-
-
-def test_the_eye_height_is_remembered_and_nothing_absurd_is_taken(app):
-    apply_preferences(app, {"eye_height": 1.2})
-    assert app.walking.eye_height_m == 1.2 and current_preferences(app)["eye_height"] == 1.2
 
 
 # How a body on foot moves among boxes and planes. Lengths are in eye heights.

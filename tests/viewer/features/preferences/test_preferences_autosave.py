@@ -58,11 +58,12 @@ def test_a_failure_is_told_once_and_the_next_change_is_tried_again(autosave, fil
 
 
 def test_two_viewers_write_only_what_changed_in_each_and_unknown_keys_stay(autosave, file):
-    autosave.app.preferences.recent = ["/b"]
+    autosave.app.preferences.recent, autosave.app.walking.eye_height_m = ["/b"], 1.2
     assert autosave.finish() is None
     file.write_text(json.dumps({**load(file), "from a newer version": 3}))
     other = App()
     apply_preferences(other, load(file))
+    assert other.walking.eye_height_m == 1.2
     second = PreferencesAutosave(other, file, lambda: (640, 480), lambda: "a layout")
     autosave.app.interface.page, autosave.app.preferences.recent = "film", ["/c", "/b"]
     other.resolution.target_fps, other.preferences.recent = 60.0, ["/d", "/b"]
