@@ -223,9 +223,9 @@ def parse_point(text: str, where: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def parse_corners(text: str, where: str) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """ "x0,y0,z0,x1,y1,z1" as two corners. UserError for anything else."""
-    x0, y0, z0, x1, y1, z1 = parse_numbers(text, 6, where)
+def parse_crop(text: str) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """ "x0,y0,z0,x1,y1,z1", as --crop has it, as two corners. UserError for anything else."""
+    x0, y0, z0, x1, y1, z1 = parse_numbers(text, 6, "--crop")
     return (x0, y0, z0), (x1, y1, z1)
 
 

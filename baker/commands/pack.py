@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 
 from console import UserError, check_results, progress, run_command, write_json, write_result
-from console.command_line import parse_corners, parse_numbers, parse_point, parse_size, require_in_range
+from console.command_line import parse_crop, parse_numbers, parse_point, parse_size, require_in_range
 from console.streams import one_line
 from scenepack import Pack, PackReader, check_pack, check_target, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
@@ -128,7 +128,7 @@ def edit(
         codec: As of convert. The default is that of the pack. A lossy codec loses a little once more.
         quality: Quality of a lossy codec, 1 (smallest) ... 100 (best). The default is that of the pack.
     """
-    box = parse_corners(crop, "--crop") if crop else None
+    box = parse_crop(crop) if crop else None
     ball = parse_numbers(sphere, 4, "--sphere") if sphere else None
     require_in_range("--fainter-than", 1 if fainter_than is None else fainter_than, 1e-3, 1)
     require_in_range("--smaller-than", 1 if smaller_than is None else smaller_than, 1, 1e12)
@@ -284,7 +284,7 @@ def export(
         path: Camera path that a web page plays, as the viewer or nerfstudio saves it (JSON).
         pose: First camera of a web page, as snerg-view takes it.
     """
-    box = parse_corners(crop, "--crop") if crop else None
+    box = parse_crop(crop) if crop else None
     if to.suffix.lower() in PAGE_SUFFIXES or not to.suffix or to.is_dir():
         if options.kind is not None:
             raise UserError(f"cannot hold {options.kind}", where=to, expected="a web page", remedy="leave out --kind")

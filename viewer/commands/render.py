@@ -12,7 +12,7 @@ from PIL import Image
 
 from console import UserError, check_results, progress, run_command
 from console.atomic import replacing, writing_alone
-from console.command_line import parse_corners, parse_point, parse_size, require_in_range, writing_to
+from console.command_line import parse_crop, parse_point, parse_size, require_in_range, writing_to
 from console.desktop import tell_if_unseen
 from scenepack import Pack, load_pack
 from scenepack.placement import placed_T_grid
@@ -149,7 +149,7 @@ def render(
     settings = RenderSettings(
         marcher=marcher,
         background=colour,
-        crop=parse_corners(crop, "--crop") if crop else None,
+        crop=parse_crop(crop) if crop else None,
         surroundings=surroundings,
         samples=samples,
     )

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from console import UserError, run_command
-from console.command_line import parse_corners, parse_size
+from console.command_line import parse_crop, parse_size
 from console.desktop import tell_if_unseen
 from scenepack.reader import load_pack
 from viewer.app.application import App
@@ -120,7 +120,7 @@ class View:
             print(*(said or ["snerg-view: nothing was registered"]), sep="\n")
             return 0
         if self.serve is not None:
-            box = None if self.crop is None else parse_corners(self.crop, "--crop")
+            box = None if self.crop is None else parse_crop(self.crop)
             content = PageContent(self.title or "", self.credits, self.path, box, self.pose)
             serve(self.pack or demo_pack(), self.host, self.serve, content)
             return 0
