@@ -110,7 +110,7 @@ def test_matrices_that_are_no_pose_are_refused(tmp_path: Path, write, change, wo
 def test_frames_without_a_matrix_are_left_out(tmp_path: Path, write):
     path = write(tmp_path)
     file = path / ("transforms_train.json" if write is write_blender else "transforms.json")
-    edit(file, lambda d: (d["frames"][2].pop("transform_matrix"), d["frames"][3].update(transform_matrix=None)))
+    edit_json(file, lambda d: (d["frames"][2].pop("transform_matrix"), d["frames"][3].update(transform_matrix=None)))
     with pytest.warns(Notice, match=r"2 of \d frames have no transform_matrix and are left out \("):
         assert len(everyone(load_scene(path))) == 7
 
