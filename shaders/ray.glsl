@@ -79,6 +79,7 @@ uniform float eye_offset;
 uniform float lens_reach;  // how far from the axis the model holds, image coordinates; see viewer/rendering/ray_frame.py
 #define LENS_FISHEYE 1.0
 #define LENS_EQUIRECTANGULAR 2.0
+#define POLE 1.5707964  // of a panorama, image coordinates, as in lens.py
 #define NEWTON_STEPS 6
 #define LENS_TOLERANCE 1e-3  // image coordinates
 
@@ -129,7 +130,10 @@ Ray camera_ray(vec2 fragment) {
 #ifdef DISTORTION
     image = undistorted(image, runs);
     vec3 in_camera = through_lens(image);
-    if (lens[2].w == LENS_EQUIRECTANGULAR) origin += grid_R_camera * (eye_offset * vec3(cos(image.x), 0.0, sin(image.x)));
+    if (lens[2].w == LENS_EQUIRECTANGULAR) {
+        runs = runs && abs(image.y) <= POLE;
+        origin += grid_R_camera * (eye_offset * vec3(cos(image.x), 0.0, sin(image.x)));
+    }
 #elif defined(ORTHOGRAPHIC)
     vec3 in_camera = vec3(0.0, 0.0, -1.0);
     origin += grid_R_camera * vec3(image.x, -image.y, 0.0);

@@ -22,7 +22,7 @@ from scenepack.constants import (
 )
 from scenepack.contraction import path_of, piece_at
 from scenepack.pack import Pack, ViewMlp
-from training.scenes.lens import directions_at
+from training.scenes.lens import directions_at, shows
 from viewer.rendering.camera import ViewCamera
 
 PositionsAt = Callable[[np.ndarray, int], np.ndarray]
@@ -54,6 +54,7 @@ def render_reference(
     in_camera = pixel_directions(camera)
     assert not (camera.orthographic and pack.ndc), "a forward-facing pack has no orthographic view"
     near = np.maximum(camera.near / -in_camera[:, 2], camera.ray_near)  # along the ray
+    near[~shows(*image_coordinates(camera), camera.distortion).ravel()] = np.inf
     training_T_camera = pack.worldspace_T_opengl @ camera.grid_T_camera
     viewdirs = in_camera @ training_T_camera[:3, :3].T
     viewdirs /= np.linalg.norm(viewdirs, axis=1, keepdims=True)
@@ -91,13 +92,17 @@ def shade(
     return diffuse, shaded, features, transmittance
 
 
+def image_coordinates(camera: ViewCamera) -> tuple[np.ndarray, np.ndarray]:
+    """(u, v) of pixel centres, [H, W] each."""
+    y, x = np.mgrid[: camera.height, : camera.width] + 0.5
+    return (x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy
+
+
 def pixel_directions(camera: ViewCamera) -> np.ndarray:
     """Unit directions [H W, 3] in camera axes (x right, y up, z back), through pixel centres, row by row from the top."""
     if camera.orthographic:
         return np.tile([0.0, 0.0, -1.0], (camera.height * camera.width, 1))
-    y, x = np.mgrid[: camera.height, : camera.width] + 0.5
-    u, v = (x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy
-    directions = directions_at(u, v, camera.distortion).reshape(-1, 3)
+    directions = directions_at(*image_coordinates(camera), camera.distortion).reshape(-1, 3)
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
@@ -105,8 +110,8 @@ def pixel_origins(camera: ViewCamera) -> np.ndarray:
     """Where the rays of the same pixels begin, [H W, 3], grid frame: the camera, or the plane across an orthographic one."""
     if not camera.orthographic:
         return np.broadcast_to(camera.position, (camera.height * camera.width, 3))
-    y, x = np.mgrid[: camera.height, : camera.width] + 0.5
-    across = np.stack([(x - camera.cx) / camera.fx, -(y - camera.cy) / camera.fy, np.zeros_like(x)], axis=-1)
+    u, v = image_coordinates(camera)
+    across = np.stack([u, -v, np.zeros_like(u)], axis=-1)
     return camera.position + across.reshape(-1, 3) @ camera.grid_T_camera[:3, :3].T
 
 

@@ -13,9 +13,9 @@ t the angle from the optical axis, and f the angle around it:
     u = a radial + 2 p1 a b + p2 (r^2 + 2 a^2) + s1 r^2
     v = b radial + p1 (r^2 + 2 b^2) + 2 p2 a b + s2 r^2
 
-A lens shows nothing where r is beyond its reach, or Newton's method finds no (a, b). A lens is (k1, k2, p1, p2), where it is
-perspective and needs no more, or (*COEFFICIENTS, number of the projection). MODELS has COLMAP's models as such lenses: OpenCV's
-k4, k5, k6 of FULL_OPENCV are q1, q2, q3 here.
+A lens shows nothing where r is beyond its reach, above and below the poles of a panorama, and where Newton's method finds no
+(a, b). A lens is (k1, k2, p1, p2), where it is perspective and needs no more, or (*COEFFICIENTS, number of the projection).
+MODELS has COLMAP's models as such lenses: OpenCV's k4, k5, k6 of FULL_OPENCV are q1, q2, q3 here.
 """
 
 from collections.abc import Callable, Mapping
@@ -31,6 +31,7 @@ PROJECTION, REACH = LENS_SIZE - 1, LENS_SIZE  # where these stand in whole_lens
 TOLERANCE = 1e-3  # of (u, v): where Newton's method stops farther away, the lens shows nothing
 NEWTON_STEPS = 10
 NO_END = 1e6  # how far a lens reaches that never folds over
+POLE = 1.5707964  # of a panorama, above and below which it shows nothing
 FOLDS = 1e-6  # a determinant squared, below which a step of Newton's method goes nowhere
 
 Lens = tuple[float, ...]
@@ -123,7 +124,8 @@ def lens_functions(xp: ModuleType = np, compiled: Callable[[Any], Any] | None = 
             determinant = ua * vb - ub * va
             step = determinant / (determinant * determinant + FOLDS)  # where the lens folds over, stay
             a, b = a - step * (vb * du - ub * dv), b - step * (ua * dv - va * du)
-        return a, b, (du * du + dv * dv < TOLERANCE**2) & (a * a + b * b < lens[REACH] * lens[REACH])
+        known = (du * du + dv * dv < TOLERANCE**2) & (a * a + b * b < lens[REACH] * lens[REACH])
+        return a, b, known & (abs(b) <= where(lens[PROJECTION] == EQUIRECTANGULAR, POLE, NO_END))
 
     @compiled
     def direction(a, b, projection):
