@@ -142,7 +142,7 @@ def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_options_c
     configs, tmp_path, monkeypatch
 ):
     photograph = SimpleNamespace(camera=SimpleNamespace(width=400, height=300))
-    run = SimpleNamespace(scene=None, dataset=SimpleNamespace(facts=SimpleNamespace(contraction=None)))
+    run = SimpleNamespace(scene=None, dataset=SimpleNamespace(kind="object"))
     monkeypatch.setattr("training.run.load_run", lambda *_, **__: run)
 
     def asked(words: str, kind: str = "blender") -> BakeConfig:
@@ -159,7 +159,7 @@ def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_options_c
 
 
 def test_snerg_make_bakes_presets_as_the_paper_or_our_way(configs, scene, procedural_path, tmp_path, monkeypatch):
-    trained = SimpleNamespace(scene=scene, dataset=SimpleNamespace(facts=SimpleNamespace(contraction=None)))
+    trained = SimpleNamespace(scene=scene, dataset=SimpleNamespace(kind="object"))
     monkeypatch.setattr("training.loop.train", lambda *_, **__: trained)
     papers = ("--preset paper", "--preset deferred", "--preset paper --resolution 64")
     for words in (*papers, "--preset normal --quality compact", "--preset small"):
