@@ -25,10 +25,14 @@ PICTURE_SUFFIXES = (
     ".jxl", ".jp2", ".j2k", ".exr", ".hdr",
 )  # fmt: skip
 RAW = "dng cr2 cr3 crw nef nrw arw sr2 srf raf orf rw2 pef srw x3f 3fr iiq rwl gpr fff erf kdc dcr mos mrw raw"
-OTHERS = "gif jpx jpf jxr psd psb xcf svg ico tga dds ppm pgm pnm pbm pfm qoi ktx2 insp"
+OTHERS = "gif jpx jpf jxr psd psb xcf svg ico tga dds ppm pgm pnm pbm pfm qoi ktx2"
+UNSTITCHED = "insp insv 360"  # of cameras with two lenses
 # What to do with photographs of formats that are not read, by suffix.
 UNREAD_FORMATS = {f".{suffix}": "export them as JPEG, PNG or 16 bit TIFF" for suffix in RAW.split()}
 UNREAD_FORMATS |= {f".{suffix}": "convert them to JPEG or PNG" for suffix in OTHERS.split()}
+UNREAD_FORMATS |= {
+    f".{suffix}": "export panoramas (360°, equirectangular) as JPEG or MP4" for suffix in UNSTITCHED.split()
+}
 MASK_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
 # What systems leave beside files, but for names that begin with a dot: Windows, macOS, network disks.
 SYSTEM_FILES = ("thumbs.db", "ehthumbs.db", "desktop.ini", "$recycle.bin", "system volume information", "__macosx", "icon\r",

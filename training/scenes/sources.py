@@ -111,7 +111,8 @@ def find_source(path: Path) -> Source | None:
     scene with poses in a folder below, and for a folder or its `images` with pictures of formats that are not read alone.
     """
     if os.path.isfile(path):
-        return Source("film", path, (path,)) if is_film(path) or container_of(path) is not None else None
+        readable = is_film(path) or (path.suffix.lower() not in files.UNREAD_FORMATS and container_of(path) is not None)
+        return Source("film", path, (path,)) if readable else None
     if not os.path.isdir(path):
         return None
     found, unread, passed_over = _pictures(path)

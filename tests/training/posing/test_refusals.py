@@ -122,6 +122,7 @@ def test_three_photographs_are_too_few(tmp_path: Path) -> None:
         ("photographs.zip", b"PK\x03\x04", "found a ZIP archive); unpack the archive"),
         ("zipped", {"photographs.zip": b"PK\x03\x04"}, "found photographs.zip); unpack the archive"),
         ("walk.gif", b"GIF89a", "found a GIF); convert them to JPEG or PNG"),
+        ("walk.insv", b"\0\0\0\x18ftypavc1", "export panoramas (360°, equirectangular) as JPEG or MP4"),
         ("transforms.json", b'{"frames": []}', "name the folder that it is in"),
         ("scene", {"transforms.json": b"{}"}, "transforms.json"),
     ],
