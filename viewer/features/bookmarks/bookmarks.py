@@ -113,7 +113,7 @@ class Bookmarks:
             return
         at = len(views) if self.selected is None else min(self.selected + 1, len(views))
         kind, taken = "View" if point is None else "Place", {view.name for view in views}
-        name = next(name for name in (f"{kind} {i}" for i in range(1, len(views) + 2)) if name not in taken)
+        name = next(name for name in (f"{kind} {i}" for i in range(at + 1, at + len(views) + 2)) if name not in taken)
         view = replace(bookmark_of(app.open_scene.rig, app.fov, name), point=point)
         views.insert(at, view)
         self._change(app, views, at)

@@ -122,7 +122,7 @@ def test_views_are_named_moved_changed_and_removed_and_all_of_it_is_undone(app):
     assert [view.name for view in annotations.current.bookmarks] == ["View 2", "The door", "View 3"]
     place(app, 3.0)
     app.run("bookmark")
-    assert annotations.current.bookmarks[1].name == "View 1"  # behind the selected one, with a name that is free
+    assert annotations.current.bookmarks[1].name == "View 4"  # behind the selected one: 2 and 3 are taken
 
 
 def test_a_photographs_camera_is_bookmarked_level_from_its_place(app):
@@ -183,7 +183,7 @@ def test_a_click_annotates_a_place_and_one_on_its_number_goes_there_unless_it_is
     ui.key(imgui.Key.enter)
     named = app.annotations.current.bookmarks[4]
     assert (named.name, named.text) == ("Ball", "A ball <b>") and rig.goal == seen
-    assert place.name == "Place 1" and np.allclose(place.point, BALL, atol=0.05) and not app.measure_tool.tool
+    assert place.name == "Place 5" and np.allclose(place.point, BALL, atol=0.05) and not app.measure_tool.tool
     look_along(180, 10)
     ui.click(*ui.place_of(place.point))
     assert rig.goal.azimuth == 180 and app.bookmarks.covered(app) == {place.point}
