@@ -35,8 +35,11 @@ def live(app: App, happened: Callable[[], Any], longest_s: float = LONGEST_S) ->
 
 def is_gone(process: int) -> bool:
     """Whether a process has ended, waited for or not."""
-    status = Path(f"/proc/{process}/stat")
-    return not status.exists() or status.read_text().rpartition(")")[2].split()[0] == "Z"
+    try:
+        status = Path(f"/proc/{process}/stat").read_text()
+    except OSError:  # it may end while it is read
+        return True
+    return status.rpartition(")")[2].split()[0] == "Z"
 
 
 def at_once(move: MethodType, *words: object) -> None:
