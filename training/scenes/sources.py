@@ -105,10 +105,10 @@ class Source:
 def find_source(path: Path) -> Source | None:
     """The photographs or the film at `path`, whether or not there are poses; None where there are none.
 
-    Photographs lie in the folder itself, in its `images`, in folders just below but those of masks or MAPS, or below these in
-    folders of `images`, `images` or `DCIM`: in the first with FEWEST or more, else in the first with any. A folder may hold one
-    film instead, also beside fewer than FEWEST pictures, such as its cover. UserError for several films, for photographs of a
-    scene with poses in a folder below, and for a folder or its `images` with pictures of formats that are not read alone.
+    Photographs lie in the first of these with FEWEST or more, else in the first with any: the folder itself, its `images`, the
+    folders just below, those of `images`, `*/images`, `DCIM/*`; never in folders of masks or MAPS. A folder may hold one film
+    instead, also beside fewer than FEWEST pictures, such as its cover. UserError for several films, for photographs of a scene
+    with poses in a folder below, and for a folder or its `images` with pictures of formats that are not read alone.
     """
     if os.path.isfile(path):
         readable = is_film(path) or (path.suffix.lower() not in files.UNREAD_FORMATS and container_of(path) is not None)
