@@ -152,7 +152,7 @@ class Window(AbstractContextManager["Window"]):
         waits = not (app.wants_frame or self._touched or self.ui.hears or self.canvas.blending)
         if not waits:
             glfw.poll_events()
-        elif is_waiting(app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming:
+        elif is_waiting(app) or unfinished(self.app, self.canvas) or self.ui.changes_soon:
             glfw.wait_events_timeout(BUSY_WAIT_S)
         elif app.controllers.present:  # they wake nobody
             glfw.wait_events_timeout(CONTROLLERS_S)
@@ -172,7 +172,7 @@ class Window(AbstractContextManager["Window"]):
         app.tick(seconds)
         self._last = now
         ui = self.ui
-        if not (app.wants_frame or unfinished(app, self.canvas) or ui.typing or ui.hears or ui.fonts_coming):
+        if not (app.wants_frame or unfinished(app, self.canvas) or ui.typing or ui.hears or ui.changes_soon):
             return False
         self._frame()
         return True
@@ -240,7 +240,7 @@ class Window(AbstractContextManager["Window"]):
             self.app.touch(1)
             self.step()
         for _ in range(SETTLE_ROUNDS):
-            self._wait_while(lambda: is_waiting(self.app) or unfinished(self.app, self.canvas) or self.ui.fonts_coming)
+            self._wait_while(lambda: is_waiting(self.app) or unfinished(self.app, self.canvas) or self.ui.changes_soon)
             for _ in range(FRAMES_AFTER_EVENT + 1):  # figures are measured while nothing moves, and shown after that
                 self.app.touch(1)
                 self.step()
