@@ -24,10 +24,10 @@ from console.atomic import replacing
 from console.streams import one_line
 from training.posing.child_process import ask
 from training.posing.find import require
-from training.posing.photograph import preview_of, sharpness
+from training.posing.photograph import sharpness
 from training.posing.prepare import IMAGES, LOG, CameraGroup, Prepared, camera_groups, prepare
 from training.scenes.files import few, notice
-from training.scenes.pictures import small_picture
+from training.scenes.pictures import preview_of, small_picture
 from training.scenes.sources import FEWEST, Source
 
 STAGE = "check"

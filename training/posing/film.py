@@ -28,8 +28,9 @@ from av.stream import Disposition
 from PIL import Image
 
 from console import UserError
-from training.posing.photograph import PREVIEW_SIDE, same_view, sharpness, shift, thumbnail, write_picture
+from training.posing.photograph import same_view, sharpness, shift, thumbnail, write_picture
 from training.scenes.deep_pictures import linear_to_srgb
+from training.scenes.pictures import PREVIEW_SIDE
 from training.scenes.sources import DEMUXERS, container_of, require_source
 
 # Values of ITU-T H.273, which FFmpeg has as AVCOL_…: transfer characteristics, primaries, matrix coefficients.

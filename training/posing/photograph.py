@@ -1,6 +1,6 @@
 """One photograph as a camera or a phone wrote it: upright, 8 bits a channel, its lens by EXIF, how sharp it is.
 
-Notation: a preview is a grey picture float32 [h, w] in [0, 1], its longer side PREVIEW_SIDE pixels or fewer.
+Notation: a preview is that of training.scenes.pictures.
 """
 
 import contextlib
@@ -13,18 +13,13 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from training.scenes.pictures import LOSSY, as_bytes, decoded, read_header, small_picture
+from training.scenes.pictures import LOSSY, as_bytes, decoded, is_panorama, preview_of, read_header
 
-PREVIEW_SIDE = 1000
 QUALITY = 95
 # Suffixes of the formats that are used as they are.
 LINKED = {"JPEG": (".jpg", ".jpeg"), "MPO": (".jpg", ".jpeg"), "PNG": (".png",)}
 MAKE, MODEL, EXIF_IFD, FOCAL_MM, FOCAL_35MM = 0x010F, 0x0110, 0x8769, 0x920A, 0xA405
 DIAGONAL_35MM = 43.266615  # of 36 × 24 mm; what "35 mm equivalent" refers to
-# Of panoramas, by the mean difference between neighbouring columns: that between the first and the last, at most, and that within
-# the first and the last row, at most. Rendered ones have 1.9 and 0.05 at most; photographs cut to 2:1 have 2.3 and 0.6 at least.
-SEAM, POLE = 2.5, 0.2
-TELLING = 0.03  # standard deviation of the first column: below it, a seam says nothing
 SAME = 1.5 / 255  # root mean square difference of thumbnails below which two pictures show the same from the same place
 THUMBNAIL = 32
 
@@ -52,11 +47,6 @@ def read_photograph(file: Path) -> PhotographFile:
         file, not (plain and named and header.orientation == 1 and not header.deep), header.format in LOSSY,
         camera, focal, sharpness(preview), thumbnail(preview), is_panorama(preview),
     )  # fmt: skip
-
-
-def preview_of(file: Path) -> np.ndarray:
-    """The preview of a picture."""
-    return np.asarray(small_picture(file, PREVIEW_SIDE, "L", at_least=1), np.float32) / 255.0
 
 
 def link_or_convert(photograph: PhotographFile, folder: Path, stem: str) -> str:
@@ -89,17 +79,6 @@ def _lens(exif: Any, size: tuple[int, int]) -> tuple[str, float | None]:
     camera = "/".join([f"{size[0]}x{size[1]}", *words, f"{millimetres or 0:g}mm", f"{equivalent or 0:g}mm"])
     focal = equivalent * float(np.hypot(*size)) / DIAGONAL_35MM if equivalent else None
     return camera, focal if focal is None or 0.2 < focal / max(size) < 20 else None
-
-
-def is_panorama(preview: np.ndarray) -> bool:
-    """Whether a picture shows all around, 360° × 180° (equirectangular): it is twice as wide as tall, goes on from its right edge
-    at its left one, and its first and last row are a single point each."""
-    height, width = preview.shape
-    if abs(width - 2 * height) > 1:
-        return False
-    seam, within = np.abs(preview[:, 0] - preview[:, -1]).mean(), np.abs(np.diff(preview, axis=1)).mean(axis=1)
-    poles, between = max(within[0], within[-1]), within.mean()
-    return bool(seam <= SEAM * between and poles <= POLE * between and preview[:, 0].std() >= TELLING)
 
 
 def _positive(value: Any) -> float | None:

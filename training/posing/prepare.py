@@ -18,17 +18,9 @@ from console import Progress, UserError
 from console.atomic import write_file
 from console.json_text import read_json_file
 from training.posing.child_process import ask
-from training.posing.photograph import (
-    PhotographFile,
-    is_panorama,
-    link_or_convert,
-    preview_of,
-    read_photograph,
-    same_view,
-    write_picture,
-)
+from training.posing.photograph import PhotographFile, link_or_convert, read_photograph, same_view, write_picture
 from training.scenes.files import distinct, is_hidden, times
-from training.scenes.pictures import as_bytes, read_mask
+from training.scenes.pictures import as_bytes, is_panorama, preview_of, read_mask
 from training.scenes.pixels import notice_masks
 from training.scenes.sources import MASKS, Source
 

@@ -29,6 +29,11 @@ def voxels_for(pixels: int, kind: Kind) -> int:
     return max(FEWEST_VOXELS, min(MOST_VOXELS, round(VOXELS_PER_PIXEL[kind] * pixels)))
 
 
+def bounded_side(width: int, height: int, *, is_panorama: bool) -> int:
+    """Pixels that a preset's longest_side bounds: of the longer side, or of a quarter of a panorama's turn."""
+    return -(-width // 4) if is_panorama else max(width, height)
+
+
 @dataclass(frozen=True)
 class Preset:
     about: str = ""  # for --help, in brackets behind the name

@@ -23,7 +23,8 @@ from console.json_text import read_json_file
 from console.progress_protocol import Report
 from training.scenes import Scene, load_scene
 from training.scenes.picture_headers import UNREADABLE, read_header
-from training.scenes.presets import PRESETS, voxels_for
+from training.scenes.pictures import is_panorama, preview_of
+from training.scenes.presets import PRESETS, bounded_side, voxels_for
 from training.scenes.read import has_poses, suggested_downscale
 from training.scenes.scene import Kind
 from training.scenes.sources import FEWEST, Source, find_source, require_source
@@ -240,17 +241,22 @@ class Survey(Task[None]):
         if is_film:
             return f"A film of {source.files[0].stat().st_size / 1e6:,.0f} MB"
         try:
-            size = read_header(source.files[0]).size
+            size, panorama = read_header(source.files[0]).size, is_panorama(preview_of(source.files[0]))
         except UserError:  # HEIC, say: what cannot be read is reported when poses are found
             return f"{count} photographs"
-        self.automatic = {name: max(math.ceil(max(size) / side), 1) for name, side in LONGEST_SIDES.items()}
+        bounded = bounded_side(*size, is_panorama=panorama)
+        self.automatic = {name: max(math.ceil(bounded / side), 1) for name, side in LONGEST_SIDES.items()}
         possible = [downscale for downscale in {*DOWNSCALES, *self.automatic.values()} if downscale <= min(size)]
         self.sizes = {downscale: (size[0] // downscale, size[1] // downscale) for downscale in possible}
         self.masks = source.masks is not None
         if self.masks and all(source.mask_of(file) is not None for file in source.files):
             self.masked = set(self.sizes)
         self._begin_time()
-        return f"{count} photographs of {size[0]} × {size[1]}"
+        return (
+            f"{count} panoramas of {size[0]} × {size[1]}"
+            if panorama
+            else f"{count} photographs of {size[0]} × {size[1]}"
+        )
 
     def _begin_time(self) -> None:
         if MEASURES and not self.cancelled and not trainer_missing():

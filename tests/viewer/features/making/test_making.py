@@ -20,7 +20,7 @@ from PIL import Image
 from console import child_process
 from scenepack import save_pack
 from tests.training.posing.conftest import COUNT, write_photographs
-from tests.training.posing.rooms import cameras, photograph
+from tests.training.posing.rooms import cameras, panorama_cameras, photograph
 from tests.training.reconstructions import ball, write_colmap
 from tests.training.test_captures import circle
 from tests.viewer.app.test_application import FakeCanvas
@@ -330,6 +330,15 @@ def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
     assert found.size("quick", None) == (240, 180) and found.size("full", 2) == (600, 450)
     assert plan.stages == ("Poses", "Training", "Baking") and plan.out == tmp_path / "shed-snerg"
     assert plan.typed() == f"snerg-make {folder} --out {plan.out} --preset normal"
+
+
+def test_bare_panoramas_are_shrunk_by_what_they_show_in_a_quarter_of_a_turn(tmp_path):
+    picture = Image.fromarray(photograph(panorama_cameras(1)[0]))
+    for file in photographs(tmp_path / "hall").iterdir():
+        picture.save(file, format="JPEG")
+    _, _, found = dropped(tmp_path / "hall")
+    assert found.text.startswith("8 panoramas of 512 × 256. Nothing says where the camera stood")
+    assert found.size("quick", None) == (512, 256)
 
 
 @pytest.mark.slow
