@@ -32,7 +32,7 @@ class MultiresConfig:
     forward-facing scenes, which are sharper then, a twentieth: enough to find most empty space, for which no rows are kept."""
     samples_per_step: int | None = None
     """Samples per step, without those in empty space. The number of rays adapts to it. None: from 32,768 for small photographs
-    to 131,072 for those of 512 pixels and more, in contracted space of 1,024."""
+    to 131,072 for those of 512 pixels and more, in contracted space and in forward-facing scenes of 1,024."""
     steps_across: tuple[int, ...] | None = None
     """Samples along the cube's side: at first, and after each of steps_from. None: half as many as the finest level has cells, as
     many, at last twice as many, of all of them fewer where ndc_depth is below 2; in contracted space an eighth, a quarter, at
