@@ -149,7 +149,7 @@ def resolutions_for(pixels: int, contracted: bool = False) -> tuple[int, ...]:
 
 def samples_for(pixels: int, kind: Kind) -> int:
     """Samples of a step: more pixels need more steps and larger ones. Unbounded scenes gain more by steps; forward-facing ones,
-    of few photographs, are learnt by heart where each pixel is met too often."""
+    of few photographs, may be learnt by heart where each pixel is met often (docs/notebook.md)."""
     finer = {"unbounded": pixels / 256, "forward": (pixels / 512) ** 2}.get(kind, (pixels / 256) ** 2)
     return int(np.clip(SAMPLES * finer, SAMPLES, MOST_SAMPLES))
 
