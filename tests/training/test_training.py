@@ -302,6 +302,8 @@ def test_larger_photographs_take_more_of_both_until_the_field_is_as_fine_as_it_g
     for key in ("samples", "disk"):
         assert runs[100][key] <= runs[250][key] < runs[800][key] == runs[1600][key]
     assert runs[100]["disk"] < runs[250]["disk"]
+    forward = whole_runs([504, 1008], "forward")["normal"]
+    assert forward[504]["samples"] == 12_000 * 32_768 and forward[1008]["samples"] > 3 * forward[504]["samples"]
 
 
 @pytest.mark.parametrize(
