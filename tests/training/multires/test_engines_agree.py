@@ -1,7 +1,8 @@
-"""The fused step against the field's definition in JAX, for every kind of scene."""
+"""The fused step against the field's definition in JAX and against finite differences, for every kind of scene."""
 
 import copy
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from training.multires.field import Target, decoder_size, inputs_of, seen_inputs
 from training.multires.fused.engine import FusedEngine
 from training.multires.fused.rays import Batch
 from training.multires.jax_engine import Constants, JaxEngine, adam, cells_of, gradient_shares, loss_and_gradient
-from training.multires.levels import ROWS_OF_BRICK, decay_of_blocks
+from training.multires.levels import ROWS_OF_BRICK, decay_of_blocks, make_levels
 from training.multires.method import MultiresMethod
 from training.multires.state import State, Trainable
 from training.scenes import load_scene
@@ -159,6 +160,42 @@ def test_adam_moves_as_the_definition_does(trained: Trained) -> None:
             np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-7)
     assert not summed.any() and not marks.any()
     assert (np.asarray(expected[0].table) != before[0].table).any()
+
+
+def parts_of(trained: Trained) -> Iterator[tuple[str, Trainable]]:
+    """Masks of what is trained, part by part: the levels' rows, the decoder's layers, the view MLP."""
+    table, parameters = (np.zeros_like(a) for a in trained.state.values)
+    levels = make_levels(trained.method.settings.resolutions, trained.state.bricks)
+    for resolution, offset, rows in zip(levels.resolution, levels.offset, levels.rows, strict=True):
+        mask = table.copy()
+        mask[offset : offset + rows] = 1.0
+        yield f"level {resolution}", Trainable(mask, parameters)
+    inputs = inputs_of(len(levels.resolution))
+    bounds = {"first layer": (0, inputs * 64 + 64), "second layer": (inputs * 64 + 64, decoder_size(inputs)),
+              "view MLP": (decoder_size(inputs), len(parameters))}  # fmt: skip
+    for name, (low, high) in bounds.items():
+        mask = parameters.copy()
+        mask[low:high] = 1.0
+        yield name, Trainable(table, mask)
+
+
+@pytest.mark.slow
+def test_gradients_are_what_finite_differences_say(trained: Trained, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trained.engine, "settings", trained.engine.settings._replace(whole_from=0.0))
+    _, _, gradient = trained.fused()
+    values = trained.state.values
+    for name, mask in parts_of(trained):
+        direction = Trainable(*(g * m for g, m in zip(gradient, mask, strict=True)))
+        norm = float(np.sqrt(sum(np.square(d, dtype=np.float64).sum() for d in direction)))
+        assert norm > 0, name
+        distance = 3e-3 / max(float(np.abs(d).max() / norm) for d in direction if d.any())
+        losses = []
+        for sign in (1, -1):
+            moved = (v + np.float32(sign * distance / norm) * d for v, d in zip(values, direction, strict=True))
+            trained.state.values = Trainable(*moved)
+            losses.append(trained.fused()[0])
+        trained.state.values = values
+        assert (losses[0] - losses[1]) / (2 * distance) == pytest.approx(norm, rel=0.03), name
 
 
 @pytest.mark.slow
