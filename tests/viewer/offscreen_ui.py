@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 
 import moderngl
 import numpy as np
+import pytest
 from imgui_bundle import ImVec2, imgui
 
 from tests.viewer.waiting import not_none
@@ -28,6 +29,19 @@ PLACES = {
     **{getattr(imgui.Key, letter): letter.upper() for letter in "abcdefghijklmnopqrstuvwxyz"},
     **{getattr(imgui.Key, f"_{i}"): str(i) for i in range(10)},
 }
+
+
+def drawn_widths(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
+    """Widths of the texts that imgui draws from now on, by text."""
+    widths: dict[str, float] = {}
+    draw = imgui.text_unformatted
+
+    def note(text: str) -> None:
+        widths[text] = imgui.calc_text_size(text).x
+        draw(text)
+
+    monkeypatch.setattr(imgui, "text_unformatted", note)
+    return widths
 
 
 class OffscreenUi:

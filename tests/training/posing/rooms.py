@@ -40,13 +40,13 @@ def cameras(count: int) -> list[Camera]:
 
 
 def panorama_cameras(count: int) -> list[Camera]:
-    """Cameras that show all around, on a circle about the middle of the room, each turned another way."""
+    """Cameras that show all around, on a circle about the middle of the room. The middle of their pictures is away from it."""
     width = 2 * SIZE[0]
     focal, lens = width / (2 * np.pi), MODELS["EQUIRECTANGULAR"].lens({})
     out = []
-    for number, angle in enumerate(np.linspace(0, 2 * np.pi, count, endpoint=False)):
+    for angle in np.linspace(0, 2 * np.pi, count, endpoint=False):
         eye = WALL / 2 + np.array([0.8 * np.cos(angle), 0.8 * np.sin(angle), 0.2 * np.sin(3 * angle)])
-        back = np.array([np.cos(2.4 * number), np.sin(2.4 * number), 0.0])
+        back = -np.array([np.cos(angle + 0.5), np.sin(angle + 0.5), 0.0])
         pose = look_at(eye, back, np.array([0.0, 0.0, 1.0]))
         out.append(Camera(pose, width, width // 2, focal, focal, width / 2, width / 4, lens))
     return out

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from imgui_bundle import imgui
 
 from console import UserError
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.conftest import toy_pack
+from tests.viewer.offscreen_ui import drawn_widths
 from tests.viewer.scenes import SIDE, with_cameras
 from tests.viewer.waiting import at_once
 from viewer.core.files import kind_of
@@ -105,14 +105,7 @@ def test_names_of_compared_packs_fit_into_the_page_and_have_no_suffix(ui, app, m
     app.comparison.with_pack(app, toy_pack(), Path("other.zip"))
     app.open_scene.name, app.interface.page = "long-name-" * 9, "compare"
     ui.settle()
-    drawn: dict[str, float] = {}  # widths
-    draw = imgui.text_unformatted
-
-    def note(text: str) -> None:
-        drawn[text] = imgui.calc_text_size(text).x
-        draw(text)
-
-    monkeypatch.setattr(imgui, "text_unformatted", note)
+    drawn = drawn_widths(monkeypatch)
     ui.frame()
     assert "other" in drawn
     shown = [text for text in drawn if text.startswith("long-name") and drawn[text] < 280]

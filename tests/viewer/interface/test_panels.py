@@ -7,6 +7,7 @@ import pytest
 from imgui_bundle import imgui
 
 from tests.viewer.interface.places import child
+from tests.viewer.offscreen_ui import drawn_widths
 from tests.viewer.rendering.shapes import surroundings_pack
 from tests.viewer.waiting import at_once
 from viewer.app.application import App
@@ -168,14 +169,7 @@ def test_cards_of_long_work_name_minutes_and_shorten_names(ui, app, tmp_path: Pa
     app.filming.film(app, tmp_path / name)
     monkeypatch.setattr(type(app.filming.export), "seconds_left", 467.0)
     app.exporting.writing = Writing(child(), tmp_path / "nothing", file=tmp_path / f"{name}.glb")
-    drawn: dict[str, float] = {}  # widths
-    draw = imgui.text_unformatted
-
-    def note(text: str) -> None:
-        drawn[text] = imgui.calc_text_size(text).x
-        draw(text)
-
-    monkeypatch.setattr(imgui, "text_unformatted", note)
+    drawn = drawn_widths(monkeypatch)
     ui.frames(2)
     monkeypatch.undo()
     assert any(text.endswith("%, about 7 min 47 s left") for text in drawn)
