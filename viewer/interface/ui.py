@@ -27,7 +27,6 @@ from viewer.rendering.canvas import Canvas
 
 GLSL_VERSION = "#version 330"
 MOST_ROUNDS = 32  # of reading input before a frame is drawn; see Ui.frame
-TIP_OPENS_S = 0.1  # imgui hides a tip until it knows its size
 DOUBLE_CLICK_S = 0.45  # imgui's own 0.3 s is less than desktops grant, and a slow picture takes some of it
 
 
@@ -160,11 +159,12 @@ class Ui:
 
     @property
     def changes_soon(self) -> bool:
-        """Whether frames must go on without input: letters are being read, or a tip is about to show where the mouse rests. Until
-        then imgui counts frames, not time."""
+        """Whether frames must go on without input: letters are being read, or a tip is about to show where the mouse rests: imgui
+        sees how long it rests, and then how large the tip is, only in frames."""
         item, waited = self.context.hover_item_delay_id, self.context.hover_item_delay_timer
         rests = self.context.hover_item_unlocked_stationary_id == item
-        shows = rests and waited > self.context.style.hover_delay_short + TIP_OPENS_S
+        hidden = any(window.active and window.hidden_frames_cannot_skip_items for window in self.context.windows)
+        shows = rests and waited >= self.context.style.hover_delay_short and not hidden
         return self._font_search is not None or bool(item and not shows)
 
     def draw(self) -> None:

@@ -11,11 +11,12 @@ from typing import Any
 import glfw
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 
 from scenepack import save_pack
 from tests.viewer.conftest import toy_pack
 from tests.viewer.screen import SCREEN
-from tests.viewer.window.conftest import SIZE, pump, wait
+from tests.viewer.window.conftest import PATIENCE_S, SIZE, pump, wait
 from viewer.window.window import Window
 
 
@@ -62,6 +63,18 @@ def test_an_idle_window_sleeps(window):
     spent, passed = time.process_time() - spent, time.monotonic() - start
     assert drawn == 0 and passed > 2.0
     assert spent / passed < 0.02
+
+
+def test_a_tip_shows_without_another_event_where_the_mouse_came_to_rest(window, xdotool):
+    xdotool("mousemove", SIZE[0] - 26, 24)  # the icon of full screen
+    end = time.monotonic() + PATIENCE_S
+    while (tip := imgui.internal.find_window_by_name("##Tooltip_00")) is None or not tip.active or tip.hidden:
+        assert time.monotonic() < end
+        window.step()
+    for _ in range(3):
+        window.step()
+    assert not window.ui.changes_soon
+    xdotool("mousemove", 200, 300)
 
 
 def test_a_pack_that_is_dropped_is_opened(window, tmp_path):
