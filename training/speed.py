@@ -11,7 +11,7 @@ It ends with its standard input.
 import dataclasses
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +27,16 @@ PRESETS = ("quick", "normal", "full")  # of the multi-resolution field
 SETTLED, TIMED = 60, 60  # steps: until programs are compiled and empty space is known; then timed
 # A sample of a real run over one of the ball, whose features stay in the processor's caches.
 REAL_BY_SMALL = 1.4
-DISK_BY_FINENESS = 5600.0  # bytes by cells of the finest level squared: two checkpoints of 730 MB for lego at 512
+# Bytes of two checkpoints by cells of the finest level squared: 1.5 GB for lego at 512, 3.0 GB for fern, 0.5 GB where hashed
+DISK_BY_FINENESS: Mapping[Kind, float] = {"object": 5600.0, "surroundings": 5600.0, "forward": 11_500.0, "unbounded": 500.0}
 
 
 def whole_runs(sides: Sequence[int], kind: Kind) -> dict[str, dict[int, dict[str, int]]]:
     """Samples and bytes on the disk of a whole run, by preset and by the photographs' longer side in pixels."""
     from training.multires.settings import resolutions_for, samples_for
 
-    disk = {side: round(DISK_BY_FINENESS * resolutions_for(side)[-1] ** 2) for side in sides}
+    finest = {side: resolutions_for(side, kind == "unbounded")[-1] for side in sides}
+    disk = {side: round(DISK_BY_FINENESS[kind] * cells**2) for side, cells in finest.items()}
     steps = {name: CONFIGS[name].steps for name in PRESETS}
     return {
         name: {side: {"samples": steps[name] * samples_for(side, kind), "disk": disk[side]} for side in sides}

@@ -304,6 +304,7 @@ def test_larger_photographs_take_more_of_both_until_the_field_is_as_fine_as_it_g
     assert runs[100]["disk"] < runs[250]["disk"]
     forward = whole_runs([504, 1008], "forward")["normal"]
     assert forward[504]["samples"] == 12_000 * 32_768 and forward[1008]["samples"] > 3 * forward[504]["samples"]
+    assert forward[504]["disk"] > 1.5 * whole_runs([504], "object")["normal"][504]["disk"]
 
 
 @pytest.mark.parametrize(
