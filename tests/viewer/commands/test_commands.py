@@ -105,11 +105,13 @@ def test_the_surroundings_of_a_contracted_pack_can_be_left_out(tmp_path: Path) -
     assert 15 < figures["compare"]["psnr"] < 60
 
 
-def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(shapes_folder: Path, tmp_path: Path) -> None:
-    smooth = picture(rendered(shapes_folder, tmp_path / "smooth.png", "--samples", 4, *SMALL))
-    large = picture(rendered(shapes_folder, tmp_path / "large.png", "--size", "192x144"))
+@pytest.mark.parametrize(("folder", "mode"), [("shapes_folder", "rgb"), ("ndc_folder", "alpha")])
+def test_samples_smooth_a_picture_into_the_mean_of_a_larger_one(request, folder, mode, tmp_path: Path) -> None:
+    pack, words = request.getfixturevalue(folder), ["--mode", mode]
+    smooth = picture(rendered(pack, tmp_path / "smooth.png", *words, "--samples", 4, *SMALL))
+    large = picture(rendered(pack, tmp_path / "large.png", *words, "--size", "192x144"))
     mean = large.astype(float).reshape(36, 4, 48, 4, 3).mean(axis=(1, 3))
-    assert np.abs(smooth - mean).max() <= 1.01  # both are rounded to 8 bits
+    assert np.abs(smooth - mean).max() <= 1.01 and mean.std() > 5  # both are rounded to 8 bits
 
 
 @pytest.mark.parametrize(

@@ -5,18 +5,9 @@ import pytest
 
 from scenepack.pack import Pack
 from tests.scenepack.volumes import cube_pack
-from viewer.core.pose import project
-from viewer.rendering.camera import ViewCamera, box_points, content_box, filling_orbit, forward_facing_path, orbit_path
+from viewer.rendering.camera import ViewCamera, filling_orbit, forward_facing_path, orbit_path
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
-
-
-def test_every_view_of_an_orbit_holds_all_of_the_content(shapes: Pack) -> None:
-    corners = box_points(*content_box(shapes))
-    for size in ((80, 60), (60, 80)):
-        for camera in orbit_path(shapes, 7, 39, size):
-            pixels, ahead = project(camera, corners)
-            assert ahead.all() and np.all(pixels >= 0) and np.all(pixels <= size)
 
 
 def test_a_forward_facing_path_stays_in_one_plane_and_looks_ahead(ndc_shapes: Pack) -> None:
@@ -43,10 +34,8 @@ def test_an_orbit_fills_its_pictures_and_cuts_nothing_off(offscreen, size) -> No
     rgba = np.zeros((70, 70, 70, 4), np.uint8)
     rgba[20:45, 24:40, 10:66] = 200, 80, 40, 255  # a thick rod in the middle
     renderer = offscreen(cube_pack(rgba, 7))
-    boxes = np.array([seen(renderer, camera) for camera in filling_orbit(renderer.pack, 8, 40.0, size)])
-    assert boxes[:, :2].min() > 0 and boxes[:, 2:].max() < 1
-    widest = max(np.ptp(boxes[:, 0::2], axis=1).max(), np.ptp(boxes[:, 1::2], axis=1).max())
-    assert widest > 0.85
-    old = ViewCamera.orbit(renderer.pack, 0.0, fov_degrees=40.0, size=size)
-    x0, y0, x1, y1 = seen(renderer, old)
-    assert max(x1 - x0, y1 - y0) < widest - 0.08  # what a ball around all content left of the picture
+    for orbit in (filling_orbit, orbit_path):
+        boxes = np.array([seen(renderer, camera) for camera in orbit(renderer.pack, 8, 40.0, size)])
+        assert boxes[:, :2].min() > 0 and boxes[:, 2:].max() < 1
+        widest = max(np.ptp(boxes[:, 0::2], axis=1).max(), np.ptp(boxes[:, 1::2], axis=1).max())
+        assert orbit is orbit_path or widest > 0.85

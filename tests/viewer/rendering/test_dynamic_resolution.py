@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from viewer.rendering.dynamic_resolution import HEADROOM, LATE, SMALLEST_SCALE, DynamicResolution, tiles
+from viewer.rendering.dynamic_resolution import HEADROOM, LATE, SMALLEST_SCALE, DynamicResolution
 
 FULL = 1280 * 800  # pixels of the picture at scale 1
 
@@ -35,15 +35,6 @@ class Machine:
     def run(self, resolution: DynamicResolution, frames: int = 150) -> None:
         for _ in range(frames):
             self.frame(resolution)
-
-
-@given(st.integers(1, 700), st.integers(1, 700), st.integers(16, 300))
-def test_tiles_cover_every_pixel_once(width, height, side):
-    covered = np.zeros((height, width), int)
-    for x, y, w, h in tiles(width, height, side):
-        assert w > 0 and h > 0
-        covered[y : y + h, x : x + w] += 1
-    assert (covered == 1).all()
 
 
 @given(st.floats(1.0, 1500.0), st.floats(10, 60), st.floats(0.0, 0.3), st.floats(0.0, 0.15), st.floats(0.0, 0.1))

@@ -16,9 +16,7 @@ from tests.scenepack.helpers import real_pack
 from tests.scenepack.random_packs import packs, random_pack
 from tests.viewer.rendering.pictures import assert_exact, assert_same_picture
 from tests.viewer.rendering.shapes import BALL, FLOOR, SKY
-from tests.viewer.scenes import with_cameras
 from training.scenes.lens import MODELS
-from viewer.features.camera.orbit_camera import view_from_within
 from viewer.features.measuring.surface import surface_at
 from viewer.rendering.camera import ViewCamera, is_mirrored, ray_through
 from viewer.rendering.layers import depth_along_axis, unit_normals
@@ -32,6 +30,7 @@ LENSES = {
         {"k1": 0.09, "k3": 0.01, "p2": -0.004, "q1": 0.03, "q2": -0.01, "q3": 0.002}
     ),
     "opencv": (0.09, -0.03, 0.004, -0.006),
+    "folding over": (-0.9, 0.0, 0.0, 0.0),  # shows nothing beyond 0.41 from its axis
 }
 
 
@@ -75,9 +74,8 @@ def test_exact_is_every_sample_on_random_packs_from_anywhere_whatever_is_cut_off
     crop = (tuple(corners[0].tolist()), tuple(corners[1].tolist()))
     wanted = RenderSettings(crop=crop, near=float(rng.uniform(0, 1.5)), background=(0.2, 0.0, 0.7))
     camera = forward_facing_camera(rng) if pack.ndc else random_camera(rng, pack)
-    if (
-        not pack.ndc and rng.random() < 0.4
-    ):  # all of the grid is seen by parallel rays, or a part of it from amid the grid
+    if not pack.ndc and rng.random() < 0.4:
+        # all of the grid is seen by parallel rays, or a part of it from amid the grid
         camera = camera.as_orthographic(high.max() * float(rng.choice([0.3, 1.8])))
     assert_exact(renderer, camera)
     assert_exact(renderer, camera, wanted)
@@ -230,12 +228,3 @@ def test_depth_normals_and_picked_points_are_those_of_space(offscreen, surroundi
             checked, farthest = checked + 1, max(farthest, w)
     assert checked > 30 and farthest > 3
     assert np.median(turned) < 8
-
-
-def test_the_viewer_begins_amid_the_photographs_wherever_they_were_taken(surroundings: Pack) -> None:
-    """A contracted pack surrounds its cameras, unlike one of an object."""
-    views = [ViewCamera.orbit(surroundings, azimuth, distance=5.0) for azimuth in (0, 20, 40)]
-    amid = with_cameras(surroundings, views)
-    first = view_from_within(amid)
-    assert first is not None and np.allclose(first.position, views[1].position)
-    assert view_from_within(amid.with_metadata(contraction=None)) is None

@@ -95,36 +95,20 @@ def test_a_pack_whose_features_need_an_atlas_of_their_own_looks_the_same(ctx, of
         assert np.array_equal(renderer.render(camera), expected)
 
 
-# Anti-aliased pictures are the exact mean of rays
+# Anti-aliased pictures are drawn in tiles
 
 WIDTH, HEIGHT = 50, 37
 
 
-def view(pack: Pack, scale: int = 1) -> ViewCamera:
-    return camera_for(pack).resized(scale * WIDTH, scale * HEIGHT)
-
-
-@pytest.mark.parametrize(("which", "mode"), [("shapes", "normal"), ("ndc_shapes", "alpha")])
-def test_a_picture_with_n_samples_is_the_box_filtered_picture_n_times_as_large(request, offscreen, which, mode):
-    pack: Pack = request.getfixturevalue(which)
-    renderer, samples = offscreen(pack), 3
-    large = renderer.render_float(view(pack, samples), RenderSettings(mode=mode)).astype(np.float64)
-    mean = large.reshape(HEIGHT, samples, WIDTH, samples, 3).mean(axis=(1, 3))
-    smooth = renderer.render_float(view(pack), RenderSettings(mode=mode, samples=samples))
-    np.testing.assert_allclose(smooth, mean, rtol=0, atol=1e-5)
-    assert np.abs(renderer.render_float(view(pack), RenderSettings(mode=mode)) - mean).max() > 0.05  # edges differ
-    rounded = renderer.render(view(pack), RenderSettings(mode=mode, samples=samples))
-    assert np.abs(rounded - 255 * mean).max() <= 0.51  # rounded once, behind the mean
-
-
 def test_tiles_make_the_same_picture_in_its_place_and_nowhere_else(ctx, offscreen, shapes, monkeypatch):
     renderer, settings = offscreen(shapes), RenderSettings(samples=3)
-    whole = renderer.render(view(shapes), settings).astype(int)
+    camera = camera_for(shapes).resized(WIDTH, HEIGHT)
+    whole = renderer.render(camera, settings).astype(int)
     monkeypatch.setattr(supersampling, "TILE", 48)  # 16 x 16 pixels: 4 x 3 tiles
     framebuffer = ctx.simple_framebuffer((WIDTH + 9, HEIGHT + 5), 4)
     framebuffer.clear(1, 0, 1)
     framebuffer.scissor = (3, 4, 5, 6)  # such as imgui leaves
-    renderer.renderer.render(framebuffer, view(shapes), settings, (4, 3))
+    renderer.renderer.render(framebuffer, camera, settings, (4, 3))
     framebuffer.scissor = None
     data = framebuffer.read(components=3, alignment=1)
     pixels = np.frombuffer(data, np.uint8).reshape(HEIGHT + 5, WIDTH + 9, 3)

@@ -20,29 +20,15 @@ from tests.viewer.window.conftest import PATIENCE_S, SIZE, pump, wait
 from viewer.window.window import Window
 
 
-def test_real_events_move_the_camera_and_run_commands(window, act):
-    rig = window.app.scene.rig
-    start = rig.goal
-    act("mousemove", 200, 300, "mousedown", 1)
-    act("mousemove", 260, 320)
-    act("mouseup", 1)
-    assert rig.goal.azimuth != start.azimuth
-    act("click", "--repeat", 3, "--delay", 30, 4)  # the wheel
-    assert rig.goal.distance < start.distance
-    act("key", "space")
-    assert window.app.settings.mode == "diffuse"
-    act("key", "r")
-    assert rig.goal == rig.home_pose
-    assert window.ctx.error == "GL_NO_ERROR"
-
-
 @pytest.mark.parametrize("button", [1, 3])
-def test_a_drag_whose_last_way_and_release_come_in_one_frame_is_whole(window, act, button):
+def test_a_drag_whose_last_way_and_release_come_in_one_frame_is_whole_and_the_wheel_comes_nearer(window, act, button):
     rig = window.app.scene.rig
     start = rig.goal
     act("mousemove", 200, 300, "mousedown", button)
     act("mousemove", 320, 350, "mouseup", button)
     assert (rig.goal.azimuth != start.azimuth) == (button == 1) and (rig.goal.pivot != start.pivot) == (button == 3)
+    act("click", "--repeat", 3, "--delay", 30, 4)
+    assert rig.goal.distance < start.distance and window.ctx.error == "GL_NO_ERROR"
 
 
 def test_the_window_follows_a_new_size(window, xdotool):

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 from tests.viewer.waiting import at_once
-from training.scenes.lens import lens_reach
 from viewer.app.application import App
 from viewer.core.pose import fitted, frustum_points, project
 from viewer.rendering.camera import ViewCamera, rays_through
 from viewer.rendering.offscreen import OffscreenRenderer
 
 LENS = (-0.3, 0.05, 0.01, -0.008)
-FOLDING = (-0.9, 0.0, 0.0, 0.0)  # sees nothing beyond 0.41 of the picture's focal length
 
 
 @pytest.fixture(scope="module")
@@ -75,19 +73,6 @@ def test_the_psnr_compares_pictures_of_one_lens_and_moving_on_keeps_what_is_seen
     assert np.allclose(free.position, held.position)
     rig.history.undo()
     assert rig.fov == rig.home_fov
-
-
-def test_a_lens_shows_nothing_where_it_folds_over(ctx, pack):
-    camera = ViewCamera.orbit(pack, 30, size=(320, 160))
-    camera = replace(camera, fx=100.0, fy=100.0, distortion=FOLDING)
-    with OffscreenRenderer(pack, ctx=ctx) as renderer:
-        picture = renderer.render(camera).astype(int)
-    y, x = np.mgrid[:160, :320] + 0.5
-    radius = np.hypot(x - 160, y - 80) / 100.0
-    reach = lens_reach(FOLDING)
-    rim = reach * (1 + FOLDING[0] * reach**2)
-    assert (picture[radius > rim + 0.02] == 255).all()
-    assert (picture[radius < rim - 0.02] < 250).any()
 
 
 def test_points_are_drawn_where_the_lens_shows_them(distorted):

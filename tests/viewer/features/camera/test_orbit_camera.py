@@ -161,10 +161,12 @@ def seen_from(pack, distance: float):
     return with_cameras(pack, [ViewCamera.orbit(pack, each, 5.0, distance * half, 60.0, (40, 60)) for each in azimuths])
 
 
-def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them():
-    pack = seen_from(toy(), 0.6)
-    rig = OrbitCamera(pack)
-    expected = ViewCamera.orbit(pack, 50.0, 5.0, 0.6 * 0.5 * pack.voxel_size * max(pack.grid_size), 60.0, (40, 60))
+@pytest.mark.parametrize(("distance", "contraction"), [(0.6, None), (6.0, 1.0)])  # what is contracted is all around
+def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them(distance, contraction):
+    pack = seen_from(toy(), distance)
+    rig = OrbitCamera(pack.with_metadata(contraction=contraction))
+    half = 0.5 * pack.voxel_size * max(pack.grid_size)
+    expected = ViewCamera.orbit(pack, 50.0, 5.0, distance * half, 60.0, (40, 60))
     np.testing.assert_allclose(rig.camera((40, 60)).grid_T_camera, expected.grid_T_camera, atol=1e-6)
     assert rig.fov == pytest.approx(60.0)
     rig.dolly(3, (0.1, 0.2))

@@ -160,9 +160,9 @@ def test_a_pasted_path_opens_and_a_wrong_one_is_told(app, pack, pack_folder, tmp
     app.paste()
     assert "no path on the clipboard" in app.messages.toast
     app.show(pack, pack_folder)
-    app.clipboard.text = '{"eye": [0, 0, 5], "target": [0, 0, 0]}'
+    app.clipboard.text = "0, 0, 5,  0 0 0"  # eye and target
     app.paste()
-    assert app.scene.rig.matrix[2, 3] == pytest.approx(5.0)
+    assert np.allclose(app.scene.rig.matrix[:3], np.eye(4)[:3] + 5.0 * np.outer([0, 0, 1], [0, 0, 0, 1]))
 
 
 # Sessions: what was open comes back, with cameras, cuts and marks, wherever the file and its packs are moved together

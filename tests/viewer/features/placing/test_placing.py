@@ -121,17 +121,19 @@ def test_views_poses_and_bookmarks_are_of_the_placed_frame(ui, app) -> None:
         app.run(command)
         rig.shown = rig.goal
         assert np.allclose(rig.matrix[:3, 2], app.annotations.current.placement.rotation[axis], atol=1e-6), command
-    before = rig.matrix.copy()
+    before, rig.fov = rig.matrix.copy(), 41.5
+    rig.set_orthographic(True)
+    height = rig.ortho_height
     app.run("copy-pose")
     values = json.loads(app.clipboard.text)
-    assert set(values) == {"eye", "target", "up", "fov"}
+    assert set(values) == {"eye", "target", "up", "fov", "ortho_height"}
     assert np.allclose(values["eye"], (app.annotations.current.placed_T_grid @ [*before[:3, 3], 1.0])[:3], atol=1e-5)
     view = bookmark_of(rig, rig.fov, "right")
     app.run("home")
     rig.shown = rig.goal
-    assert not np.allclose(rig.matrix, before)
+    assert not np.allclose(rig.matrix, before) and not rig.orthographic
     app.paste()
-    assert np.allclose(rig.matrix, before, atol=1e-5)
+    assert np.allclose(rig.matrix, before, atol=1e-5) and rig.fov == 41.5 and rig.ortho_height == pytest.approx(height)
     assert view.up == "y" and np.allclose(view.eye, before[:3, 3])
 
 
