@@ -129,9 +129,6 @@ def test_without_pyav_h264_is_told_in_one_line_and_all_else_works(pack, tmp_path
         load_pack(tmp_path / "pack")
 
 
-# --- snerg-pack convert ---
-
-
 def test_converting_there_and_back_without_loss_gives_the_same_pack(pack, tmp_path, capsys):
     source = written(tmp_path / "a", pack.with_metadata(cameras=[1, 2]))
     assert main(["convert", str(source), "--out", str(tmp_path / "b.zip"), "--codec", "webp"]) == 0
@@ -157,9 +154,6 @@ def test_converting_in_place_replaces_the_pack_and_with_a_lossy_codec_only_by_fo
     assert read_json(source)["format"] == "avif"
 
 
-# Values in coarse steps: a lossless codec counts them in steps, and loses nothing
-
-
 def in_steps(pack: Pack, colour: int, feature: int, opacity: int = 1) -> Pack:
     """The pack with values rounded to steps, at most alpha."""
     alpha = np.minimum(-(pack.atlas_rgba[..., 3:].astype(int) // -opacity) * opacity, 255).astype(np.uint8)
@@ -177,9 +171,6 @@ def test_webp_counts_in_the_steps_that_values_are_in_and_loses_nothing(pack, tmp
     save_pack(coarse, tmp_path / "pack", codec="webp")
     assert read_json(tmp_path / "pack")["snerg"]["codec_settings"]["steps"] == list(steps)
     assert same_pack(load_pack(tmp_path / "pack"), coarse)
-
-
-# What can be seen of a pack before it is read to the end
 
 
 def test_previews_come_before_the_end_and_at_it_lie_where_the_pack_does_and_the_pack_is_the_same(tmp_path):

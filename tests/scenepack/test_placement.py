@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from math import degrees
 from pathlib import Path
 
 import numpy as np
@@ -80,21 +79,12 @@ def test_what_is_no_placement_is_refused_and_a_pack_that_says_it_is_not_moved(va
     assert placement_of(pack) == NOT_MOVED and np.array_equal(placed_T_grid(pack), np.eye(4))
 
 
-def test_a_sloping_floor_is_found_and_levelled() -> None:
-    pack = sloping_pack()
-    at, up = ground_plane(pack, np.array([0.0, 1.0, 0.0]))
-    assert degrees(np.arccos(np.clip(up @ UP, -1, 1))) < 0.5
-    assert abs((at - AT) @ UP) < pack.voxel_size
-
-
 def test_where_there_is_no_floor_none_is_found() -> None:
     inside = 0.6 - np.square(centres(SIDE)).sum(axis=0)
     for pack in (solid_pack(10 * inside, (255, 255, 255)), solid_pack(0 * inside - 1, (0, 0, 0))):
         with pytest.raises(UserError, match="no ground"):
             ground_plane(pack, np.array([0.0, 1.0, 0.0]))
 
-
-# Exports
 
 MOVED = replace(NOT_MOVED.levelled(UP, AT), origin=(0.1, -0.4, 0.2))
 MARKS = {"placement": placement_to_json(MOVED), "scale": {"factor": 2.5, "unit": "m"}}

@@ -17,7 +17,6 @@ from scenepack import save_pack
 from tests.scenepack.random_packs import random_pack
 from tests.scenepack.volumes import atlas_from_dense
 
-EMPTY = 255
 WHOLE = (
     "block_size", "grid_width", "grid_height", "grid_depth", "atlas_width", "atlas_height", "atlas_depth",
     "num_slices", "atlas_blocks_x", "atlas_blocks_y", "atlas_blocks_z",
@@ -81,9 +80,8 @@ def test_an_index_is_x_y_z_and_leads_to_the_voxels_of_its_place_in_the_grid(tmp_
     save_pack(pack, tmp_path / "pack")
     groups = [image(file) for file in sorted((tmp_path / "pack").glob("rgba_*.png"))]
     lines = image(tmp_path / "pack" / "atlas_indices.png")[..., :3]  # all y of one z, then of the next
-    assert {group.shape for group in groups} == {
-        (4 * rgba.shape[1], rgba.shape[2], 4)
-    }  # four planes, one below another
+    # four planes, one below another
+    assert {group.shape for group in groups} == {(4 * rgba.shape[1], rgba.shape[2], 4)}
     assert lines.shape == (blocks[2] * blocks[1], blocks[0], 3)
     atlas, grid = np.concatenate(groups).reshape(rgba.shape), lines.reshape(*blocks[::-1], 3)
     for bz, by, bx in np.ndindex(grid.shape[:3]):

@@ -11,16 +11,9 @@ from hypothesis import strategies as st
 
 from console import UserError
 from scenepack import PackWarning, ViewMlp, check_pack, load_pack, save_pack
-from scenepack.blocks import (
-    MAX_SLICE_SIDE,
-    atlas_shape,
-    choose_atlas_blocks,
-    dense_from_pack,
-)
-from scenepack.pack import Pack
+from scenepack.blocks import MAX_SLICE_SIDE, atlas_shape, choose_atlas_blocks
 from tests.scenepack.helpers import edit_json, read_image, read_json, real_pack, same_pack, small_pack, written
 from tests.scenepack.random_packs import packs
-from tests.scenepack.volumes import atlas_from_dense
 
 
 @settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -86,17 +79,6 @@ def test_packs_that_break_their_own_rules_are_not_written(tmp_path: Path) -> Non
         with pytest.raises((UserError, ValueError)):
             save_pack(wrong, tmp_path / "pack")
     assert not list(tmp_path.iterdir())
-
-
-# Cutting a volume into padded macroblocks loses nothing
-
-
-@settings(max_examples=25, deadline=None)
-@given(pack=packs(block_sizes=(1, 2, 6, 14)))
-def test_putting_a_pack_together_and_cutting_it_again_gives_the_same_atlas(pack: Pack) -> None:
-    rgba, features = dense_from_pack(pack)
-    again = atlas_from_dense(rgba, features, pack.block_size, pack.occupied, atlas_blocks=pack.atlas_blocks)
-    np.testing.assert_equal(again, (pack.atlas_indices, pack.atlas_rgba, pack.atlas_features))
 
 
 @given(count=st.integers(0, 200_000), block_size=st.sampled_from([1, 6, 14, 30, 62]))

@@ -228,8 +228,6 @@ def test_images_that_an_optimiser_repacked_are_read(tmp_path: Path, mode: str) -
     np.testing.assert_array_equal(features_of(pack)[:4].reshape(expected.shape), expected)
 
 
-# Scenes of other programs are refused by name, in one line
-
 MERF = {"triplane_resolution": 2048, "triplane_voxel_size": 0.002, "sparse_grid_resolution": 512, "num_slices": 3,
         "data_block_size": 8, "atlas_width": 512, "atlas_height": 512, "atlas_depth": 96, "slice_depth": 1}  # fmt: skip
 COLUMNS = "".join(f"property float {name}\n" for name in ("x", "y", "z", "f_dc_0", "opacity", "scale_0", "rot_0"))

@@ -4,14 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from scenepack.blocks import (
-    Triple,
-    atlas_layout,
-    atlas_shape,
-    choose_atlas_blocks,
-    dense_from_pack,
-    grid_block_counts,
-)
+from scenepack.blocks import Triple, atlas_layout, atlas_shape, choose_atlas_blocks, dense_from_pack, grid_block_counts
 from scenepack.pack import Pack, ViewMlp
 
 BLENDER_FRAME = np.array([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)

@@ -113,9 +113,6 @@ def test_of_a_large_photograph_some_pixels_are_compared_and_none_is_shrunk(scene
     np.testing.assert_allclose(rendered, truth, atol=1e-6)
 
 
-# Pixels of photographs that are too many or too big to be careless with
-
-
 @pytest.fixture(scope="module")
 def big(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A JPEG of 6 megapixels."""

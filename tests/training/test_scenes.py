@@ -108,9 +108,6 @@ def test_a_picture_of_another_size_is_refused_with_both_sizes(copy: Path):
     assert "r_5.png" in line and "the shape of 48x48" in line and "found 40x48" in line
 
 
-# What is up, where the user says it: poses, points and box turn together, and a run and its pack are compared so, too
-
-
 def test_what_is_up_becomes_z_and_all_else_turns_along(tmp_path: Path) -> None:
     # cameras that all stand on one side and look down at a ball: their mean up leans back
     leaning = write_colmap(tmp_path, circle(10), ball(300, 1.0))
@@ -168,9 +165,6 @@ def test_a_forward_facing_scene_has_no_box_to_choose(tmp_path: Path):
     around = write_llff(tmp_path / "around", circle())
     box = load_scene(around, spherify=True).aabb * 0.5
     assert box_text(load_scene(around, spherify=True, aabb=box.ravel()).aabb) == box_text(box)
-
-
-# Too few photographs, cameras that miss the scene, nothing in the pictures: told before training, or refused
 
 
 @pytest.mark.parametrize(

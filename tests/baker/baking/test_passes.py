@@ -78,9 +78,6 @@ def test_a_bake_says_how_it_was_made_and_of_the_papers_nothing_is_emptied(monkey
     assert "voxels" not in literal and "fine_tuning" not in made
 
 
-# Views midway between photographs
-
-
 def test_photographs_come_first_and_each_has_a_wider_view_midway_to_another(dataset: RayDataset) -> None:
     views, pixels = with_views_between(dataset), 48 * 48
     assert dataset.views < views.views <= 2 * dataset.views and views.count == views.views * pixels
@@ -99,9 +96,6 @@ def test_photographs_come_first_and_each_has_a_wider_view_midway_to_another(data
     corners = pixels * np.array([[0], [views.views - 1]]) + [0, 47, pixels - 48, pixels - 1]
     photograph, between = (np.asarray(views.geometry_at(jnp.asarray(ids)).directions) for ids in corners)
     assert (between @ between.T).min() < (photograph @ photograph.T).min() - 0.1
-
-
-# A bake before it is quantised: rounded it is the pack, and it is drawn by the pack's rules
 
 
 def test_what_is_rounded_is_the_pack_and_drawn_as_the_reference_draws_it_and_what_is_not_differs() -> None:

@@ -249,9 +249,6 @@ def test_what_cannot_be_done_is_told_in_one_line_before_anything_is_baked(runs, 
     assert not (tmp_path / "out").exists()
 
 
-# The packs behind a report: none is baked twice, and none stands for another
-
-
 def test_each_pack_is_baked_once_and_none_stands_for_one_of_other_options(tmp_path, monkeypatch) -> None:
     bakes: list[str] = []
 

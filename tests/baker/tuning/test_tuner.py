@@ -46,9 +46,6 @@ def drawn(ids: np.ndarray, tuner: Tuner, seed: int = 1) -> np.ndarray:
     return np.resize(np.random.default_rng(seed).choice(ids, 2048), tuner.rays).astype(np.int32)
 
 
-# --- the gradient ---
-
-
 @pytest.mark.parametrize("style", ["object", "diffuse", "forward", "by opacity", "cells of 1"])
 def test_gradients_are_finite_differences_of_the_loss_as_if_nothing_were_rounded(dataset, style):
     """The loss in float64, by the reference marcher: (L(x + h v) - L(x - h v)) / 2 h against the gradient along v."""
@@ -106,9 +103,6 @@ def test_a_move_too_small_to_change_a_byte_has_a_gradient_all_the_same(dataset: 
     assert np.mean(np.any(tuner.first != 0, axis=1)) > 0.2
 
 
-# --- cells, and what is stored ---
-
-
 @pytest.mark.parametrize("steps", [EXACT, Steps(4, 16), Steps(4, 16, 4)])
 def test_what_has_moved_is_stored_by_the_formulas_in_every_copy_and_never_appears_or_vanishes(dataset, steps):
     pack = pack_of(4, whole_blocks=True)
@@ -131,9 +125,6 @@ def test_what_has_moved_is_stored_by_the_formulas_in_every_copy_and_never_appear
     assert np.array_equal(stored.atlas_rgba[..., 3] > 0, pack.atlas_rgba[..., 3] > 0)
     assert np.mean(stored.atlas_rgba != pack.atlas_rgba) > 0.05
     assert is_sound(stored)
-
-
-# --- the whole of it ---
 
 
 def test_what_is_shown_scores_as_the_tuner_scores_it(dataset: RayDataset, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -262,9 +262,6 @@ def test_a_contracted_pack_is_written_as_it_is_in_space(tmp_path: Path) -> None:
     assert np.allclose(sizes[beyond].max(axis=1) / sizes[inner][0, 0], far[beyond] ** 2, rtol=1e-3)
 
 
-# What is shown before an export is what is written, in coarser voxels where the grid is fine
-
-
 @pytest.fixture(scope="module")
 def alone() -> Pack:
     return solid_pack(ball_inside(), COLOUR)

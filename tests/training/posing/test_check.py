@@ -103,9 +103,6 @@ def test_a_missing_package_is_named(tmp_path: Path, refused: Callable[..., str],
     assert not (tmp_path / "out").exists()
 
 
-# Which photographs are used, and which pairs are matched
-
-
 def test_a_blurred_picture_is_told_from_plain_ones_and_from_pictures_of_other_things():
     walls = [texture(seed)[:200, :300].mean(axis=-1) / 255 for seed in range(12)]
     sharp = Image.fromarray((walls[4] * 255).astype(np.uint8))

@@ -146,8 +146,6 @@ def test_a_camera_that_slows_down_leaves_most_frames_to_where_it_moves(tmp_path:
     assert sum(seconds > 2.9 for seconds, _ in found) >= 3, "by their time alone, it would be one or two"
 
 
-# Colours of films: HLG, PQ and wide gamuts come as sRGB
-
 LIMITED = 1  # range of a signal, as ITU-T H.273 numbers it
 SIZE = (96, 64)
 

@@ -178,9 +178,6 @@ def test_snerg_make_trains_on_the_scene_whose_poses_it_found(found, monkeypatch,
     assert capsys.readouterr().err.splitlines()[-1] == f"snerg-make: {found.scene}: trained"
 
 
-# --- why none are found -----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", [find.SCENE, find.WORK])
 def test_folders_that_it_did_not_make_are_left_alone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(find, "require", lambda source: None)

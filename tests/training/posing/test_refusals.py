@@ -104,9 +104,6 @@ def test_three_photographs_are_too_few(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-# snerg-make of what is no photographs and no film: one line, status 2, and nothing written; and names of any bytes
-
-
 @pytest.mark.parametrize("more", [["--poses-only"], ["--no-view"]])
 @pytest.mark.parametrize(
     ("name", "content", "message"),
@@ -138,8 +135,6 @@ def test_snerg_make_of_nothing_is_refused_in_one_line(name, content, message, mo
     assert name == "scene" or all(kind in line for kind in ("JPEG", "HEIC", "MP4", "AVI", "Matroska"))
     assert not out.exists()
 
-
-# Photographs that people took (the folder that SNERG_DATA names)
 
 FOX, FERN = "transforms_json/fox/images", "nerf_llff_data/fern/images_4"
 

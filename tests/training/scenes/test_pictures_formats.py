@@ -294,9 +294,6 @@ def test_what_is_no_picture_is_told_for_what_it_is(tmp_path: Path, data: bytes, 
     assert "003.png" in line and "expected PNG, JPEG, WebP, TIFF, BMP, AVIF, HEIC, JPEG XL" in line and found in line
 
 
-# A photograph whose decoding would take hours is refused, in the program itself, before it begins
-
-
 def progressive(more: int) -> bytes:
     """A progressive JPEG that goes over its pixels so many times more than it has to, 31 bytes each time."""
     file = io.BytesIO()

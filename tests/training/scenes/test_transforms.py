@@ -46,9 +46,6 @@ def eyes_of(scene: Scene) -> np.ndarray:
     return np.stack([photograph.camera.world_T_camera[:3, 3] for photograph in everyone(scene)])
 
 
-# --- one camera model -------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("write", [write_blender, write_capture])
 @pytest.mark.parametrize(
     "values",
@@ -113,9 +110,6 @@ def test_frames_without_a_matrix_are_left_out(tmp_path: Path, write):
     edit_json(file, lambda d: (d["frames"][2].pop("transform_matrix"), d["frames"][3].update(transform_matrix=None)))
     with pytest.warns(Notice, match=r"2 of \d frames have no transform_matrix and are left out \("):
         assert len(everyone(load_scene(path))) == 7
-
-
-# --- space ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("scale", "offset"), [(1, 0), (0.3, 0), (6, 0), (1, 10), (1e3, -4e3)])
@@ -183,9 +177,6 @@ def test_photographs_that_see_nothing_are_told(tmp_path: Path):
         require_rays(some)
 
 
-# --- splits -----------------------------------------------------------------------------------------------------------
-
-
 def names(scene: Scene, split: str) -> list[str]:
     return [photograph.name for photograph in scene.splits.get(split, ())]
 
@@ -200,9 +191,6 @@ def test_a_frame_is_never_trained_on_and_held_out(tmp_path: Path):
     edit_json(path / "transforms_test.json", lambda d: d["frames"].append(first))
     with pytest.warns(Notice, match="1 of 3 frames are trained on"):
         assert len(names(load_scene(path), "test")) == 2
-
-
-# Where the rays of a capture begin
 
 
 def camera_at(x: float) -> Camera:

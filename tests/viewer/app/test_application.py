@@ -121,9 +121,6 @@ def test_modes_go_round_and_leave_out_what_the_pack_has_not(open_app):
     assert open_app.settings.mode == "normal" and "features" not in modes_for(open_app)
 
 
-# Repairs of a pack made elsewhere are reported once, in the window
-
-
 def opened(app: App, path: Path) -> str:
     """The toast once the pack is open."""
     app.messages.toast = ""
@@ -148,9 +145,6 @@ def test_repairs_are_reported_once_and_stay_in_the_log(pack, pack_folder, tmp_pa
     edit_json(untidy, lambda params: params.update(atlas_blocks_x=99))
     again = opened(app, untidy)
     assert "feature_000.png" not in again and again  # only what is new
-
-
-# One history: whatever was changed last is undone first, and nothing else
 
 
 STEPS: dict[str, Callable[[App, int], object]] = {

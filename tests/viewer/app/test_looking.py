@@ -134,9 +134,6 @@ def test_things_dropped_are_told_apart(tmp_path, pack_folder):
     assert kind_of(tmp_path / "nothing") == "unknown"
 
 
-# Moving and scaling the crop box with ImGuizmo, and taking that back in turn with the camera's moves
-
-
 def test_the_gizmo_moves_the_box_along_one_axis_and_beside_it_the_mouse_is_the_cameras(ui, app, pack):
     app.interface.page, app.crop_tool = "crop", "move"
     app.set(crop=crop.placed(pack, np.zeros(3), np.full(3, 0.8)))

@@ -31,9 +31,6 @@ def test_a_bug_leaves_versions_commands_and_its_traceback(tmp_path, app, pack, p
     assert left_behind(tmp_path) == [] and found.exists()  # told once, and kept
 
 
-# Where no temporary folder can be made, what needs one says so in one line
-
-
 def test_no_temporary_folder_is_told_with_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", None)
     monkeypatch.setattr(tempfile, "_candidate_tempdir_list", lambda: [str(tmp_path / "none")])

@@ -48,9 +48,8 @@ BUGS = ("This is a bug", "Traceback", "object at 0x")
 ROUND = 250  # events from one measurement of memory to the next
 WARM_UP = 2  # rounds
 ESCAPES = 40  # that answer the dialogs of an event
-TOLERATED = (
-    0.06  # of growth: fonts and pools move 5 of some 125 MiB from round to round, forgotten framebuffers a third
-)
+# Of growth: fonts and pools move 5 of some 125 MiB from round to round, forgotten framebuffers a third.
+TOLERATED = 0.06
 
 
 class Hour:

@@ -110,9 +110,6 @@ def test_the_backdrop_goes_with_the_theme_and_a_plain_colour_ends_it(app):
     assert app.settings.backdrop is None
 
 
-# What legends say about colours is what the picture shows
-
-
 @pytest.fixture
 def ui(known_pack, offscreen, app, pack_folder):
     return offscreen(app, known_pack, pack_folder, size=(900, 640))

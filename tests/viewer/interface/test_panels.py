@@ -134,8 +134,6 @@ def test_dense_displays_get_more_pixels_and_the_same_layout(offscreen, app, pack
     assert ui.canvas.drawn_size == app.viewport.pixels
 
 
-# Names of files that are not UTF-8 are drawn like others
-
 NAME = "n\udcffme"
 
 
@@ -175,9 +173,6 @@ def test_cards_of_long_work_name_minutes_and_shorten_names(ui, app, tmp_path: Pa
     assert any(text.endswith("%, about 7 min 47 s left") for text in drawn)
     named = [text for text in drawn if "long-name" in text]
     assert len(named) == 3 and all(text.endswith("…") and drawn[text] < 280 for text in named)
-
-
-# Pages are dragged out of their place, docked elsewhere, remembered, and brought back
 
 
 def test_a_page_is_pulled_out_another_takes_its_place_and_the_layout_is_remembered_and_reset(
@@ -226,9 +221,6 @@ def test_a_page_that_was_opened_again_where_it_was_left_comes_home_as_well(ui, a
     assert app.run("layout")
     ui.settle()
     assert app.interface.moved == [] and app.viewport == usual
-
-
-# Overlays in windows of every size: nothing is out of reach
 
 
 @pytest.mark.parametrize(("size", "scale"), [((1280, 800), 2.0), ((480, 360), 1.0)])

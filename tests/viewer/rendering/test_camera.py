@@ -19,9 +19,6 @@ def test_a_forward_facing_path_stays_in_one_plane_and_looks_ahead(ndc_shapes: Pa
         assert np.linalg.det(world_R_camera) > 0 and world_R_camera[2, 2] > 0.9
 
 
-# What a pack shows fills the picture, and nothing of it is cut off
-
-
 def seen(renderer: OffscreenRenderer, camera: ViewCamera) -> np.ndarray:
     """Shares of the picture, (x0, y0, x1, y1), between which something is seen."""
     alpha = renderer.render_float(camera, RenderSettings(mode="alpha"))[..., 0] > 0.2

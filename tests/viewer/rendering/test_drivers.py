@@ -22,8 +22,6 @@ from viewer.rendering.settings import RenderSettings
 from viewer.rendering.shader_source import glsl_float
 from viewer.rendering.software_rasteriser import HUGE, huge_pages, move_to_huge_pages
 
-# What a software rasteriser allocates ends in huge pages, and its contents stay
-
 
 def test_new_memory_is_moved_and_keeps_its_contents() -> None:
     if not Path("/proc/self/smaps_rollup").exists():
@@ -47,9 +45,6 @@ def test_new_memory_is_moved_and_keeps_its_contents() -> None:
 def huge_bytes() -> int:
     found = re.search(r"AnonHugePages: +(\d+) kB", Path("/proc/self/smaps_rollup").read_text())
     return 1024 * int(found[1]) if found else 0
-
-
-# Waiting for the card without Python's lock
 
 
 def wakings_meanwhile(wait: Callable[[], object]) -> int:
@@ -85,9 +80,6 @@ def test_other_threads_run_while_a_picture_is_drawn(ctx, shapes):
         assert wakings_meanwhile(lambda: GpuClock(ctx).time(draw)) > 15
 
 
-# Without OpenGL, or with one that is too old, the error names the version found, the one needed and a remedy
-
-
 OLD = "OpenGL 2.1 Mesa 20.0, drawn by Mesa Intel 965GM"
 
 
@@ -110,9 +102,9 @@ def default_driver(monkeypatch) -> None:
         ("OpenGL 2.1 INTEL, drawn by Intel GMA", "", "darwin", ["update macOS"]),
     ],
 )
-def test_what_is_there_what_is_needed_and_what_to_do(
+def test_no_opengl_or_an_old_one_is_told_with_a_remedy(
     version, complaint, platform, words, monkeypatch, default_driver
-) -> None:
+):
     monkeypatch.setattr(sys, "platform", platform)
     line = str(opengl_refusal(version, complaint))
     assert all(word in line for word in [*words, "OpenGL 3.3 or later"]), line
@@ -139,9 +131,6 @@ def test_no_driver_is_told_with_what_to_install(display, pack_folder, tmp_path, 
         pytest.skip("this Mesa has its drivers built in")
     line = done.stderr.splitlines()[-1]
     assert done.returncode == 2 and "install a graphics driver" in line and "libgl1-mesa-dri" in line
-
-
-# Injected numbers
 
 
 def test_numbers_survive_the_way_into_a_shader_and_nothing_else_does() -> None:

@@ -62,8 +62,6 @@ def test_a_resolution_that_is_not_dynamic_draws_everything():
     assert resolution.moving_scale == 0.5
 
 
-# The adaptive resolution over a flight through a scene, in which each frame takes what its view costs
-
 # The mean cost of a ray at each quarter of a second of the flight of tools/fly_window.py through shapes_pack(), as the shader
 # counts: samples fetched, and jumps at a third of one.
 COSTS = np.array([

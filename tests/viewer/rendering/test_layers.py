@@ -82,9 +82,6 @@ def test_light_is_decoded_before_opacity_is_multiplied_in() -> None:
     assert straight_rgba(raw).tolist() == [[[128, 255, 0, 128]]]
 
 
-# A look changes the scene's colours as the formulas say, and nothing else
-
-
 DARK = (0.1, 0.2, 0.3)
 
 
@@ -100,7 +97,7 @@ def looked(colour: np.ndarray, look: Look) -> np.ndarray:
     ("kind", "look"),
     [("shapes", Look(-2.0, 0.7, -0.4)), ("shapes", Look(saturation=0.0)), ("ndc_shapes", Look(0.3, -1.0, 1.0, 2.0))],
 )
-def test_opaque_colours_are_those_of_the_formula_and_the_background_is_left_alone(request, offscreen, kind, look):
+def test_a_look_changes_opaque_colours_by_the_formula_and_leaves_the_background_alone(request, offscreen, kind, look):
     pack = request.getfixturevalue(kind)
     renderer = offscreen(pack)
     camera = ViewCamera.look_at((0, 0, 0), (0.2, 0.1, 4), mirrored=True) if pack.ndc else ViewCamera.orbit(pack, 35)

@@ -95,8 +95,6 @@ def test_a_pack_whose_features_need_an_atlas_of_their_own_looks_the_same(ctx, of
         assert np.array_equal(renderer.render(camera), expected)
 
 
-# Anti-aliased pictures are drawn in tiles
-
 WIDTH, HEIGHT = 50, 37
 
 
@@ -120,9 +118,6 @@ def test_tiles_make_the_same_picture_in_its_place_and_nowhere_else(ctx, offscree
     assert (outside == (255, 0, 255)).all()
     unbind_framebuffers(ctx)
     free_framebuffer(framebuffer)
-
-
-# What is uploaded: little more than the content, in textures that the driver really made
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 63, 64, 65, 455, 753, 4000, 4097, 5003, 62_000])
@@ -162,9 +157,6 @@ def test_what_a_camera_is_close_to_arrives_first(ctx: moderngl.Context) -> None:
         assert away[layers == new[0]].min() <= away[~there].min()
         shown = there
     renderer.release()
-
-
-# Packs that are too large for the card: half the resolution, the same place, a warning with both sizes
 
 
 PLENTY = 2048

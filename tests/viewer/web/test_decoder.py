@@ -110,8 +110,6 @@ def test_damaged_data_are_told_and_never_shown(browser: Browser, tmp_path: Path)
         assert "damaged" in browser.evaluate("document.getElementById('notice-text').textContent")
 
 
-# Films for the page, out of AVIF packs
-
 FRAMES = 5
 
 

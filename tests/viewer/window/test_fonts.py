@@ -21,9 +21,8 @@ def needs_japanese() -> None:
     """Skips where no font has Japanese letters."""
     if not shutil.which("fc-list"):
         pytest.skip("fc-list is not installed: apt-get install fontconfig")
-    listed = subprocess.run(
-        ["fc-list", ":charset=65e5 68da", "file"], capture_output=True, text=True, timeout=60
-    ).stdout
+    command = ["fc-list", ":charset=65e5 68da", "file"]
+    listed = subprocess.run(command, capture_output=True, text=True, timeout=60).stdout
     if not any(line.rstrip(": ").endswith(theme.SUFFIXES) for line in listed.splitlines()):
         pytest.skip("no font with Japanese letters is installed (such as fonts-noto-cjk or fonts-droid-fallback)")
 
@@ -79,8 +78,6 @@ LISTED = (
 
 
 def test_fonts_are_taken_for_the_letters_that_none_before_has():
-    assert chosen_fonts(LISTED, "あ漢★") == [
-        FontFile(Path("/fonts/Kana.ttc"), 2),
-        FontFile(Path("/fonts/Star.otf"), 0),
-    ]
+    expected = [FontFile(Path("/fonts/Kana.ttc"), 2), FontFile(Path("/fonts/Star.otf"), 0)]
+    assert chosen_fonts(LISTED, "あ漢★") == expected
     assert chosen_fonts(LISTED, "") == [] == chosen_fonts("", "あ") == chosen_fonts("nonsense\n\t\t\n", "あ")

@@ -135,9 +135,6 @@ def test_a_photographs_camera_is_bookmarked_level_from_its_place(app):
     assert np.allclose(app.annotations.current.bookmarks[0].eye, turned[:3, 3], atol=1e-6)
 
 
-# The pages with lists of views: each has its picture, drawn one a frame, and what is clicked is gone to
-
-
 @pytest.fixture
 def ui(offscreen, pack, pack_folder):
     app = App()
@@ -193,9 +190,6 @@ def test_a_click_annotates_a_place_and_one_on_its_number_goes_there_unless_it_is
     app.run("annotate")
     ui.key(imgui.Key.escape)
     assert not app.measure_tool.tool
-
-
-# Annotated places in saved pictures: their numbers and titles, where they are seen and only there
 
 
 NEAR = Bookmark("Near bar", (0.0, 0.0, 3.0), (0.0, 0.0, 0.0), point=(-0.3, 0.0, NEAR_BAR + 0.05))

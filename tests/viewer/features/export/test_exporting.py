@@ -91,9 +91,6 @@ def test_an_export_that_is_ended_leaves_nothing(shown: App, tmp_path: Path, how:
     assert writing.child.poll() is not None and not writing.folder.exists() and shown.exporting.writing is None
 
 
-# The preview of an export follows the choices: the newest one is shown, older ones are given up
-
-
 def finish(preview: ExportPreview, pack: Pack, export: Export) -> None:
     until(lambda: preview.follow(pack, export) or not preview.working)
 
@@ -130,9 +127,6 @@ def test_what_cannot_be_previewed_says_why(pack: Pack, monkeypatch, error: Excep
     assert ("scikit-image" in preview.error) if isinstance(error, UserError) else ("memory" in preview.error)
 
 
-# The picture of an export before it is written: where the pack is, in its colours, seen by the same camera
-
-
 @pytest.mark.parametrize("kind", scene.KINDS)
 @pytest.mark.parametrize("parallel", [False, True])
 def test_a_preview_is_seen_where_the_pack_is_in_its_colours(ctx, pack, kind, parallel) -> None:
@@ -148,9 +142,6 @@ def test_a_preview_is_seen_where_the_pack_is_in_its_colours(ctx, pack, kind, par
         assert (drawn.argmax(axis=2) == diffuse.argmax(axis=2))[seen & alpha].mean() > 0.95
         assert np.array_equal(canvas.snapshot(camera, RenderSettings(mode="diffuse")), diffuse), "nothing is left set"
         canvas.drop_export_preview()
-
-
-# Sharing serves the open pack as a page, with the view, the crop and the camera path of the moment, until it is stopped
 
 
 @pytest.mark.slow

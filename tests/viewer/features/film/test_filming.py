@@ -163,8 +163,6 @@ def test_a_cancelled_export_leaves_nothing(filming_app, tmp_path):
         assert app.filming.export is None and not list((tmp_path / "out").iterdir())
 
 
-# Exports are of the whole pack and repeat, whatever the window's size, the machine's speed and its cores
-
 SIZE = (64, 64)  # x264 writes the same pictures of 48 × 32 in two ways, now and then
 
 
@@ -241,9 +239,6 @@ def test_what_is_too_large_is_refused_and_without_a_clipboard_the_reason_and_the
     noise = np.random.default_rng(0).integers(0, 256, (80, 80, 3), np.uint8)
     with pytest.raises(UserError, match="too large"):  # before it is handed over
         copy_picture(noise)
-
-
-# Stills that the window saves: depth of field, layers, panoramas and changed colours
 
 
 def saved(ui: OffscreenUi, path: Path) -> Path:

@@ -132,9 +132,6 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
     assert not app.messages.dialogs and app.open_scene.path == tmp_path / "made" / "pack"
 
 
-# What is trained so far is shown as it comes, with the camera where the hands put it, and never in place of something else
-
-
 @pytest.fixture
 def train(tmp_path, pack):
     """Writes what is trained after so many steps, as the child does, and waits until it has come."""
@@ -180,9 +177,6 @@ def test_a_scene_that_is_open_is_not_taken_away(making, train, pack, pack_folder
     app.show(pack, pack_folder)
     train(app, 2400)
     assert app.scene.path == pack_folder, "whoever has gone elsewhere stays there"
-
-
-# The check of photographs in the make dialog: the real command as a child process, and what is shown of it
 
 
 SHOTS, DARK = 8, 4
@@ -429,9 +423,6 @@ def test_cut_out_is_on_where_there_is_a_mask_for_each_photograph(tmp_path):
     assert plan.masked and plan.cut_out and "--masks" in plan.command()
     plan.masks = False
     assert "--masks" not in plan.command()
-
-
-# What making a scene takes on this computer: measured by the real program, told in the dialog, given up with it
 
 
 @pytest.mark.slow
