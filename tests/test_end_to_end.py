@@ -66,9 +66,7 @@ def test_the_pack_is_sound_and_says_where_it_comes_from(made: Path, scene: Path)
 
 
 @pytest.mark.slow
-def test_the_same_line_again_goes_on_instead_of_starting_over(
-    made: Path, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_same_line_again_goes_on_instead_of_starting_over(made, scene, tmp_path, capsys):
     out = tmp_path / "out"
     shutil.copytree(made / "run", out / "run")
     run = out / "run"

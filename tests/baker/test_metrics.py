@@ -1,4 +1,4 @@
-"""PSNR and SSIM as the field computes them."""
+"""SSIM as the field computes it; LPIPS: optional, safe to read, and a distance."""
 
 import os
 import pickle
@@ -21,9 +21,6 @@ def test_ssim_is_that_of_scikit_image():
     wang = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
     expected = structural_similarity(a, b, data_range=1.0, channel_axis=-1, **wang)
     assert ssim(a, b) == pytest.approx(expected, abs=1e-9)
-
-
-# LPIPS: optional, safe to read, and a distance
 
 
 @pytest.fixture

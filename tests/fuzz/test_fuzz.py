@@ -51,9 +51,6 @@ def test_what_was_found_once_is_not_found_again(worker: Worker) -> None:
     assert not broken
 
 
-# The fuzzer itself: one that finds nothing proves nothing.
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("code", "key"),
@@ -73,6 +70,7 @@ def test_what_was_found_once_is_not_found_again(worker: Worker) -> None:
     ],
 )
 def test_the_fuzzer_sees_what_breaks(code: str, key: str, breaking: Worker) -> None:
+    """One that finds nothing proves nothing."""
     recipe = {"subject": "breaking", "base": "code", "steps": [["insert", "code.py", 0, code.encode().hex(), 1]]}
     outcome = breaking.outcome(recipe)
     assert (outcome.kind == FINDING) == bool(key), outcome

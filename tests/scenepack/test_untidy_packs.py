@@ -133,9 +133,6 @@ def test_a_pack_for_which_memory_is_too_small_is_refused_with_both_sizes(tmp_pat
     require_refusal(folder, "does not fit in memory", "GB", "lower resolution")
 
 
-# Untidy packs
-
-
 def opened(folder: Path, *lines: str) -> Pack:
     """Loads; expects exactly one warning line for each of `lines`, holding it."""
     with warnings.catch_warnings(record=True, action="always") as caught:

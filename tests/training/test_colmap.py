@@ -147,6 +147,7 @@ def test_what_is_left_out_is_told_in_one_line_each(tmp_path):
     [
         ("colmap/sparse/0", "images"),
         ("colmap/sparse", "images"),
+        ("sparse", "images"),
         (".", "images"),
         ("sparse/0", "."),
         ("dense/sparse", "dense/images"),
@@ -166,13 +167,11 @@ def test_a_reconstruction_is_found_where_programs_leave_it(tmp_path: Path, model
     assert found is not None and len(found.places) == 150
 
 
-def test_the_reconstruction_may_lie_in_sparse_itself_and_others_descriptions_win(tmp_path):
-    path = write_colmap(tmp_path / "s", circle(10), ball(), folder="sparse")
-    assert load_scene(path).kind == "colmap"
-    (tmp_path / "t").mkdir()
-    write_transforms(tmp_path / "t" / "u", circle(10))
-    shutil.copytree(path / "sparse", tmp_path / "t/u/sparse")
-    assert load_scene(tmp_path / "t" / "u").kind == "transforms"
+def test_a_description_of_another_program_wins(tmp_path):
+    path = write_colmap(tmp_path / "colmap", circle(10), ball())
+    write_transforms(tmp_path / "both", circle(10))
+    shutil.copytree(path / "sparse", tmp_path / "both/sparse")
+    assert load_scene(tmp_path / "both").kind == "transforms"
 
 
 def test_unsupported_lenses_are_named(tmp_path):

@@ -133,8 +133,6 @@ def test_a_run_whose_up_makes_no_sense_is_refused(tmp_path: Path) -> None:
         read_description(tmp_path)
 
 
-# --aabb: the user's box in place of the reader's, stored with the run, refused where it means nothing
-
 BOX = (-0.5, -0.75, -0.25, 1.0, 0.5, 0.75)
 WORDS = "-0.5,-0.75,-0.25,1,0.5,0.75"
 

@@ -205,8 +205,6 @@ def test_a_run_whose_photographs_are_gone_says_so(unbroken: Path, tmp_path: Path
     assert load_run(moved, scene_path=json.loads((unbroken / "config.json").read_text())["scene"]).step
 
 
-# Checkpoints that are damaged or do not fit, and runs in which links lead elsewhere
-
 ARRAYS = {"weight": np.arange(12, dtype=np.float32).reshape(3, 4), "count": np.array(7, np.int32)}
 
 

@@ -132,9 +132,7 @@ def configs(monkeypatch: pytest.MonkeyPatch) -> list[BakeConfig]:
     return noted
 
 
-def test_the_preset_paper_takes_the_papers_resolution_and_no_limit_and_options_change_it(
-    configs, tmp_path, monkeypatch
-):
+def test_preset_paper_takes_the_papers_resolution_and_no_limit_and_options_change_it(configs, tmp_path, monkeypatch):
     photograph = SimpleNamespace(camera=SimpleNamespace(width=400, height=300))
     run = SimpleNamespace(scene=None, dataset=SimpleNamespace(kind="object"))
     monkeypatch.setattr("training.run.load_run", lambda *_, **__: run)

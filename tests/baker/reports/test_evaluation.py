@@ -89,10 +89,7 @@ def test_two_methods_are_scored_on_the_same_pixels_with_the_mask_of_one(scene, m
     assert evaluate(narrow, scene, "test", mask_of=wide)["psnr"] < 40, "what it lacks of the mask counts"
 
 
-# snerg-pack compare
-
-
-def test_the_json_has_each_view_and_their_means(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_the_json_of_snerg_pack_compare_has_each_view_and_their_means(tmp_path: Path, capsys) -> None:
     pack = random_pack(np.random.default_rng(2), grid_blocks=(2, 2, 2), style="blob", alpha_style="solid")
     save_pack(pack, tmp_path / "a")
     save_pack(pack, tmp_path / "b", codec="jpeg", quality=20)

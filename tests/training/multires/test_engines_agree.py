@@ -222,9 +222,7 @@ def test_pictures_and_points_are_those_of_the_other_engine(trained: Trained) -> 
 
 
 @pytest.mark.parametrize("trained", ["object"], indirect=True)
-def test_pictures_of_a_list_that_few_rays_fit_into_are_the_same(
-    trained: Trained, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pictures_of_a_list_that_few_rays_fit_into_are_the_same(trained, monkeypatch):
     dataset, state = trained.method.dataset, dataclasses.replace(trained.state, kept={})
     engine, rays = JaxEngine(dataset, trained.method.settings, 0), dataset.geometry_at(jnp.arange(0, dataset.count, 37))
     expected = engine.render(state, rays)

@@ -1,4 +1,4 @@
-"""The paper's field and method: its structure, and that it learns."""
+"""The paper's field and method: its structure, that it learns, and where along a ray it is asked."""
 
 import dataclasses
 from typing import Any
@@ -100,9 +100,6 @@ def test_the_sparsity_loss_sees_densities_without_the_noise(dataset: RayDataset)
     silent = render_rays(params, rays, nerf, dataset.facts, perturbation._replace(coarse_noise=None, fine_noise=None))
     np.testing.assert_allclose(noisy.coarse_sigma, silent.coarse_sigma, rtol=1e-5)
     assert np.abs(noisy.coarse.alpha - silent.coarse.alpha).max() > 0.01, "the picture has it"
-
-
-# Where along a ray the fields are asked
 
 
 NEAR, FAR = jnp.full(5, 2.0), jnp.full(5, 6.0)

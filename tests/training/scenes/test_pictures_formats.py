@@ -199,9 +199,8 @@ def of_palette(hidden: Sequence[int], shown: Sequence[int], **options: int) -> I
 
 
 def of_alpha(colour: Sequence[int], alpha: np.ndarray = WHITE) -> Image.Image:
-    return Image.fromarray(
-        np.dstack([np.broadcast_to(np.array(colour, np.uint8), (HEIGHT, WIDTH, len(colour))), alpha])
-    )
+    everywhere = np.broadcast_to(np.array(colour, np.uint8), (HEIGHT, WIDTH, len(colour)))
+    return Image.fromarray(np.dstack([everywhere, alpha]))
 
 
 PHOTO = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3)).astype(np.uint8)

@@ -38,9 +38,8 @@ def test_photographs_are_found_in_the_folder_or_just_below_it_in_the_order_of_th
     assert names_of(found(tmp_path / "phone", *phone, "masks/left/1.png")) == ["keyframes/images/1.jpg"]
     assert names_of(found(tmp_path / "depths", "rgb/1.jpg", "depth/1.exr", "conf/1.png")) == ["rgb/1.jpg"]  # Record3D's
     covered = found(tmp_path / "covered", "cover.jpg", *(f"images/{name}" for name in MANY))
-    assert len(covered.files) == FEWEST and covered.notes == (
-        f"the {FEWEST} pictures in folders below are used, not cover.jpg",
-    )
+    said = f"the {FEWEST} pictures in folders below are used, not cover.jpg"
+    assert len(covered.files) == FEWEST and covered.notes == (said,)
     copies = "images_8/1.png", "images_4/1.png"  # an LLFF scene's, of the same photograph
     assert names_of(found(tmp_path / "d", "poses_bounds.npy", *copies)) == ["images_4/1.png"]
     assert find_source(files(tmp_path / "e", "notes.txt")) is None and find_source(tmp_path / "none") is None

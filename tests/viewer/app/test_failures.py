@@ -68,9 +68,7 @@ def test_a_pack_deleted_while_open_stays_open_and_is_told_when_it_is_asked_for_a
     assert (folder in app.preferences.recent_packs()) == (gone != "all")
 
 
-def test_a_pack_that_is_cut_off_while_it_is_seen_leads_to_the_start_page(
-    offscreen, app, shapes_folder, tmp_path, monkeypatch
-):
+def test_a_pack_cut_off_while_it_is_seen_leads_to_the_start_page(offscreen, app, shapes_folder, tmp_path, monkeypatch):
     folder = shutil.copytree(shapes_folder, tmp_path / "cut")
     last = sorted(folder.glob("rgba_*.png"))[-1]
     last.write_bytes(last.read_bytes()[: last.stat().st_size // 2])  # its header is whole

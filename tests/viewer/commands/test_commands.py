@@ -152,10 +152,8 @@ def test_bad_arguments_are_status_2_and_one_line(shapes_folder, tmp_path, monkey
     assert not list(tmp_path.iterdir())
 
 
-# Transparent pictures, OpenEXR files and several modes at once, opened with other libraries than the writer's
-
-
 def exr(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
+    """Header and channels, read by another library than the writer's."""
     openexr = pytest.importorskip("OpenEXR", reason="OpenEXR is not installed: pip install 'snerg[dev]'")
     file = openexr.File(str(path), separate_channels=True)
     return file.header(), {name: channel.pixels for name, channel in file.channels().items()}
@@ -208,12 +206,7 @@ def test_a_folder_gets_a_file_for_each_mode_of_each_view_or_one_exr_for_each_vie
     assert {path.name for path in layered.iterdir()} == {"0000.exr", "0001.exr"}
 
 
-# snerg-bench
-
-
-def test_the_benchmarks_json_is_what_scripts_expect_and_its_table_has_a_row_for_each_way_to_draw(
-    shapes_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_the_benchmarks_json_has_what_scripts_expect_and_its_table_each_way_to_draw(shapes_folder, tmp_path, capsys):
     result = benched(shapes_folder, tmp_path / "a.json", "--frames", 4, "--compare", "paper", "--ablations")
     promised = {"renderer", "width", "height", "frames", "ms_mean", "ms_std", "ms_p50", "ms_p95", "fps", "gpu_bytes"}
     assert promised | {"watts", "compare"} <= set(result)
@@ -296,9 +289,7 @@ def test_a_pack_in_another_grid_frame_is_seen_by_the_same_cameras(turned_folder:
         ["--frames", "0"],
     ],
 )
-def test_systems_that_cannot_be_compared_are_refused_in_one_line(
-    shapes_folder, ndc_folder, scene, tmp_path, refused, words
-):
+def test_what_cannot_be_compared_is_refused_in_one_line(shapes_folder, ndc_folder, scene, tmp_path, refused, words):
     places = {"PACK": shapes_folder, "NDC": ndc_folder, "SCENE": scene}
     words = [places.get(word, word) for word in words]
     refused(bench.main, shapes_folder, "--frames", 1, *words, "--json", tmp_path / "a.json", *SMALL)

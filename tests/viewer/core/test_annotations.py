@@ -82,9 +82,6 @@ def test_a_name_is_one_line_and_not_endless_and_a_text_holds_no_control_characte
     assert "\x1b" not in read.name and read.text == "A ball\n\ufffd[31mred"
 
 
-# With a pack
-
-
 def opened(path: Path, user: Path) -> App:
     app = App()
     app.annotations.folder = user

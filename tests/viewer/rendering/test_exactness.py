@@ -116,9 +116,7 @@ def test_every_lens_sees_the_same_rays(shapes: Pack, offscreen, name: str) -> No
     assert_exact(offscreen(shapes), replace(camera, fx=focal, fy=focal, distortion=LENSES[name]))
 
 
-def test_a_lens_bends_the_same_rays_of_a_forward_facing_pack_which_has_no_orthographic_view(
-    offscreen, ndc_shapes: Pack
-):
+def test_a_lens_bends_the_same_rays_of_a_forward_facing_pack_which_has_no_orthographic_view(offscreen, ndc_shapes):
     camera = forward_facing_camera(np.random.default_rng(3))
     assert_exact(offscreen(ndc_shapes), replace(camera, distortion=LENSES["opencv"]))
     with pytest.raises(ValueError, match="no orthographic view"):

@@ -115,9 +115,7 @@ def test_a_look_changes_opaque_colours_by_the_formula_and_leaves_the_background_
         assert np.array_equal(*shown)
 
 
-def test_the_plain_look_changes_nothing_what_lies_behind_has_none_and_a_transparent_picture_has_it(
-    shapes, offscreen
-) -> None:
+def test_the_plain_look_changes_nothing_what_lies_behind_has_none_and_a_transparent_picture_has_it(shapes, offscreen):
     renderer, camera = offscreen(shapes), ViewCamera.orbit(shapes, 35, size=(96, 72))
     plain = RenderSettings(background=DARK)
     same = np.abs(renderer.render_float(camera, plain) - renderer.render_float(camera, replace(plain, look=Look())))

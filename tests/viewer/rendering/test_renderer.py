@@ -176,9 +176,7 @@ def test_the_picture_stays_much_the_same_in_the_same_place(offscreen, side):
 
 
 @pytest.mark.parametrize(("marcher", "limits"), [("exact", (PLENTY, 400_000)), ("paper", (48,))])
-def test_a_pack_too_large_for_the_card_is_shown_at_half_resolution_and_that_is_told(
-    ctx, shapes, limits, marcher, monkeypatch
-):
+def test_a_pack_too_large_for_the_card_is_shown_at_half_resolution_and_told(ctx, shapes, limits, marcher, monkeypatch):
     limit_textures(monkeypatch, *limits)
     with (
         pytest.warns(Notice, match=r"half resolution, 35x35x35 voxels.*70x70x70 voxels") as caught,

@@ -135,9 +135,7 @@ def test_the_panel_says_what_is_shown_after_the_browser_went_back_to_the_page(sh
 
 @pytest.mark.slow
 @pytest.mark.parametrize("enabled", ["true", "false"])
-def test_a_button_for_the_full_screen_is_there_where_it_works(
-    enabled: str, show, shapes: Pack, browser: Browser
-) -> None:
+def test_a_button_for_the_full_screen_is_there_where_it_works(enabled, show, shapes, browser):
     with browser.before_scripts(f"Object.defineProperty(document, 'fullscreenEnabled', {{ value: {enabled} }})"):
         show(shapes, size=SIZE)
         assert browser.evaluate("document.getElementById('fullscreen').hidden") is (enabled == "false")

@@ -14,10 +14,7 @@ from scenepack.pack import Pack
 from scenepack.piece_files import follows_grid
 from tests.viewer.rendering.shapes import shapes_pack
 from tests.viewer.web.browser import Browser
-from tests.viewer.web.conftest import page_picture
-from tests.viewer.web.test_pictures import SIZE, assert_same
-from viewer.rendering.camera import ViewCamera
-from viewer.rendering.offscreen import OffscreenRenderer
+from tests.viewer.web.test_pictures import assert_same_as_desktop
 from viewer.web import atlas_stream, description
 from viewer.web.atlas_stream import film_in
 from viewer.web.description import PageContent, describe
@@ -27,14 +24,6 @@ from viewer.web.page import scene_page
 NO_DECODER = """const Blobs = Blob; globalThis.Blob = function (parts, options) {
     const text = options?.type === "text/javascript" ? "delete self.VideoDecoder;" : "";
     return new Blobs(text ? [text, ...parts] : parts, options); };"""
-
-
-def assert_same_as_desktop(browser: Browser, pack: Pack, name: str) -> None:
-    """The open page draws what the desktop draws of the pack, from two sides."""
-    with OffscreenRenderer(pack) as desktop:
-        for azimuth in (205, 30):
-            camera = ViewCamera.orbit(pack, azimuth, 22, size=SIZE)
-            assert_same(page_picture(browser, camera), desktop.render(camera), name)
 
 
 @pytest.mark.slow

@@ -241,9 +241,7 @@ def test_the_command_serves_a_pack_until_it_is_interrupted(browser: Browser, tmp
 
 
 @pytest.mark.slow
-def test_a_page_of_a_run_shows_its_newest_preview_keeps_the_camera_and_ends_with_the_pack(
-    browser, tmp_path, monkeypatch
-):
+def test_a_runs_page_shows_its_newest_preview_keeps_the_camera_and_ends_with_the_pack(browser, tmp_path, monkeypatch):
     monkeypatch.setattr("viewer.web.page.LOOK_EVERY_S", 0.1)
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "config.json").write_text("{}")

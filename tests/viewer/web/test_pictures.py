@@ -38,6 +38,14 @@ def assert_same(page: np.ndarray, desktop: np.ndarray, what: str) -> None:
     assert len(np.unique(page)) > 3, f"{what}: nothing is seen"
 
 
+def assert_same_as_desktop(browser: Browser, pack: Pack, name: str) -> None:
+    """The open page draws what the desktop draws of the pack, from two sides."""
+    with OffscreenRenderer(pack) as desktop:
+        for azimuth in (205, 30):
+            camera = ViewCamera.orbit(pack, azimuth, 22, size=SIZE)
+            assert_same(page_picture(browser, camera), desktop.render(camera), name)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*PACKS, "diffuse"])
 def test_every_mode_of_every_kind_of_pack_looks_the_same(name: str, show) -> None:
@@ -110,28 +118,20 @@ def folder(levels: None, shapes: Pack, tmp_path_factory: pytest.TempPathFactory)
     return parent / "site"
 
 
-def desktop(pack: Pack, camera: ViewCamera) -> np.ndarray:
-    with OffscreenRenderer(pack) as renderer:
-        return renderer.render(camera)
-
-
 @pytest.mark.slow
-def test_a_folder_on_a_server_shows_a_coarse_picture_first_and_stays_at_it_where_the_rest_is_not_there(
-    browser, folder, shapes
-):
+def test_a_served_folder_shows_a_coarse_picture_first_and_stays_at_it_where_the_rest_is_gone(browser, folder, shapes):
     browser.resize(*SIZE)
     files = Files(folder)
     files.held = "scene-42.bin"
     with served(files) as server:
         browser.open(server.address)
         browser.until("snerg.level && snerg.resting")
-        camera = ViewCamera.orbit(shapes, 205, 22, size=SIZE)
         assert browser.evaluate(LEVEL) == 21 and "half resolution" in browser.evaluate(FACTS)
-        assert_same(page_picture(browser, camera), desktop(half_resolution(shapes), camera), "coarse")
+        assert_same_as_desktop(browser, half_resolution(shapes), "coarse")
         files.release.set()
         browser.evaluate("snerg.ready.then(() => true)")
         assert browser.evaluate(LEVEL) == 42 and browser.evaluate(FACTS) == "42 × 42 × 42 voxels"
-        assert_same(page_picture(browser, camera), desktop(shapes, camera), "whole")
+        assert_same_as_desktop(browser, shapes, "whole")
         assert files.asked == ["index.html", "scene-21.bin", "scene-42.bin"]
         del files["scene-42.bin"]
         browser.open(server.address)
@@ -175,8 +175,7 @@ def test_a_device_that_cannot_hold_the_scene_shows_it_at_half_resolution_and_say
         browser.open(file.as_uri())
         browser.until(f"globalThis.snerg?.level && {FACTS}.includes('{words.replace('63', str(whole - 1))}')")
         assert browser.evaluate(LEVEL) == 21 and "Shown at half resolution" in browser.evaluate(FACTS)
-        camera = ViewCamera.orbit(shapes, 205, 22, size=SIZE)
-        assert_same(page_picture(browser, camera), desktop(half_resolution(shapes), camera), words)
+        assert_same_as_desktop(browser, half_resolution(shapes), words)
 
 
 @pytest.mark.usefixtures("levels")

@@ -129,9 +129,8 @@ def test_the_number_block_shows_the_views_that_blender_shows(window, xdotool, ke
             wait(window, lambda before=before: rig.goal != before)
     xdotool("keyup", "ctrl")
     wait(window, lambda: rig.shown == rig.goal)
-    assert abs(shortest_turn(rig.goal.azimuth, azimuth)) < 0.1 and rig.goal.elevation == pytest.approx(
-        elevation, abs=0.1
-    )
+    assert abs(shortest_turn(rig.goal.azimuth, azimuth)) < 0.1
+    assert rig.goal.elevation == pytest.approx(elevation, abs=0.1)
     assert not rig.flying and not window.app.messages.dialogs
 
 

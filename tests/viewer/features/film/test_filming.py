@@ -228,10 +228,8 @@ def test_a_film_shows_the_same_on_any_number_of_cores(tmp_path: Path) -> None:
     assert np.abs(every - one).mean() < 0.5
 
 
-# Pictures that cannot be put on the clipboard say why. (tests/viewer/window/live_features.py pastes one.)
-
-
-def test_what_is_too_large_is_refused_and_without_a_clipboard_the_reason_and_the_remedy_are_told(monkeypatch) -> None:
+def test_a_picture_that_cannot_be_put_on_the_clipboard_is_told_with_reason_and_remedy(monkeypatch) -> None:
+    """One that can is pasted in tests/viewer/window/live_features.py."""
     monkeypatch.setattr(copykitten, "copy_image", raising(copykitten.CopykittenError("there is no display")))
     with pytest.raises(UserError, match=r"cannot be reached.*there is no display.*Ctrl\+S"):
         copy_picture(np.zeros((4, 6, 3), np.uint8))
