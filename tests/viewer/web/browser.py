@@ -95,10 +95,15 @@ class Browser:
         return answer["result"].get("value")
 
     def until(self, script: str) -> None:
-        """Waits until an expression is true."""
-        end = time.monotonic() + self.patience_s
-        while not self.evaluate(script):
-            assert time.monotonic() < end, f"never true: {script}"
+        """Waits until an expression is true, also while a page that is being loaded cannot say."""
+        end, failure = time.monotonic() + self.patience_s, ""
+        while True:
+            try:
+                if self.evaluate(script):
+                    return
+            except RuntimeError as error:
+                failure = str(error)
+            assert time.monotonic() < end, f"never true: {script} {failure}"
             time.sleep(0.05)
 
     def screenshot(self) -> bytes:
