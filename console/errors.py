@@ -14,7 +14,7 @@ from console.streams import one_line
 LONGEST_PART = 300  # characters of a part of an error; names and values in it may come from anybody
 
 # What the machine refuses is not a bug of ours, wherever it surfaces.
-_REFUSED = {errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE}
+_REFUSED = {errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.EMFILE, errno.ENAMETOOLONG}
 
 # Why nothing can be written somewhere, in plain words, and what to do about it.
 _NOT_WRITTEN = {

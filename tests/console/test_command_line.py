@@ -85,6 +85,7 @@ WRONG = UserError("is\nwrong", where="a.png", expected=3, found=4, remedy="corre
         (WRONG, 2, "a.png: is wrong (expected 3, found 4); correct it"),
         (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/a/b"), 2, "/a/b: the disk is full"),
         (OSError(errno.EACCES, os.strerror(errno.EACCES), "/a/b"), 2, "/a/b: Permission denied"),
+        (OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG), "/a/b"), 2, "/a/b: File name too long"),
         (KeyboardInterrupt("go on with --resume"), 130, "interrupted; go on with --resume"),
     ],
 )

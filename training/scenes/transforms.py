@@ -5,6 +5,7 @@ Its keys are focal lengths, principal point, size, distortion and lens model. Le
 refused by name. docs/scenes.md has the table of keys.
 """
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -240,7 +241,7 @@ def _tell_unread(description: Path, document: dict, frames: Sequence[dict], pict
         raise UserError(f'"{key}" is not read', where=description, expected="OpenGL camera-to-world matrices",
                         remedy="convert the matrices and remove the key")  # fmt: skip
     texts = [document, *frames]
-    used = [key for key in UNREAD if any(text.get(key) is not None and np.any(text[key]) for text in texts)]
+    used = [key for key in UNREAD if any(np.any(np.asarray(text.get(key), object)) for text in texts)]
     unread = [f'"{key}" ({UNREAD[key]})' for key in used]
     folders = {picture.parent for picture in pictures if picture is not None}
     if any(next(folder.glob("dynamic_mask_*"), None) is not None for folder in folders):
@@ -304,7 +305,7 @@ def _triples(value: Any, count: int, key: str, description: Path) -> np.ndarray:
 def _points(path: Path, document: dict[str, Any], cameras: Sequence[Camera], frame: Frame) -> PointCloud | None:
     """The sparse points that the file names (nerfstudio's ply_file_path), in the training frame; None where they tell nothing."""
     named = document.get("ply_file_path")
-    if not isinstance(named, str) or not (path / named).is_file():
+    if not isinstance(named, str) or not os.path.isfile(path / named):  # Path.is_file raises where a name is too long
         return None
     try:
         places = read_ply(path / named)

@@ -167,6 +167,12 @@ def test_the_points_that_a_file_names_say_where_things_are(tmp_path: Path, text:
         assert np.abs(load_scene(path).aabb).max() > 0.4
 
 
+def test_values_that_make_no_sense_are_passed_over(tmp_path: Path):
+    path = write_capture(tmp_path, ply_file_path="a" * 300, mask_color=[[1, 2], [3]])
+    with pytest.warns(Notice, match='not read, and ignored: "mask_color"'):
+        load_scene(path)
+
+
 def test_photographs_that_see_nothing_are_told(tmp_path: Path):
     scene = load_scene(write_blender(tmp_path))
     away = np.eye(4)
