@@ -229,9 +229,9 @@ def parse_crop(text: str) -> tuple[tuple[float, float, float], tuple[float, floa
     return (x0, y0, z0), (x1, y1, z1)
 
 
-def require_in_range(where: str, value: float, low: float, high: float) -> None:
-    """UserError where the value of an option is not one of low … high."""
-    if not low <= value <= high:
+def require_in_range(where: str, value: float | None, low: float, high: float) -> None:
+    """UserError where the value of an option, None where it is left out, is not one of low … high."""
+    if value is not None and not low <= value <= high:
         raise UserError("is out of range", where=where, expected=f"{low:g} to {high:g}", found=value)
 
 

@@ -69,6 +69,7 @@ def test_what_cannot_end_well_is_refused_before_the_work(command, words, expecte
         ("convert --codec avif --quality 0", "expected 1 to 100"),
         ("move", "nothing to change"), ("move --up 0,0,0", "not a direction"), ("move --scale 0m", "not a length"),
         ("move --scale 5km", "not a length"), ("move --origin 1,2", "list of numbers"), ("move --origin 1,2,1e9", "range"),
+        ("move --turn nan", "--turn: is out of range"), ("move --up 1e-200,0,0", "not a direction"),
         ("edit", "there is nothing to remove"), ("edit --fainter-than 2", "--fainter-than"),
         ("edit --smaller-than 0", "--smaller-than"), ("edit --crop 1,2", "--crop"),
         ("edit --fainter-than 1 --sphere 0,0,0,99", "nothing would be left"),

@@ -40,6 +40,7 @@ DESCRIPTION = (
     "(baked scenes: a folder with scene_params.json, or one .zip)."
 )
 PAGE_SUFFIXES = (".html", ".htm")
+SHORTEST, MOST_TURN = 1e-6, 1e6  # of a direction, whatever its unit; degrees
 
 
 def info(pack: Path, /, json: Path | None = None) -> None:
@@ -130,8 +131,8 @@ def edit(
     """
     box = parse_crop(crop) if crop else None
     ball = parse_numbers(sphere, 4, "--sphere") if sphere else None
-    require_in_range("--fainter-than", 1 if fainter_than is None else fainter_than, 1e-3, 1)
-    require_in_range("--smaller-than", 1 if smaller_than is None else smaller_than, 1, 1e12)
+    require_in_range("--fainter-than", fainter_than, 1e-3, 1)
+    require_in_range("--smaller-than", smaller_than, 1, 1e12)
     if _is_same(out, pack):
         raise UserError("would replace the pack that is edited", where=out, remedy="choose another --out")
     chosen: dict[str, Callable[[Voxels], Selection]] = {}
@@ -209,8 +210,9 @@ def move(
     if up is None and not turn and origin is None and scale is None:
         raise UserError("there is nothing to change", remedy="add --up, --turn, --origin or --scale; see --help")
     direction = None if up in (None, "auto") else np.array(parse_point(up, "--up"))
-    if direction is not None and not direction.any():
+    if direction is not None and np.linalg.norm(direction) < SHORTEST:
         raise UserError("is not a direction", where="--up", found=up)
+    require_in_range("--turn", turn, -MOST_TURN, MOST_TURN)
     point = None if origin is None else parse_point(origin, "--origin")
     if point is not None and max(map(abs, point)) > MOST_LENGTH:
         expected = f"at most {MOST_LENGTH:g} grid units away"

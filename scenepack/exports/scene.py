@@ -98,10 +98,9 @@ def check_export(export: Export, pack: Pack | None = None) -> None:
         ("--spacing", export.spacing, 0.05, 1000),
         ("--scale", export.scale, 1e-9, 1e9),
         ("--faces", export.faces or None, 100, 1 << 30),
-        ("--keep", export.keep if isinstance(export.keep, float) else 0.5, 0, 1),
+        ("--keep", export.keep if isinstance(export.keep, float) else None, 0, 1),
     ):
-        if value is not None:
-            require_in_range(name, value, low, high)
+        require_in_range(name, value, low, high)
     if pack is not None and export.coarser is not None and export.coarser not in divisors(pack.block_size):
         expected = ", ".join(map(str, divisors(pack.block_size)))
         raise UserError("does not divide a macroblock", where="--coarser", expected=expected, found=export.coarser)
