@@ -58,7 +58,7 @@ def save_pack(
 
 def copy_pack(files: PackFiles, pack: Pack, path: Path) -> None:
     """Writes the files of a pack as they are, with the metadata of `pack`, which was read from them. Otherwise as save_pack."""
-    text = json.dumps({**pack.params, "snerg": {"version": _version(), **pack.metadata}}, default=_plain)
+    text = json.dumps({**pack.params, "snerg": {"version": program_version(), **pack.metadata}}, default=_plain)
 
     def copied() -> Generator[tuple[str, bytes], None, None]:
         yield PARAMS_NAME, text.encode()
@@ -138,7 +138,7 @@ def _files(
     how = settings_for(pack, codec, quality)
     jobs, settings = encoding_jobs(pack, codec, how), {} if codec.name == "png" else {SETTINGS: how}
     if metadata or settings or not pack.params:  # a pack made elsewhere keeps its keys as they are
-        metadata = {"version": _version(), **metadata, "codec": codec.name, **settings}
+        metadata = {"version": program_version(), **metadata, "codec": codec.name, **settings}
     # The published web viewer takes RGBA and RGB alike; RGBA is what most packs in the wild have.
     z, y, x = pack.atlas_indices.shape[:3]
     indices = np.full((z * y, x, 4), 255, np.uint8)
@@ -176,7 +176,8 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} in the pack's metadata is no JSON")
 
 
-def _version() -> str:
+def program_version() -> str:
+    """Of this installation of snerg."""
     try:
         return version("snerg")
     except PackageNotFoundError:  # running from a bare checkout

@@ -16,7 +16,6 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +39,7 @@ from scenepack import Pack, load_pack, open_pack, save_pack
 from scenepack.codecs import chosen_quality, codec_named
 from scenepack.files import stored_bytes
 from scenepack.report import pack_facts
+from scenepack.writer import program_version
 from training.recorder import read_metrics
 from training.run import Run, load_run, read_description
 from viewer.benchmark.frames import Contender, Turns, same_view, sustained, taking_turns
@@ -451,5 +451,5 @@ def provenance() -> dict[str, str]:
         commit = subprocess.run(git, capture_output=True, text=True, timeout=30, check=True).stdout.strip()
     cores = f"{os.cpu_count()} x {platform.machine()} cores, JAX on {jax.devices()[0].device_kind}"
     return {
-        "command": shlex.join([Path(program).name, *words]), "commit": commit or version("snerg"), "device": cores,
+        "command": shlex.join([Path(program).name, *words]), "commit": commit or program_version(), "device": cores,
     }  # fmt: skip

@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +26,10 @@ from baker.reports import paper_figures
 from baker.reports.fields import LARGE, OWN, row_of, size_of_rows
 from baker.reports.options import TABLES, ReportOptions
 from baker.reports.paper_figures import GPU_GB, MILLISECONDS, QUALITY, RELEASE, SCENES, SPEED, Kind
-from baker.reports.report import open_study, write_tables
+from baker.reports.report import open_study, provenance, write_tables
 from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_tuning import JointConfig
-from scenepack import load_pack, save_pack
+from scenepack import load_pack, save_pack, writer
 from scenepack.files import stored_bytes
 from tests.scenepack.helpers import edit_json
 from tests.scenepack.random_packs import random_pack
@@ -269,6 +270,12 @@ def test_each_pack_is_baked_once_and_none_stands_for_one_of_other_options(tmp_pa
 
 
 # The paper's figures stand here once; its means over scenes, which it prints as well, say whether they were typed right
+
+
+def test_a_bare_checkout_without_git_can_say_what_made_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(writer, "version", raising(PackageNotFoundError()))
+    monkeypatch.setenv("PATH", "")
+    assert provenance()["commit"] == "0"
 
 
 @pytest.mark.parametrize("kind", list(QUALITY))
