@@ -101,7 +101,7 @@ def snerg_make(
     from training.run import is_run, read_description
     from training.scenes import SceneOptions, load_scene
     from training.scenes.read import suggested_downscale
-    from training.scenes.scene_options import AABB, UP, parse_box, parse_up
+    from training.scenes.scene_options import parse_box, parse_up
 
     box, upwards = parse_box(aabb), parse_up(up)
     run_path, pack_path = out / "run", out / "pack"
@@ -128,10 +128,7 @@ def snerg_make(
         if stored.scene != scene.resolve():
             raise UserError("holds a run of another scene", where=run_path, expected=scene, found=stored.scene,
                             remedy="choose another --out")  # fmt: skip
-        for option, asked, before in ((AABB, box, stored.options.aabb), (UP, upwards, stored.options.up)):
-            if asked is not None and asked != before:
-                raise UserError("a run cannot change how its scene is read", where=option, expected=before or "none",
-                                found=asked, remedy="leave it out, or choose another --out")  # fmt: skip
+        stored.options.require_unchanged({"aabb": box, "up": upwards}, "leave it out, or choose another --out")
         asked = dataclasses.replace(config, engine=stored.config.engine)
         config = stored.config if steps is None else dataclasses.replace(stored.config, steps=steps)
         if asked != config:

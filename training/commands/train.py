@@ -94,12 +94,8 @@ def make_command(args: Sequence[str]) -> Callable[..., None]:
                 remedy = "leave them out, or start another run"
                 raise UserError("a resumed run keeps its settings", where=names, remedy=remedy)
             flags = {"spherify": spherify or None, "masks": masks or None}  # None: left out
-            for name, value in {"downscale": downscale, **flags, "aabb": box, "up": upwards}.items():
-                before = getattr(stored.options, name)
-                if value is not None and value != before:
-                    raise UserError("a run cannot change how its scene is read", where=f"--{name}", found=value,
-                                    expected="none" if before is None else before,
-                                    remedy="leave it out with --resume")  # fmt: skip
+            asked = {"downscale": downscale, **flags, "aabb": box, "up": upwards}
+            stored.options.require_unchanged(asked, "leave it out with --resume")
             run = train(scene, out, config, resume=stored)
         else:
             options = SceneOptions(1 if downscale is None else downscale, spherify or None, masks, box, upwards)

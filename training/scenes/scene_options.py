@@ -4,7 +4,7 @@ Both are in the training frame without --up (docs/scenes.md), which the window s
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -40,6 +40,14 @@ class SceneOptions:
         object.__setattr__(self, "downscale", int(downscale))
         object.__setattr__(self, "aabb", None if self.aabb is None else checked_box(self.aabb))
         object.__setattr__(self, "up", None if self.up is None else checked_up(self.up))
+
+    def require_unchanged(self, asked: Mapping[str, object], remedy: str) -> None:
+        """UserError where one of the options `asked`, None where left out, is another than this one of a run that goes on."""
+        for name, value in asked.items():
+            before = getattr(self, name)
+            if value is not None and value != before:
+                raise UserError("a run cannot change how its scene is read", where=f"--{name}", found=value,
+                                expected="none" if before is None else before, remedy=remedy)  # fmt: skip
 
 
 def parse_box(text: str | None) -> Box | None:
