@@ -85,7 +85,7 @@ def list_checkpoints(folder: Path) -> list[tuple[int, Path]]:
 
 def write_checkpoint(folder: Path, step: int, arrays: Mapping[str, np.ndarray]) -> Path:
     """Writes the state after `step` steps and drops all but the newest KEPT checkpoints. UserError where it cannot be written."""
-    metadata = {"format": FORMAT, "step": str(step), "crc32": _checksum(arrays)}
+    metadata = {"format": FORMAT, "step": str(step), "crc32": checksum(arrays)}
     path = folder / f"step_{step:08d}.safetensors"
     with writing(path):
         folder.mkdir(parents=True, exist_ok=True)
@@ -105,7 +105,7 @@ def read_checkpoint(path: Path) -> tuple[int, dict[str, np.ndarray]]:
         raise UserError("the checkpoint is damaged", where=path, found=str(error)[:100]) from error
     if metadata.get("format") != FORMAT or not metadata.get("step", "").isdigit():
         raise UserError("not a checkpoint of this version of snerg", where=path)
-    if metadata.get("crc32") != _checksum(arrays):
+    if metadata.get("crc32") != checksum(arrays):
         raise UserError("the checkpoint is damaged", where=path, found="a checksum that does not match")
     return int(metadata["step"]), arrays
 
@@ -126,7 +126,8 @@ def read_newest_checkpoint(folder: Path) -> tuple[int, dict[str, np.ndarray]]:
     raise UserError("no checkpoint can be read", where=folder, found=damage, remedy=remedy)
 
 
-def _checksum(arrays: Mapping[str, np.ndarray]) -> str:
+def checksum(arrays: Mapping[str, np.ndarray]) -> str:
+    """Of the names and contents of arrays, whatever their order."""
     crc = 0
     for name in sorted(arrays):
         crc = zlib.crc32(_bytes_of(arrays[name]), zlib.crc32(name.encode(), crc))

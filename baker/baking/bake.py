@@ -9,7 +9,6 @@ was killed goes on where it was (baker.baking.work_folder).
 """
 
 import time
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -29,6 +28,7 @@ from baker.tuning.shading import from_params
 from console import Notice, Progress, UserError, notify, progress
 from scenepack.blocks import fill_atlas
 from scenepack.pack import Pack
+from training.checkpoints import checksum
 from training.libraries import keep_freed_memory, release_freed_memory
 from training.run import Run, require_bakeable
 from training.scenes.scene import Box, cameras_of
@@ -73,11 +73,6 @@ class Bake:
     def sampler(self, grid: BakeGrid, culling: Culling) -> Sampler:
         grain, as_paper = self.run.method.grain(self.run.state), self.config.preset == "paper"
         return Sampler(self.query, grid, culling, grain, self.config.seed, as_paper)
-
-    @property
-    def frame(self) -> np.ndarray:
-        """float64 [4, 4]: worldspace_T_opengl."""
-        return np.asarray(self.run.scene.worldspace_T_opengl, np.float64)
 
 
 def bake(
@@ -135,11 +130,8 @@ def check_bake(run: Run, config: BakeConfig) -> None:
 
 def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
     """Identifies the contents of a work folder: the run's state, and the options that decide voxels before pruning."""
-    crc = 0
-    for name, array in sorted(run.method.save(run.state).items()):
-        crc = zlib.crc32(np.ascontiguousarray(array).data, zlib.crc32(name.encode(), crc))
     return {
-        "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": f"{crc:08x}",
+        "format": FORMAT, "run": str(run.path.resolve()), "step": run.step, "state": checksum(run.method.save(run.state)),
         "scene": str(run.scene.path), "downscale": run.options.downscale, "block_size": BLOCK_SIZE, "seed": config.seed,
         "resolution": config.resolution_of(run), "preset": config.preset, "most_macroblocks": config.block_limit,
         "aabb": config.aabb, "keeps_hidden": config.keeps_hidden,
@@ -148,13 +140,13 @@ def work_key(run: Run, config: BakeConfig) -> dict[str, Any]:
 
 def culled_grid(job: Bake) -> tuple[BakeGrid, Culling]:
     """The grid around the content, as fine as the limit of macroblocks allows, and which of them are kept."""
-    run, config = job.run, job.config
+    run, config, frame = job.run, job.config, job.run.scene.worldspace_T_opengl
     with job.stages("box"):
         box = once(job.work, "box", lambda: _find_box(job))
     contraction = run.dataset.facts.contraction if config.aabb is None else None
     resolution = config.resolution_of(run)
     while True:
-        grid = make_grid(box["low"], box["high"], resolution, BLOCK_SIZE, job.frame, contraction)
+        grid = make_grid(box["low"], box["high"], resolution, BLOCK_SIZE, frame, contraction)
         with job.stages("opacity") as bar:
             opacity = opaque_macroblocks(job.query, grid, partial(run.method.may_hold, run.state), bar.update, job.work)
         with job.stages("visibility") as bar:
@@ -175,12 +167,12 @@ def culled_grid(job: Bake) -> tuple[BakeGrid, Culling]:
 
 def _find_box(job: Bake) -> Arrays:
     """low, high: of the box that is baked, grid frame."""
-    run, config = job.run, job.config
+    run, config, frame = job.run, job.config, job.run.scene.worldspace_T_opengl
     if config.aabb is not None:
-        found = box_in_grid_frame(_box_to_bake(run, config.aabb), job.frame)
+        found = box_in_grid_frame(_box_to_bake(run, config.aabb), frame)
     else:
-        whole = box_in_grid_frame(run.dataset.aabb, job.frame)
-        found = content_box(job.query, *whole, config.resolution_of(run), job.frame)
+        whole = box_in_grid_frame(run.dataset.aabb, frame)
+        found = content_box(job.query, *whole, config.resolution_of(run), frame)
     if found is None:
         raise NothingThere(run)
     return {"low": found[0], "high": found[1]}

@@ -163,14 +163,14 @@ def _tensor(data: bytes, name: str, change: str, argument: Any) -> bytes:
     """One array removed, renamed or changed (see _changed); checksum and offsets are right."""
     from safetensors.numpy import load
 
-    from training.checkpoints import _checksum, _serialised
+    from training.checkpoints import _serialised, checksum
 
     arrays = load(data)
     step = tensors(data)[0]["__metadata__"]["step"]
     array = arrays.pop(name)
     if change != "remove":
         arrays[argument if change == "rename" else name] = _changed(array, change, argument)
-    metadata = {"format": "1", "step": step, "crc32": _checksum(arrays)}
+    metadata = {"format": "1", "step": step, "crc32": checksum(arrays)}
     return b"".join(bytes(part) for part in _serialised(arrays, metadata))
 
 
