@@ -17,7 +17,7 @@ import numpy as np
 from baker.baking.field_query import BATCH, FieldQuery, Occupied
 from baker.baking.grid import BakeGrid
 from baker.baking.work_folder import Arrays, Tick, WorkFolder, in_order, once
-from baker.tuning.marcher import box_of, share_rays
+from baker.tuning.marcher import box_of, share_rays, wall
 from scenepack.placement import transformed
 from training.dataset import RayDataset
 from training.marching import GridFrameRays, dilate
@@ -220,8 +220,5 @@ def _raise_best(density, blocks, rays, low, high, best):
 @kernel(inline="always")
 def _leaving(place, direction):
     """Distance to where a ray leaves, along one axis, the block of cells around `place`."""
-    if direction == 0:
-        return np.float32(3e38)
-    low = np.int64(np.floor(place)) >> BLOCK_BITS << BLOCK_BITS
-    wall = low + (1 << BLOCK_BITS) if direction > 0 else low
-    return (np.float32(wall) - place) / direction
+    low = np.float32(np.int64(np.floor(place)) >> BLOCK_BITS << BLOCK_BITS)
+    return wall(place, direction, low, low + np.float32(1 << BLOCK_BITS))

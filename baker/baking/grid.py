@@ -15,6 +15,7 @@ import numpy as np
 
 from scenepack.blocks import atlas_layout, atlas_shape, choose_atlas_blocks, restore_padding
 from scenepack.pack import Pack
+from scenepack.placement import transformed
 
 MAX_CELLS = 512  # of culling, along an axis
 
@@ -58,8 +59,7 @@ class BakeGrid:
 def box_in_grid_frame(aabb: np.ndarray, worldspace_T_opengl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The axis-aligned box (low, high) [3] in the grid frame around a training-frame box [2, 3]."""
     corners = np.stack(np.meshgrid(*np.asarray(aabb, np.float64).T, indexing="ij"), -1).reshape(-1, 3)
-    grid_T_world = np.linalg.inv(worldspace_T_opengl)
-    moved = corners @ grid_T_world[:3, :3].T + grid_T_world[:3, 3]
+    moved = transformed(np.linalg.inv(worldspace_T_opengl), corners)
     return moved.min(0), moved.max(0)
 
 

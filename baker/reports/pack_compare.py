@@ -43,8 +43,7 @@ def compare_packs(first: Path, second: Path, views: int, size: tuple[int, int]) 
         },
         "width": size[0],
         "height": size[1],
-        "psnr": float(np.mean([row["psnr"] for row in rows])),
-        "ssim": None if rows[0]["ssim"] is None else float(np.mean([row["ssim"] for row in rows])),
+        **{key: metrics.mean([row[key] for row in rows]) for key in ("psnr", "ssim")},
         "worst": max(row["worst"] for row in rows),
         "views": rows,
     }

@@ -110,7 +110,7 @@ def mark_support(rgba, first, row, layer, side, support, near, low, high):
 
 
 @kernel(inline="always")
-def _wall(origin, direction, low, high):
+def wall(origin, direction, low, high):
     """t at which a ray leaves low … high along one axis."""
     if direction == 0:
         return np.float32(3e38)
@@ -143,7 +143,7 @@ def list_samples(tables: Tables, rays, ray, k, capacity, found):
         x0, y0, z0 = np.float32(bx * size), np.float32(by * size), np.float32(bz * size)
         if slot < 0:
             far = np.float32(size)
-            out = min(_wall(ox, dx, x0, x0 + far), _wall(oy, dy, y0, y0 + far), _wall(oz, dz, z0, z0 + far))
+            out = min(wall(ox, dx, x0, x0 + far), wall(oy, dy, y0, y0 + far), wall(oz, dz, z0, z0 + far))
         else:
             lx, ly, lz = gx - x0 + half, gy - y0 + half, gz - z0 + half  # + 1 for the padding, - 0.5 for the centre
             x = min(max(np.int64(np.floor(lx)), 0), size)
@@ -172,7 +172,7 @@ def list_samples(tables: Tables, rays, ray, k, capacity, found):
 def _cube(origin, direction, cell, low, size):
     """t at which a ray leaves, along one axis, the 4³ cells around `cell`, or the macroblock that begins at `low`."""
     at = low - np.float32(0.5) + np.float32(cell >> 2 << 2)
-    return _wall(origin, direction, max(at, low), min(at + np.float32(4.0), low + np.float32(size)))
+    return wall(origin, direction, max(at, low), min(at + np.float32(4.0), low + np.float32(size)))
 
 
 @kernel
@@ -284,7 +284,6 @@ class PackMarcher:
     def __init__(self, pack: Pack, dataset: RayDataset) -> None:
         self.rays, self.workers = pack_rays(pack, dataset), Workers()
         self.tables = tables_of(pack, self.workers)
-        self.side = pack.padded_block_size
         self.box = box_of(pack.min_xyz, pack.voxel_size, pack.grid_size, pack.contraction)
         self.found = [sample_buffers() for _ in range(self.workers.count)]
 
@@ -312,7 +311,8 @@ class PackMarcher:
         best = copies[0]
         for other in copies[1:]:
             np.maximum(best, other, out=best)
-        return best.reshape(-1, self.side, self.side, self.side)
+        side = self.tables.size + 2
+        return best.reshape(-1, side, side, side)
 
     def accumulate(self, ids: np.ndarray, on_share: OnShare = lambda share: None) -> np.ndarray:
         """What the viewer accumulates along each ray (docs/rendering.md): see accumulate_rays."""
