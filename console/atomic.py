@@ -205,15 +205,11 @@ def _flush_names(folder: Path) -> None:
 
 
 def _take_place(new: Path, target: Path) -> None:
-    if not new.is_dir():
-        if target.exists():
-            shutil.copymode(target, new)
+    if target.exists():
+        shutil.copymode(target, new)
+    if not (new.is_dir() and target.is_dir()):
         os.replace(new, target)
         return
-    if not target.is_dir():
-        os.rename(new, target)
-        return
-    shutil.copymode(target, new)
     old = _sibling(target, OLD)
     os.rename(target, old)
     try:

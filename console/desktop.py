@@ -67,7 +67,9 @@ def tell_if_unseen(title: str, text: str) -> None:
 
             ctypes.windll.user32.MessageBoxW(None, text, title, ERROR_ICON)
         elif not any(map(_ran, _boxes(title, text))):
-            _leave_file(title, text)
+            folder = platformdirs.user_desktop_path()
+            folder = folder if folder.is_dir() else Path.home()
+            (folder / f"{title} did not start.txt").write_text(textwrap.fill(text, 100) + "\n", encoding="utf-8")
 
 
 def _boxes(title: str, text: str) -> list[list[str]]:
@@ -90,9 +92,3 @@ def _ran(command: list[str]) -> bool:
     except OSError:
         return False
     return done.returncode == 0 or time.monotonic() - started > SHOWN_S
-
-
-def _leave_file(title: str, text: str) -> None:
-    folder = platformdirs.user_desktop_path()
-    folder = folder if folder.is_dir() else Path.home()
-    (folder / f"{title} did not start.txt").write_text(textwrap.fill(text, 100) + "\n", encoding="utf-8")

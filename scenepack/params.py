@@ -175,7 +175,10 @@ def params_json(pack: Pack, format: str, metadata: Mapping[str, Any]) -> dict[st
     values["num_slices"] = -(-depth // PLANES_PER_IMAGE)
     values |= {f"min_{axis}": float(n) for axis, n in zip("xyz", pack.min_xyz, strict=True)}
     values |= {f"atlas_blocks_{axis}": n for axis, n in zip("xyz", pack.atlas_blocks, strict=True)}
-    values |= _input_values(pack, raw)
+    camera = (pack.input_width, pack.input_height, pack.input_focal)
+    if not pack.ndc or raw.get("input_focal") is not None or camera != PUBLISHED_NDC_CAMERA:  # else it was assumed
+        known = zip(INPUT_KEYS, camera, strict=True)
+        values |= {key: float(value) for key, value in known if value is not None and _pixels(raw.get(key)) != value}
     values["worldspace_T_opengl"] = pack.worldspace_T_opengl.tolist()
     values["ndc"] = bool(pack.ndc)
     values["format"] = format
@@ -189,14 +192,6 @@ def params_json(pack: Pack, format: str, metadata: Mapping[str, Any]) -> dict[st
         if key not in raw or not _same(raw[key], value):
             raw[key] = value.tolist() if isinstance(value, np.ndarray) else value
     return raw
-
-
-def _input_values(pack: Pack, raw: Mapping[str, Any]) -> dict[str, float]:
-    camera = (pack.input_width, pack.input_height, pack.input_focal)
-    if pack.ndc and raw.get("input_focal") is None and camera == PUBLISHED_NDC_CAMERA:
-        return {}  # assumed when it was read, not known
-    known = zip(INPUT_KEYS, camera, strict=True)
-    return {key: float(value) for key, value in known if value is not None and _pixels(raw.get(key)) != value}
 
 
 def _same(old: Any, new: Any) -> bool:

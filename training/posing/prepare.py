@@ -146,12 +146,6 @@ def repeated(thumbnails: Sequence[np.ndarray]) -> list[int | None]:
     return out
 
 
-def file_stems(names: Sequence[str]) -> list[str]:
-    """A name without suffix for each picture, no two alike, as COLMAP's lists can hold: no blanks, leading # or backslashes."""
-    plain = [re.sub(r"[\s#\\]+", "_", name.replace("/", "-")) for name in names]
-    return distinct([name.rpartition(".")[0] or name for name in plain])
-
-
 def masked_names(work: Path) -> list[str]:
     """Names of the prepared pictures that have a mask NAME.png, as COLMAP calls its own, sorted."""
     return sorted(file.name.removesuffix(".png") for file in (work / MASKS).glob("*.png"))
@@ -163,7 +157,9 @@ def _photographs(source: Source, work: Path, bar: Progress) -> Prepared:
         raise next(iter(errors.values()))
     chosen, aside = choose(source, photographs, errors)
     pictures, extremes = [], {}
-    stems = file_stems([source.name_of(one.file) for one in chosen])
+    # As COLMAP's lists can hold them: without blanks, leading # or backslashes
+    plain = [re.sub(r"[\s#\\]+", "_", source.name_of(one.file).replace("/", "-")) for one in chosen]
+    stems = distinct([name.rpartition(".")[0] or name for name in plain])
     for photograph, stem in zip(chosen, stems, strict=True):
         file = photograph.file
         try:
