@@ -9,8 +9,8 @@ import base64
 import io
 from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 from PIL import Image
@@ -27,23 +27,37 @@ LONGEST_NAME = 200  # characters
 
 
 @dataclass(frozen=True)
-class PhotographCamera:
-    name: str
-    split: str
-    world_T_camera: np.ndarray  # float64 [4, 4], training frame; axes x right, y up, z back
-    width: int  # pixels, as all that follow
+class Camera:
+    """A camera and its lens. Intrinsics are pixels of this width × height, by (a, b) of training.scenes.lens."""
+
+    world_T_camera: np.ndarray  # float64 [4, 4], training frame, OpenGL axes: x right, y up, z back
+    width: int
     height: int
     fx: float
     fy: float
     cx: float
     cy: float
     distortion: tuple[float, ...] = (0.0,) * 4  # k1, k2, p1, p2, or what training.scenes.lens calls a lens
-    entry: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # all that the pack says of it
 
-    @property
-    def is_perspective(self) -> bool:
-        """Whether it is no fisheye and no panorama."""
-        return len(self.distortion) != LENS_SIZE or self.distortion[-1] == PERSPECTIVE
+    def resized(self, width: int, height: int) -> Self:
+        """The same camera for a picture of another size."""
+        sx, sy = width / self.width, height / self.height
+        intrinsics = {"fx": self.fx * sx, "fy": self.fy * sy, "cx": self.cx * sx, "cy": self.cy * sy}
+        return replace(self, width=width, height=height, **intrinsics)
+
+
+def projection_of(lens: tuple[float, ...]) -> int:
+    """PERSPECTIVE, FISHEYE or EQUIRECTANGULAR."""
+    return int(lens[-1]) if len(lens) == LENS_SIZE else PERSPECTIVE
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhotographCamera(Camera):
+    """A camera in the metadata of a pack."""
+
+    name: str
+    split: str
+    entry: Mapping[str, Any] = field(repr=False, compare=False)  # all that the pack says of it
 
 
 def photograph_cameras(pack: Pack) -> list[PhotographCamera]:
@@ -73,8 +87,8 @@ def _camera(entry: Any, number: int) -> PhotographCamera | None:
         if not (good and 0 < width < FARTHEST and 0 < height < FARTHEST):
             return None
         known = len(distortion) == 4 or (len(distortion) == LENS_SIZE and distortion[-1] in PROJECTIONS)
-        lens = (width, height, fx, fy, cx, cy, distortion)
-        return PhotographCamera(name, split, matrix, *lens, entry) if known else None
+        camera = (matrix, width, height, fx, fy, cx, cy, distortion)
+        return PhotographCamera(*camera, name=name, split=split, entry=entry) if known else None
     except (KeyError, TypeError, ValueError, OverflowError):
         return None
 

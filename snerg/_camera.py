@@ -13,9 +13,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
-    from scenepack.cameras import PhotographCamera
+    from scenepack.cameras import Camera as SceneCamera
     from scenepack.pack import Pack
-    from training.scenes.scene import Camera as SceneCamera
     from viewer.rendering.camera import ViewCamera
 
 Frame = Literal["grid", "world"]
@@ -176,7 +175,7 @@ def checked_size(size: Any) -> tuple[int, int]:
     return width, height
 
 
-def camera_of(camera: SceneCamera | PhotographCamera, name: str, split: str) -> Camera:
+def camera_of(camera: SceneCamera, name: str, split: str) -> Camera:
     """The camera of a photograph."""
     lens = camera.fx, camera.fy, camera.cx, camera.cy
     return Camera(camera.world_T_camera, *lens, camera.width, camera.height, camera.distortion, "world", name, split)

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from console import UserError
-from scenepack.cameras import photograph_cameras
+from scenepack.cameras import PERSPECTIVE, photograph_cameras, projection_of
 from scenepack.exports.field import ExportFrame, Field, straight_colours
 from scenepack.pack import Pack
 
@@ -94,7 +94,8 @@ def gltf_cameras(pack: Pack, export_frame: ExportFrame) -> list[Camera]:
     point is the middle of the picture."""
     near = export_frame.stretch * (pack.near or pack.voxel_size)  # of the clipping plane
     cameras: list[Camera] = []
-    for i, one in enumerate(camera for camera in photograph_cameras(pack) if camera.is_perspective):
+    flat = [camera for camera in photograph_cameras(pack) if projection_of(camera.distortion) == PERSPECTIVE]
+    for i, one in enumerate(flat):
         lens = {"yfov": 2.0 * atan(0.5 * one.height / one.fy),
                 "aspectRatio": (one.width * one.fy) / (one.height * one.fx), "znear": near}  # fmt: skip
         matrix = export_frame.pose(one.world_T_camera).T.ravel().tolist()  # by columns

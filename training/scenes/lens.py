@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from scenepack.cameras import EQUIRECTANGULAR, FISHEYE, LENS_SIZE, PERSPECTIVE
+from scenepack.cameras import EQUIRECTANGULAR, FISHEYE, LENS_SIZE, PERSPECTIVE, projection_of
 
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "q1", "q2", "q3", "s1", "s2")
 PROJECTION, REACH = LENS_SIZE - 1, LENS_SIZE  # where these stand in whole_lens
@@ -155,11 +155,6 @@ NUMPY = lens_functions()
 def whole_lens(lens: Lens) -> Lens:
     """A lens by all its LENS_SIZE numbers, and its reach."""
     return (*lens, *(0.0,) * (LENS_SIZE - len(lens)), lens_reach(lens))
-
-
-def projection_of(lens: Lens) -> int:
-    """PERSPECTIVE, FISHEYE or EQUIRECTANGULAR."""
-    return int(lens[PROJECTION]) if len(lens) == LENS_SIZE else PERSPECTIVE
 
 
 def shows(u: np.ndarray, v: np.ndarray, lens: Lens) -> np.ndarray:

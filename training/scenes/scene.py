@@ -9,7 +9,7 @@ We undistort rays, not pictures: no pixel is resampled.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
@@ -17,34 +17,15 @@ from typing import Any, Literal
 import numpy as np
 
 from console import UserError
+from scenepack.cameras import Camera
 from scenepack.constants import NDC_NEAR
 from training.scenes.files import distinct
-from training.scenes.lens import NO_DISTORTION, Lens, Model, directions_at, image_of, shows
+from training.scenes.lens import Model, directions_at, image_of, shows
 
 # What was photographed: cut out by alpha; from around, within a box or without an end; from one side.
 Kind = Literal["object", "surroundings", "unbounded", "forward"]
 Box = tuple[float, float, float, float, float, float]  # x0, y0, z0, x1, y1, z1
 Direction = tuple[float, float, float]  # of any length above 0
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A camera and its lens. Intrinsics are pixels of this width × height, by (a, b) of training.scenes.lens."""
-
-    world_T_camera: np.ndarray  # float64 [4, 4], OpenGL axes
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: Lens = NO_DISTORTION  # k1, k2, p1, p2, or what training.scenes.lens calls a lens
-
-    def resized(self, width: int, height: int) -> Camera:
-        """The same camera for a picture of another size."""
-        sx, sy = width / self.width, height / self.height
-        intrinsics = {"fx": self.fx * sx, "fy": self.fy * sy, "cx": self.cx * sx, "cy": self.cy * sy}
-        return replace(self, width=width, height=height, **intrinsics)
 
 
 LARGEST_SIDE = 1e6  # pixels

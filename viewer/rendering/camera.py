@@ -15,12 +15,11 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull
 
 from scenepack.blocks import block_data
-from scenepack.cameras import PhotographCamera
+from scenepack.cameras import Camera
 from scenepack.pack import Pack, cached_per_pack
 from scenepack.placement import placement_of
 from training.scenes import poses
 from training.scenes.lens import EQUIRECTANGULAR, MODELS, Lens, directions_at, projection_of
-from training.scenes.scene import Camera
 
 ORBIT_ELEVATION = 30.0  # degrees above the horizon
 FORWARD_FACING_RADIUS = 0.15  # of the circle flown in the camera plane; photographs lie within about half a unit
@@ -79,7 +78,7 @@ class ViewCamera:
         return cls(grid_T_camera, focal, focal, 0.5 * width, 0.5 * height, width, height)
 
     @classmethod
-    def from_scene_camera(cls, pack: Pack, camera: Camera | PhotographCamera) -> ViewCamera:
+    def from_scene_camera(cls, pack: Pack, camera: Camera) -> ViewCamera:
         """The view of a photograph's camera, distorted as its lens did; its rays begin where those of training did."""
         grid_T_camera = np.linalg.inv(pack.worldspace_T_opengl) @ np.asarray(camera.world_T_camera, np.float64)
         size = int(camera.width), int(camera.height)
