@@ -232,7 +232,8 @@ def parse_crop(text: str) -> tuple[tuple[float, float, float], tuple[float, floa
 def require_in_range(where: str, value: float | None, low: float, high: float) -> None:
     """UserError where the value of an option, None where it is left out, is not one of low … high."""
     if value is not None and not low <= value <= high:
-        raise UserError("is out of range", where=where, expected=f"{low:g} to {high:g}", found=value)
+        ends = (str(end) if isinstance(end, int) else f"{end:g}" for end in (low, high))
+        raise UserError("is out of range", where=where, expected=" to ".join(ends), found=value)
 
 
 # --- Files that options name ---

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from console import UserError
+from console.command_line import require_in_range
 from scenepack.constants import MAX_BLOCK_INDEX
 from training.scenes.presets import voxels_for
 
@@ -56,10 +56,6 @@ class BakeConfig:
 
     def check(self) -> None:
         """UserError where a number makes no sense: for commands to ask before hours of work, not after."""
-        most = MAX_BLOCK_INDEX * BLOCK_SIZE
-        ranges = {"resolution": (BLOCK_SIZE, most), "seed": (0, LARGEST_SEED), "most_macroblocks": (1, UNLIMITED)}
-        for name, (low, high) in ranges.items():
-            value = getattr(self, name)
-            if value is not None and not low <= value <= high:
-                where = f"--{name.replace('_', '-')}"
-                raise UserError("is out of range", where=where, expected=f"{low} to {high}", found=value)
+        require_in_range("--resolution", self.resolution, BLOCK_SIZE, MAX_BLOCK_INDEX * BLOCK_SIZE)
+        require_in_range("--seed", self.seed, 0, LARGEST_SEED)
+        require_in_range("--most-macroblocks", self.most_macroblocks, 1, UNLIMITED)

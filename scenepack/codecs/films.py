@@ -38,12 +38,6 @@ def _padded(values: np.ndarray, axes: tuple[int, ...] = (1, 2)) -> np.ndarray:
     return np.pad(values, [(0, -side % CELL if axis in axes else 0) for axis, side in enumerate(values.shape)])
 
 
-def _premultiplied(values: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Straight values times alpha, uint8 [D, H, W, C]; never brighter than alpha, zero where alpha is zero."""
-    _, height, width = alpha.shape
-    return ((values[:, :height, :width].astype(np.uint16) * alpha[..., None] + 127) // 255).astype(np.uint8)
-
-
 def _filled(
     values: np.ndarray, alpha: np.ndarray, smoothing: float = 0.0, *, premultiplied: bool = False
 ) -> np.ndarray:
@@ -152,10 +146,10 @@ class FilmCodec(Codec):
 
         def colours(name: str, colour: bool) -> np.ndarray:
             with decoding(name):
-                values = self.frames(files[name], frames, colour=colour).reshape(*frames, -1)
+                values = self.frames(files[name], frames, colour=colour).reshape(*frames, -1)[:, :height, :width]
             if self.straight:
-                return _premultiplied(values, alpha)
-            return np.minimum(values[:, :height, :width], alpha[..., None])
+                return ((values.astype(np.uint16) * alpha[..., None] + 127) // 255).astype(np.uint8)
+            return np.minimum(values, alpha[..., None])
 
         parts = [[colours(names[2], True), alpha[..., None]]]
         if features:

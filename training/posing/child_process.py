@@ -73,8 +73,7 @@ def serve() -> None:
     try:
         answer(result=SERVICES[request.pop("service")](request, on_progress))
     except UserError as error:
-        parts = {name: getattr(error, name) for name in ("what", "where", "expected", "found", "remedy")}
-        answer(error={name: None if part is None else str(part) for name, part in parts.items()})
+        answer(error={name: None if part is None else str(part) for name, part in vars(error).items()})
     except Exception as error:
         what = refusal(error) or ("the disk is full" if "disk is full" in str(error) else None)  # in SQLite's words
         if what is None:
