@@ -74,7 +74,7 @@ class Camera:
         vectors = [np.asarray(vector, np.float64) for vector in (eye, target, up)]
         if any(vector.shape != (3,) or not np.isfinite(vector).all() for vector in vectors) or not vectors[2].any():
             raise SnergError("are no points and direction", where="eye, target, up", expected="three numbers each")
-        if np.array_equal(vectors[0], vectors[1]):
+        if np.allclose(vectors[0], vectors[1], rtol=0, atol=1e-12):
             raise SnergError("is the same point as the target", where="eye", remedy="choose another target")
         pose = ViewCamera.look_at(vectors[0], vectors[1], vectors[2]).grid_T_camera
         return Camera.from_pose(pose, size=size, fov=fov, frame=frame)

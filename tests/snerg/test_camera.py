@@ -70,6 +70,7 @@ def test_what_numpy_and_opencv_hand_out_is_taken() -> None:
         camera.resized(20, 0)
 
 
-def test_an_eye_at_its_target_is_refused() -> None:
+@pytest.mark.parametrize("eye", [(0, 0, 0), (0, 0, 1e-300)])
+def test_an_eye_at_its_target_is_refused(eye: tuple[float, float, float]) -> None:
     with pytest.raises(snerg.SnergError, match="choose another target"):
-        snerg.Camera.look_at((1, 2, 3), (1, 2, 3))
+        snerg.Camera.look_at(eye, (0, 0, 0))

@@ -122,6 +122,8 @@ def current_context() -> Callable[[], None]:
 def new_framebuffer(ctx: moderngl.Context, width: int, height: int, dtype: str = "f1") -> moderngl.Framebuffer:
     """An RGBA framebuffer with depth; "f1" is 8 bit, "f4" float32. UserError where the driver refuses one of this size."""
     refused = UserError("the graphics driver refuses a picture of this size", found=f"{width}x{height}")
+    if max(width, height) > ctx.info["GL_MAX_TEXTURE_SIZE"]:  # sizes near 2^31 end the process from within moderngl
+        raise refused
     try:
         colour = ctx.texture((width, height), 4, dtype=dtype)
         framebuffer = ctx.framebuffer([colour], ctx.depth_renderbuffer((width, height)))
