@@ -45,6 +45,8 @@ def test_shares_come_from_options_or_the_launcher(monkeypatch: pytest.MonkeyPatc
     for processes, process in ((4, None), (None, 1), (4, 4), (0, 0), (2, -1)):
         with pytest.raises(UserError, match="do not fit together"):
             share_of(processes, process)
+    monkeypatch.setenv("SLURM_PROCID", "of another meaning")
+    assert share_of(None, None) == Share(0, 1)
 
 
 @pytest.mark.slow
