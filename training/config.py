@@ -146,9 +146,9 @@ PRESETS: Mapping[PresetName, TrainConfig] = {
 # --- checks of values from a command line or a config.json ---------------------------------------------------------------
 
 LARGEST_WHOLE = 2**32 - 1  # seeds are 32 bits, and so are the counts that a GPU takes
-AT_LEAST_ONE = {
+ABOVE_ZERO = {
     "batch_size", "log_every", "checkpoint_every", "depth", "width", "coarse_samples", "fine_samples", "render_rays",
-    "query_points", "samples_per_step", "resolutions", "occupancy", "steps_across",
+    "query_points", "samples_per_step", "resolutions", "occupancy", "steps_across", "sparsity_scale", "first_rate", "last_rate",
 }  # fmt: skip
 
 
@@ -180,7 +180,7 @@ def require_valid(config: Any, where: str | None = None, prefix: str = "") -> No
         if dataclasses.is_dataclass(value):
             require_valid(value, where, f"{name}.")
             continue
-        if expected := _expected_instead(value, hint, 1 if setting.name in AT_LEAST_ONE else 0):
+        if expected := _expected_instead(value, hint, 1 if setting.name in ABOVE_ZERO else 0):
             what = "makes no sense" if where is None else f"{name} makes no sense"
             option = "--" + name.replace("_", "-")
             raise UserError(what, where=where or option, expected=expected, found=one_line(repr(value), 40))
@@ -202,5 +202,6 @@ def _expected_instead(value: Any, hint: Any, least: int) -> str | None:
         return None if fits else f"a whole number from {least} to {LARGEST_WHOLE}"
     if hint is float:
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        return None if number and math.isfinite(value) and value >= 0 else "a number, not below 0"
+        fits = number and math.isfinite(value) and value >= 0 and (value > 0 or not least)
+        return None if fits else "a number above 0" if least else "a number, not below 0"
     return None if isinstance(value, hint) else hint.__name__

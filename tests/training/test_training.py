@@ -298,7 +298,8 @@ def test_larger_photographs_take_more_of_both_until_the_field_is_as_fine_as_it_g
     ("name", "value"),
     [("batch_size", -1), ("log_every", 0), ("seed", 10**20), ("steps", -5), ("minutes", float("nan")), ("nerf.width", 0),
      ("multires.occupancy", 0), ("multires.view_octaves", -1), ("multires.steps_from", [0.1, float("nan")]),
-     ("nerf.first_rate", -1.0), ("checkpoint_every", 0), ("nerf.depth", 2.5), ("method", "magic")],
+     ("nerf.first_rate", -1.0), ("nerf.last_rate", 0.0), ("sparsity_scale", 0), ("checkpoint_every", 0), ("nerf.depth", 2.5),
+     ("method", "magic")],
 )  # fmt: skip
 def test_settings_that_make_no_sense_are_refused_by_name(name: str, value: object) -> None:
     document = dataclasses.asdict(TINY)
