@@ -97,8 +97,8 @@ def writing_alone(target: Path) -> Iterator[None]:
 def locked_folder(folder: Path, doing: str) -> Iterator[None]:
     """Holds a lock on a folder, which is made where it is missing, and removed again where it is left empty.
 
-    The lock counts on all hosts that share the folder, and ends with its process. UserError where another process holds it;
-    doing: what that process does.
+    The lock ends with its process. It counts on all hosts that share the folder, unless their file system locks only what is open
+    for writing (NFS), as no folder can be. UserError where another process holds it; doing: what that process does.
     """
     missing = [place for place in (folder, *folder.absolute().parents) if not place.exists()]
     handle = -1

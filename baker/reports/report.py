@@ -183,8 +183,10 @@ def own_row(study: Study) -> list[str]:
 
 
 def _baked_row(study: Study, row: str, label: str, baked: Baked) -> Row:
-    measured = {"bytes": stored_bytes(baked.path), "seconds": sum(baked.seconds.values()), "stages": baked.seconds}
-    return _beside(study, {"row": row, "label": label, **study.score(baked), **measured, "pack": baked.name})
+    return _beside(study, {
+        "row": row, "label": label, **study.score(baked), "bytes": stored_bytes(baked.path),
+        "seconds": sum(baked.seconds.values()), "stages": baked.seconds, "pack": baked.name,
+    })  # fmt: skip
 
 
 def no_sparsity_row(study: Study) -> Row:
@@ -280,12 +282,12 @@ def performance_table(study: Study) -> dict[str, Any]:
     if study.without_sparsity is not None:
         dense = study.baked("snerg", study.without_sparsity)
         contenders.append(Contender("no-sparsity", RenderSettings(), load_pack(dense.path)))
-    measured, about = timed(contenders, study.options, POWER_SECONDS)
+    timings, about = timed(contenders, study.options, POWER_SECONDS)
     rows: list[Row] = []
     for name, label in LABELS.items():
         missing = against_command(study) if name == "no-sparsity" else "none: this field has no view MLP"
         printed = paper_figures.performance(study.kind, study.name, PRINTED.get(name, name))
-        row = {"row": name, "label": label, **measured.get(name, {"command": missing})}
+        row = {"row": name, "label": label, **timings.get(name, {"command": missing})}
         rows.append(row | {"paper": printed, "release": None})
     return {"resolution": study.resolution, "rows": rows, **about}
 
@@ -312,9 +314,9 @@ def resolution_table(study: Study) -> dict[str, Any]:
             named = None if printed is None else dict(zip(("psnr", "ssim", "lpips", "fps", "mb"), printed, strict=True))
             rows.append(row | {"paper": named, "release": None})
     contenders = [Contender(name, RenderSettings(), pack) for name, pack in packs.items()]
-    measured, about = timed(contenders, study.options)
+    timings, about = timed(contenders, study.options)
     for row in rows:
-        row |= measured.get(row["row"], {})
+        row |= timings.get(row["row"], {})
     return {"preset": preset, "rows": rows, **about}
 
 
