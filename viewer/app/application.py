@@ -6,7 +6,6 @@ picture itself) is behind `viewer.rendering.canvas.Canvas`.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from math import atan, degrees
 from pathlib import Path
 
 import numpy as np
@@ -264,14 +263,6 @@ class App:
         self.scene.rig.shape(width / height)
         return self.scene.rig.camera((width, height), self.settings.near)
 
-    @property
-    def fov(self) -> float:
-        """Vertical field of view of what is shown, degrees."""
-        if self.scene is None:
-            return 0.0
-        held = self.scene.rig.held
-        return self.scene.rig.fov if held is None else degrees(2 * atan(0.5 * held.height / held.fy))
-
     def copy(self, text: str, said: str) -> None:
         self.clipboard.text = text
         self.messages.say(said)
@@ -280,7 +271,7 @@ class App:
         """The camera's pose in the placed frame, as one line of JSON."""
         rig, annotations = self.open_scene.rig, self.annotations.current
         parallel = rig.ortho_height * annotations.scale.factor if rig.orthographic and rig.held is None else None
-        return pose_to_text(moved_pose(annotations.placed_T_grid, rig.matrix), self.fov, parallel)
+        return pose_to_text(moved_pose(annotations.placed_T_grid, rig.matrix), rig.seen_fov, parallel)
 
     def go_to_pose(self, text: str) -> None:
         """Goes to a pose as pose_text() writes it. ValueError if it is not one."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import asin, atan2, degrees, radians, tan
+from math import asin, atan2, degrees
 from typing import Any
 
 import numpy as np
@@ -100,13 +100,6 @@ class Pose:
         return pose.seen_from(grid_T_camera[:3, 3], table)
 
 
-def view_camera(grid_T_camera: np.ndarray, fov: float, size: tuple[int, int], near: float = 0.0) -> ViewCamera:
-    """The renderer's camera. fov: vertical, degrees; size: width, height in pixels; near: grid units."""
-    width, height = size
-    focal = 0.5 * height / tan(0.5 * radians(fov))
-    return ViewCamera(grid_T_camera, focal, focal, 0.5 * width, 0.5 * height, width, height, near)
-
-
 def shortest_turn(degrees_from: float, degrees_to: float) -> float:
     """Degrees in -180 … 180 that lead from one azimuth to the other."""
     return (degrees_to - degrees_from + 180.0) % 360.0 - 180.0
@@ -154,14 +147,14 @@ def pose_from_text(text: str) -> tuple[np.ndarray, float | None, float | None]:
     return camera.grid_T_camera, fov, height
 
 
-def fitted(camera: ViewCamera, size: tuple[int, int], near: float) -> ViewCamera:
+def fitted(camera: ViewCamera, size: tuple[int, int]) -> ViewCamera:
     """A photograph's camera, lens included, for another picture size: the whole photograph fits, centred."""
     width, height = size
     scale = min(width / camera.width, height / camera.height)
     cx = 0.5 * width + scale * (camera.cx - 0.5 * camera.width)
     cy = 0.5 * height + scale * (camera.cy - 0.5 * camera.height)
     lens = {"fx": camera.fx * scale, "fy": camera.fy * scale, "cx": cx, "cy": cy}
-    return replace(camera, width=width, height=height, near=near, **lens)
+    return replace(camera, width=width, height=height, **lens)
 
 
 # --- From the grid frame to the picture: points, frusta, boxes, and dragging along an axis ---

@@ -8,7 +8,7 @@ in the scene before the warp, and the grid frame is that scene's frame with worl
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from math import cos, pi, radians, sin, tan
+from math import atan, cos, degrees, pi, radians, sin, tan
 
 import numpy as np
 from scipy import ndimage
@@ -73,6 +73,11 @@ class ViewCamera:
         any_across = np.eye(3)[np.argmin(np.abs(back))]
         grid_T_camera = poses.look_at(eye, back, any_across if straight_along_up else up)
         grid_T_camera[:3, 0] *= -1.0 if mirrored else 1.0
+        return cls.posed(grid_T_camera, fov_degrees, size)
+
+    @classmethod
+    def posed(cls, grid_T_camera: np.ndarray, fov_degrees: float, size: tuple[int, int]) -> ViewCamera:
+        """A camera without a lens that looks through its picture's middle. Otherwise as look_at."""
         width, height = size
         focal = 0.5 * height / tan(0.5 * radians(fov_degrees))
         return cls(grid_T_camera, focal, focal, 0.5 * width, 0.5 * height, width, height)
@@ -136,6 +141,11 @@ class ViewCamera:
         focal = {"fx": size[0] / radians(across), "fy": size[1] / pi}
         lens = MODELS["EQUIRECTANGULAR"].lens({})
         return replace(camera, **focal, near=self.near, distortion=lens, ray_near=self.ray_near, eye_offset=eye_offset)
+
+    @property
+    def fov(self) -> float:
+        """Vertical field of view of a pinhole camera, degrees."""
+        return degrees(2.0 * atan(0.5 * self.height / self.fy))
 
     @property
     def is_panorama(self) -> bool:

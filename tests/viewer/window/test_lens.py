@@ -54,7 +54,7 @@ def test_the_window_shows_a_photograph_through_its_lens_as_snerg_eval_does(ui, a
     shown = ui.picture()[round(box.y) : round(box.y + box.height), : round(box.width)][rows_columns].astype(int)
     wanted = expected(app, ctx, distorted, 4, side)
     straight = replace(app.scene.rig.held, distortion=(0.0,) * 4)
-    without = ui.canvas.snapshot(fitted(straight, app.viewport.pixels, 0.0), app.settings)[rows_columns].astype(int)
+    without = ui.canvas.snapshot(fitted(straight, app.viewport.pixels), app.settings)[rows_columns].astype(int)
     part = slice(60, None)  # below the labels
     assert (np.abs(shown - wanted)[part] > 2).mean() < 2e-3
     assert (np.abs(without - wanted)[part] > 30).mean() > 0.01  # the lens matters

@@ -18,7 +18,7 @@ from console import UserError
 from console.streams import one_line
 from scenepack.pack import Pack
 from viewer.core.annotations import MOST_ANNOTATIONS, Annotations, Bookmark, Point
-from viewer.core.pose import Pose, Turntable, project, triple, view_camera
+from viewer.core.pose import Pose, Turntable, project, triple
 from viewer.features.camera.orbit_camera import FOVS, OrbitCamera
 from viewer.features.film.camera_path import CameraPath, Keyframe
 from viewer.features.measuring.surface import surface_at
@@ -30,12 +30,13 @@ if TYPE_CHECKING:
     from viewer.app.application import App
 
 
-def bookmark_of(rig: OrbitCamera, fov: float, name: str) -> Bookmark:
-    """The present view of a rig. fov: vertical, degrees. A photograph's camera is taken level, and without its lens."""
+def bookmark_of(rig: OrbitCamera, name: str) -> Bookmark:
+    """The present view of a rig. A photograph's camera is taken level, and without its lens."""
     pose = rig.shown
     if rig.held is not None:
         pose = Pose.from_matrix(rig.held.grid_T_camera, pose.distance, rig.table)
-    return Bookmark(name, triple(pose.eye(rig.table)), pose.pivot, rig.table.up, min(max(fov, FOVS[0]), FOVS[1]))
+    fov = min(max(rig.seen_fov, FOVS[0]), FOVS[1])
+    return Bookmark(name, triple(pose.eye(rig.table)), pose.pivot, rig.table.up, fov)
 
 
 def pose_of(bookmark: Bookmark, table: Turntable) -> Pose:
@@ -114,7 +115,7 @@ class Bookmarks:
         at = len(views) if self.selected is None else min(self.selected + 1, len(views))
         kind, taken = "View" if point is None else "Place", {view.name for view in views}
         name = next(name for name in (f"{kind} {i}" for i in range(at + 1, at + len(views) + 2)) if name not in taken)
-        view = replace(bookmark_of(app.open_scene.rig, app.fov, name), point=point)
+        view = replace(bookmark_of(app.open_scene.rig, name), point=point)
         views.insert(at, view)
         self._change(app, views, at)
         app.messages.say(f"Bookmarked as “{view.name}”")
@@ -148,7 +149,7 @@ class Bookmarks:
         self._change(app, views, self.selected)
 
     def rearrange(self, app: App, how: Rearranging, index: int) -> None:
-        views, now = app.annotations.current.bookmarks, bookmark_of(app.open_scene.rig, app.fov, "")
+        views, now = app.annotations.current.bookmarks, bookmark_of(app.open_scene.rig, "")
         here = replace(views[index], eye=now.eye, target=now.target, up=now.up, fov=now.fov)
         self._change(app, *rearranged(views, how, index, here))
 
@@ -207,7 +208,7 @@ class ViewPictures:
                 app.touch(1)
                 return None
             self._drew = True
-            camera = view_camera(grid_T_camera, fov, SIZE)
+            camera = ViewCamera.posed(grid_T_camera, fov, SIZE)
             self._pictures[name] = canvas.snapshot(camera, RenderSettings(background=app.settings.background))
             app.touch(2)
         return canvas.image(name, self._pictures[name])

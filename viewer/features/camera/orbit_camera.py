@@ -15,7 +15,7 @@ import numpy as np
 
 from scenepack.pack import Pack
 from scenepack.placement import Rows, placement_of
-from viewer.core.pose import MAX_ELEVATION, STEEP, History, Pose, Turntable, fitted, shortest_turn, triple, view_camera
+from viewer.core.pose import MAX_ELEVATION, STEEP, History, Pose, Turntable, fitted, shortest_turn, triple
 from viewer.features.photographs.photographs import shots_of
 from viewer.rendering.camera import ViewCamera, content_box, filling_distance, is_mirrored, middle_of, outline
 
@@ -50,7 +50,7 @@ class OrbitCamera:
         self.aspect = 1.0  # width over height of the picture that the scene shall fit into
         self._view = None if self.bounded else view_from_within(pack)
         if self._view is not None:
-            self.home_fov = self.fov = float(np.degrees(2.0 * np.arctan(0.5 * self._view.height / self._view.fy)))
+            self.home_fov = self.fov = self._view.fov
         self.within = self._view is not None  # the first view is one from amid the scene, and need not show all of it
         self.home_pose = self._home()
         self.goal = self.shown = self.home_pose
@@ -99,26 +99,33 @@ class OrbitCamera:
     # The present camera
 
     def camera(self, size: tuple[int, int], near: float = 0.0) -> ViewCamera:
-        """The camera of this moment for a picture of `size` (width, height, pixels)."""
+        """The camera of this moment for a picture of `size` (width, height, pixels). near: that of the settings, grid units."""
         if self.held is not None:
-            return fitted(self.held, size, near)
-        camera = view_camera(self.shown.matrix(self.table), self.fov, size, near)
-        return self._parallel(camera) if self.orthographic else camera
+            return fitted(self.held, size)
+        camera = ViewCamera.posed(self.shown.matrix(self.table), self.fov, size)
+        return self._parallel(camera, near) if self.orthographic else camera
 
-    def _parallel(self, camera: ViewCamera) -> ViewCamera:
+    def _parallel(self, camera: ViewCamera, near: float) -> ViewCamera:
         """The orthographic view with the same height at the pivot, from before all there is; a near plane stays where it is."""
         back, pivot = camera.grid_T_camera[:3, 2], np.asarray(self.shown.pivot)
         low, high = self.all_of_it
         reach = float((0.5 * (low + high) - pivot) @ back) + 0.51 * float(np.linalg.norm(high - low))
+        if near > 0:  # the renderer counts it from the camera, and takes no less than the settings have
+            reach = max(reach, self.shown.distance)
+            near += reach - self.shown.distance
         matrix = camera.grid_T_camera.copy()
         matrix[:3, 3] = pivot + reach * back
-        near = max(camera.near + reach - self.shown.distance, 0.0) if camera.near > 0 else 0.0
         return replace(camera, grid_T_camera=matrix, near=near).as_orthographic(self.ortho_height)
 
     @property
     def ortho_height(self) -> float:
         """Grid units that the picture shows at the pivot, from top to bottom."""
         return 2.0 * self.shown.distance * tan(radians(self.fov) / 2)
+
+    @property
+    def seen_fov(self) -> float:
+        """Vertical field of view of this moment, degrees."""
+        return self.held.fov if self.held is not None else self.fov
 
     @property
     def matrix(self) -> np.ndarray:

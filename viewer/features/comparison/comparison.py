@@ -104,6 +104,6 @@ class Comparison:
         size = max(1, round(w * scale)), max(1, round(h * scale))
         photograph = np.asarray(Image.fromarray(self.pixels).resize(size, Image.Resampling.BOX))
         plain = replace(app.settings, backdrop=None)  # as photographs are
-        picture = app.canvas.snapshot(fitted(held, size, app.settings.near), plain)
+        picture = app.canvas.snapshot(fitted(held, size), plain)
         self.psnr_db, self.psnr_size = psnr(picture, photograph), size
         app.touch()

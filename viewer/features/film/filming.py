@@ -15,7 +15,7 @@ from PIL import Image
 from console import UserError
 from viewer.core.annotations import Point
 from viewer.core.files import FileRequest
-from viewer.core.pose import fitted, view_camera
+from viewer.core.pose import fitted
 from viewer.features.bookmarks.bookmarks import Rearranging, rearranged, with_places
 from viewer.features.film.camera_path import CameraPath, Keyframe, load_path, save_path
 from viewer.features.film.picture_export import EXR, VIEWS, Export, passes_for
@@ -88,14 +88,14 @@ class Filming:
 
     def add(self, app: App) -> None:
         """Makes the present view a keyframe, after the selected one."""
-        keys = self.path.keyframes
+        keys, rig = self.path.keyframes, app.open_scene.rig
         self.selected = len(keys) if self.selected is None else self.selected + 1
-        keys.insert(self.selected, Keyframe(app.open_scene.rig.matrix.copy(), app.fov))
+        keys.insert(self.selected, Keyframe(rig.matrix.copy(), rig.seen_fov))
         app.messages.say(f"Keyframe {self.selected + 1} of {len(keys)}")
 
     def rearrange(self, app: App, how: Rearranging, index: int) -> None:
-        keys = self.path.keyframes
-        here = replace(keys[index], grid_T_camera=app.open_scene.rig.matrix.copy(), fov=app.fov)
+        keys, rig = self.path.keyframes, app.open_scene.rig
+        here = replace(keys[index], grid_T_camera=rig.matrix.copy(), fov=rig.seen_fov)
         self.path.keyframes, self.selected = rearranged(keys, how, index, here)
         self.playing = self.playing and bool(self.path.keyframes)
 
@@ -107,7 +107,7 @@ class Filming:
         """Shows the view at a time of the path, which has keyframes."""
         self.time = min(max(seconds, 0.0), self.path.duration)
         matrix, fov = self.path.at(self.time)
-        self._held = view_camera(matrix, fov, app.viewport.pixels)
+        self._held = ViewCamera.posed(matrix, fov, app.viewport.pixels)
         app.open_scene.rig.hold(self._held)
         app.touch()
 
@@ -166,11 +166,11 @@ class Filming:
         """Starts to write a camera's view, by default the present one at `size`."""
         if app.scene is None:
             return
-        near = app.settings.near
+        rig = app.scene.rig
         if self.panorama:
-            camera = view_camera(app.scene.rig.matrix, app.fov, self.size, near)
+            camera = ViewCamera.posed(rig.matrix, rig.seen_fov, self.size)
         elif camera is None:  # its height stays, or its width in a narrower one
-            camera = fitted(app.scene.rig.camera(app.viewport.pixels, near), self.size, near)
+            camera = fitted(rig.camera(app.viewport.pixels, app.settings.near), self.size)
         lens = None if self.panorama else self._lens(app, camera)
         self._start(app, [self._view(app, camera)], target, lens)
 
@@ -201,8 +201,7 @@ class Filming:
         """Starts to write the path: a film, or a folder of PNGs."""
         if not self.path.keyframes:
             raise UserError("the path has no keyframes yet", remedy="add some, or make a turntable")
-        near = app.settings.near
-        cameras = [view_camera(matrix, fov, self.size, near) for matrix, fov in self.path.sample(self.fps)]
+        cameras = [ViewCamera.posed(matrix, fov, self.size) for matrix, fov in self.path.sample(self.fps)]
         self._start(app, [self._view(app, camera) for camera in cameras], target)
 
     def _start(self, app: App, cameras: list[ViewCamera], target: Path, lens: Aperture | None = None) -> None:
@@ -313,7 +312,7 @@ class Kiosk:
             keys = [replace(key, seconds=LEG_S) for key in app.bookmarks.keyframes(app)]
         elif scene.rig.bounded:
             cameras = forward_facing_path(scene.pack, SWAY_KEYS)
-            keys = [Keyframe(camera.grid_T_camera, app.fov, TURN_S / SWAY_KEYS) for camera in cameras]
+            keys = [Keyframe(camera.grid_T_camera, scene.rig.seen_fov, TURN_S / SWAY_KEYS) for camera in cameras]
         else:
             filming.turntable(app)
             turn = filming.path.keyframes

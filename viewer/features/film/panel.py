@@ -12,12 +12,13 @@ from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.files import FileRequest
-from viewer.core.pose import FRUSTUM_EDGES, frustum_points, view_camera
+from viewer.core.pose import FRUSTUM_EDGES, frustum_points
 from viewer.core.screen import Screen
 from viewer.core.widgets import Box, px
 from viewer.features.bookmarks.panel import rearranging_buttons, row
 from viewer.features.film.filming import LENS_QUALITY, PANORAMA_SIZES, SAMPLES, SIZES, STILL_MODES, Filming
 from viewer.features.film.picture_export import FILMS, films_possible
+from viewer.rendering.camera import ViewCamera
 from viewer.rendering.canvas import Canvas
 
 LIST_HEIGHT = 180.0
@@ -180,5 +181,5 @@ def draw_path(app: App, box: Box) -> None:
     depth = 0.05 if rig.bounded else 0.12 * rig.radius
     for i, key in enumerate(path.keyframes):
         colour = theme.packed(theme.WARN if i == filming.selected else theme.ACCENT)
-        camera = view_camera(key.grid_T_camera, key.fov, filming.size)
+        camera = ViewCamera.posed(key.grid_T_camera, key.fov, filming.size)
         screen.lines(frustum_points(camera, depth), FRUSTUM_EDGES, colour, px(1.5))

@@ -83,7 +83,7 @@ def session_of(app: App) -> Session | None:
 
     def seen(scene: OpenScene) -> Seen:
         rig, marks = scene.rig, scene.annotations or Annotations()
-        view = bookmark_of(rig, rig.fov, scene.name)
+        view = bookmark_of(rig, scene.name)
         return Seen(scene.path.resolve(), view, rig.orthographic, scene.crop, scene.near, marks)
 
     shown = app.left_now()

@@ -176,6 +176,17 @@ def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them(distance, cont
     np.testing.assert_allclose(outside.matrix, OrbitCamera(toy()).matrix)
 
 
+@pytest.mark.parametrize("notches", [-10, 30])  # from afar, and from amid the scene
+def test_without_perspective_the_near_plane_stays_where_it_is(rig, notches):
+    at_once(rig.dolly, notches)
+    near, back = 0.9 * rig.goal.distance, rig.matrix[:3, 2]
+    through = rig.camera(SIZE, near)
+    rig.set_orthographic(True)
+    flat = rig.camera(SIZE, near)
+    planes = [camera.position @ back - max(camera.near, near) for camera in (through, flat)]  # as the renderer has it
+    assert planes[1] == pytest.approx(planes[0])
+
+
 def test_without_perspective_the_pivot_keeps_its_size_and_moving_closer_only_enlarges(rig):
     at_once(rig.look_along, 30, 20)
     before = rig.camera(SIZE)

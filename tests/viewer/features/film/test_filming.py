@@ -310,6 +310,16 @@ def test_a_view_is_saved_as_a_360_picture(ui: OffscreenUi, app: App, tmp_path: P
     assert app.filming.size == (1920, 1080)
 
 
+def test_a_near_plane_cuts_an_orthographic_view_where_it_is_seen_to(ui: OffscreenUi, app: App, tmp_path: Path) -> None:
+    at_once(app.open_scene.rig.dolly, 12)
+    app.open_scene.rig.set_orthographic(True)
+    app.set(near=app.open_scene.rig.goal.distance)
+    ui.settle()
+    app.filming.size = app.viewport.pixels
+    seen = ui.canvas.snapshot(not_none(app.camera()), app.settings)
+    assert np.array_equal(np.asarray(Image.open(saved(ui, tmp_path / "cut.png"))), seen)
+
+
 def test_colours_are_changed_in_one_step_and_saved_pictures_have_them(ui: OffscreenUi, app: App, tmp_path: Path):
     before = np.asarray(Image.open(saved(ui, tmp_path / "before.png"))).astype(int)
     (slider,) = ui.widgets("##exposure")

@@ -154,7 +154,7 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_c
     assert app.canvas.shown == [app.making.job.preview] and app.preferences.recent == []
     untouched = app.open_scene.rig.goal
     app.open_scene.rig.orbit(80.0, 15.0)
-    chosen, fov = app.open_scene.rig.goal, app.fov
+    chosen, fov = app.open_scene.rig.goal, app.open_scene.rig.fov
     assert chosen != untouched
     live(app, lambda: app.scene.rig.shown == app.scene.rig.goal)
     train(app, 2400)
@@ -164,7 +164,7 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_c
     (tmp_path / "go").touch()
     live(app, lambda: app.making.job is None and app.loading is None)
     assert app.open_scene.path == tmp_path / "pack" and not app.messages.dialogs
-    assert app.open_scene.rig.goal == chosen and app.fov == fov
+    assert app.open_scene.rig.goal == chosen and app.open_scene.rig.fov == fov
 
 
 def test_a_scene_that_is_open_is_not_taken_away(making, train, pack, pack_folder):

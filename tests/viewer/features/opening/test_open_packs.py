@@ -24,6 +24,7 @@ from viewer.features.opening import opening as open_packs_module
 from viewer.features.opening import session
 from viewer.features.opening.opening import MOST_PACKS, OpenPacks, OpenPrompt, bytes_of, choose, path_in, suggestions
 from viewer.features.opening.session import joined, load_session
+from viewer.rendering.camera import ViewCamera
 
 
 @pytest.fixture
@@ -189,6 +190,13 @@ def arranged(packs: list[Path]) -> App:
     app.annotations.current = ANNOTATIONS
     app.interface.page = "measure"
     return app
+
+
+def test_a_session_sees_as_much_as_a_photograph_that_is_stood_in(packs: list[Path]) -> None:
+    app = App()
+    app.show(load_pack(packs[0]), packs[0])
+    app.open_scene.rig.hold(ViewCamera.posed(app.open_scene.rig.matrix, 20.0, (64, 48)))
+    assert not_none(session.session_of(app)).packs[0].camera.fov == pytest.approx(20.0)
 
 
 def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):

@@ -129,7 +129,7 @@ def test_views_poses_and_bookmarks_are_of_the_placed_frame(ui, app) -> None:
     values = json.loads(app.clipboard.text)
     assert set(values) == {"eye", "target", "up", "fov", "ortho_height"}
     assert np.allclose(values["eye"], (app.annotations.current.placed_T_grid @ [*before[:3, 3], 1.0])[:3], atol=1e-5)
-    view = bookmark_of(rig, rig.fov, "right")
+    view = bookmark_of(rig, "right")
     app.run("home")
     rig.shown = rig.goal
     assert not np.allclose(rig.matrix, before) and not rig.orthographic
