@@ -119,7 +119,6 @@ class Controllers:
 
     dead_zone: float = 0.15
     states: Sequence[ControllerState] = ()
-    _down: dict[str, tuple[bool, ...]] = field(default_factory=dict)
     _moving: bool = False
 
     @property
@@ -128,14 +127,14 @@ class Controllers:
         return any(state.usable for state in self.states)
 
     def update(self, app: App, states: Sequence[ControllerState], seconds: float) -> None:
+        before = {(place, state.name): state.buttons for place, state in enumerate(self.states)}
         self.states = states
-        usable = [state for state in states if state.usable]
-        pressed = [command for state in usable for command in self._pressed(state)]
-        self._down = {state.name: state.buttons for state in states}
-        for command in pressed:
-            app.run(command)
+        for place, state in enumerate(states):
+            if state.usable:  # what is down when a device comes is not pressed
+                for command in _pressed(state, before.get((place, state.name), state.buttons)):
+                    app.run(command)
         rig = app.scene.rig if app.scene is not None else None
-        moves = [(state, self._axes(state)) for state in usable]
+        moves = [(state, self._axes(state)) for state in states if state.usable]
         was_moving, self._moving = self._moving, rig is not None and any(any(axes) for _, axes in moves)
         if rig is None or not self._moving:
             return
@@ -145,16 +144,6 @@ class Controllers:
             (_move_gamepad if state.gamepad else _move_mouse)(rig, axes, seconds)
         app.touch()
 
-    def _pressed(self, state: ControllerState) -> list[str]:
-        """The commands of the buttons that went down since the last time."""
-        table = GAMEPAD_BUTTONS if state.gamepad else MOUSE_BUTTONS
-        before = self._down.get(state.name, state.buttons)  # what is down when a device comes is not pressed
-        return [
-            command
-            for button, (_, command) in table.items()
-            if button < len(state.buttons) and state.buttons[button] and not (button < len(before) and before[button])
-        ]
-
     def _axes(self, state: ControllerState) -> tuple[float, ...]:
         """-1 … 1 each, 0 within the dead zone and growing slowly beyond it; triggers 0 … 1."""
         axes = list(state.axes)
@@ -162,6 +151,13 @@ class Controllers:
             for trigger in (LEFT_TRIGGER, RIGHT_TRIGGER):
                 axes[trigger] = 0.5 * (axes[trigger] + 1.0)
         return tuple(shaped(value, self.dead_zone) for value in axes[:6])
+
+
+def _pressed(state: ControllerState, before: Sequence[bool]) -> list[str]:
+    """The commands of the buttons that are down and were not before."""
+    table = GAMEPAD_BUTTONS if state.gamepad else MOUSE_BUTTONS
+    went_down = [down and not was_down for down, was_down in zip(state.buttons, before, strict=False)]
+    return [command for button, (_, command) in table.items() if button < len(went_down) and went_down[button]]
 
 
 def shaped(value: float, dead_zone: float) -> float:

@@ -91,6 +91,7 @@ class _MouseState:
     holds: str = ""  # the camera, or "wipe": its edge, "face": of the crop box, "mark": a point, "erase": its tool
     button: int = LEFT
     under: _Under = NOTHING
+    scene: int = 0  # id of the one that this is in
     travelled: float = 0.0  # window units since then, to tell a click from a drag
     moves_by_keys: bool = False  # keys are held that move the camera
 
@@ -103,6 +104,8 @@ def _mouse(app: App, box: Box, under: _Under) -> None:
     at = io.mouse_pos.x - box[0], io.mouse_pos.y - box[1]
     hovered, active = imgui.is_item_hovered(), imgui.is_item_active()
     dx, dy = io.mouse_delta.x / box[3], io.mouse_delta.y / box[3]
+    if _mouse_state.scene != id(app.scene):  # another was opened while a button was down
+        _mouse_state.scene, _mouse_state.holds, _mouse_state.under = id(app.scene), "", NOTHING
     if imgui.is_item_activated():
         dx = dy = 0.0  # in a slow frame, that is how the mouse came to where it was pressed
         _mouse_state.under, _mouse_state.travelled = under, 0.0

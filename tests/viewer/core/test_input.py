@@ -68,6 +68,14 @@ def test_a_button_starts_flying_once_for_each_press_and_the_left_stick_flies_ahe
     assert (rig.goal.eye(rig.table) - eye) @ ahead == pytest.approx(rig.speed * 10 / 60)
 
 
+def test_two_gamepads_of_one_name_have_buttons_of_their_own(app, hear):
+    hear(pad(), pad())
+    hear(pad((A,)), pad(), frames=4)
+    assert app.scene.rig.flying
+    hear(pad((A,)), pad((A,)))
+    assert not app.scene.rig.flying
+
+
 def test_a_3d_mouse_turns_the_scene_and_pulls_it_closer(app, hear):
     rig = app.scene.rig
     start = rig.goal

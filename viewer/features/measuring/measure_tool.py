@@ -160,8 +160,11 @@ class MeasureTool:
 
     def click_point(self, app: App, index: int, point: int) -> None:
         """Places a point exactly where one of a measurement is; without a tool, selects that measurement."""
+        measurements = app.annotations.current.measurements
+        if index >= len(measurements):  # it was undone meanwhile
+            return
         if self.tool:
-            self._place(app, app.annotations.current.measurements[index].points[point])
+            self._place(app, measurements[index].points[point])
         else:
             self.selected = index
 

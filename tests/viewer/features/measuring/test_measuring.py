@@ -158,6 +158,31 @@ def test_a_double_click_ends_a_line_and_an_angle_ends_by_itself(ui, app):
     assert abs(float(words.measurement(turn)[:-1]) - 90.0) < 2.0
 
 
+@pytest.mark.parametrize("way", [(0.0, 0.0), (0.0, -25.0)])
+@pytest.mark.parametrize("meanwhile", ["undo", "another scene"])
+def test_a_point_that_goes_away_under_the_mouse_button_is_let_go(ui, app, meanwhile, way):
+    for corner in CORNERS[:2]:
+        ui.click(*seen_at(ui, *corner))
+    ui.key(imgui.Key.enter)
+    line = app.annotations.current
+    x, y = seen_at(ui, *CORNERS[0])
+    ui.io.add_mouse_pos_event(x, y)
+    ui.frames(2)
+    ui.io.add_mouse_button_event(0, True)
+    ui.frame()
+    if meanwhile == "undo":
+        app.run("undo")
+    else:
+        app.show(app.open_scene.pack, Path("same"))
+        app.annotations.current = line
+    kept, app.measure_tool.selected = app.annotations.current, None
+    ui.io.add_mouse_pos_event(x + way[0], y + way[1])
+    ui.frame()
+    ui.io.add_mouse_button_event(0, False)
+    ui.frames(2)
+    assert app.annotations.current == kept and app.measure_tool.selected is None and not app.messages.dialogs
+
+
 def test_backspace_takes_points_back_escape_stops_and_undo_brings_back(ui, app):
     for corner in CORNERS[:2]:
         ui.click(*seen_at(ui, *corner))
