@@ -180,7 +180,7 @@ class CommandProcess:
         self.log = log
         self.stopping = False
         self.killed = False
-        self._last: Report | None = None
+        self.report: Report | None = None  # the last, as of poll()
         self._scratch = temporary_folder("snerg-child-")
         environment = {PROGRESS: str(self._scratch / "progress.json"), ENDS_WITH_STDIN: "1"}
         try:
@@ -194,18 +194,15 @@ class CommandProcess:
             raise UserError(f"it cannot be started: {error.strerror or error}", where=error.filename or log) from error
 
     def poll(self) -> int | None:
-        """Its exit status once it has ended (negative: the signal that ended it), None while it runs."""
+        """Its exit status once it has ended (negative: the signal that ended it), None while it runs. Reads its report."""
         status = self._child.poll()
+        self.report = read_report(self._scratch / "progress.json") or self.report
         if status is not None:
             self._child.close()
             if self.stopping:
                 self._child.kill()  # whatever it may have started itself
-            self._last = self.report()
             shutil.rmtree(self._scratch, ignore_errors=True)
         return status
-
-    def report(self) -> Report | None:
-        return read_report(self._scratch / "progress.json") or self._last
 
     def warnings(self) -> list[str]:
         """What it warned of so far, a line each."""
@@ -244,9 +241,8 @@ class CommandProcess:
             name = signal.Signals(-status).name if -status in list(signal.Signals) else f"signal {-status}"
             hint = "; the system does that when it runs out of memory" if status == -9 else ""
             return f"the process was ended from outside ({name}){hint}"
-        report = self.report()
-        if report is not None and report.error:
-            return f"This is a bug in snerg ({report.error})" if report.bug else report.error
+        if self.report is not None and self.report.error:
+            return f"This is a bug in snerg ({self.report.error})" if self.report.bug else self.report.error
         printed = self._printed().splitlines()
         return printed[-1].strip() if printed else f"it ended with status {status} and said nothing"
 

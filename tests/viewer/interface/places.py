@@ -47,7 +47,7 @@ def child() -> Any:
     """A process that works on and on."""
     report = Report("training", 2400, 6000, "PSNR 26.80 dB", 180.0, "training", seconds_left=270.0)
     child = SimpleNamespace(
-        stopping=False, killed=False, poll=lambda: None, report=lambda: report, warnings=lambda: [],
+        stopping=False, killed=False, poll=lambda: None, report=report, warnings=lambda: [],
         log=Path(os.devnull),
     )  # fmt: skip
     child.stop = lambda: setattr(child, "stopping", True)
@@ -84,7 +84,7 @@ def _film(app: App, scenes: Scenes) -> None:
 
 def _job(app: App, scenes: Scenes) -> None:
     job = app.making.job = MakeJob(scenes.plan, child())
-    job.report, job.figures = job.child.report(), [20.0, 22.0, 23.0]
+    job.figures = [20.0, 22.0, 23.0]
     job.picture = np.full((64, 128, 3), 99, np.uint8)
 
 

@@ -214,7 +214,6 @@ def test_the_question_what_to_export_looks_as_before_with_a_preview_that_turns(u
 
 def test_a_scene_being_made_looks_as_before(ui, app, compare, photographs):
     job = app.making.job = MakeJob(plan_of(photographs), child())
-    job.report = job.child.report()
     job.figures = [float(21 + 6 * (1 - np.exp(-i / 8)) + 0.3 * np.sin(3 * i)) for i in range(30)]
     with Image.open(photographs / "test" / "r_0.png") as opened:
         shown = np.asarray(opened.convert("RGB").resize((256, 256)))

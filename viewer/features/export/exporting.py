@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from console import UserError
-from console.progress_protocol import Report
 from scenepack.exports.field import Corners, Frame, Keep
 from scenepack.pack import Pack
 from viewer.core.files import FileRequest, kind_of
@@ -102,7 +101,6 @@ class ExportPlan:
 class Writing(FolderProcess):
     file: Path  # what it writes
     then: Callable[[], object] = lambda: None  # called once it is there
-    report: Report | None = None  # its last word
 
 
 @dataclass
@@ -173,9 +171,8 @@ class Exporting:
         writing = self.writing
         if writing is None:
             return
-        status, before = writing.child.poll(), writing.report
-        writing.report = writing.child.report() or before
-        if status is not None or writing.report != before:
+        before, status = writing.child.report, writing.child.poll()
+        if status is not None or writing.child.report != before:
             app.touch(1)
         if status is None:
             return

@@ -104,7 +104,7 @@ def show_card(app: App, box: Box) -> None:
     with ui.corner_card("##exporting", box):
         if ui.titled_button(writing.file.name, "Cancel##export"):
             app.exporting.cancel()
-        report, stopping = writing.report, writing.child.stopping
+        report, stopping = writing.child.report, writing.child.stopping
         imgui.progress_bar(report.share if report else 0.0, ImVec2(-1, px(6)), "")
         if stopping or report is None:
             ui.hint("Stopping…" if stopping else "Starting…")

@@ -10,7 +10,6 @@ import numpy as np
 
 from console import UserError, collect_notices
 from console.json_text import read_json_file
-from console.progress_protocol import Report
 from scenepack.pack import Pack
 from scenepack.reader import load_pack
 from training.scenes.pictures import UNREADABLE, small_picture
@@ -72,7 +71,7 @@ class MakeJob:
 
     plan: Plan
     child: CommandProcess
-    report: Report | None = None  # the last progress that the process reported
+    status: int | None = None  # of the process, once it has ended
     figures: list[float] = field(default_factory=list)  # PSNR (dB) during training
     warnings: list[str] = field(default_factory=list)  # of the process
     picture: np.ndarray | None = None  # a held-out photograph beside its rendering, uint8 [h, w, 3]
@@ -87,17 +86,18 @@ class MakeJob:
     @property
     def stage(self) -> int:
         """Number of the plan's stage, from 1; 0 before the first report."""
-        if self.report is None:
+        if self.child.report is None:
             return 0
-        name = {"poses": "Poses", "baking": "Baking"}.get(self.report.stage, "Training")
+        name = {"poses": "Poses", "baking": "Baking"}.get(self.child.report.stage, "Training")
         return self.plan.stages.index(name) + 1 if name in self.plan.stages else 1
 
     def poll(self) -> bool:
         """Reads new progress, pictures and previews; True if there is something new to show on the card."""
-        before, picture = self.report, self._pictures.poll()
+        before, picture = self.child.report, self._pictures.poll()
+        self.status = self.child.poll()
         if self._previews is not None:
             self.preview = self._previews.poll() or self.preview
-        self.report = report = self.child.report() or before
+        report = self.child.report
         if report != before:
             self.warnings = self.child.warnings()
         if picture is not None:

@@ -295,21 +295,21 @@ class Making:
                 app.messages.say(f"No browser was found. The page is {check.page}", "warning")
         if (job := self.job) is None:
             return
-        status, shown = job.child.poll(), job.preview
+        shown = job.preview
         if job.poll():
             app.touch(2)
         if job.preview is not shown:
             self._offer_training_preview(app, job)
-        if status is not None:
+        if job.status is not None:
             kept, self.job = self._kept_camera(app), None
             app.touch()
-            self._ended(app, job, status, kept)
+            self._ended(app, job, kept)
 
-    def _ended(self, app: App, job: MakeJob, status: int, kept: Callable[[], None]) -> None:
+    def _ended(self, app: App, job: MakeJob, kept: Callable[[], None]) -> None:
         name = job.plan.name
-        if status == 0 and job.plan.poses_only:
+        if job.status == 0 and job.plan.poses_only:
             self.reading = SparsePreviewJob(job.plan)
-        elif status == 0:
+        elif job.status == 0:
             app.messages.say(f"{name} is ready")
             app.open(job.plan.pack, then=kept)
         elif job.child.stopping:

@@ -60,7 +60,7 @@ def _check(app: App, plan: Plan) -> None:
             app.making.end_check()
         imgui.same_line()
         imgui.align_text_to_frame_padding()
-        report = check.report
+        report = check.child.report
         ui.write(
             "Starting the check…" if report is None else f"{report.title.capitalize()}, {100 * report.share:.0f} %"
         )
@@ -294,7 +294,8 @@ def show_job(app: App, canvas: Canvas, box: Box) -> None:
         if len(job.figures) > 2:
             _curve(job)
         _stages(job)
-        imgui.progress_bar(job.report.share if job.report else 0.0, ImVec2(-1, px(6)), "")
+        report = job.child.report
+        imgui.progress_bar(report.share if report is not None else 0.0, ImVec2(-1, px(6)), "")
         ui.hint(_status_text(job))
         for warning in job.warnings[-MOST_WARNINGS:]:
             text = warning.removeprefix(f"{job.plan.source}: ")
@@ -334,7 +335,7 @@ def _status_text(job: MakeJob) -> str:
     if job.child.stopping:
         training = job.plan.stages[max(job.stage, 1) - 1] == "Training"
         return "Ending…" if job.child.killed else f"Stopping{': saving a checkpoint' if training else ''}…"
-    report = job.report
+    report = job.child.report
     if report is None:
         return f"Starting: reading the photographs{'' if job.plan.bare else ' and compiling'}…"
     if report.stage == "training":

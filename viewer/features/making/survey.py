@@ -20,7 +20,6 @@ from PIL import Image
 
 from console import UserError, collect_notices
 from console.json_text import read_json_file
-from console.progress_protocol import Report
 from training.scenes import Scene, load_scene
 from training.scenes.picture_headers import UNREADABLE, read_header
 from training.scenes.pictures import is_panorama, preview_of
@@ -289,7 +288,6 @@ class PhotographCheck(FolderProcess):
     running: bool = True  # whether there will be a result or an error
     result: Mapping[str, Any] | None = None  # what it found, as `--json` has it
     error: str = ""  # why there is no result
-    report: Report | None = None  # the last progress
     no_browser: bool = False  # whether none could be started for the page, until that was said
 
     @classmethod
@@ -302,9 +300,9 @@ class PhotographCheck(FolderProcess):
         """Whether there is something new to show."""
         if not self.running:
             return False
-        before, status, self.report = self.report, self.child.poll(), self.child.report()
+        before, status = self.child.report, self.child.poll()
         if status is None:
-            return self.report != before
+            return self.child.report != before
         if status == 0:
             try:
                 self.result = read_json_file(self.folder / RESULT)

@@ -41,9 +41,9 @@ from viewer.features.making.survey import Survey, result_lines
 
 def test_progress_is_shown_while_the_child_works(making):
     app = making("wait")
-    live(app, lambda: app.making.job.report is not None and app.making.job.report.done == 40)
+    live(app, lambda: app.making.job.child.report is not None and app.making.job.child.report.done == 40)
     job = app.making.job
-    assert job.stage == 1 and job.figures == [21.5] and job.report.share == 0.4
+    assert job.stage == 1 and job.figures == [21.5] and job.child.report.share == 0.4
     assert job.warnings == ["a photograph is left out"]
     (job.plan.run / "validation").mkdir(parents=True)
     Image.new("RGB", (1024, 512), (200, 10, 10)).save(job.plan.run / "validation" / "latest.png")
@@ -120,7 +120,9 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
 
     begin(100_000)
     try:
-        live(app, lambda: app.making.job is None or getattr(app.making.job.report, "stage", "") == "training", 300)
+        live(
+            app, lambda: app.making.job is None or getattr(app.making.job.child.report, "stage", "") == "training", 300
+        )
         app.making.stop()  # while its first step is being compiled
         live(app, lambda: app.making.job is None, 300)
         assert not app.messages.dialogs and "was stopped" in app.messages.toast
@@ -147,7 +149,7 @@ def train(tmp_path, pack):
 
 def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_camera_stays(making, train, tmp_path):
     app = making("until-told")
-    live(app, lambda: app.making.job.report is not None)
+    live(app, lambda: app.making.job.child.report is not None)
     assert app.scene is None
     train(app, 1200)
     assert app.open_scene.name == "photographs: preview after 1,200 steps" and app.making.training_preview_shown(app)
@@ -202,8 +204,8 @@ def test_a_check_shows_its_progress_and_then_what_it_found(asked: App, tmp_path:
     making.check_photographs(asked)
     check = making.check
     assert check is not None and check.running and making.busy
-    live(asked, lambda: check.report is not None)
-    assert not_none(check.report).stage == "check"
+    live(asked, lambda: check.child.report is not None)
+    assert not_none(check.child.report).stage == "check"
     live(asked, lambda: not check.running)
     assert not check.error and check.result is not None
     assert list(check.result["differently_exposed"]) == [f"p{DARK}.png"] and not check.result["set_aside"]
@@ -222,7 +224,7 @@ def test_a_check_shows_its_progress_and_then_what_it_found(asked: App, tmp_path:
 def test_a_check_whose_dialog_is_closed_is_stopped_and_leaves_nothing(asked: App, tmp_path: Path):
     asked.making.check_photographs(asked)
     check = not_none(asked.making.check)
-    live(asked, lambda: check.report is not None)
+    live(asked, lambda: check.child.report is not None)
     pid = check.child._child.pid
     asked.making.dismiss()  # which stops it first
     assert asked.making.check is None
