@@ -182,7 +182,7 @@ class App:
             self.canvas.show(None)
         self._put_tools_away()
         self.scene = None
-        self.annotations.close_pack()
+        self.annotations.close_pack(self)
         if self.open_packs.packs:
             self.turn_to(self.open_packs.packs.pop())
 

@@ -279,7 +279,7 @@ def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: Cr
     def leave() -> None:
         autosave.finish(window=False)
         app.sessions.finish(app)
-        app.annotations.close_pack()
+        app.annotations.close_pack(app)
         app.making.end()
         crash_log.end()
 
@@ -288,7 +288,7 @@ def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: Cr
         window.run(autosave.poll)
     finally:
         app.sessions.finish(app)
-        app.annotations.close_pack()
+        app.annotations.close_pack(app)
         problem = autosave.finish()
         if problem:
             with contextlib.suppress(OSError):  # the terminal may be gone

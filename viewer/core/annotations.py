@@ -272,26 +272,22 @@ class AnnotationStore:
     current: Annotations = field(default_factory=Annotations)
     folder: Path | None = None  # of the user's files; None: nothing is written, as in scripts
     _autosave: Autosave[Annotations] | None = None
-    _problem: str = ""
-    _problem_reported: bool = False
 
     def open_pack(self, app: App, pack: Pack, path: Path | None, annotations: Annotations | None = None) -> None:
         """Writes the annotations of the last pack and reads those of `pack`. path: None if they are not saved.
 
         annotations: of `pack`, if it was open before; those in `pack` may be older.
         """
-        self.close_pack()
+        self.close_pack(app)
         notes: list[str] = []
         if annotations is None:
             annotations = read_annotations(pack, path, self.folder, notes.append)
         for note in dict.fromkeys(notes):
             app.messages.log(f"marks of this scene are left out: {note}", "warning")
-        self.current = annotations
-        folder, self._problem_reported = self.folder, False
+        self.current, folder = annotations, self.folder
 
-        def write(annotations: Annotations) -> None:
-            if path is not None and folder is not None:
-                self._problem = _write(pack, path, folder, annotations)
+        def write(annotations: Annotations) -> str | None:
+            return None if path is None or folder is None else _write(pack, path, folder, annotations)
 
         self._autosave = Autosave(write, self.current, SETTLE_S)
 
@@ -300,9 +296,10 @@ class AnnotationStore:
         if self._autosave is not None:
             self._autosave.finish(self.current)
 
-    def close_pack(self) -> None:
+    def close_pack(self, app: App) -> None:
         """Writes changes now, because the pack is closed or the program ends."""
         self.save_now()
+        self._report(app)
         self.current, self._autosave = Annotations(), None
 
     def change(self, app: App, annotations: Annotations) -> None:
@@ -314,16 +311,18 @@ class AnnotationStore:
 
     def tick(self, app: App) -> None:
         """Writes what has not changed for a moment. Reports a failure once for each pack."""
-        if self._problem and not self._problem_reported:
-            self._problem_reported = True
-            app.messages.say(self._problem, "warning")
-            app.touch()
+        self._report(app)
         if self._autosave is not None:
             self._autosave.follow(self.current)
 
+    def _report(self, app: App) -> None:
+        if self._autosave is not None and (problem := self._autosave.new_problem()):
+            app.messages.say(problem, "warning")
+            app.touch()
 
-def _write(pack: Pack, path: Path, folder: Path, annotations: Annotations) -> str:
-    """Writes annotations into the pack or the user's file. Returns what went wrong, or ""."""
+
+def _write(pack: Pack, path: Path, folder: Path, annotations: Annotations) -> str | None:
+    """Writes annotations into the pack or the user's file. Returns what went wrong, or None."""
     document = None if annotations == Annotations() else annotations_to_json(annotations)
     file = file_for(pack, folder)
     try:
@@ -337,4 +336,4 @@ def _write(pack: Pack, path: Path, folder: Path, annotations: Annotations) -> st
     except (OSError, ValueError) as error:
         why = "; ".join(not_written(error)) if isinstance(error, OSError) else error
         return f"Measurements and bookmarks are not saved: {why}"
-    return ""
+    return None

@@ -114,11 +114,14 @@ class JsonTask(Task[None]):
 class Autosave(Generic[T]):
     """Writes a value in a thread once it has not changed for `settle_s`, or has been changing for `longest_s`.
 
-    write: raises nothing; the program's end waits for it. saved: what need not be written.
+    write: raises nothing, but returns what went wrong, if anything; the program's end waits for it. saved: what need not be
+    written.
     """
 
-    def __init__(self, write: Callable[[T], None], saved: T, settle_s: float, longest_s: float = inf) -> None:
+    def __init__(self, write: Callable[[T], str | None], saved: T, settle_s: float, longest_s: float = inf) -> None:
         self.saved = self._seen = saved
+        self.problem: str | None = None  # of the last time that it was written
+        self._was_reported = False
         self._write, self._settle_s, self._longest_s = write, settle_s, longest_s
         self._since = self._unsaved_since = time.monotonic()
         self._task: Task[None] | None = None
@@ -145,9 +148,16 @@ class Autosave(Generic[T]):
             self._begin(value)
             self._wait()
 
+    def new_problem(self) -> str | None:
+        """What went wrong, once: of the first problem alone."""
+        if self.problem is None or self._was_reported:
+            return None
+        self._was_reported = True
+        return self.problem
+
     def _begin(self, value: T) -> None:
         self.saved = value  # tried once
-        self._task = Task(lambda: self._write(value), kept=True)
+        self._task = Task(lambda: setattr(self, "problem", self._write(value)), kept=True)
 
     def _wait(self) -> None:
         if self._task is not None:

@@ -92,7 +92,7 @@ def opened(path: Path, user: Path) -> App:
 def keep(app: App, annotations: Annotations) -> None:
     app.annotations.change(app, annotations)
     until(lambda: app.tick(0.01) or not_none(app.annotations._autosave).saved == annotations)
-    app.annotations.close_pack()
+    app.annotations.close_pack(app)
 
 
 @pytest.fixture
@@ -147,7 +147,7 @@ def test_a_broken_file_of_the_user_is_told_in_the_log_and_nothing_else(tmp_path:
     assert any("left out" in line.text for line in app.messages.lines)
 
 
-def test_marks_that_cannot_be_written_are_told_once(own: Path, tmp_path: Path):
+def test_marks_that_cannot_be_written_are_told_once(own: Path, pack: Pack, tmp_path: Path):
     app = opened(own, tmp_path / "user")
     (own / "scene_params.json").unlink()
     (tmp_path / "user").write_text("a file where the folder should be")
@@ -159,6 +159,9 @@ def test_marks_that_cannot_be_written_are_told_once(own: Path, tmp_path: Path):
         app.tick(0.01)
         keep_told.append(sum("not saved" in line.text for line in app.messages.lines))
     assert keep_told == [1, 1]
+    app.show(pack, tmp_path / "another")
+    app.tick(0.01)
+    assert sum("not saved" in line.text for line in app.messages.lines) == 1
 
 
 def test_the_last_change_is_written_when_the_scene_is_closed(own: Path, tmp_path: Path):

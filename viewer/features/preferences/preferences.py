@@ -161,14 +161,11 @@ class PreferencesAutosave:
         self.app, self.file, self._size, self._layout = app, file, size, layout
         self._written = current_preferences(self.app)  # what is in the file, as far as this program knows
         self._autosave = Autosave(self._save, self._written, SETTLE_S, LONGEST_UNSAVED_S)
-        self._problem: str | None = None  # why the last changes are not saved
-        self._was_reported = False
 
     def poll(self) -> None:
         """Saves what has not changed for a moment. Call it from the loop."""
-        if self._problem is not None and not self._was_reported:
-            self._was_reported = True
-            self.app.messages.say(self._problem[:1].upper() + self._problem[1:], "warning")
+        if problem := self._autosave.new_problem():
+            self.app.messages.say(problem[:1].upper() + problem[1:], "warning")
             self.app.touch()
         self._read_window()
         self._autosave.follow(current_preferences(self.app))
@@ -177,15 +174,16 @@ class PreferencesAutosave:
         """Saves the last changes now (window: False if it is gone); a problem that was not reported before, or None."""
         if window:
             self._read_window()
-        if self._problem is not None:  # what was refused is tried again
+        if self._autosave.problem is not None:  # what was refused is tried again
             self._autosave.saved = self._written
         self._autosave.finish(current_preferences(self.app))
-        return None if self._was_reported else self._problem
+        return self._autosave.new_problem()
 
     def _read_window(self) -> None:
         self.app.preferences.window, self.app.interface.layout = self._size(), self._layout()
 
-    def _save(self, values: dict[str, Any]) -> None:
-        self._problem = save(values, self.file, self._written)
-        if self._problem is None:
+    def _save(self, values: dict[str, Any]) -> str | None:
+        problem = save(values, self.file, self._written)
+        if problem is None:
             self._written = values
+        return problem

@@ -267,7 +267,7 @@ def test_the_last_session_is_kept_and_offered(packs: list[Path], tmp_path: Path,
     at_once(app.open_scene.rig.orbit, 0.4, 0.0)
     here = app.open_scene.rig.matrix
     app.sessions.finish(app)
-    app.annotations.close_pack()
+    app.annotations.close_pack(app)
     again = App()
     again.sessions.begin(file)
     assert again.sessions.last is not None and again.sessions.last.title == "third, first and 1 more"
