@@ -54,9 +54,9 @@ EXCLUDING = (
 NEEDING = {
     "--target": "--eye", "--up": "--eye", "--index": "--scene", "--eye-distance": "--projection", "--focus": "--aperture",
 }  # fmt: skip
-LENGTHS = {
-    "--ortho-height": ("is not a height", "above 0"), "--aperture": ("is not a length", "above 0"),
-    "--focus": ("is not a length", "above 0"), "--eye-distance": ("is not a distance", "above 0"),
+LENGTHS = {  # above 0; what is wrong with others
+    "--ortho-height": "is not a height", "--aperture": "is not a length", "--focus": "is not a length",
+    "--eye-distance": "is not a distance",
 }  # fmt: skip
 
 View = tuple[str, tuple[ViewCamera, ...]]  # a picture's file name without suffix, and its camera, or those of two eyes
@@ -238,9 +238,9 @@ def _check_choice(given: Mapping[str, Any]) -> None:
         raise UserError("needs at least one view", where="--orbit", found=given["--orbit"])
     if not 0.1 <= given.get("--fov", 1.0) < 179:
         raise UserError("is not a field of view", where="--fov", expected="0.1 ... 179 degrees", found=given["--fov"])
-    for option, (what, expected) in LENGTHS.items():
+    for option, what in LENGTHS.items():
         if not 0 < given.get(option, 1.0) < FARTHEST:
-            raise UserError(what, where=option, expected=expected, found=given[option])
+            raise UserError(what, where=option, expected="above 0", found=given[option])
     if given.get("--projection") == "vr180" and "--eye-distance" not in given:
         raise UserError("needs --eye-distance", where="--projection vr180")
 

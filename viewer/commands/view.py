@@ -276,10 +276,13 @@ def _trail(app: App) -> Iterator[CrashLog]:
 def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: CrashLog) -> None:
     """Runs the window; whatever ends it, what is to be remembered is saved."""
 
-    def leave() -> None:
-        autosave.finish(window=False)
+    def save(*, window: bool) -> str | None:
         app.sessions.finish(app)
         app.annotations.close_pack(app)
+        return autosave.finish(window=window)
+
+    def leave() -> None:
+        save(window=False)
         app.making.end()
         crash_log.end()
 
@@ -287,10 +290,7 @@ def _keep(app: App, window: Window, autosave: PreferencesAutosave, crash_log: Cr
     try:
         window.run(autosave.poll)
     finally:
-        app.sessions.finish(app)
-        app.annotations.close_pack(app)
-        problem = autosave.finish()
-        if problem:
+        if problem := save(window=True):
             with contextlib.suppress(OSError):  # the terminal may be gone
                 print(f"snerg-view: {problem}", file=sys.stderr)
 

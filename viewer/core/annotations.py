@@ -38,7 +38,7 @@ from scenepack.placement import (
     placement_to_json,
 )
 from scenepack.writer import metadata_writable, write_metadata
-from viewer.core.pose import FARTHEST, UP_AXES
+from viewer.core.pose import FARTHEST, POSSIBLE_FOVS, UP_AXES
 from viewer.core.tasks import Autosave
 from viewer.rendering.settings import LOOKS, Look
 
@@ -53,7 +53,6 @@ METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft
 LEAST_POINTS = {"point": 1, "line": 2, "angle": 3}
 MOST_POINTS, MOST_ANNOTATIONS = 1000, 10_000  # of a line; of each kind
 LONGEST_NAME, LONGEST_TEXT = 100, 2000  # characters
-FOVS = (1.0, 170.0)  # degrees, vertical
 
 
 @dataclass(frozen=True)
@@ -213,7 +212,7 @@ def bookmark_from_json(value: Any) -> Bookmark:
     up = entries.get("up", "y")
     if not isinstance(up, str) or up not in UP_AXES:
         raise ValueError("a bookmark: expected up to be an axis such as y or -z")
-    fov = number_from_json(entries.get("fov", 35.0), *FOVS, "a bookmark's fov")
+    fov = number_from_json(entries.get("fov", 35.0), *POSSIBLE_FOVS, "a bookmark's fov")
     point = None if entries.get("point") is None else point_from_json(entries["point"], "a bookmark's point")
     text = entries.get("text", "")
     return Bookmark(

@@ -31,6 +31,7 @@ UP_AXES: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]
 MAX_ELEVATION = 90.0
 STEEP = 89.95  # elevation beyond which a camera's back says nothing of its azimuth
 FARTHEST = 1e12  # from the origin, in grid units
+POSSIBLE_FOVS = (1.0, 170.0)  # of a camera from a file or a text: vertical, degrees
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ def pose_from_text(text: str) -> tuple[np.ndarray, float | None, float | None]:
             raise ValueError
         camera = ViewCamera.look_at(eye, target, up)
         fov = None if found.get("fov") is None else float(found["fov"])
-        if fov is not None and not 1.0 <= fov <= 170.0:
+        if fov is not None and not POSSIBLE_FOVS[0] <= fov <= POSSIBLE_FOVS[1]:
             raise ValueError
         given = found.get("ortho_height")
         height = float(given) if isinstance(given, int | float) and 0 < given < FARTHEST else None

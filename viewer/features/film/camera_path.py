@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from console import UserError
 from console.atomic import write_file
 from console.json_text import parse_json, read_json_file
-from viewer.core.pose import FARTHEST
+from viewer.core.pose import FARTHEST, POSSIBLE_FOVS
 
 DEFAULT_SECONDS = 2.0
 
@@ -69,7 +69,7 @@ class CameraPath:
         matrices = np.tile(np.eye(4), (len(place), 1, 1))
         matrices[:, :3, 3] = found[:, :3]
         matrices[:, :3, :3] = Rotation.from_quat(found[:, 3:7]).as_matrix() @ mirror  # of unit length there
-        return matrices, np.clip(found[:, 7], 1.0, 170.0)
+        return matrices, np.clip(found[:, 7], *POSSIBLE_FOVS)
 
     def start_of(self, index: int) -> float:
         """Seconds at which keyframe `index` is passed."""
@@ -152,7 +152,7 @@ def _keyframe(entry: dict[str, Any], grid_T_training: np.ndarray, default: float
         raise ValueError("a keyframe's matrix is not a pose")
     seconds = float(entry.get("override_transition_sec") or default)
     fov = float(entry.get("fov", 50.0))
-    if not 0 < seconds < 1e5 or not 1 <= fov <= 170:
+    if not 0 < seconds < 1e5 or not POSSIBLE_FOVS[0] <= fov <= POSSIBLE_FOVS[1]:
         raise ValueError("a keyframe's time or field of view makes no sense")
     rotation, _, rows = np.linalg.svd(matrix[:3, :3])  # what is nearly a rotation becomes one
     matrix[:3, :3] = rotation @ rows

@@ -21,6 +21,7 @@ from console import not_written
 from console.atomic import write_file
 from console.json_text import read_json_file
 from scenepack.pack import number_in
+from viewer.core.state import SCALES
 from viewer.core.tasks import Autosave
 from viewer.features.camera.walking import EYE_HEIGHTS
 from viewer.features.display.display import PLAIN
@@ -34,7 +35,7 @@ SETTLE_S = 0.4  # after the last change, before it is saved
 LIMITS = {  # of numbers, which are brought to the nearest that makes sense
     "target_fps": (5.0, 240.0),
     "rest_scale": (0.1, 1.0),
-    "interface_scale": (0.75, 2.0),
+    "interface_scale": (SCALES[0], SCALES[-1]),
     "dead_zone": (0.0, 0.5),
     "eye_height": EYE_HEIGHTS,
 }
