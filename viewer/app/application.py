@@ -35,7 +35,7 @@ from viewer.features.making.making import Making
 from viewer.features.measuring.measure_tool import MeasureTool
 from viewer.features.measuring.surface import surface_under
 from viewer.features.opening.opening import Loading, Opening, OpenPacks, OpenPrompt, looks_like_path, path_in
-from viewer.features.opening.session import Sessions
+from viewer.features.opening.session import Sessions, load_session, restore
 from viewer.features.performance.frame_stats import CostMeter, FrameStats
 from viewer.features.photographs.photographs import Gallery
 from viewer.features.preferences.preferences import Preferences
@@ -211,7 +211,7 @@ class App:
             path = scene_around(paths[0])
             kind = kind_of(path)
             if kind == "session":
-                self.sessions.open(self, path)
+                restore(self, load_session(path))
                 self.preferences.opened(path)
             elif kind in ("scene", "run", "pictures"):
                 self.preferences.opened(path)

@@ -7,24 +7,24 @@ from typing import Literal
 
 import numpy as np
 
+from scenepack.exports.field import Corners
 from scenepack.pack import Pack
 from viewer.core.pose import along_axis, triple
 from viewer.rendering.camera import ViewCamera, content_box
 
-Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 FACES = tuple((axis, side) for axis in range(3) for side in range(2))  # side 0: the low face
 Tool = Literal["faces", "move", "scale"]
 
 THINNEST = 0.01  # of the content's extent along an axis
 
 
-def whole(pack: Pack) -> Box:
+def whole(pack: Pack) -> Corners:
     """The box around all of the content."""
     low, high = content_box(pack)
     return triple(low), triple(high)
 
 
-def face_centre(box: Box, face: int) -> np.ndarray:
+def face_centre(box: Corners, face: int) -> np.ndarray:
     """float64 [3]: the middle of a face."""
     axis, side = FACES[face]
     centre = 0.5 * np.sum(box, axis=0)
@@ -32,7 +32,7 @@ def face_centre(box: Box, face: int) -> np.ndarray:
     return centre
 
 
-def with_face(pack: Pack, box: Box, face: int, value: float) -> Box:
+def with_face(pack: Pack, box: Corners, face: int, value: float) -> Corners:
     """The box with a face moved to `value` along its axis, kept within the content and off the opposite face."""
     axis, side = FACES[face]
     outer = whole(pack)
@@ -44,14 +44,14 @@ def with_face(pack: Pack, box: Box, face: int, value: float) -> Box:
     return triple(corners[0]), triple(corners[1])
 
 
-def dragged(pack: Pack, box: Box, face: int, camera: ViewCamera, moved: tuple[float, float]) -> Box:
+def dragged(pack: Pack, box: Corners, face: int, camera: ViewCamera, moved: tuple[float, float]) -> Corners:
     """The box after a face's handle was dragged by `moved` pixels."""
     axis, side = FACES[face]
     step = along_axis(camera, face_centre(box, face), axis, moved)
     return with_face(pack, box, face, box[side][axis] + step)
 
 
-def placed(pack: Pack, centre: np.ndarray, size: np.ndarray) -> Box:
+def placed(pack: Pack, centre: np.ndarray, size: np.ndarray) -> Corners:
     """The box of that centre and size (float [3] each), its centre kept within the content and none of it too thin."""
     low, high = np.array(whole(pack))
     centre = np.clip(centre, low, high)

@@ -8,9 +8,9 @@ from imgui_bundle import ImVec2, imgui
 from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
-from viewer.core.widgets import px
+from viewer.core.widgets import Box, px
 from viewer.features.display.display import BACKGROUNDS, PLAIN, modes_for, set_look
-from viewer.features.performance import panel as performance_panel
+from viewer.features.performance.panel import frame_times
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.renderer import COLOUR_STOPS
@@ -55,8 +55,7 @@ def show(app: App, canvas: Canvas) -> None:
             app.resolution.target_fps = ui.slider("Target", app.resolution.target_fps, 10.0, 120.0, "%.0f fps")
         ui.hint("Draws fewer pixels while the camera moves, and all of them when it rests.")
     with ui.card("time", "Frame time"):
-        performance_panel.frame_time(app)
-        performance_panel.rolling(app.times, app.resolution.target_ms, px(84))
+        frame_times(app, px(84))
         width, height = canvas.drawn_size
         ui.figure("Pixels drawn", f"{width} × {height}")
 
@@ -138,8 +137,8 @@ def legend_of(app: App) -> Legend | None:
     return None
 
 
-def show_legend(app: App, box: tuple[float, float, float, float]) -> None:
-    """Draws it over the picture's box (x, y, width, height; window units), where it has room."""
+def show_legend(app: App, box: Box) -> None:
+    """Draws it over the picture's box, where it has room."""
     legend = legend_of(app)
     if legend is None:
         return

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -115,7 +115,7 @@ class Exporting:
         """Opens the dialog. UserError where the scene is no pack on disk, or something is being written."""
         self._check_is_idle()
         check_is_on_disk(app.open_scene, "open a pack, then export it")
-        self.plan = replace(self.plan, crop=True)
+        self.plan.crop = True
         self.preview = ExportPreview()
 
     def dismiss(self) -> None:
@@ -264,10 +264,6 @@ class Sharing:
         app.annotations.save_now()
         words = [str(scene.path.resolve()), "--serve", "0", *crop_words(app.settings.crop)]
         self.server = Server.start("view", lambda folder: [*words, *page_words(app, folder)], name=scene.name)
-
-    def copy(self, app: App) -> None:
-        if self.server is not None:
-            app.copy(self.server.address, "The address is on the clipboard")
 
     def end(self) -> None:
         server, self.server = self.server, None

@@ -129,7 +129,7 @@ def show_sharing(app: App, box: Box) -> None:
         imgui.input_text("##address", server.address, imgui.InputTextFlags_.read_only)
         imgui.same_line()
         if ui.button(f"{fa.ICON_FA_COPY}  Copy##address", width):
-            app.sharing.copy(app)
+            app.copy(server.address, "The address is on the clipboard")
         ui.tip("Open it in a browser on this computer")
         ui.hint("Only this computer can open it, until you stop it or close the viewer.")
 

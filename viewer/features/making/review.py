@@ -21,6 +21,7 @@ import numpy as np
 
 from console import collect_notices
 from scenepack.blocks import fill_atlas, restore_padding
+from scenepack.exports.field import Corners
 from scenepack.pack import Pack
 from scenepack.placement import transformed
 from training.scenes import Scene, load_scene
@@ -235,7 +236,7 @@ class Review:
         else:
             app.making.set_up(app, composed(self.plan.up, normal))
 
-    def box_in_grid(self) -> crop.Box | None:
+    def box_in_grid(self) -> Corners | None:
         """Crop box for the chosen kind of scene, clipped to the point grid; None if forward-facing."""
         box = self.sparse_preview.boxes.get(self.kind)
         if box is None:
@@ -244,14 +245,14 @@ class Review:
         corners = np.clip(_turned(box, np.linalg.inv(self.sparse_preview.pack.worldspace_T_opengl)), low, high)
         return triple(corners[0]), triple(corners[1])
 
-    def decided(self, cut: crop.Box | None) -> Plan:
+    def decided(self, cut: Corners | None) -> Plan:
         """The plan as it is trained, with what was chosen. cut: the box that the points are cut to, None for no other."""
         plan = self.plan
         spherify = plan.spherify if self.sparse_preview.kind != "forward" else self.kind != "forward"
         up = None if self.kind == "forward" else plan.up
         return replace(plan, aabb=self._box(cut), spherify=spherify, up=up, poses_only=False)
 
-    def _box(self, cut: crop.Box | None) -> Box | None:
+    def _box(self, cut: Corners | None) -> Box | None:
         """The box to train, training frame; None where that is the reader's own."""
         given, usual = self.sparse_preview.boxes.get(self.kind), self.box_in_grid()
         if given is None or usual is None:

@@ -320,10 +320,7 @@ class PhotographCheck(FolderProcess):
             Task(self.end, kept=True)
 
     def open_page(self) -> None:
-        Task(self._open)
-
-    def _open(self) -> None:
-        self.no_browser = not webbrowser.open(self.page.resolve().as_uri())
+        Task(lambda: setattr(self, "no_browser", not webbrowser.open(self.page.resolve().as_uri())))
 
 
 def result_lines(result: Mapping[str, Any]) -> list[tuple[str, bool]]:

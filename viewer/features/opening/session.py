@@ -18,6 +18,7 @@ import platformdirs
 from console import UserError
 from console.atomic import write_file
 from console.json_text import read_json_file
+from scenepack.exports.field import Corners
 from scenepack.placement import NOT_MOVED, allowed
 from viewer.core.annotations import (
     Annotations,
@@ -37,7 +38,6 @@ from viewer.core.state import OpenScene
 from viewer.core.tasks import Autosave
 from viewer.features.bookmarks.bookmarks import bookmark_of, pose_of
 from viewer.features.comparison.comparison import How
-from viewer.features.crop.crop import Box
 
 if TYPE_CHECKING:
     from viewer.app.application import App
@@ -59,7 +59,7 @@ class Seen:
     path: Path
     camera: Bookmark  # where it is seen from; its name is the pack's
     orthographic: bool = False  # with parallel rays
-    crop: Box | None = None  # as in RenderSettings
+    crop: Corners | None = None  # as in RenderSettings
     near: float = 0.0  # likewise
     annotations: Annotations = field(default_factory=Annotations)
 
@@ -239,9 +239,6 @@ class Sessions:
         except UserError:
             return
         self.last = session if session.packs[0].path.exists() else None
-
-    def open(self, app: App, file: Path) -> None:
-        restore(app, load_session(file))
 
     def open_last(self, app: App) -> None:
         if self.last is not None:

@@ -10,7 +10,7 @@ from viewer.app.application import App
 from viewer.core import theme
 from viewer.core import widgets as ui
 from viewer.core.widgets import px
-from viewer.features.performance.frame_stats import AVERAGED, KEPT, FrameStats
+from viewer.features.performance.frame_stats import AVERAGED, KEPT
 from viewer.rendering.canvas import Canvas
 
 MARCHERS = {
@@ -24,10 +24,8 @@ MARCHERS = {
 
 
 def show(app: App, canvas: Canvas) -> None:
-    target = app.resolution.target_ms
     with ui.card("time", "Frame time"):
-        frame_time(app)
-        rolling(app.times, target, px(104))
+        frame_times(app, px(104))
         ui.figure("Frame to frame", f"{app.times.mean_ms:.1f} ms", dot=FRAME)
         ui.figure("Whole picture, wall clock", f"{canvas.picture_ms:.1f} ms", dot=WALL)
         gpu = canvas.picture_gpu_ms
@@ -41,7 +39,7 @@ def show(app: App, canvas: Canvas) -> None:
     with ui.card("marcher", "Marcher"):
         app.set(marcher=ui.explained("##marcher", MARCHERS, app.settings.marcher))
     with ui.card("spread", "Spread"):
-        histogram(app.times, target, px(96))
+        histogram(app, px(96))
         for name, share in (("Median", 50), ("95th percentile", 95), ("Slowest", 100)):
             ui.figure(name, f"{np.percentile(app.times.frame_ms or [0.0], share):.1f} ms")
         count = len(app.times.frame_ms)
@@ -83,13 +81,16 @@ FRAME, WALL, GPU = theme.ACCENT, theme.WARN, theme.BLUE
 BINS = 28
 
 
-def rolling(times: FrameStats, target_ms: float, height: float) -> None:
-    """The last frames, newest at the right: frame to frame, and of that the picture, by the wall's and the GPU's clock."""
-    frames = np.asarray(times.frame_ms, np.float64)
-    with _plot("##rolling", height, (-KEPT, 0.0), _top(times, target_ms), "") as shown:
+def frame_times(app: App, height: float) -> None:
+    """The mean time of a frame and the frames per second that follow from it; below, the last frames, newest at the right: frame
+    to frame, and of that the picture, by the wall's and the GPU's clock.
+    """
+    times, frames = app.times, np.asarray(app.times.frame_ms, np.float64)
+    ui.headline(f"{times.mean_ms:.1f}", f"ms      {times.fps:.0f} fps")
+    with _plot("##rolling", height, (-KEPT, 0.0), _top(app), "") as shown:
         if not shown or not len(frames):
             return
-        _line("target", np.full(2, target_ms), theme.FAINT, 1.0, xs=np.array([-KEPT, 0.0]))
+        _line("target", np.full(2, app.resolution.target_ms), theme.FAINT, 1.0, xs=np.array([-KEPT, 0.0]))
         look = implot.Spec(fill_color=theme.rgb(FRAME, 0.16))
         implot.plot_shaded("frame shade", np.arange(1.0 - len(frames), 1.0), frames, 0.0, look)
         for name, values, colour in (("wall", times.scene_ms, WALL), ("gpu", times.gpu_ms, GPU)):
@@ -97,10 +98,9 @@ def rolling(times: FrameStats, target_ms: float, height: float) -> None:
         _line("frame", frames, FRAME, 1.5)
 
 
-def histogram(times: FrameStats, target_ms: float, height: float) -> None:
+def histogram(app: App, height: float) -> None:
     """How often which time from frame to frame came up; slower ones than fit are in the last bar."""
-    values = np.asarray(times.frame_ms, np.float64)
-    top = _top(times, target_ms)
+    values, top = np.asarray(app.times.frame_ms, np.float64), _top(app)
     with _plot("##histogram", height, (0.0, top), 1.0, "%.0f ms") as shown:
         if not shown:
             return
@@ -108,13 +108,13 @@ def histogram(times: FrameStats, target_ms: float, height: float) -> None:
         centres = 0.5 * (edges[1:] + edges[:-1])
         look = implot.Spec(fill_color=theme.rgb(FRAME), line_color=theme.rgb(FRAME))
         implot.plot_bars("frames", centres, 0.92 * counts / max(int(counts.max()), 1), 0.85 * top / BINS, look)
-        _line("target", np.array([0.0, 1.0]), theme.FAINT, 1.0, xs=np.full(2, target_ms))
+        _line("target", np.array([0.0, 1.0]), theme.FAINT, 1.0, xs=np.full(2, app.resolution.target_ms))
 
 
-def _top(times: FrameStats, target_ms: float) -> float:
+def _top(app: App) -> float:
     """The longest time that is shown, ms: round, and beyond both the target and nearly all frames."""
-    slow = float(np.percentile(times.frame_ms, 98)) if times.frame_ms else 0.0
-    longest = max(1.5 * target_ms, 1.15 * slow)
+    slow = float(np.percentile(app.times.frame_ms or [0.0], 98))
+    longest = max(1.5 * app.resolution.target_ms, 1.15 * slow)
     step = 10.0 ** np.floor(np.log10(longest))
     return float(next(step * m for m in (1, 2, 4, 8, 10) if step * m >= longest))
 
@@ -160,8 +160,3 @@ def _line(name: str, values: np.ndarray, colour: str, width: float, xs: np.ndarr
         return
     look = implot.Spec(line_color=theme.rgb(colour), line_weight=px(width))
     implot.plot_line(name, np.arange(1.0 - len(values), 1.0) if xs is None else xs, values, look)
-
-
-def frame_time(app: App) -> None:
-    """The figures that matter: the mean time of a frame, and the frames per second that follow from it."""
-    ui.headline(f"{app.times.mean_ms:.1f}", f"ms      {app.times.fps:.0f} fps")
