@@ -23,8 +23,6 @@ FITTED = "content"  # the word of --distance for the orbit that shows all of the
 
 @dataclass(frozen=True)
 class Protocol:
-    """A measurement as the paper makes it."""
-
     fov: float  # vertical, degrees
     size: tuple[int, int]  # width, height in pixels
     distance: float | None  # of the paper's cameras from the origin, units of the training frame; None: no orbit

@@ -176,7 +176,7 @@ class View:
                 app.go_to_pose(self.pose)
         if self.photographs is not None or self.photograph is not None:
             with app.messages.as_dialog("The photographs cannot be shown"):
-                self._stand(app)
+                self._show_photographs(app)
         if self.path is not None:
             with app.messages.as_dialog("The camera path cannot be read"):
                 app.filming.load(app, self.path)
@@ -185,7 +185,7 @@ class View:
         else:
             self._export(app)
 
-    def _stand(self, app: App) -> None:
+    def _show_photographs(self, app: App) -> None:
         photographs, gallery = app.gallery.photographs, app.gallery
         if self.photographs is not None:
             photographs.look_in(self.photographs)
@@ -242,7 +242,7 @@ def _live(app: App, view: View, size: tuple[int, int] | None) -> int:
     """A window until it is closed, or the program is ended from outside; the exit status."""
     file = preferences.default_file()
     crashed = left_behind(default_folder())
-    with signals_ask(app.quit) as ended, _trail(app) as crash_log:
+    with signals_ask(app.quit) as ended, _crash_log(app) as crash_log:
         apply_preferences(app, preferences.load(file))
         app.annotations.folder = annotations.default_folder()
         app.sessions.begin(session.default_file())
@@ -258,8 +258,8 @@ def _live(app: App, view: View, size: tuple[int, int] | None) -> int:
 
 
 @contextlib.contextmanager
-def _trail(app: App) -> Iterator[CrashLog]:
-    """Within the block what is done is written down; the file is removed behind it, unless a bug ends it."""
+def _crash_log(app: App) -> Iterator[CrashLog]:
+    """Writes a crash log while the block runs, and removes it afterwards, unless a bug ended the block."""
     crash_log = CrashLog(default_folder())
     app.messages.crash_log = crash_log.add
     try:

@@ -32,7 +32,6 @@ class FileRequest:
 
 
 def demo_pack() -> Path:
-    """The bundled demo pack."""
     return Path(__file__).parents[1] / "demo" / "demo.zip"
 
 

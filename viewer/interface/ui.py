@@ -31,8 +31,6 @@ DOUBLE_CLICK_S = 0.45  # imgui's own 0.3 s is less than desktops grant, and a sl
 
 
 class SystemClipboard(Clipboard):
-    """The clipboard of the system that the window is on."""
-
     @property
     def text(self) -> str:
         return imgui.get_clipboard_text() or ""

@@ -75,8 +75,6 @@ DEPTH = "08"  # bits of a channel, in the name of a codec
 
 @dataclass(frozen=True)
 class Film:
-    """The samples of one image sequence."""
-
     codec: str  # as browsers name it
     sizes: tuple[int, ...]  # bytes of each sample
     data: bytes  # all samples

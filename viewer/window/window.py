@@ -246,7 +246,7 @@ class Window(AbstractContextManager["Window"]):
                 self.step()
 
     def finish_export(self) -> None:
-        """Lives on until what is being exported is written, or has failed."""
+        """Runs until what is being exported is written, or has failed."""
         self._wait_while(lambda: self.app.filming.export is not None)
 
     def _wait_while(self, busy: Callable[[], bool]) -> None:

@@ -82,7 +82,7 @@ class Bookmarks:
         self.selected, self._looked = None, {}
 
     def annotate(self, app: App) -> None:
-        """Waits for a click on the place to annotate, or does not any more."""
+        """Starts or stops waiting for a click on the place to annotate."""
         app.measure_tool.choose(app, "" if app.measure_tool.tool == "place" else "place")
         if app.measure_tool.tool:
             app.interface.opens("bookmarks")

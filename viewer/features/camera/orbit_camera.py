@@ -223,7 +223,7 @@ class OrbitCamera:
         self._steps = np.zeros(3)
 
     def stop_walking(self) -> None:
-        """Orbits again, because the camera goes to where no feet led it."""
+        """Orbits again, because the camera leaves the ground that it walks on."""
         if self.walking:
             self.navigate("orbit")
 
@@ -237,7 +237,7 @@ class OrbitCamera:
         self.goal = (pose or self.goal).seen_from(eye, self.table)
 
     def grown(self, finer: OrbitCamera) -> OrbitCamera:
-        """The rig for a finer version of the same scene: `finer`, or this one where the hands have moved it already."""
+        """The rig for a finer version of the same scene: `finer`, or this one if somebody has moved the camera already."""
         if self.goal == self.home_pose and self.held is None and self.fov == self.home_fov and self.history.empty:
             return finer
         self.follow(finer)

@@ -25,8 +25,6 @@ PSNR_BUDGET_MS = 400.0  # what the figure may cost; the photograph is shrunk on 
 
 @dataclass
 class Comparison:
-    """What the picture is compared with, and how."""
-
     against: Against = ""
     how: How = "wipe"  # beside, in turn, or subtracted
     split: float = 0.5  # 0 … 1, where the wipe's edge is

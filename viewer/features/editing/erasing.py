@@ -62,8 +62,6 @@ CHANGES: dict[str, tuple[str, Choose]] = {
 
 @dataclass
 class Erasing:
-    """State of the page, and what the mouse does in the picture."""
-
     tool: Tool = ""
     adds: bool = True  # to what is selected; False: takes away from it
     through: bool = False  # the lasso takes what is hidden, too

@@ -105,8 +105,6 @@ class Writing(FolderProcess):
 
 @dataclass
 class Exporting:
-    """The export dialog and what is being written."""
-
     plan: ExportPlan = field(default_factory=ExportPlan)  # the choices of the dialog, which stay
     preview: ExportPreview | None = None  # of these, while the dialog is open
     writing: Writing | None = None

@@ -111,7 +111,7 @@ def write_exr(
     header = oiio.ImageSpec(picture.shape[1], picture.shape[0], len(channels), oiio.FLOAT)
     header.channelnames = tuple(channels)
     header.attribute("compression", "zip")
-    header.attribute("snerg", json.dumps(_said(passes, camera)))
+    header.attribute("snerg", json.dumps(_description(passes, camera)))
     row_vectors = np.linalg.inv(camera.grid_T_camera).T  # OpenEXR's matrices act on these
     header.attribute("worldtocamera", oiio.TypeMatrix, tuple(map(float, row_vectors.ravel())))
     with replacing(file) as new:
@@ -137,19 +137,19 @@ def _exr_channels(each: Pass, pixels: np.ndarray, camera: ViewCamera, pack: Pack
     return channels | ({"A": pixels[..., 3]} if each.name == PICTURE and each.settings.raw else {})
 
 
-def _said(passes: Sequence[Pass], camera: ViewCamera) -> dict[str, object]:
-    said: dict[str, object] = {
+def _description(passes: Sequence[Pass], camera: ViewCamera) -> dict[str, object]:
+    described: dict[str, object] = {
         "grid_T_camera": camera.grid_T_camera.tolist(),
         **{name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")},
     }
     names = {each.name for each in passes}
-    said |= {"Z": DISTANCE_MEANS if camera.is_panorama else DEPTH_MEANS} if "depth" in names else {}
-    said |= {"N": NORMALS_MEAN} if "normals" in names else {}
+    described |= {"Z": DISTANCE_MEANS if camera.is_panorama else DEPTH_MEANS} if "depth" in names else {}
+    described |= {"N": NORMALS_MEAN} if "normals" in names else {}
     if PICTURE in names:
         background = next(each.settings for each in passes if each.name == PICTURE)
         over = "without background, times A" if background.raw else f"over the background {list(background.background)}"
-        said["RGB"] = f"linear light, decoded from sRGB; {over}"
-    return said
+        described["RGB"] = f"linear light, decoded from sRGB; {over}"
+    return described
 
 
 # --- Films ---

@@ -67,8 +67,6 @@ def preview_title(preview: Pack) -> str:
 
 @dataclass
 class MakeJob:
-    """A running or stopped job."""
-
     plan: Plan
     child: CommandProcess
     status: int | None = None  # of the process, once it has ended

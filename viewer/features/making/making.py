@@ -243,7 +243,7 @@ class Making:
         rig = app.scene.rig if app.scene is not None and passing else None
 
         def then() -> None:
-            # Whether it was moved is asked by then: the hands go on while a pack is read.
+            # Asked only now, because the camera may move while the pack is read.
             if rig is None or app.scene is None or rig.goal == rig.home_pose:
                 return
             if app.scene.rig.bounded == rig.bounded:

@@ -331,7 +331,6 @@ def _stages(job: MakeJob) -> None:
 
 
 def _status_text(job: MakeJob) -> str:
-    """How far it is, in words."""
     if job.child.stopping:
         training = job.plan.stages[max(job.stage, 1) - 1] == "Training"
         return "Ending…" if job.child.killed else f"Stopping{': saving a checkpoint' if training else ''}…"

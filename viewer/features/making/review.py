@@ -1,6 +1,6 @@
 """Review between the poses and the training: the points and cameras are looked at; box, kind of scene and up may be changed.
 
-Who is away does not hold it up: after a while it goes on by itself, unless something was touched.
+It goes on by itself after a while, unless something was touched.
 
 The points and cameras are a pack that is shown like any other. Each point is a voxel of its colour, in a grid around the box
 that is trained. So the camera, the frusta of the photographs and the crop box work as on a finished pack.
@@ -181,8 +181,6 @@ SAME = 1e-6  # of the box's extent: a face that was not moved
 
 @dataclass
 class Review:
-    """Review of the poses that were found, before training begins."""
-
     plan: Plan
     sparse_preview: SparsePreview
     rejected: RejectedPhotographs | None = None  # photographs without a pose, and those that were not used

@@ -71,7 +71,6 @@ class LengthFormat:
         return triple(transformed(self._placed_T_grid, np.asarray(point)))
 
     def place(self, point: Point | np.ndarray) -> str:
-        """Coordinates in the placed frame."""
         return "  ".join(f"{value:z.{self.decimals}f}" for value in self.placed(point))
 
     def in_scene(self, point: Point) -> Point:
@@ -119,8 +118,6 @@ PAGE = "measure"
 
 @dataclass
 class MeasureTool:
-    """State of the measure page, and what clicks in the picture do to it."""
-
     tool: Tool = ""  # what a click places; "" leaves clicks to the camera
     draft: tuple[Point, ...] = ()  # points placed so far
     selected: int | None = None  # index of a measurement

@@ -54,8 +54,6 @@ def default_file() -> Path:
 
 @dataclass(frozen=True)
 class Seen:
-    """One open pack."""
-
     path: Path
     camera: Bookmark  # where it is seen from; its name is the pack's
     orthographic: bool = False  # with parallel rays
@@ -66,8 +64,6 @@ class Seen:
 
 @dataclass(frozen=True)
 class Session:
-    """What is open."""
-
     packs: tuple[Seen, ...]  # the one that is shown comes first, the others as Ctrl+Tab comes to them
     compare: tuple[Path, How] | None = None  # another pack, and how
     page: str = ""  # that is open; "" for none
@@ -179,7 +175,7 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 def restore(app: App, session: Session) -> None:
-    """Opens what a session names, one pack after the other, the one that is shown last. What fails is a dialog, and the end."""
+    """Opens what a session names, one pack after the other, the one that is shown last. A failure is a dialog and ends it."""
     left = [*session.packs[1:], session.packs[0]]
 
     def open_next() -> None:

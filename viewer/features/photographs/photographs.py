@@ -204,8 +204,6 @@ def _shrunk(pixels: np.ndarray, side: int) -> np.ndarray:
 
 @dataclass
 class Gallery:
-    """The state of the photographs page."""
-
     photographs: Photographs = field(default_factory=lambda: Photographs(None))  # of the open pack
     chosen: int | None = None  # index of the shot chosen last; it stays chosen when the camera moves away
     reveal: bool = False  # the list has yet to scroll to it
