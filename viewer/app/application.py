@@ -255,13 +255,11 @@ class App:
 
     # Looking
 
-    def camera(self) -> ViewCamera | None:
-        """The camera of this moment, for the whole viewport at full resolution."""
-        if self.scene is None:
-            return None
-        width, height = self.viewport.pixels
-        self.scene.rig.shape(width / height)
-        return self.scene.rig.camera((width, height), self.settings.near)
+    def camera(self) -> ViewCamera:
+        """The camera of this moment in the open scene, for the whole viewport at full resolution."""
+        rig, (width, height) = self.open_scene.rig, self.viewport.pixels
+        rig.shape(width / height)
+        return rig.camera((width, height), self.settings.near)
 
     def copy(self, text: str, said: str) -> None:
         self.clipboard.text = text

@@ -38,7 +38,7 @@ def show(app: App, canvas: Canvas, box: Box, gizmo: CropGizmo) -> None:
     """Draws the picture into `box`, on the card as well, and listens to the mouse there."""
     io = imgui.get_io()
     app.viewport = Viewport(*box, io.display_framebuffer_scale.x)
-    app.viewport.camera = app.camera()
+    app.viewport.camera = app.camera() if app.scene is not None else None
     draw_frame(app, canvas)
     if app.kiosk is not None and app.filming.playing:
         imgui.set_mouse_cursor(imgui.MouseCursor_.none)
@@ -167,12 +167,13 @@ def _click(app: App, x: float, y: float) -> None:
 
 def _drag(app: App, box: Box, dx: float, dy: float) -> None:
     """The mouse moved by dx, dy (picture heights) while it holds something."""
-    rig, io, camera, under = app.open_scene.rig, imgui.get_io(), app.camera(), _mouse_state.under
+    rig, io, under = app.open_scene.rig, imgui.get_io(), _mouse_state.under
     x, y = io.mouse_pos.x - box[0], io.mouse_pos.y - box[1]
     if _mouse_state.holds == "wipe":
         app.comparison.split = min(max(x / box[2], 0.02), 0.98)
     elif _mouse_state.holds == "face":
-        if app.settings.crop is not None and camera is not None and under.face is not None:
+        if app.settings.crop is not None and under.face is not None:
+            camera = app.camera()
             moved = (dx * camera.height, dy * camera.height)
             app.set(crop=crop.dragged(app.open_scene.pack, app.settings.crop, under.face, camera, moved))
     elif _mouse_state.holds == "mark":

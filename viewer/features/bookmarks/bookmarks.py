@@ -226,18 +226,17 @@ def with_places(
     picture: np.ndarray, camera: ViewCamera, pack: Pack, settings: RenderSettings, annotations: Annotations
 ) -> np.ndarray:
     """The picture of a camera, uint8 [h, w, 3], with the places that nothing covers."""
-    marked = [(i, view) for i, view in enumerate(annotations.bookmarks, 1) if view.point is not None]
+    marked = [(i, view.name, view.point) for i, view in enumerate(annotations.bookmarks, 1) if view.point is not None]
     if not marked:
         return picture
-    pixels, ahead = project(camera, np.array([view.point for _, view in marked]))
+    pixels, ahead = project(camera, np.array([point for *_, point in marked]))
     height, width = picture.shape[:2]
     size = round(max(SIDE * min(height, width), LEAST))
     image = Image.fromarray(picture)
-    for (number, view), (x, y), before in zip(marked, pixels, ahead, strict=True):
-        assert view.point is not None
-        if not before or not (0 <= x < width and 0 <= y < height) or _is_covered(pack, camera, settings, view.point):
+    for (number, name, point), (x, y), before in zip(marked, pixels, ahead, strict=True):
+        if not before or not (0 <= x < width and 0 <= y < height) or _is_covered(pack, camera, settings, point):
             continue
-        label = _label(number, one_line(view.name, 60), size, round(WIDEST * width), left=bool(x > 0.6 * width))
+        label = _label(number, one_line(name, 60), size, round(WIDEST * width), left=bool(x > 0.6 * width))
         corner = round(x - label.width + 0.5 * size) if x > 0.6 * width else round(x - 0.5 * size)
         image.paste(label, (corner, round(y - 0.5 * size)), label)
     return np.asarray(image)

@@ -62,7 +62,6 @@ class Walking:
         UserError for forward-facing scenes.
         """
         rig, pack, camera = app.open_scene.rig, app.open_scene.pack, app.camera()
-        assert camera is not None
         if rig.bounded:
             raise UserError("a forward-facing scene has no ground to walk on")
         if rig.walking:

@@ -193,9 +193,7 @@ class Filming:
 
     def copy(self, app: App) -> None:
         """Starts to put the picture of this moment, at the viewport's size, on the clipboard."""
-        camera = app.camera()
-        if camera is not None:
-            self._start(app, [camera], COPY)
+        self._start(app, [app.camera()], COPY)
 
     def film(self, app: App, target: Path) -> None:
         """Starts to write the path: a film, or a folder of PNGs."""

@@ -215,11 +215,10 @@ class Review:
 
     def pick_ground(self, app: App, x: float, y: float) -> None:
         """Sets which way is up by the ground at a point of the viewport (window units from its corner)."""
-        camera = app.camera()
-        if camera is None or not app.making.sparse_preview_shown(app):
+        if not app.making.sparse_preview_shown(app):
             return
         self.hold()
-        points = self.sparse_preview.places_in_grid()
+        camera, points = app.camera(), self.sparse_preview.places_in_grid()
         pixels, before = project(camera, points)
         at = np.multiply(app.viewport.pixels_per_unit, (x, y))
         near = before & (np.linalg.norm(pixels - at, axis=-1) <= REACH)

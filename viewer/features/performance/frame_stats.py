@@ -78,10 +78,9 @@ class CostMeter:
 
     def measure(self, app: App) -> None:
         """Updates the figures; call while nothing moves. Does nothing while counting is off."""
-        camera = app.camera()
-        if not self.enabled or camera is None or app.canvas is None or app.scene is None:
+        if not self.enabled or app.canvas is None or app.scene is None:
             return
-        settings = replace(app.settings, mode="samples", raw=True)
+        camera, settings = app.camera(), replace(app.settings, mode="samples", raw=True)
         key = (id(app.scene.pack), settings, camera.key)
         if key == self._measured:
             return
