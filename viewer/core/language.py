@@ -14,7 +14,7 @@ FOLDER = Path(__file__).parents[1] / "interface" / "languages"
 LANGUAGES = {"en": "English", "de": "Deutsch", "ja": "日本語"}
 LETTERS = {"ja": "あ漢"}  # that a font must have
 FIELD = re.compile(r"\{(\d*)\}")
-_ICONS = re.compile(r"([\ue000-\uf8ff\s]|\+\s)*")  # that of a plus is a plus
+_ICONS_BEFORE = re.compile(r"^([\ue000-\uf8ff\s]|\+\s)*")  # that of a plus is a plus
 _ICONS_AFTER = re.compile(r"[\ue000-\uf8ff\s]*$")
 _SENTENCES = re.compile(r"(?<=[.:!?…]) +")
 
@@ -54,8 +54,7 @@ def translated(text: str) -> str:
     if not _exact:
         return text
     shown, mark, name = text.partition("##")
-    icons = _ICONS.match(shown)
-    start = icons.end() if icons is not None else 0
+    start = len(shown) - len(_ICONS_BEFORE.sub("", shown))
     body = _ICONS_AFTER.sub("", shown[start:])
     parts = _SENTENCES.split(body) if "  (" not in body else body.split("  (", 1)  # sentences, or a title and its keys
     found, known = _exact.get(body), [_found(part) for part in parts]

@@ -86,6 +86,10 @@ class Pose:
         grid_T_camera[:3, 3] = self.eye(table)
         return grid_T_camera
 
+    def aimed(self, azimuth: float, elevation: float) -> Pose:
+        """With other angles (degrees), the elevation as far as it goes."""
+        return replace(self, azimuth=azimuth, elevation=float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION)))
+
     def seen_from(self, eye: np.ndarray, table: Turntable) -> Pose:
         """The same angles and distance with the camera at `eye` (float [3]); the pivot moves along."""
         pivot = np.asarray(eye, np.float64) - self.distance * self.rotation(table)[:, 2]
@@ -97,8 +101,7 @@ class Pose:
         azimuth, elevation = table.angles(grid_T_camera[:3, 2])
         if abs(elevation) > STEEP:  # the picture's upper edge tells where it would stand
             azimuth, _ = table.angles(-np.sign(elevation) * grid_T_camera[:3, 1])
-        pose = cls((0.0, 0.0, 0.0), azimuth, float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION)), distance)
-        return pose.seen_from(grid_T_camera[:3, 3], table)
+        return cls(distance=distance).aimed(azimuth, elevation).seen_from(grid_T_camera[:3, 3], table)
 
 
 def shortest_turn(degrees_from: float, degrees_to: float) -> float:

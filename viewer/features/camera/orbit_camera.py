@@ -15,7 +15,7 @@ import numpy as np
 
 from scenepack.pack import Pack
 from scenepack.placement import Rows, placement_of
-from viewer.core.pose import MAX_ELEVATION, STEEP, History, Pose, Turntable, fitted, shortest_turn, triple
+from viewer.core.pose import STEEP, History, Pose, Turntable, fitted, shortest_turn, triple
 from viewer.features.photographs.photographs import shots_of
 from viewer.rendering.camera import ViewCamera, content_box, filling_distance, is_mirrored, middle_of, outline
 
@@ -178,9 +178,7 @@ class OrbitCamera:
             self.goal = self._turned(dx, dy)
 
     def _turned(self, dx: float, dy: float) -> Pose:
-        elevation = self.goal.elevation + TURN_PER_HEIGHT * dy
-        elevation = float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))
-        return replace(self.goal, azimuth=self.goal.azimuth + TURN_PER_HEIGHT * dx, elevation=elevation)
+        return self.goal.aimed(self.goal.azimuth + TURN_PER_HEIGHT * dx, self.goal.elevation + TURN_PER_HEIGHT * dy)
 
     def pan(self, dx: float, dy: float) -> None:
         """Slides parallel to the picture, so that what lies at the pivot's depth stays under the cursor."""
@@ -279,7 +277,7 @@ class OrbitCamera:
     def look_along(self, azimuth: float, elevation: float) -> None:
         """An axis view; degrees."""
         self.remember()
-        self.go(replace(self.goal, azimuth=azimuth, elevation=float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION))))
+        self.go(self.goal.aimed(azimuth, elevation))
 
     def look_from(self, axis: np.ndarray) -> None:
         """Looks from the side that `axis` (float [3], grid frame) points to; from the other one where it does so already."""

@@ -45,9 +45,9 @@ class FileDialogs:
             if self._dialog is not None and self._dialog.ready(5):
                 result = self._dialog.result()
                 chosen = result[0] if isinstance(result, list) and result else result
-                self._end(app, str(chosen) if chosen else "")
+                self._end(app, app.file_request, str(chosen) if chosen else "")
         elif ui.in_front(app) == "path":
-            self._typed(app)
+            self._typed(app, app.file_request)
 
     def _begin(self, request: FileRequest) -> None:
         self._request = request
@@ -65,12 +65,11 @@ class FileDialogs:
         else:
             self._dialog = pfd.save_file(request.title, self._text, filters)
 
-    def _end(self, app: App, chosen: str) -> None:
+    def _end(self, app: App, request: FileRequest, chosen: str) -> None:
         """The user chose a path, or "" for none."""
-        request, self._request, self._dialog = self._request, None, None
-        app.file_request = None
+        app.file_request = self._request = self._dialog = None
         app.touch()
-        if not chosen or request is None:
+        if not chosen:
             return
         path = expanded(chosen)
         if request.kind == "save" and request.suffixes and path.suffix.lower() not in request.suffixes:
@@ -78,24 +77,23 @@ class FileDialogs:
         with app.messages.as_dialog(f"{path.name} cannot be used"):
             request.then(path)
 
-    def _typed(self, app: App) -> None:
-        assert self._request is not None
+    def _typed(self, app: App, request: FileRequest) -> None:
         opening = not imgui.is_popup_open(TITLE)
         if not ui.begin_modal(TITLE, 540, 0.4, padding=(24, 22)):
             return
-        ui.write(self._request.title, face=theme.fonts.bold, size=18.0)
+        ui.write(request.title, face=theme.fonts.bold, size=18.0)
         if opening:
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
         with ui.coloured(frame_bg=theme.BASE):
             flags = imgui.InputTextFlags_.enter_returns_true
             entered, self._text = imgui.input_text_with_hint("##typed", translated("Path"), self._text, flags)
-        saves = self._request.kind == "save"
+        saves = request.kind == "save"
         ui.hint("An existing file is replaced." if saves else "Or drop it on the window.")
         cancelled, chosen = ui.cancel_or("Save" if saves else "Open", 104, 24)
         if cancelled or chosen or entered:
             imgui.close_current_popup()
-            self._end(app, "" if cancelled else self._text.strip())
+            self._end(app, request, "" if cancelled else self._text.strip())
         imgui.end_popup()
 
 
