@@ -245,7 +245,7 @@ class CommandProcess:
         self.poll()
 
     def error_line(self) -> str:
-        """Why it ended otherwise than well, in one line: its own last word, or what the system did to it."""
+        """Why it ended otherwise than well, in one line: what it said last, or what the system did to it."""
         status = self._child.poll()
         if status is not None and status < 0:
             name = signal.Signals(-status).name if -status in list(signal.Signals) else f"signal {-status}"
@@ -254,7 +254,9 @@ class CommandProcess:
         if self.report is not None and self.report.error:
             return f"This is a bug in snerg ({self.report.error})" if self.report.bug else self.report.error
         printed = self._printed().splitlines()
-        return printed[-1].strip() if printed else f"it ended with status {status} and said nothing"
+        if not printed:
+            return f"it ended with status {status} and said nothing"
+        return re.sub(r"^snerg-\w+: ", "", printed[-1].strip())
 
 
 @dataclass

@@ -180,8 +180,7 @@ class Exporting:
         elif writing.child.stopping:
             app.messages.say("The export was cancelled")
         else:
-            why = writing.child.error_line().removeprefix("snerg-pack: ")
-            app.messages.fail(f"{writing.file.name} was not written", why)
+            app.messages.fail(f"{writing.file.name} was not written", writing.child.error_line())
         self.writing = None
         writing.end()
 
@@ -274,7 +273,7 @@ class Sharing:
         if server is None:
             return
         if server.child.poll() is not None:
-            app.messages.fail(f"{server.name} is not shared", server.child.error_line().removeprefix("snerg-view: "))
+            app.messages.fail(f"{server.name} is not shared", server.child.error_line())
             self.end()
             app.touch()
         elif not server.address:

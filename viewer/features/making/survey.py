@@ -309,7 +309,7 @@ class PhotographCheck(FolderProcess):
             except (OSError, ValueError) as error:
                 self.error = f"what was found cannot be read: {error}"
         else:
-            self.error = self.child.error_line().removeprefix("snerg-make: ")
+            self.error = self.child.error_line()
         self.close()
         return True
 
