@@ -68,7 +68,7 @@ def test_the_mouse_moves_the_camera_as_the_desktops_does(ndc: bool, show) -> Non
     rig.dolly(2, ((2 * 300 - 400) / 300, 1 - 2 * 100 / 300))
     assert_as_desktop(browser, rig)
     browser.key("keyDown", " ", "Space")  # forward-facing scenes have no turntable
-    assert browser.evaluate("document.getElementById('play').classList.contains('on')") is not ndc
+    assert browser.evaluate("document.getElementById('play').ariaPressed === 'true'") is not ndc
     assert not browser.problems
 
 
@@ -97,6 +97,13 @@ def test_one_finger_turns_two_fingers_move_and_zoom(show, shapes: Pack) -> None:
         assert moved["distance"] == pytest.approx(pinched["distance"], rel=0.1)
         assert np.linalg.norm(np.subtract(moved["pivot"], pinched["pivot"])) > 0.05 * moved["distance"]
         assert browser.evaluate("!snerg.camera.held && document.querySelectorAll('#bar button').length") == 6
+        browser.touch("touchStart", (180, 260), (220, 260))  # on the bar
+        for way in range(0, 80, 10):
+            browser.touch("touchMove", (180 - way, 260), (220 + way, 260))
+        browser.touch("touchEnd")
+        assert browser.evaluate("visualViewport.scale") == 1, (
+            "the browser enlarges the page, and the scene cannot undo it"
+        )
     finally:
         browser.resize(*SIZE)
 
@@ -117,9 +124,46 @@ def test_keys_fly_turn_choose_and_reset(show, shapes: Pack) -> None:
     assert browser.evaluate("document.querySelector('#backgrounds [aria-checked=true]').title") == "White"
     browser.key("keyDown", "?", "Slash")
     assert browser.evaluate("!document.getElementById('keys').hidden")
+    browser.evaluate("document.getElementById('display').click(); document.getElementById('near').focus()")
+    browser.key("keyDown", "1")
+    assert browser.evaluate("document.querySelector('#modes [aria-checked=true]').value") == "normal"
+    browser.key("keyDown", "ArrowRight", "ArrowRight")  # moves the slider alone
+    assert goal(browser)["azimuth"] == pytest.approx(start["azimuth"] + 15)
+    browser.key("keyDown", "Escape", "Escape")
+    assert browser.evaluate("document.getElementById('panel').hidden")
     browser.key("keyDown", "r")
     settle(browser)
     assert goal(browser) == start
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(844, 390), (1280, 400), (568, 270), (390, 844)])
+def test_the_first_view_has_the_scene_beside_the_buttons(size: tuple[int, int], show, shapes: Pack) -> None:
+    browser = show(shapes, size=size)
+    left, top, right, bottom = browser.evaluate("""(() => {
+        const [box, { axes, eye, fov }] = [document.getElementById("view"), snerg.camera.view(0)];
+        const focal = box.clientHeight / 2 / Math.tan((fov * Math.PI) / 360);
+        const seen = snerg.scene.camera.outline.map((point) => {
+            const [x, y, z] = axes.map((axis) => axis.reduce((sum, v, i) => sum + v * (point[i] - eye[i]), 0));
+            return [box.clientWidth / 2 - (focal * x) / z, box.clientHeight / 2 + (focal * y) / z];
+        });
+        return [Math.min, Math.max].flatMap((most) => [0, 1].map((i) => most(...seen.map((point) => point[i]))));
+    })()""")
+    assert left >= 0 and top >= 0 and right <= size[0] and bottom <= size[1]
+    bar = browser.evaluate("document.getElementById('bar').getBoundingClientRect().toJSON()")
+    assert bar["top"] >= 0 and bar["bottom"] <= size[1] and bar["right"] <= size[0]
+    assert bar["top"] > bottom or bar["left"] > right
+
+
+@pytest.mark.slow
+def test_views_change_at_once_where_the_user_wants_little_motion(show, shapes: Pack, browser: Browser) -> None:
+    with browser.before_scripts("window.matchMedia = () => ({ matches: true })"):
+        show(shapes, size=SIZE)
+        drag(browser, (200, 150), (280, 180))
+        arrived = "snerg.camera.shown === snerg.camera.goal"
+        frames = "requestAnimationFrame(() => requestAnimationFrame(done))"
+        reset = "document.getElementById('reset').click()"
+        assert browser.evaluate(f"new Promise((done) => {{ {reset}; {frames}; }}).then(() => {arrived})")
 
 
 @pytest.mark.slow
@@ -182,7 +226,7 @@ def test_bookmarks_are_buttons_and_a_camera_path_is_played(show, shapes: Pack, t
         assert seen["fov"] == view.fov
     browser.evaluate("document.getElementById('play').click()")
     browser.until("snerg.camera.held")
-    browser.until("!document.getElementById('play').classList.contains('on') && snerg.resting")
+    browser.until("document.getElementById('play').ariaPressed === 'false' && snerg.resting")
     last = browser.evaluate("snerg.camera.held")
     np.testing.assert_allclose(last["eye"], keys[-1][:3, 3], atol=1e-5)
     np.testing.assert_allclose(np.array(last["axes"]).T, keys[-1][:3, :3], atol=1e-5)
@@ -206,15 +250,23 @@ def test_annotated_places_are_numbers_that_hide_when_covered_and_say_their_text_
     shown = f"{marks}.map((each) => [each.textContent, each.style.display])"
     browser.until("snerg.resting")
     assert browser.evaluate(shown) == [["2", ""], ["3", ""]]
-    at = browser.evaluate(f"{marks}[0].getAttribute('transform').match(/[-.0-9]+/g).map(Number)")
+    at = browser.evaluate(f"{marks}.map((each) => each.getAttribute('transform').match(/[-.0-9]+/g).map(Number))")
     camera = ViewCamera.look_at(np.array([0, 0.2, 4.0]), np.zeros(3), np.array([0, 1.0, 0]), 40.0, SIZE)
-    np.testing.assert_allclose(at, project(camera, np.array([ball]))[0][0], atol=0.5)
+    np.testing.assert_allclose(at, project(camera, np.array([ball, post]))[0], atol=0.5)
     browser.evaluate(f"{marks}[0].dispatchEvent(new MouseEvent('click'))")
     settle(browser)
     np.testing.assert_allclose(browser.evaluate("snerg.camera.view(0)")["eye"], views[1].eye, atol=1e-6)
     note = "['note-title', 'note-text'].map((id) => document.getElementById(id).textContent)"
     assert browser.evaluate(note) == ["The ball", words]
     assert browser.evaluate("document.getElementById('note').hidden") is False
+    for closed_by in ("note", "reset"):
+        browser.evaluate(f"{marks}[0].dispatchEvent(new MouseEvent('click'))")
+        browser.evaluate(f"document.getElementById('{closed_by}').click()")
+        assert browser.evaluate("document.getElementById('note').hidden"), closed_by
+    settle(browser)
+    before = goal(browser)["distance"]
+    browser.mouse("mouseWheel", *at[1], deltaX=0, deltaY=-100)
+    assert goal(browser)["distance"] == pytest.approx(0.9 * before)
     for azimuth, hidden in ((180.0, True), (0.0, False)):  # from behind the ball, and from before it
         browser.evaluate(f"snerg.camera.goal = {{...snerg.camera.goal, azimuth: {azimuth}, elevation: 0}}")
         browser.key("keyDown", "+")
@@ -234,6 +286,7 @@ def test_the_first_view_the_credits_and_measurements_come_along(show, shapes: Pa
     np.testing.assert_allclose(start["eye"], (0, 1, 4), atol=1e-6)
     assert start["fov"] == 40
     assert browser.evaluate("document.getElementById('credits').textContent") == "Photographs: <b>A. B.</b>"
+    browser.until("getComputedStyle(document.getElementById('notice')).visibility === 'hidden'")  # for screen readers
     labels = "[...document.querySelectorAll('#overlay text')]"
     texts = browser.evaluate(f"{labels}.map((each) => [each.textContent, each.style.display])")
     assert texts == [["1.00 m", ""], [texts[1][0], "none"]]

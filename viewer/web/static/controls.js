@@ -94,15 +94,16 @@ export class Controls {
   }
 
   keyDown(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || /^(input|select)$/i.test(event.target.tagName)) return;
     const key = event.key.toLowerCase();
+    const own = { INPUT: /^( |home|arrow.*)$/, BUTTON: /^ $/ }[event.target.tagName]; // keys that work the focused element
+    if (event.ctrlKey || event.metaKey || event.altKey || own?.test(key)) return;
     const turns = { arrowleft: [-TURN, 0], arrowright: [TURN, 0], arrowup: [0, TURN], arrowdown: [0, -TURN] }[key];
     if (AXES[key]) this.keys.add(key);
     else if (turns) this.camera.orbit(...turns.map((v) => v / 200));
     else if (key === "+" || key === "=") this.camera.dolly(1);
     else if (key === "-") this.camera.dolly(-1);
     else if (/^[1-9]$/.test(key)) this.commands.mode(Number(key) - 1);
-    else if (COMMANDS[key] && !(key === " " && event.target.tagName === "BUTTON")) this.commands[COMMANDS[key]]();
+    else if (COMMANDS[key]) this.commands[COMMANDS[key]]();
     else return;
     event.preventDefault();
     this.moved();

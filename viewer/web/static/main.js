@@ -16,6 +16,7 @@ const SHARPEST = 2; // pixels of a screen pixel that is larger than others, at m
 const ASK_MS = 2000; // between questions for a newer scene
 const COARSE = "#coarse"; // of the address: the last attempt to show more ended with the graphics driver
 const SHARES = ["", "half", "a quarter of its", "an eighth of its"];
+const CALM = matchMedia("(prefers-reduced-motion: reduce)"); // then views change at once
 const TURNTABLE = 0.6; // of a picture's height that a second's dragging would be
 
 const { read, fail } = globalThis.snerg;
@@ -48,7 +49,7 @@ function tick(now) {
   last = now;
   controls.update(seconds);
   const played = play(seconds);
-  if (camera.update(seconds) || played || controls.keys.size || changed) {
+  if (camera.update(CALM.matches ? Infinity : seconds) || played || controls.keys.size || changed) {
     changed = false;
     const size = resolution.size(canvas.width, canvas.height);
     timed(size, [0, 0, ...size], true);
@@ -110,13 +111,13 @@ function between(a, b, share) {
 function setPlaying(playing) {
   if (playing) player.seconds = 0;
   player.playing = playing;
-  element("play").classList.toggle("on", playing);
+  element("play").setAttribute("aria-pressed", String(playing));
 }
 
 // Buttons and commands
 
 const commands = {
-  reset() { setPlaying(false); camera.reset(); },
+  reset() { setPlaying(false); element("note").hidden = true; camera.reset(); },
   play() { if (!element("play").hidden) setPlaying(!player.playing); },
   background() {
     const names = Object.keys(BACKGROUNDS);
@@ -204,6 +205,8 @@ function buildInterface() {
   });
   element("fullscreen").hidden = !document.fullscreenEnabled; // as on iPhones, and in frames that do not allow it
   if (scene.camera.bounded) [element("drag").textContent, element("slide").textContent] = ["move", "turn a little"];
+  element("note").addEventListener("click", () => { element("note").hidden = getSelection().isCollapsed; }); // or it is copied
+  element("overlay").addEventListener("wheel", (event) => controls.wheel(event), { passive: false }); // over a number
   setBackground(settings.background);
 }
 
