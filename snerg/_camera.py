@@ -49,6 +49,17 @@ class Camera:
     split: str = ""
     """Split of the photograph: "train", "test" or "val"."""
 
+    def __post_init__(self) -> None:
+        """Refuses what is no camera, also in copies by `dataclasses.replace`."""
+        import numpy as np
+
+        check_choice("frame", self.frame, Frame)
+        size, pose = checked_size((self.width, self.height)), numbers(self.pose)
+        if pose.shape != (4, 4) or not np.isfinite(pose).all():
+            raise SnergError("is no pose", where="pose", expected="a finite matrix [4, 4]")
+        for key, value in (("pose", pose), ("width", size[0]), ("height", size[1])):
+            object.__setattr__(self, key, value)
+
     @staticmethod
     @with_snerg_errors
     def look_at(
@@ -71,7 +82,7 @@ class Camera:
 
         from viewer.rendering.camera import ViewCamera
 
-        vectors = [np.asarray(vector, np.float64) for vector in (eye, target, up)]
+        vectors = [numbers(vector) for vector in (eye, target, up)]
         if any(vector.shape != (3,) or not np.isfinite(vector).all() for vector in vectors) or not vectors[2].any():
             raise SnergError("are no points and direction", where="eye, target, up", expected="three numbers each")
         if np.allclose(vectors[0], vectors[1], rtol=0, atol=1e-12):
@@ -110,9 +121,8 @@ class Camera:
         import numpy as np
         from scipy.spatial.transform import Rotation
 
-        for where, value, choices in (("convention", convention, Convention), ("frame", frame, Frame)):
-            check_choice(where, value, choices)
-        matrix, given = np.eye(4), np.asarray(pose, np.float64)
+        check_choice("convention", convention, Convention)
+        matrix, given = np.eye(4), numbers(pose)
         if given.shape not in (((7,),) if convention == "colmap" else ((3, 4), (4, 4))) or not np.isfinite(given).all():
             expected = "7 finite numbers" if convention == "colmap" else "a finite matrix [4, 4] or [3, 4]"
             raise SnergError("is no pose", where="pose", expected=expected, found=f"an array {given.shape}")
@@ -131,15 +141,13 @@ class Camera:
         width, height = checked_size(size)
         if (fov is None) == (intrinsics is None):
             raise SnergError("a lens needs fov or intrinsics", expected="one of them")
-        if fov is not None and not 0.1 <= fov < 179:
-            raise SnergError("is no field of view", where="fov", expected="0.1 ... 179 degrees", found=fov)
-        focal = 0.0 if fov is None else 0.5 * height / tan(0.5 * radians(fov))
-        lens = np.asarray([focal, focal, 0.5 * width, 0.5 * height] if intrinsics is None else intrinsics, np.float64)
+        focal = 0.0 if fov is None else 0.5 * height / tan(0.5 * radians(checked_fov(fov)))
+        lens = numbers([focal, focal, 0.5 * width, 0.5 * height] if intrinsics is None else intrinsics)
         lens = lens[[0, 1, 0, 1], [0, 1, 2, 2]] if lens.shape == (3, 3) else lens
         if lens.shape != (4,) or not np.isfinite(lens).all() or (lens[:2] <= 0).any():
             raise SnergError("are no intrinsics", where="intrinsics", expected="fx, fy, cx, cy, or K [3, 3]")
         fx, fy, cx, cy = map(float, lens)
-        distorted = np.asarray(distortion, np.float64).ravel()
+        distorted = numbers(distortion).ravel()
         if len(distorted) not in (4, 5, 12) or not np.isfinite(distorted).all():
             expected = "k1, k2, p1, p2, and perhaps k3; or 12 numbers"
             raise SnergError("is no distortion", where="distortion", expected=expected, found=distortion)
@@ -173,6 +181,23 @@ def checked_size(size: Any) -> tuple[int, int]:
     if min(width, height) < 1:
         raise SnergError("is no size", where="size", expected="width and height in whole pixels", found=size)
     return width, height
+
+
+def checked_fov(fov: Any) -> float:
+    """A field of view in degrees. Raises SnergError where `fov` is something else."""
+    if (degrees := numbers(fov)).shape or not 0.1 <= degrees < 179:
+        raise SnergError("is no field of view", where="fov", expected="0.1 ... 179 degrees", found=fov)
+    return float(degrees)
+
+
+def numbers(value: Any) -> NDArray[np.float64]:
+    """As an array; NaN, which callers refuse, where it is something else."""
+    import numpy as np
+
+    try:
+        return np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        return np.full((), np.nan)
 
 
 def camera_of(camera: SceneCamera, name: str, split: str) -> Camera:

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
-from snerg._camera import Camera, camera_of
+from snerg._camera import Camera, camera_of, check_choice
 from snerg._errors import SnergError, with_snerg_errors
 from snerg._scene import Codec, Scene, load
 
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from training.scenes import SceneOptions
 
+Method = Literal["snerg", "paper"]
+Quality = Literal["draft", "compact", "full"]
 Preset = Literal["quick", "normal", "full", "paper", "small", "tiny", "deferred", "diffuse", "no-sparsity"]
 
 
@@ -113,6 +115,12 @@ def _reporting(on_progress: OnProgress | None) -> Iterator[None]:
         yield
 
 
+def _check_photographs(photographs: object) -> None:
+    if not isinstance(photographs, Photographs):
+        found, remedy = type(photographs).__name__, "read_photographs reads a folder of them"
+        raise SnergError("are no snerg.Photographs", where="photographs", found=found, remedy=remedy)
+
+
 @with_snerg_errors
 def read_photographs(
     folder: str | Path,
@@ -143,7 +151,7 @@ def read_photographs(
 
         with _reporting(on_progress):
             path = posed_scene(path, Path(poses_to))
-    options = SceneOptions(downscale or 1, masks=masks)
+    options = SceneOptions(1 if downscale is None else downscale, masks=masks)
     shots = [(photo, split) for split, some in load_scene(path, options).splits.items() for photo in some]
     cameras = tuple(camera_of(photo.camera, photo.name, split) for photo, split in shots)
     return Photographs(path, cameras, tuple(photo.load for photo, _ in shots), options, downscale is not None)
@@ -175,6 +183,8 @@ def train(
     Raises:
         SnergError: Where the photographs, the folder or a setting is of no use, or training diverges.
     """
+    check_choice("preset", preset, Preset)
+    _check_photographs(photographs)
     from training.libraries import begin_libraries
 
     begin_libraries()
@@ -185,8 +195,6 @@ def train(
     from training.scenes.presets import PRESETS
     from training.scenes.read import suggested_downscale
 
-    if preset not in get_args(Preset):
-        raise SnergError("no such preset", where="preset", expected=", ".join(get_args(Preset)), found=preset)
     out, stored = Path(out), read_description(Path(out)) if resume else None
     config = replace(CONFIGS[preset], seed=seed) if stored is None else stored.config
     config = config if steps is None else replace(config, steps=steps)
@@ -204,9 +212,9 @@ def bake(
     run: Run | str | Path,
     out: str | Path,
     *,
-    method: Literal["snerg", "paper"] = "snerg",
+    method: Method = "snerg",
     resolution: int | None = None,
-    quality: Literal["draft", "compact", "full"] = "full",
+    quality: Quality = "full",
     codec: Codec = "png",
     on_progress: OnProgress | None = None,
 ) -> Scene:
@@ -224,6 +232,8 @@ def bake(
     Raises:
         SnergError: Where the run cannot be baked, or the pack not be written.
     """
+    for where, value, choices in (("method", method, Method), ("quality", quality, Quality), ("codec", codec, Codec)):
+        check_choice(where, value, choices)
     from training.libraries import begin_libraries
 
     begin_libraries()
@@ -260,6 +270,7 @@ def evaluate(
     Raises:
         SnergError: Where the subject cannot be opened, or there are no such photographs.
     """
+    _check_photographs(photographs)
     from training.libraries import begin_libraries
 
     begin_libraries()

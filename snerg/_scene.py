@@ -8,11 +8,12 @@ import os
 import sys
 import threading
 from dataclasses import dataclass, field
+from operator import index
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, SupportsIndex
 
-from snerg._camera import Camera, camera_of, camera_of_view, check_choice, checked_size, view_of
+from snerg._camera import Camera, camera_of, camera_of_view, check_choice, checked_fov, checked_size, view_of
 from snerg._errors import SnergError, with_snerg_errors
 
 if TYPE_CHECKING:
@@ -41,6 +42,9 @@ def load(path: str | Path, *, context: Any = None) -> Scene:
     """
     from scenepack.reader import load_pack
 
+    if not (context is None or hasattr(context, "version_code")):
+        expected = "a moderngl.Context, or None"
+        raise SnergError("is no OpenGL context", where="context", expected=expected, found=type(context).__name__)
     return Scene(load_pack(Path(path)), Path(path), context)
 
 
@@ -113,10 +117,9 @@ class Scene:
         """
         from viewer.rendering.camera import filling_orbit
 
-        size = checked_size(size)
-        if frames < 1 or not 0.1 <= fov < 179:
-            found = f"frames {frames}, fov {fov}"
-            raise SnergError("is no orbit", expected="frames from 1, fov 0.1 ... 179", found=found)
+        size, fov = checked_size(size), checked_fov(fov)
+        if not isinstance(frames, SupportsIndex) or index(frames) < 1:
+            raise SnergError("is no number of pictures", where="frames", expected="1 or more", found=frames)
         return [camera_of_view(view) for view in filling_orbit(self._pack, frames, fov, size, FIRST_AZIMUTH)]
 
     @with_snerg_errors
@@ -238,10 +241,16 @@ class Scene:
             SnergError: Where something else lies there, or it cannot be written.
         """
         from console import write_result
+        from scenepack.exports.scene import SUFFIXES
         from scenepack.writer import save_pack
 
-        if Path(path).suffix.lower() in (".html", ".htm"):
+        if (suffix := Path(path).suffix.lower()) in (".html", ".htm"):
             write_result(Path(path), self._page(title))
+        elif suffix in SUFFIXES:
+            remedy = "to_mesh() and to_points() give what has a save() for it"
+            raise SnergError(
+                "is the name of no pack", where=path, expected="a folder, FILE.zip or FILE.html", remedy=remedy
+            )
         else:
             save_pack(self._pack, Path(path), codec=codec)
 

@@ -28,7 +28,7 @@ SETTLED, TIMED = 60, 60  # steps: until programs are compiled and empty space is
 # A sample of a real run over one of the ball, whose features stay in the processor's caches.
 REAL_BY_SMALL = 1.4
 # Bytes of two checkpoints by cells of the finest level squared: 1.5 GB for lego at 512, 3.0 GB for fern, 0.5 GB where hashed
-DISK_BY_FINENESS: Mapping[Kind, float] = {"object": 5600.0, "surroundings": 5600.0, "forward": 11_500.0, "unbounded": 500.0}
+DISK_BY_FINENESS: Mapping[Kind, int] = {"object": 5600, "surroundings": 5600, "forward": 11_500, "unbounded": 500}
 
 
 def whole_runs(sides: Sequence[int], kind: Kind) -> dict[str, dict[int, dict[str, int]]]:
@@ -36,7 +36,7 @@ def whole_runs(sides: Sequence[int], kind: Kind) -> dict[str, dict[int, dict[str
     from training.multires.settings import resolutions_for, samples_for
 
     finest = {side: resolutions_for(side, kind == "unbounded")[-1] for side in sides}
-    disk = {side: round(DISK_BY_FINENESS[kind] * cells**2) for side, cells in finest.items()}
+    disk = {side: DISK_BY_FINENESS[kind] * cells**2 for side, cells in finest.items()}
     steps = {name: CONFIGS[name].steps for name in PRESETS}
     return {
         name: {side: {"samples": steps[name] * samples_for(side, kind), "disk": disk[side]} for side in sides}

@@ -28,6 +28,7 @@ from scenepack.pack import Pack
 Kind = Literal["points", "mesh", "gaussians"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 ONLY: dict[str, Kind] = {".glb": "mesh", ".spz": "gaussians"}  # what a suffix alone may hold
+SUFFIXES = (".ply", *ONLY)
 LEAST_OPACITY = 0.02  # of a voxel that becomes a Gaussian
 MOST_FACES, MOST_GAUSSIANS = 16_000_000, 6_000_000  # made before anything is thinned: 3 GB and 2 GB at their peak
 MOST_POINTS = 50_000_000
@@ -74,7 +75,7 @@ class Written:
 def kind_for(file: Path, kind: Kind | None) -> Kind:
     """What to write into `file`: as chosen, or as its name says. UserError where that is no kind of this file."""
     suffix, stem = file.suffix.lower(), file.stem.lower()
-    if suffix not in (".ply", *ONLY):
+    if suffix not in SUFFIXES:
         raise UserError("is not a supported file type", where=file, expected="FILE.ply, FILE.glb or FILE.spz")
     if only := ONLY.get(suffix):
         if kind not in (None, only):

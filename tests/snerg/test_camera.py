@@ -1,5 +1,8 @@
 """snerg.Camera: one view in the conventions of several programs."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -50,9 +53,11 @@ def test_a_field_of_view_is_the_lens_with_its_middle_in_the_picture() -> None:
         ({"frame": "placed"}, "frame"),
         ({"distortion": (0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)}, "distortion"),  # of OpenCV's rational model
         ({"distortion": (np.nan, 0.0, 0.0, 0.0)}, "distortion"),
-        ({"fov": 180.0}, "fov"),
+        *(({"fov": fov}, "fov") for fov in (180.0, "wide", [50.0, 40.0])),
+        *(({"pose": pose}, "pose") for pose in ("above", None, [[1.0], [1.0, 2.0]])),
+        ({"distortion": None}, "distortion"),
         ({"fov": None}, None),
-        ({"fov": None, "intrinsics": [0.0, 1.0, 2.0, 3.0]}, "intrinsics"),
+        *(({"fov": None, "intrinsics": lens}, "intrinsics") for lens in ([0.0, 1.0, 2.0, 3.0], {"fx": 50.0})),
     ],
 )
 def test_numbers_that_are_no_camera_are_refused(changes: dict, where: str | None) -> None:
@@ -70,7 +75,26 @@ def test_what_numpy_and_opencv_hand_out_is_taken() -> None:
         camera.resized(20, 0)
 
 
-@pytest.mark.parametrize("eye", [(0, 0, 0), (0, 0, 1e-300)])
-def test_an_eye_at_its_target_is_refused(eye: tuple[float, float, float]) -> None:
-    with pytest.raises(snerg.SnergError, match="choose another target"):
-        snerg.Camera.look_at(eye, (0, 0, 0))
+@pytest.mark.parametrize(
+    ("eye", "message"),
+    [
+        ((1, 2, 3), "choose another target"),
+        ((1, 2, 3 + 1e-15), "choose another target"),
+        ("above", "three numbers"),
+        ([[1], [1, 2]], "three numbers"),
+    ],
+)
+def test_an_eye_that_is_no_point_before_its_target_is_refused(eye: Any, message: str) -> None:
+    with pytest.raises(snerg.SnergError, match=message):
+        snerg.Camera.look_at(eye, (1, 2, 3))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"frame": "World"}, {"width": 0}, {"height": 30.0}, {"pose": np.eye(3)}, {"pose": np.full((4, 4), np.nan)}],
+)
+def test_a_changed_copy_that_is_no_camera_is_refused(change: dict) -> None:
+    camera = snerg.Camera.look_at((0, 0, 3), (0, 0, 0))
+    assert isinstance(replace(camera, pose=camera.pose.tolist()).pose, np.ndarray)
+    with pytest.raises(snerg.SnergError):
+        replace(camera, **change)

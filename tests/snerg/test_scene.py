@@ -93,6 +93,8 @@ def test_a_given_context_draws_and_stays_as_it_was(toy: Path, camera: snerg.Came
     assert isinstance(mine, moderngl.Context) and mine.error == "GL_NO_ERROR"
     current_context()()
     mine.release()
+    with pytest.raises(snerg.SnergError, match="is no OpenGL context"):
+        snerg.load(toy, context="egl")
 
 
 def test_another_thread_is_refused_and_not_let_into_the_context(toy: Path, camera: snerg.Camera) -> None:
@@ -127,6 +129,16 @@ def test_what_cannot_be_rendered_is_refused_by_its_argument(toy: Path, arguments
     with pytest.raises(snerg.SnergError) as refused:
         snerg.load(toy).render(**arguments)
     assert refused.value.where == where and "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("frames", "fov", "where"),
+    [(0, 39.0, "frames"), (2.5, 39.0, "frames"), ("3", 39.0, "frames"), (3, "wide", "fov"), (3, 0, "fov")],
+)
+def test_what_is_no_orbit_is_refused_by_its_argument(toy: Path, frames: Any, fov: Any, where: str) -> None:
+    with pytest.raises(snerg.SnergError) as refused:
+        snerg.load(toy).orbit(frames, fov=fov)
+    assert refused.value.where == where
 
 
 def test_a_size_that_the_driver_refuses_does_not_spoil_the_next_picture(toy: Path, camera: snerg.Camera) -> None:
@@ -210,6 +222,8 @@ def test_a_scene_is_saved_as_a_pack_and_as_a_page(toy: Path, tmp_path: Path) -> 
     (tmp_path / "mine" / "letter.txt").write_text("do not lose this")
     with pytest.raises(snerg.SnergError, match="choose a new or empty folder"):
         scene.save(tmp_path / "mine")
+    with pytest.raises(snerg.SnergError, match=r"to_mesh\(\)"):
+        scene.save(tmp_path / "mesh.glb")
 
 
 def test_what_is_no_pack_is_refused_with_the_fields_of_the_commands(tmp_path: Path) -> None:
