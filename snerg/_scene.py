@@ -356,6 +356,7 @@ def show(scene: Scene, *, size: tuple[int, int] = (960, 600)) -> None:
     Raises:
         SnergError: Where there is no display, or the viewer fails.
     """
+    size = checked_size(size)
     if _in_notebook():
         _display_in_cell(scene, size)
         return

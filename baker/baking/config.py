@@ -6,8 +6,9 @@ Presets: `snerg`, our defaults, and `paper`, what the SNeRG paper writes (docs/p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, SupportsIndex
 
+from console import UserError
 from console.command_line import require_in_range
 from scenepack.constants import MAX_BLOCK_INDEX
 from training.scenes.presets import voxels_for
@@ -56,6 +57,8 @@ class BakeConfig:
 
     def check(self) -> None:
         """UserError where a number makes no sense: for commands to ask before hours of work, not after."""
+        if not isinstance(self.resolution, SupportsIndex | None):
+            raise UserError("is no whole number", where="--resolution", found=self.resolution)
         require_in_range("--resolution", self.resolution, BLOCK_SIZE, MAX_BLOCK_INDEX * BLOCK_SIZE)
         require_in_range("--seed", self.seed, 0, LARGEST_SEED)
         require_in_range("--most-macroblocks", self.most_macroblocks, 1, UNLIMITED)

@@ -1,4 +1,4 @@
-"""snerg.train, bake and evaluate refuse wrong arguments before any work, in one line that names the argument."""
+"""snerg.train, bake, evaluate and show refuse wrong arguments before any work, in one line that names the argument."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -17,8 +17,10 @@ RUN = Path(__file__).parents[1] / "data" / "runs"
         (snerg.read_photographs, (RUN,), {"downscale": 0}, "downscale"),
         (snerg.train, ("PHOTOS", "out"), {}, "photographs"),
         (snerg.train, ("PHOTOS", "out"), {"preset": "fast"}, "preset"),
+        (snerg.show, (None,), {"size": "large"}, "size"),
         (snerg.evaluate, ("scene.zip", "PHOTOS"), {}, "photographs"),
         (snerg.bake, ("run", "out.zip"), {"method": "mesh"}, "method"),
+        (snerg.bake, ("run", "out.zip"), {"resolution": 100.5}, "resolution"),
         (snerg.bake, ("run", "out.zip"), {"quality": "best"}, "quality"),
         (snerg.bake, ("run", "out.zip"), {"codec": "gif"}, "codec"),
     ],
