@@ -177,7 +177,7 @@ def _plain(value: Any) -> Any:
 
 
 def program_version() -> str:
-    """Of this installation of snerg."""
+    """The version of this installation of snerg."""
     try:
         return version("snerg")
     except PackageNotFoundError:  # running from a bare checkout

@@ -191,7 +191,7 @@ def checked_fov(fov: Any) -> float:
 
 
 def numbers(value: Any) -> NDArray[np.float64]:
-    """As an array; NaN, which callers refuse, where it is something else."""
+    """`value` as an array; a single NaN, which callers refuse, if it cannot be one."""
     import numpy as np
 
     try:

@@ -127,7 +127,7 @@ def read_newest_checkpoint(folder: Path) -> tuple[int, dict[str, np.ndarray]]:
 
 
 def checksum(arrays: Mapping[str, np.ndarray]) -> str:
-    """Of the names and contents of arrays, whatever their order."""
+    """CRC-32 of the names and contents of arrays, whatever their order, in hexadecimal."""
     crc = 0
     for name in sorted(arrays):
         crc = zlib.crc32(_bytes_of(arrays[name]), zlib.crc32(name.encode(), crc))

@@ -35,8 +35,8 @@ LAUNCHERS = (
 
 def launched() -> tuple[int, int] | None:
     """(processes, index of this one) by the launcher's variables; None without a launcher."""
-    said = ([os.environ.get(name, "") for name in names] for names in LAUNCHERS)
-    return next(((int(count), int(index)) for count, index in said if count.isdecimal() and index.isdecimal()), None)
+    values = ([os.environ.get(name, "") for name in names] for names in LAUNCHERS)
+    return next(((int(count), int(index)) for count, index in values if count.isdecimal() and index.isdecimal()), None)
 
 
 def join_processes(coordinator: str | None = None, processes: int | None = None, process_id: int | None = None) -> None:

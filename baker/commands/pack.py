@@ -40,7 +40,8 @@ DESCRIPTION = (
     "(baked scenes: a folder with scene_params.json, or one .zip)."
 )
 PAGE_SUFFIXES = (".html", ".htm")
-SHORTEST, MOST_TURN = 1e-6, 1e6  # of a direction, whatever its unit; degrees
+SHORTEST_DIRECTION = 1e-6  # length of --up
+MOST_TURN = 1e6  # degrees
 
 
 def info(pack: Path, /, json: Path | None = None) -> None:
@@ -210,7 +211,7 @@ def move(
     if up is None and not turn and origin is None and scale is None:
         raise UserError("there is nothing to change", remedy="add --up, --turn, --origin or --scale; see --help")
     direction = None if up in (None, "auto") else np.array(parse_point(up, "--up"))
-    if direction is not None and np.linalg.norm(direction) < SHORTEST:
+    if direction is not None and np.linalg.norm(direction) < SHORTEST_DIRECTION:
         raise UserError("is not a direction", where="--up", found=up)
     require_in_range("--turn", turn, -MOST_TURN, MOST_TURN)
     point = None if origin is None else parse_point(origin, "--origin")

@@ -84,7 +84,7 @@ def test_what_numpy_and_opencv_hand_out_is_taken() -> None:
         ([[1], [1, 2]], "three numbers"),
     ],
 )
-def test_an_eye_that_is_no_point_before_its_target_is_refused(eye: Any, message: str) -> None:
+def test_an_eye_that_is_no_point_or_lies_at_its_target_is_refused(eye: Any, message: str) -> None:
     with pytest.raises(snerg.SnergError, match=message):
         snerg.Camera.look_at(eye, (1, 2, 3))
 

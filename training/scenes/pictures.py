@@ -260,8 +260,8 @@ def preview_of(file: Path) -> np.ndarray:
 
 
 def is_panorama(preview: np.ndarray) -> bool:
-    """Whether a picture shows all around, 360° × 180° (equirectangular): it is twice as wide as tall, goes on from its right edge
-    at its left one, and its first and last row are a single point each."""
+    """Whether a picture is a panorama of 360° × 180° (equirectangular): twice as wide as tall, its left edge continues its right
+    edge, and its first and last row show one point each."""
     height, width = preview.shape
     if abs(width - 2 * height) > 1:
         return False

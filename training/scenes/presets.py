@@ -30,7 +30,7 @@ def voxels_for(pixels: int, kind: Kind) -> int:
 
 
 def bounded_side(width: int, height: int, *, is_panorama: bool) -> int:
-    """Pixels that a preset's longest_side bounds: of the longer side, or of a quarter of a panorama's turn."""
+    """The pixels that a preset's longest_side limits: the longer side, or a quarter of a panorama's width."""
     return -(-width // 4) if is_panorama else max(width, height)
 
 

@@ -42,7 +42,7 @@ class SceneOptions:
         object.__setattr__(self, "up", None if self.up is None else checked_up(self.up))
 
     def require_unchanged(self, asked: Mapping[str, object], remedy: str) -> None:
-        """UserError where one of the options `asked`, None where left out, is another than this one of a run that goes on."""
+        """UserError if one of `asked` differs from these options, which a resumed run keeps. None: the option was left out."""
         for name, value in asked.items():
             before = getattr(self, name)
             if value is not None and value != before:

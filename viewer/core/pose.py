@@ -87,7 +87,7 @@ class Pose:
         return grid_T_camera
 
     def aimed(self, azimuth: float, elevation: float) -> Pose:
-        """With other angles (degrees), the elevation as far as it goes."""
+        """This pose with other angles (degrees); the elevation is clipped to ±MAX_ELEVATION."""
         return replace(self, azimuth=azimuth, elevation=float(np.clip(elevation, -MAX_ELEVATION, MAX_ELEVATION)))
 
     def seen_from(self, eye: np.ndarray, table: Turntable) -> Pose:

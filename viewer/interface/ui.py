@@ -157,8 +157,8 @@ class Ui:
 
     @property
     def changes_soon(self) -> bool:
-        """Whether frames must go on without input: letters are being read, or a tip is about to show where the mouse rests: imgui
-        sees how long it rests, and then how large the tip is, only in frames."""
+        """Whether frames must be drawn without input: letters are being read, or the mouse rests where a tip will show. imgui
+        measures that rest, and then the tip's size, only while frames are drawn."""
         item, waited = self.context.hover_item_delay_id, self.context.hover_item_delay_timer
         rests = self.context.hover_item_unlocked_stationary_id == item
         hidden = any(window.active and window.hidden_frames_cannot_skip_items for window in self.context.windows)

@@ -91,7 +91,7 @@ class _MouseState:
     holds: str = ""  # the camera, or "wipe": its edge, "face": of the crop box, "mark": a point, "erase": its tool
     button: int = LEFT
     under: _Under = NOTHING
-    scene: int = 0  # id of the one that this is in
+    scene: int = 0  # id of the scene that this belongs to
     travelled: float = 0.0  # window units since then, to tell a click from a drag
     moves_by_keys: bool = False  # keys are held that move the camera
 

@@ -18,6 +18,7 @@ from tests.viewer.waiting import live, until
 from viewer.app.application import App
 from viewer.app.commands import COMMANDS
 from viewer.core.annotations import Bookmark
+from viewer.core.pose import DEPTH, History
 from viewer.core.tasks import Cancelled
 from viewer.features.display.display import modes_for
 from viewer.features.opening import opening as loading_module
@@ -188,3 +189,13 @@ def test_moves_cuts_marks_and_the_near_plane_are_undone_in_turn(pack, steps):
     app.run("undo")
     app.cut(near=9.0)
     assert not app.open_scene.rig.history.redo(), "what was undone is forgotten after something new"
+
+
+def test_the_oldest_moments_of_a_long_history_are_forgotten():
+    value = [0]
+    history = History()
+    history.follow(lambda: value[0], lambda old: value.__setitem__(0, old))
+    for i in range(2 * DEPTH):
+        history.remember()
+        value[0] = i + 1
+    assert sum(iter(history.undo, False)) == DEPTH and value[0] == DEPTH

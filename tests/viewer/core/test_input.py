@@ -68,11 +68,11 @@ def test_a_button_starts_flying_once_for_each_press_and_the_left_stick_flies_ahe
     assert (rig.goal.eye(rig.table) - eye) @ ahead == pytest.approx(rig.speed * 10 / 60)
 
 
-def test_two_gamepads_of_one_name_have_buttons_of_their_own(app, hear):
+def test_buttons_of_two_gamepads_of_the_same_name_count_apart(app, hear):
     hear(pad(), pad())
-    hear(pad((A,)), pad(), frames=4)
+    hear(pad((A,)), pad(), frames=4)  # held on the first: pressed once
     assert app.scene.rig.flying
-    hear(pad((A,)), pad((A,)))
+    hear(pad((A,)), pad((A,)))  # and now on the second
     assert not app.scene.rig.flying
 
 

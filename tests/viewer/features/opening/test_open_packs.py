@@ -192,7 +192,7 @@ def arranged(packs: list[Path]) -> App:
     return app
 
 
-def test_a_session_sees_as_much_as_a_photograph_that_is_stood_in(packs: list[Path]) -> None:
+def test_a_session_keeps_the_field_of_view_of_the_photograph_that_is_shown(packs: list[Path]) -> None:
     app = App()
     app.show(load_pack(packs[0]), packs[0])
     app.open_scene.rig.hold(ViewCamera.posed(app.open_scene.rig.matrix, 20.0, (64, 48)))
