@@ -205,7 +205,7 @@ def _flush_names(folder: Path) -> None:
 
 
 def _take_place(new: Path, target: Path) -> None:
-    if target.exists():
+    if target.exists() and new.is_dir() == target.is_dir():  # a folder with the mode of a file could not be deleted
         shutil.copymode(target, new)
     if not (new.is_dir() and target.is_dir()):
         os.replace(new, target)

@@ -14,6 +14,7 @@ import pytest
 from baker.commands.pack import main as snerg_pack
 from baker.reports.figures import Section, draw_sections
 from console import write_json
+from console.atomic import replacing
 from scenepack import save_pack
 from tests.scenepack.helpers import small_pack
 from training.checkpoints import write_checkpoint
@@ -58,6 +59,15 @@ def test_what_a_person_keeps_is_flushed_before_it_takes_its_place(tmp_path, monk
     write(tmp_path / name)
     assert steps == ["file", "rename", "folder"]
     assert os.listdir(tmp_path) == [name]
+
+
+def test_a_folder_that_meets_a_file_in_its_place_keeps_its_own_mode(tmp_path, monkeypatch):
+    modes = []
+    monkeypatch.setattr(os, "replace", lambda new, _: modes.append(new.stat().st_mode & 0o700))
+    with replacing(tmp_path / "pack", folder=True):
+        (tmp_path / "pack").write_text("dear")
+        (tmp_path / "pack").chmod(0o600)
+    assert modes == [0o700]
 
 
 # Two commands that write one output at once: one writes it, the other says so
