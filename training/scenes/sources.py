@@ -175,7 +175,7 @@ def _pictures(path: Path) -> tuple[list[Path], list[Path], list[Path]]:
         places = [".", SUBFOLDER, *(folder.name for folder in smaller)]
     for place in places:
         folders = [path] if place == "." else [one for one in path.glob(place) if _may_hold_pictures(path, one)]
-        here = [file for folder in folders for file in files.visible_files(folder)]
+        here = [file for folder in folders for file in _pictures_in(folder)]
         unread += [file for folder in folders for file in files.visible_files(folder, files.UNREAD_FORMATS)]
         if not found or len(here) >= FEWEST:
             passed_over, found = found, here
@@ -184,6 +184,13 @@ def _pictures(path: Path) -> tuple[list[Path], list[Path], list[Path]]:
     stems = {file.with_suffix("") for file in found}
     unread = sorted({file for file in unread if file.with_suffix("") not in stems})
     return found, unread, [file for file in passed_over if file not in found]
+
+
+def _pictures_in(folder: Path) -> list[Path]:
+    """The pictures directly in a folder; of an export of 3D Scanner App without its depth maps, thumbnails and texture."""
+    found = files.visible_files(folder)
+    frames = [file for file in found if file.name.startswith("frame_")]
+    return frames if any(file.with_suffix(".json").is_file() for file in frames) else found
 
 
 def _may_hold_pictures(path: Path, folder: Path) -> bool:
