@@ -14,7 +14,7 @@ from viewer.app.application import App
 from viewer.app.commands import COMMANDS
 from viewer.core import widgets
 from viewer.features.camera import panel as camera_panel
-from viewer.features.export.exporting import Writing
+from viewer.features.export.exporting import Server, Writing
 from viewer.features.preferences import preferences
 from viewer.features.preferences.preferences import apply_preferences, current_preferences
 from viewer.interface import keys
@@ -173,6 +173,12 @@ def test_cards_of_long_work_name_minutes_and_shorten_names(ui, app, tmp_path: Pa
     assert any(text.endswith("%, about 7 min 47 s left") for text in drawn)
     named = [text for text in drawn if "long-name" in text]
     assert len(named) == 3 and all(text.endswith("…") and drawn[text] < 280 for text in named)
+
+
+def test_the_address_of_a_scene_that_is_shared_is_copied(ui, app, tmp_path: Path) -> None:
+    app.sharing.server = Server(child(), tmp_path / "nothing", name="toy", address="http://127.0.0.1:9/x/")
+    ui.press("Copy##address")
+    assert app.clipboard.text == "http://127.0.0.1:9/x/"
 
 
 def test_a_page_is_pulled_out_another_takes_its_place_and_the_layout_is_remembered_and_reset(
