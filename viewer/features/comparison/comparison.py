@@ -68,6 +68,11 @@ class Comparison:
             return app.scene.name, name_of(self.other_path)
         return None
 
+    def shows_other_pack(self, app: App, x: float) -> bool:
+        """Whether the other pack is what is seen at x, in window units from the left edge of the picture."""
+        other = {"wipe": x > self.split * app.viewport.width, "flip": self.other_side}
+        return self.against == "pack" and other.get(self.how, False)
+
     def tick(self, app: App, seconds: float) -> None:
         """Advances flips; ends the comparison with a photograph once the camera moves."""
         if self.against == "photograph" and (app.scene is None or app.scene.rig.held is None):

@@ -122,6 +122,10 @@ class Erasing:
         if self.choosing:
             app.messages.say("Still selecting…")
             return
+        sides = app.comparison.sides(app)
+        if sides is not None and app.comparison.shows_other_pack(app, x):
+            app.messages.say("{} is edited, not {}".format(*sides))
+            return
         self._subtracts = subtracts or not self.adds
         if self.tool == "brush":
             self._stroke = (x, y)

@@ -16,6 +16,8 @@ from tests.scenepack.volumes import atlas_from_dense
 from tests.viewer.conftest import toy_pack
 from tests.viewer.waiting import not_none, until
 from viewer.core.pose import project
+from viewer.features.comparison.comparison import FLIP_S
+from viewer.features.editing.erasing import TOOLS
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import RenderSettings
 
@@ -126,6 +128,25 @@ def test_a_sphere_is_drawn_from_its_middle_and_reaches_as_far_as_the_drag(ui, ap
     reach = np.linalg.norm(found - hit.point, axis=1).max()
     edge = project(app.camera(), np.array([hit.point + reach * app.camera().grid_T_camera[:3, 0]]))[0][0]
     assert abs(np.linalg.norm(edge - project(app.camera(), hit.point[None])[0][0]) - 40) < 8
+
+
+@pytest.mark.parametrize("how", ["wipe", "flip"])
+def test_a_press_on_the_other_pack_of_a_comparison_selects_nothing_and_says_why(ui, app, how):
+    app.comparison.with_pack(app, toy_pack(), Path("other.zip"))
+    app.comparison.how, app.comparison.clock = how, FLIP_S  # its other side
+    app.comparison.split = (ui.place_of(BALL)[0] - 20 - app.viewport.x) / app.viewport.width
+    for tool in TOOLS:
+        app.run(f"erase-{tool}")
+        app.comparison.clock = FLIP_S
+        ui.drag(around(ui, BALL, 10))
+        live(ui)
+        assert not len(selected(ui)) and app.messages.toast == "toy is edited, not other", tool
+        app.messages.toast = ""
+    app.run("erase-lasso")
+    app.comparison.split, app.comparison.clock = 0.98, 0.0
+    ui.drag(around(ui, BALL, 10))
+    live(ui)
+    assert len(selected(ui))
 
 
 def test_rules_select_changes_apply_and_subtracting_is_a_mode(ui, app):
