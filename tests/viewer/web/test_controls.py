@@ -253,6 +253,23 @@ def test_annotated_places_are_numbers_that_hide_when_covered_and_say_their_text_
     at = browser.evaluate(f"{marks}.map((each) => each.getAttribute('transform').match(/[-.0-9]+/g).map(Number))")
     camera = ViewCamera.look_at(np.array([0, 0.2, 4.0]), np.zeros(3), np.array([0, 1.0, 0]), 40.0, SIZE)
     np.testing.assert_allclose(at, project(camera, np.array([ball, post]))[0], atol=0.5)
+    (x, y), start = at[1], goal(browser)["azimuth"]
+    drag(browser, (x, y), (x + 60, y))  # from a number as from anywhere else, and a finger as the mouse
+    assert goal(browser)["azimuth"] == pytest.approx(start - 200 * 60 / SIZE[1])
+    browser.evaluate("document.getElementById('reset').click()")
+    settle(browser)
+    browser.resize(*SIZE, touch=True)
+    browser.touch("touchStart", (x, y))
+    for way in range(10, 70, 10):
+        browser.touch("touchMove", (x - way, y))
+    browser.touch("touchEnd")
+    assert goal(browser)["azimuth"] == pytest.approx(start + 200 * 60 / SIZE[1])
+    browser.resize(*SIZE)
+    browser.evaluate("document.getElementById('reset').click()")
+    settle(browser)
+    drag(browser, (x, y), (x + 1, y))  # a click, by a hand that shakes
+    settle(browser)
+    np.testing.assert_allclose(browser.evaluate("snerg.camera.view(0)")["eye"], views[2].eye, atol=1e-6)
     browser.evaluate(f"{marks}[0].dispatchEvent(new MouseEvent('click'))")
     settle(browser)
     np.testing.assert_allclose(browser.evaluate("snerg.camera.view(0)")["eye"], views[1].eye, atol=1e-6)

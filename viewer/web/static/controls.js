@@ -2,6 +2,7 @@
 
 const NOTCH = 100; // pixels that browsers scroll for a notch of the wheel
 const LINES = 3; // a notch in lines
+const CLICK = 4; // pixels that a click may move
 const TURN = 15; // degrees for an arrow key
 const AXES = { w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], e: [0, 1, 0], q: [0, -1, 0] };
 const COMMANDS = {
@@ -9,22 +10,31 @@ const COMMANDS = {
 };
 
 export class Controls {
-  constructor(canvas, camera, moved, commands) {
+  // overlay: lies over the canvas; its parts that can be clicked take drags and the wheel as the canvas does.
+  constructor(canvas, overlay, camera, moved, commands) {
     this.canvas = canvas;
     this.camera = camera;
     this.moved = moved;
     this.commands = commands;
     this.pointers = new Map(); // by id: { x, y } in pixels of the page
+    this.travelled = 0; // pixels since a pointer went down, to tell a click from a drag
     this.keys = new Set();
     const listen = (target, name, action) => target.addEventListener(name, action.bind(this), { passive: false });
-    listen(canvas, "pointerdown", this.down);
-    listen(canvas, "pointermove", this.move);
-    for (const name of ["pointerup", "pointercancel"]) listen(canvas, name, this.up);
-    listen(canvas, "wheel", this.wheel);
-    listen(canvas, "contextmenu", (event) => event.preventDefault());
+    for (const target of [canvas, overlay]) {
+      listen(target, "pointerdown", this.down);
+      listen(target, "pointermove", this.move);
+      for (const name of ["pointerup", "pointercancel"]) listen(target, name, this.up);
+      listen(target, "wheel", this.wheel);
+      listen(target, "contextmenu", (event) => event.preventDefault());
+    }
     listen(window, "keydown", this.keyDown);
     listen(window, "keyup", (event) => this.keys.delete(event.key.toLowerCase()));
     listen(window, "blur", () => this.keys.clear());
+  }
+
+  // Whether what began when a pointer went down last is no click any more.
+  get dragged() {
+    return this.travelled >= CLICK;
   }
 
   // Whether the camera is in somebody's hands.
@@ -42,7 +52,8 @@ export class Controls {
 
   down(event) {
     this.canvas.focus({ preventScroll: true });
-    this.canvas.setPointerCapture(event.pointerId);
+    event.target.setPointerCapture(event.pointerId);
+    if (!this.pointers.size) this.travelled = 0;
     this.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     this.pans = event.button !== 0 || event.shiftKey || event.ctrlKey;
     event.preventDefault();
@@ -59,6 +70,7 @@ export class Controls {
     if (!before) return;
     const height = this.canvas.clientHeight;
     const [dx, dy] = [(event.clientX - before.x) / height, (event.clientY - before.y) / height];
+    this.travelled += (Math.abs(dx) + Math.abs(dy)) * height;
     if (this.pointers.size === 1) {
       // Forward-facing scenes slide with the left button, as there is only one side to look from.
       if (this.pans !== this.camera.bounded) this.camera.pan(dx, dy);

@@ -206,7 +206,6 @@ function buildInterface() {
   element("fullscreen").hidden = !document.fullscreenEnabled; // as on iPhones, and in frames that do not allow it
   if (scene.camera.bounded) [element("drag").textContent, element("slide").textContent] = ["move", "turn a little"];
   element("note").addEventListener("click", () => { element("note").hidden = getSelection().isCollapsed; }); // or it is copied
-  element("overlay").addEventListener("wheel", (event) => controls.wheel(event), { passive: false }); // over a number
   setBackground(settings.background);
 }
 
@@ -225,7 +224,7 @@ function describe() {
   element("around").hidden = !contracted;
   element("measured").hidden = !measurements.length && !bookmarks.some(({ point }) => point);
   element("cut").hidden = ndc;
-  overlay.show(measurements, bookmarks, visit);
+  overlay.show(measurements, bookmarks, (bookmark) => { if (!controls.dragged) visit(bookmark); });
   setMode(scene.shaders.modes[settings.mode] ? settings.mode : "normal");
   status("");
 }
@@ -259,7 +258,7 @@ async function load(found) {
   scene = found;
   if (first) {
     camera = new Camera(scene.camera);
-    controls = new Controls(canvas, camera, () => {
+    controls = new Controls(canvas, element("overlay"), camera, () => {
       if (controls.busy) setPlaying(false);
       touch();
     }, commands);
