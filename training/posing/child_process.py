@@ -1,7 +1,7 @@
 """Work in a child process: COLMAP's functions run for minutes and react to no signal, and a decoder may crash.
 
 ask() starts the child, serve() runs in it. The request is one line of JSON. The answers are lines of JSON: {"title", "done",
-"total"} as the work goes on, and at the end {"result"}, or {"error": the parts of a UserError}.
+"total"} as the work goes on, {"notice"}, and at the end {"result"}, or {"error": the parts of a UserError}.
 """
 
 import contextlib
@@ -16,9 +16,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from console import UserError, refusal
+from console import Notice, UserError, notify, refusal
 from console.atomic import try_lock
 from console.child_process import ChildProcess, json_answers, module_command
+from console.errors import handle_notices
 
 OnProgress = Callable[[str, float, float], None]  # what goes on, units done, units in all
 EXIT_S = 10.0  # for a child that has closed its output to end in
@@ -41,6 +42,8 @@ def ask(service: str, request: Mapping[str, Any], log: Path, on_progress: OnProg
             for answer in child.messages():
                 if "title" in answer:
                     on_progress(answer["title"], answer["done"], answer["total"])
+                elif "notice" in answer:
+                    notify(Notice(answer["notice"]))
                 elif "error" in answer:
                     raise UserError(**answer["error"])
                 else:
@@ -71,7 +74,9 @@ def serve() -> None:
         answer(title=title, done=done, total=total)
 
     try:
-        answer(result=SERVICES[request.pop("service")](request, on_progress))
+        with handle_notices(lambda text: answer(notice=text)):
+            result = SERVICES[request.pop("service")](request, on_progress)
+        answer(result=result)
     except UserError as error:
         answer(error={name: None if part is None else str(part) for name, part in vars(error).items()})
     except Exception as error:

@@ -30,6 +30,7 @@ from PIL import Image
 from console import UserError
 from training.posing.photograph import same_view, sharpness, shift, thumbnail, write_picture
 from training.scenes.deep_pictures import linear_to_srgb
+from training.scenes.files import notice
 from training.scenes.pictures import PREVIEW_SIDE
 from training.scenes.sources import DEMUXERS, container_of, require_source
 
@@ -138,6 +139,8 @@ CODECS = (
 )  # fmt: skip
 OPTIONS = {"enable_drefs": "0", "protocol_whitelist": "none", "format_whitelist": DEMUXERS}
 MOST_PIXELS = 1 << 26  # of a frame; 8K has half as many
+STATE_LENGTH = ("mp4", "matroska")  # demuxers of films whose headers say how long they are
+MISSING_S = 1.0  # seconds that a film may be shorter than its header says
 GLIMPSED = 30  # frames whose decoding is timed
 SOUGHT = 60  # frames that are decoded after a key frame, at most, to come to a place
 CANDIDATES = 2  # times as many frames as are used are looked at: a camera that slows down shows the same
@@ -258,14 +261,23 @@ def intervals_of(times: Sequence[float], most: int) -> list[int]:
 
 
 def _times(film: Path) -> list[float]:
-    """When each frame is shown, in seconds, without decoding any."""
+    """When each frame is shown, in seconds, without decoding any. A notice where the film ends before its header says."""
+    times, end = set(), 0.0
     with _opened(film) as (container, stream):
-        base = float(stream.time_base)
-        stamps = (packet.dts if packet.pts is None else packet.pts for packet in container.demux(stream))
-        times = sorted({stamp * base for stamp in stamps if stamp is not None})
+        for packet in container.demux():  # sound may go on after the last frame
+            stamp = packet.dts if packet.pts is None else packet.pts
+            if stamp is None:
+                continue
+            end = max(end, float((stamp + (packet.duration or 0)) * packet.time_base))
+            if packet.stream is stream:
+                times.add(stamp * float(stream.time_base))
+        stated = (container.duration or 0) / av.time_base if container.format.name in STATE_LENGTH else 0.0
     if not times:
         raise UserError("the film has no frames", where=film)
-    return times
+    if end < stated - MISSING_S:
+        sides = f"expected {stated:.1f} s, found {end:.1f} s"
+        notice(film, f"the film ends early ({sides}); copy it again if it was longer")
+    return sorted(times)
 
 
 def _graded(film: Path, times: Sequence[float], most: int, on_frame: Callable[[float], None]) -> Iterator[_Graded]:

@@ -1,6 +1,7 @@
 """Films as photographs: the sharpest frame of each interval, upright, in sRGB; and what is no film is refused."""
 
 import io
+import re
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image, ImageFilter
 
+from console import collect_notices
 from tests.training.posing.rooms import texture
+from training.posing.child_process import ask
 from training.scenes.sources import require_source
 
 av = pytest.importorskip("av", reason="films need PyAV (the extra video)")
@@ -48,10 +51,13 @@ def frames_of_film(count: int = 24, sharp_every: int = 4) -> list[np.ndarray]:
     return out
 
 
-def write_film(file: Path, frames: list[np.ndarray], times: list[int], matrix: np.ndarray | None = None) -> Path:
-    """A film whose frames are shown at `times` (milliseconds), with that display matrix in its header."""
+def write_film(
+    file: Path, frames: list[np.ndarray], times: list[int], matrix: np.ndarray | None = None, *, muxer: str = "mp4",
+    options: dict[str, str] | None = None,
+) -> Path:  # fmt: skip
+    """A film whose frames are shown at `times` (milliseconds), with that display matrix in its header. options: of the muxer."""
     buffer = io.BytesIO()
-    with av.open(buffer, "w", format="mp4") as film:
+    with av.open(buffer, "w", format=muxer, options=options or {}) as film:
         stream = film.add_stream("libx264", rate=1000, options={"crf": "12"})
         stream.bit_rate = 8_000_000
         stream.height, stream.width = frames[0].shape[:2]
@@ -91,8 +97,9 @@ def test_films_of_every_container_give_the_same_frames(suffix, muxer, codec, opt
         written.mux(stream.encode())
     source = require_source(tmp_path)
     assert source.kind == "film" and source.files == (film,)
-    found = taken(film, 4)
-    assert len(found) == 4 and found[0][0] < 0.3 and 0.5 < found[-1][0] < 1.1
+    with collect_notices() as said:
+        found = taken(film, 4)
+    assert not said and len(found) == 4 and found[0][0] < 0.3 and 0.5 < found[-1][0] < 1.1
     for _, picture in found:
         assert picture.shape == (HEIGHT, WIDTH, 3)
         assert min(np.abs(picture.astype(float) - frame).mean() for frame in frames) < 12
@@ -110,6 +117,17 @@ def test_a_glimpse_of_a_film_counts_its_frames_and_shows_some_of_them_in_their_o
     assert counts == [count] == [6] and seconds > 0
     assert len(shown) == 8 and [at for at, _ in shown] == sorted({at for at, _ in shown}) and shown[-1][0] > 1.8
     assert {size for _, size in shown} == {(HEIGHT, WIDTH)}  # upright
+
+
+@pytest.mark.parametrize(("muxer", "options"), [("matroska", {}), ("mp4", {"moov_size": "20000"})])
+def test_a_film_that_was_cut_off_is_used_up_to_there_and_a_notice_says_so(muxer, options, tmp_path):
+    film = write_film(tmp_path / "film", frames_of_film(), [100 * i for i in range(24)], muxer=muxer, options=options)
+    film.write_bytes(film.read_bytes()[: film.stat().st_size // 3])
+    request = {"film": str(film), "images": str(tmp_path), "most": 6}
+    with collect_notices() as said:
+        assert 1 <= len(ask("take_frames", request, tmp_path / "log.txt", lambda *_: None)) < 6
+    (line,) = said
+    assert re.search(r"film: the film ends early \(expected 2\.\d s, found 0\.\d s\); copy it again", line)
 
 
 @pytest.mark.parametrize("turns", [0, *TURNS])
