@@ -13,11 +13,12 @@ from viewer.core.widgets import Box, px
 from viewer.features.making.make_job import MakeJob, RejectedPhotographs, preview_title
 from viewer.features.making.make_plan import RESOLUTIONS, Plan
 from viewer.features.making.review import Kind, Review
-from viewer.features.making.survey import OFFERED, BarePreview, few_with_reasons, result_lines
+from viewer.features.making.survey import LONGEST_SIDES, OFFERED, BarePreview, few_with_reasons, result_lines
 from viewer.rendering.canvas import Canvas
 from viewer.rendering.targets import Sheet
 
 NAME, WIDTH, PADDING, LABELS = "##make", 560.0, 26.0, 122.0
+WIDER = "Panoramas may be four times as wide."  # training.scenes.presets.bounded_side
 
 
 def show(app: App, canvas: Canvas) -> None:
@@ -99,9 +100,10 @@ def _choices(plan: Plan) -> None:
         return
     presets = {name: preset.title for name, preset in OFFERED.items()}
     plan.preset = ui.segments("How", presets, plan.preset, LABELS) or plan.preset
-    _indented(OFFERED[plan.preset].advice if plan.preset in OFFERED else plan.preset)
     survey = plan.survey
     assert survey is not None
+    advice = OFFERED[plan.preset].advice if plan.preset in OFFERED else plan.preset
+    _indented(f"{advice} {WIDER}" if survey.panoramas and plan.preset in LONGEST_SIDES else advice)
     titles = {0: "Automatic"} | {k: f"{max(survey.sizes[k])} px" for k in survey.choices}
     picked = ui.segments("Photographs", titles, plan.downscale or 0, LABELS)
     if picked is not None:

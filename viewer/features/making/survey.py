@@ -21,6 +21,7 @@ from PIL import Image
 from console import UserError, collect_notices
 from console.json_text import read_json_file
 from training.scenes import Scene, load_scene
+from training.scenes.lens import EQUIRECTANGULAR, projection_of
 from training.scenes.picture_headers import UNREADABLE, read_header
 from training.scenes.pictures import is_panorama, preview_of
 from training.scenes.presets import PRESETS, bounded_side, voxels_for
@@ -167,6 +168,7 @@ class Survey(Task[None]):
         self.sizes: dict[int, tuple[int, int]] = {}  # width, height in pixels by downscale
         self.automatic: dict[str, int] = {}  # the downscale of a preset that shrinks
         self.forward = False  # cameras (LLFF, COLMAP) that may be read as looking all around
+        self.panoramas = False  # whether the photographs show all around
         self.masks = False  # whether there are any
         self.masked: set[int] = set()  # downscales at which there is one for each photograph
         super().__init__(self._read)
@@ -217,6 +219,8 @@ class Survey(Task[None]):
                             self.masked.add(downscale)
             self.masks = bool(self.masked) or any(self.path.glob("masks*"))
             self.forward, self.kind = scene.ndc, scene.kind
+            first = next(iter(scene.splits.values()))[0].camera
+            self.panoramas = projection_of(first.distortion) == EQUIRECTANGULAR
             width, height = _size(scene)
             count = sum(len(photographs) for photographs in scene.splits.values())
             seen = "forward-facing" if scene.ndc else "360°"
@@ -243,6 +247,7 @@ class Survey(Task[None]):
             size, panorama = read_header(source.files[0]).size, is_panorama(preview_of(source.files[0]))
         except UserError:  # HEIC, say: what cannot be read is reported when poses are found
             return f"{count} photographs"
+        self.panoramas = panorama
         bounded = bounded_side(*size, is_panorama=panorama)
         self.automatic = {name: max(math.ceil(bounded / side), 1) for name, side in LONGEST_SIDES.items()}
         possible = [downscale for downscale in {*DOWNSCALES, *self.automatic.values()} if downscale <= min(size)]

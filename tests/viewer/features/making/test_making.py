@@ -22,9 +22,10 @@ from scenepack import save_pack
 from tests.training.posing.conftest import COUNT, write_photographs
 from tests.training.posing.rooms import cameras, panorama_cameras, photograph
 from tests.training.reconstructions import ball, write_colmap
-from tests.training.test_captures import circle
+from tests.training.test_captures import circle, write_transforms
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.features.making.conftest import FAKE, ROOT
+from tests.viewer.offscreen_ui import drawn_widths
 from tests.viewer.waiting import is_gone, live, not_none, until
 from tools.procedural import write_procedural_scene
 from training.config import PRESETS
@@ -328,13 +329,18 @@ def test_bare_photographs_are_asked_about_as_a_scene_is(tmp_path):
     assert plan.typed() == f"snerg-make {folder} --out {plan.out} --preset normal"
 
 
-def test_bare_panoramas_are_shrunk_by_what_they_show_in_a_quarter_of_a_turn(tmp_path):
+def test_bare_panoramas_are_shrunk_by_what_they_show_in_a_quarter_of_a_turn(offscreen, tmp_path, monkeypatch):
     picture = Image.fromarray(photograph(panorama_cameras(1)[0]))
     for file in photographs(tmp_path / "hall").iterdir():
         picture.save(file, format="JPEG")
-    _, _, found = dropped(tmp_path / "hall")
+    app, _, found = dropped(tmp_path / "hall")
     assert found.text.startswith("8 panoramas of 512 × 256. Nothing says where the camera stood")
     assert found.size("quick", None) == (512, 256)
+    drawn = drawn_widths(monkeypatch)
+    offscreen(app).frames(2)
+    assert any("512 pixels" in text and "four times as wide" in text for text in drawn), drawn
+    posed = write_transforms(tmp_path / "posed", circle(9), size=(64, 32), lens={}, camera_model="EQUIRECTANGULAR")
+    assert dropped(posed)[2].panoramas
 
 
 @pytest.mark.slow
