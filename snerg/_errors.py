@@ -1,10 +1,13 @@
 """SnergError, and the decorator that turns what the packages below raise into it."""
 
+import re
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
+# Options of commands in remedies that are arguments in Python, too.
+ARGUMENTS = re.compile(r"--(codec|downscale|level|masks|out|preset|resume|seed)\b")
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -52,6 +55,8 @@ def with_snerg_errors(function: Callable[P, R]) -> Callable[P, R]:
                 fields = vars(error)
                 if str(fields["where"]).startswith("--"):  # an option of a command, and the argument of the same name
                     fields = {**fields, "where": fields["where"].removeprefix("--").replace("-", "_")}
+                if "snerg-" not in (fields["remedy"] or "snerg-"):  # a whole command stays one
+                    fields = {**fields, "remedy": ARGUMENTS.sub(r"\1", fields["remedy"])}
                 raise SnergError(**fields) from error
             if (line := refusal(error) or missing_extra(error)) is None:
                 raise

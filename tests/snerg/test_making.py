@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 import snerg
+from tests.training.test_captures import circle, write_transforms
 
 RUN = Path(__file__).parents[1] / "data" / "runs"
 
@@ -31,3 +32,11 @@ def test_wrong_arguments_are_refused_before_any_work(
     with pytest.raises(snerg.SnergError) as refused:
         function(*given, **arguments)
     assert refused.value.where == where and "\n" not in str(refused.value)
+
+
+def test_a_remedy_names_an_argument_as_python_does_and_keeps_whole_commands(tmp_path: Path) -> None:
+    scene = write_transforms(tmp_path / "scene", circle())
+    with pytest.raises(snerg.SnergError, match=r"leave out masks$"):
+        snerg.read_photographs(scene, masks=True)
+    with pytest.raises(snerg.SnergError, match=r"snerg-train SCENE --out RUN$"):
+        snerg.bake(tmp_path / "none", tmp_path / "out.zip")
