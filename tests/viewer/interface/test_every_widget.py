@@ -133,7 +133,8 @@ def hand(scenes) -> Iterator[Hand]:
     ctx.release()
 
 
-COVERED = {"review": {("##viewport", "##canvas")}}  # by place: what may lie under something else; it is clicked in other places
+# By place: what may lie under something else, and is clicked in other places
+COVERED = {"review": {("##viewport", "##canvas")}}
 clicked: dict[tuple[int, int], set[Name]] = {size: set() for size in SIZES}
 greyed: dict[tuple[int, int], set[Name]] = {size: set() for size in SIZES}
 

@@ -11,12 +11,13 @@ import numpy as np
 from numba import njit
 
 from training.multires.fused.compiled import kernel
-from training.multires.fused.vectors import FEATURES, add_to_row, blend_row, prefetch_row
+from training.multires.fused.vectors import FEATURES, LINE, add_to_row, blend_row, prefetch_row
 from training.multires.levels import DENSE, HASH_Y, HASH_Z, HASHED, HASHED_ROWS
 
 BLOCK = 16  # samples whose corners are computed together
 CORNERS = 8 * BLOCK
 PREFETCHED_ROWS = 16_384  # a level of fewer rows stays in the cache by itself
+MARKED_ROWS = LINE // FEATURES  # that share a mark
 U = np.uintp
 
 
@@ -141,7 +142,8 @@ def scatter(levels, level, output, low, high, gradient, marks):
     """Adds the slopes of a level's features to the gradient of its vertices, in the samples' order.
 
     output: of training.multires.fused.chunk. Only vertices whose z is in [low, high) receive anything, so that several
-    workers may share a level and each row's sum still runs in one order. marks uint8: set for each 64 rows that change.
+    workers may share a level and each row's sum still runs in one order. marks uint8: set for each MARKED_ROWS rows
+    that change.
     """
     counts, xs, ys, zs, slopes = output.counts, output.xs, output.ys, output.zs, output.slopes
     capacity, level_start = xs.size // counts.size, level * xs.size
@@ -174,4 +176,4 @@ def scatter(levels, level, output, low, high, gradient, marks):
                     for k in range(0 if cell >= low else 4, 8 if cell + 1 < high else 4):
                         n = ids[U(corner + k * BLOCK + s)]
                         add_to_row(gradient, n, weights[U(corner + k * BLOCK + s)], slopes, at)
-                        marks[U(n >> 6)] = 1
+                        marks[U(n // MARKED_ROWS)] = 1

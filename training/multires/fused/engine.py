@@ -31,38 +31,35 @@ from training.multires.fused.chunk import (
     train_chunks,
 )
 from training.multires.fused.compiled import Workers, kernel
-from training.multires.fused.corners import BLOCK, scatter
+from training.multires.fused.corners import BLOCK, MARKED_ROWS, scatter
 from training.multires.fused.march import Grid, grid_of
 from training.multires.fused.rays import Batch, empty_batch, fill_batch, photographs_of, take_rays
-from training.multires.fused.vectors import FEATURES
+from training.multires.fused.vectors import LINE, adam_line
 from training.multires.levels import HASHED, ROWS_OF_BRICK, Levels, absent_rows, decay_of_blocks, make_levels
 from training.multires.occupancy import is_on, neighbouring_points
 from training.multires.settings import ADAM_BETAS, ADAM_EPSILON, LARGEST_RAW, Settings
 from training.multires.state import PARTS, State, Trainable
 
-MARKED = 64 * FEATURES  # floats of the rows that share a mark
-NEW_1, NEW_2, EPSILON = (np.float32(value) for value in (1 - ADAM_BETAS[0], 1 - ADAM_BETAS[1], ADAM_EPSILON))
+LINES = ROWS_OF_BRICK // MARKED_ROWS  # of a block
+NEW_1, NEW_2, EPSILON = ADAM = tuple(
+    np.float32(value) for value in (1 - ADAM_BETAS[0], 1 - ADAM_BETAS[1], ADAM_EPSILON)
+)
 
 
-@kernel(error_model="numpy")
-def move_marked(values, first, second, gradient, marks, decay, scale, rate, low, high):
-    """Moves the marked blocks low … high - 1 of flat arrays by gradient * scale, which is set to zero with its marks, and by
-    decay (training.multires.levels.decay_of_blocks)."""
-    zero, one = np.float32(0.0), np.float32(1.0)
+@kernel
+def move_marked(arrays, marks, decay, scale, rate, low, high):
+    """Moves the blocks of rows low … high - 1 of flat arrays (values, moments, gradient), see adam_line: their marked lines,
+    whose marks are taken away, and all of a block that has any and decays. decay: see levels.decay_of_blocks."""
     for block in range(low, high):
-        if marks[block] == 0:
+        lines, marked = range(block * LINES, (block + 1) * LINES), np.uint8(0)
+        for line in lines:
+            marked |= marks[line]
+        if marked == 0:
             continue
-        marks[block] = 0
-        start, end = block * MARKED, (block + 1) * MARKED
-        value, mean, square, slope = values[start:end], first[start:end], second[start:end], gradient[start:end]
-        fade = decay[block]
-        for i in range(MARKED):
-            g = slope[i] * scale + fade * value[i]
-            seen = one if g != zero else zero
-            new_mean = mean[i] + seen * NEW_1 * (g - mean[i])
-            new_square = square[i] + seen * NEW_2 * (g * g - square[i])
-            mean[i], square[i], slope[i] = new_mean, new_square, zero
-            value[i] -= seen * rate * new_mean / (np.sqrt(new_square) + EPSILON)
+        for line in lines:
+            if marks[line] != 0 or decay[block] > 0:
+                marks[line] = 0
+                adam_line(arrays, line * LINE, scale, decay[block], rate, ADAM)
 
 
 CHUNKS_TOGETHER = 4  # that a worker claims, and that share one sum of parameter gradients
@@ -164,7 +161,7 @@ class FusedEngine:
         return output
 
     def scatter(self, state: State, output: Output) -> tuple[np.ndarray, np.ndarray]:
-        """The gradient [E, 4] of the table, summed over rays, and the marks of the blocks that it is not zero in."""
+        """The gradient [E, 4] of the table, summed over rays, and the marks of the lines that it is not zero in."""
         levels = self._derived(state)[1]
         gradient, marks = self._accumulators(state)
         slabs = self.workers.count
@@ -243,24 +240,24 @@ class FusedEngine:
         return state.kept["derived"]
 
     def _accumulators(self, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """The table's gradient, zero between steps, and the marks of its blocks."""
+        """The table's gradient, zero between steps, and the marks of its lines."""
         if "accumulators" not in state.kept:
             rows = len(state.values.table)
-            state.kept["accumulators"] = np.zeros((rows, 4), np.float32), np.zeros(rows // ROWS_OF_BRICK, np.uint8)
+            state.kept["accumulators"] = np.zeros((rows, 4), np.float32), np.zeros(rows // MARKED_ROWS, np.uint8)
         return state.kept["accumulators"]
 
     def _adam(
         self, state: State, gradient: np.ndarray, marks: np.ndarray, of_parameters: np.ndarray, rays: float, progress: float
     ) -> None:  # fmt: skip
         table_rate, decoder_rate, view_rate = self.settings.rates_at(state.updates, progress)
-        scale, share = np.float32(1.0 / rays), -(-len(marks) // (4 * self.workers.count))
-        flat = [a.reshape(-1) for a in (state.values.table, state.first.table, state.second.table, gradient)]
+        flat = tuple(a.reshape(-1) for a in (state.values.table, state.first.table, state.second.table, gradient))
         decay = np.float32(self.settings.annealing(progress)) * self._derived(state)[-1]
+        scale, share = np.float32(1.0 / rays), -(-len(decay) // (4 * self.workers.count))
 
         def move(_: int, low: int, high: int) -> None:
-            move_marked(*flat, marks, decay, scale, np.float32(table_rate), low, high)
+            move_marked(flat, marks, decay, scale, np.float32(table_rate), low, high)
 
-        self.workers.share_range(len(marks), share, move)
+        self.workers.share_range(len(decay), share, move)
         value, first, second = state.values.parameters, state.first.parameters, state.second.parameters
         slope = of_parameters * scale
         first += NEW_1 * (slope - first)

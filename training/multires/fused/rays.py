@@ -77,40 +77,47 @@ def empty_batch(rays: int, contraction: float) -> Batch:
 @njit(nogil=True, cache=True)
 def fill_batch(photographs, ids, origin, voxel, dims, batch, low, high):
     """Fills rays low … high - 1 of `batch` from their ids, but for phase and background, which are there already."""
-    direction, position = np.empty(3), np.empty(3)
+    memory = np.empty((6, MOST_PIECES))
     for n in range(low, high):
-        view = np.searchsorted(photographs.first, ids[n], side="right") - 1
-        rest = ids[n] - photographs.first[view]
-        x, y = rest % photographs.width[view], rest // photographs.width[view] * photographs.row_step
-        lens = photographs.intrinsics[view]
-        a, b = (x + 0.5 - lens[2]) / lens[0], (y + 0.5 - lens[3]) / lens[1]
-        right, up, back, shown = _through_lens(a, b, photographs.distortion[view])
-        pose = photographs.world_T_camera[view]
-        for axis in range(3):
-            direction[axis] = pose[axis, 0] * right + pose[axis, 1] * up + pose[axis, 2] * back
-            position[axis] = pose[axis, 3]
-        norm = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
-        for axis in range(3):
-            direction[axis] /= norm
-            batch.viewdirs[n, axis] = direction[axis]
-        if photographs.ndc[2] > 0:
-            _warp_to_ndc(position, direction, photographs.ndc)
-        near, far, inner = photographs.near, photographs.far, photographs.contraction
-        _into_grid(batch, n, position, direction, near, far, inner, origin, voxel, dims)
-        if not shown:
-            batch.end[n] = batch.start[n]
-        _colour(photographs.pixels, photographs.gains, view, ids[n], batch, n)
+        _fill_ray(photographs, ids[n], origin, voxel, dims, batch, n, memory)
 
 
 @njit(nogil=True, cache=True)
 def take_rays(origins, directions, near, far, contraction, origin, voxel, dims, batch):
     """Fills the geometry of `batch` from rays of the training frame, [N, 3] and [N]."""
-    direction, position = np.empty(3), np.empty(3)
+    memory = np.empty((6, MOST_PIECES))
     for n in range(len(near)):
         for axis in range(3):
-            position[axis], direction[axis] = origins[n, axis], directions[n, axis]
+            memory[0, axis], memory[1, axis] = origins[n, axis], directions[n, axis]
         begin, end = np.float64(near[n]), np.float64(far[n])
-        _into_grid(batch, n, position, direction, begin, end, contraction, origin, voxel, dims)
+        _into_grid(batch, n, memory, begin, end, contraction, origin, voxel, dims)
+
+
+@kernel
+def _fill_ray(photographs, id_, origin, voxel, dims, batch, n, memory):
+    """Ray n of fill_batch. memory [6, MOST_PIECES]: position and direction, and four rows for _into_contracted_grid."""
+    position, direction = memory[0], memory[1]
+    view = np.searchsorted(photographs.first, id_, side="right") - 1
+    rest = id_ - photographs.first[view]
+    x, y = rest % photographs.width[view], rest // photographs.width[view] * photographs.row_step
+    lens = photographs.intrinsics[view]
+    a, b = (x + 0.5 - lens[2]) / lens[0], (y + 0.5 - lens[3]) / lens[1]
+    right, up, back, shown = _through_lens(a, b, photographs.distortion[view])
+    pose = photographs.world_T_camera[view]
+    for axis in range(3):
+        direction[axis] = pose[axis, 0] * right + pose[axis, 1] * up + pose[axis, 2] * back
+        position[axis] = pose[axis, 3]
+    norm = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+    for axis in range(3):
+        direction[axis] /= norm
+        batch.viewdirs[n, axis] = direction[axis]
+    if photographs.ndc[2] > 0:
+        _warp_to_ndc(position, direction, photographs.ndc)
+    near, far, inner = photographs.near, photographs.far, photographs.contraction
+    _into_grid(batch, n, memory, near, far, inner, origin, voxel, dims)
+    if not shown:
+        batch.end[n] = batch.start[n]
+    _colour(photographs.pixels, photographs.gains, view, id_, batch, n)
 
 
 @kernel
@@ -140,12 +147,13 @@ def _warp_to_ndc(position, direction, ndc):
     position[2], direction[2] = 1.0 + inverse, -inverse
 
 
-@njit(nogil=True, cache=True)
-def _into_grid(batch, n, position, direction, near, far, contraction, origin, voxel, dims):
-    """Clips a ray to the grid's box, unless that is contracted, and measures it in voxels."""
+@kernel
+def _into_grid(batch, n, memory, near, far, contraction, origin, voxel, dims):
+    """Clips a ray to the grid's box, unless that is contracted, and measures it in voxels. memory: see _fill_ray."""
     if contraction > 0:
-        _into_contracted_grid(batch, n, position, direction, near, contraction, origin, voxel)
+        _into_contracted_grid(batch, n, memory, near, contraction, origin, voxel)
         return
+    position, direction = memory[0], memory[1]
     world = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
     for axis in range(3):
         position[axis] = (position[axis] - origin[axis]) / voxel[axis]
@@ -162,10 +170,10 @@ def _into_grid(batch, n, position, direction, near, far, contraction, origin, vo
     batch.start[n], batch.end[n], batch.length[n] = start, end, world / scale
 
 
-@njit(nogil=True, cache=True)
-def _into_contracted_grid(batch, n, position, direction, near, inner, origin, voxel):
+@kernel
+def _into_contracted_grid(batch, n, memory, near, inner, origin, voxel):
     """A ray's path through contracted space in voxels; see scenepack.contraction.path_of, notation included."""
-    values, slopes, place, moved = np.empty(7), np.empty(7), np.empty(3), np.empty(3)
+    position, direction, values, slopes, place, moved = memory[0], memory[1], memory[2], memory[3], memory[4], memory[5]
     for axis in range(3):
         values[axis], slopes[axis] = position[axis] / inner, direction[axis] / inner
         values[axis + 3], slopes[axis + 3] = -values[axis], -slopes[axis]

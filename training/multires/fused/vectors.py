@@ -14,6 +14,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 FEATURES = 4  # floats of a row of a feature table
+LINE = 16  # floats of a line of the cache
 _FLOAT, _INT = ir.FloatType(), ir.IntType(64)
 _ROW = ir.VectorType(_FLOAT, FEATURES)
 
@@ -153,6 +154,40 @@ def colour_slopes(typing_context, slopes, at, values, start, weight, out):
 
     whole = types.int64
     return types.float32(slopes, whole, values, whole, types.float32, out), generate
+
+
+@intrinsic
+def adam_line(typing_context, arrays, at, scale, decay, rate, settings):
+    """Adam for the LINE floats of arrays (values, their first and second moments, gradient) from `at` on, by gradient * scale +
+    decay * value, where that is not 0; the gradient is set to 0. settings: 1 - beta1, 1 - beta2, epsilon."""
+
+    def generate(context, builder, signature, arguments):
+        kind = ir.VectorType(_FLOAT, LINE)
+        arrays, at, *factors = arguments
+        scale, decay, rate, *settings = factors[:3] + cgutils.unpack_tuple(builder, factors[3])
+        scale, decay, rate, new1, new2, epsilon = (
+            _splat(builder, factor, kind) for factor in (scale, decay, rate, *settings)
+        )
+        places = [
+            _vector_at(builder, _data(context, builder, of, array), at, kind)
+            for of, array in zip(signature.args[0], cgutils.unpack_tuple(builder, arrays), strict=True)
+        ]
+        value, first, second, slope = (builder.load(place, align=4) for place in places)
+        none = ir.Constant(kind, [0.0] * LINE)
+        slope = builder.fadd(builder.fmul(slope, scale), builder.fmul(decay, value))
+        moved = builder.fadd(first, builder.fmul(new1, builder.fsub(slope, first)))
+        squared = builder.fadd(second, builder.fmul(new2, builder.fsub(builder.fmul(slope, slope), second)))
+        root = cgutils.get_or_insert_function(builder.module, ir.FunctionType(kind, [kind]), f"llvm.sqrt.v{LINE}f32")
+        below = builder.fadd(builder.call(root, [squared]), epsilon)
+        new = builder.fsub(value, builder.fdiv(builder.fmul(rate, moved), below))
+        learns = builder.fcmp_unordered("!=", slope, none)
+        for after, before, place in zip((new, moved, squared), (value, first, second), places, strict=False):
+            builder.store(builder.select(learns, after, before), place, align=4)
+        builder.store(none, places[3], align=4)
+        return context.get_dummy_value()
+
+    number = types.float32
+    return types.void(arrays, types.int64, number, number, number, settings), generate
 
 
 @intrinsic
