@@ -7,15 +7,14 @@ from typing import Any
 import pytest
 
 import snerg
+from tests.stored_runs import STORED
 from tests.training.test_captures import circle, write_transforms
-
-RUN = Path(__file__).parents[1] / "data" / "runs"
 
 
 @pytest.mark.parametrize(
     ("function", "given", "arguments", "where"),
     [
-        (snerg.read_photographs, (RUN,), {"downscale": 0}, "downscale"),
+        (snerg.read_photographs, (STORED,), {"downscale": 0}, "downscale"),
         (snerg.train, ("PHOTOS", "out"), {}, "photographs"),
         (snerg.train, ("PHOTOS", "out"), {"preset": "fast"}, "preset"),
         (snerg.show, (None,), {"size": "large"}, "size"),
