@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from scenepack import save_pack
 from tests.compiling import as_users_have_it, compile_once_and_quickly
 from tests.messages import without_progress
+from tests.scenepack.helpers import written
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
 from training.libraries import release_freed_memory
 
@@ -127,7 +127,6 @@ def procedural_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def scene(procedural_path: Path):
-    """The procedural scene, loaded."""
     from training.scenes import load_scene
 
     return load_scene(procedural_path)
@@ -149,9 +148,7 @@ def shapes():
 @pytest.fixture(scope="session")
 def shapes_folder(shapes, tmp_path_factory) -> Path:
     """That pack on disk, for whoever only reads it."""
-    folder = tmp_path_factory.mktemp("packs") / "shapes"
-    save_pack(shapes, folder)
-    return folder
+    return written(tmp_path_factory.mktemp("packs") / "shapes", shapes)
 
 
 @pytest.fixture(scope="session")

@@ -23,9 +23,5 @@ def ball(points: np.ndarray) -> FieldOutput:
 
 def culled(field: FieldQuery, grid: BakeGrid, dataset: RayDataset, work: WorkFolder | None = None) -> Culling:
     """What of a grid is worth storing, by both tests."""
-
-    def quiet(share: float) -> None:
-        pass
-
-    opacity = opaque_macroblocks(field, grid, lambda low, high: None, quiet, work)
-    return seen_macroblocks(opacity, grid, dataset, quiet, work)
+    opacity = opaque_macroblocks(field, grid, lambda low, high: None, lambda share: None, work)
+    return seen_macroblocks(opacity, grid, dataset, lambda share: None, work)

@@ -12,12 +12,10 @@ from baker import lpips as module
 from baker.metrics import ssim
 from console import UserError
 
-rng = np.random.default_rng(0)
-A, B = rng.random((40, 33, 3)), rng.random((40, 33, 3))
-
 
 def test_ssim_is_that_of_scikit_image():
-    a, b = A, 0.5 * A + 0.5 * B
+    a, other = np.random.default_rng(0).random((2, 40, 33, 3))
+    b = 0.5 * a + 0.5 * other
     wang = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
     expected = structural_similarity(a, b, data_range=1.0, channel_axis=-1, **wang)
     assert ssim(a, b) == pytest.approx(expected, abs=1e-9)

@@ -1,7 +1,6 @@
 """Packs on disk for tests: small, and easy to spoil."""
 
 import json
-import os
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -9,7 +8,6 @@ from typing import Any
 
 import imagecodecs
 import numpy as np
-import pytest
 
 from scenepack import Pack, ViewMlp, save_pack
 from tests.scenepack.random_packs import random_pack, random_view_mlp
@@ -72,11 +70,3 @@ def same_pack(a: Pack, b: Pack) -> bool:
         return np.array_equal(x, y) and getattr(x, "dtype", None) == getattr(y, "dtype", None)
 
     return all(same(getattr(a, field.name), getattr(b, field.name)) for field in fields(a) if field.name != "params")
-
-
-def real_pack() -> Path:
-    """The pack made elsewhere; skips where SNERG_DATA does not lead to it."""
-    folder = Path(os.environ.get("SNERG_DATA") or "no data") / "packs" / "flowerbangle_480"
-    if not folder.is_dir():
-        pytest.skip("SNERG_DATA does not name a folder with packs/flowerbangle_480")
-    return folder

@@ -9,7 +9,8 @@ import moderngl
 import numpy as np
 import pytest
 
-from scenepack import Pack, ViewMlp, save_pack
+from scenepack import Pack, ViewMlp
+from tests.scenepack.helpers import written
 from tests.scenepack.volumes import BLENDER_FRAME, NDC_FRAME, cube_pack
 from tests.viewer.offscreen_ui import OffscreenUi
 from tests.viewer.scenes import photographed
@@ -70,9 +71,7 @@ def ndc_pack() -> Pack:
 
 @pytest.fixture(scope="session")
 def pack_folder(tmp_path_factory: pytest.TempPathFactory, pack: Pack) -> Path:
-    folder = tmp_path_factory.mktemp("packs") / "toy"
-    save_pack(pack, folder)
-    return folder
+    return written(tmp_path_factory.mktemp("packs") / "toy", pack)
 
 
 @pytest.fixture(scope="session")

@@ -269,9 +269,6 @@ def test_each_pack_is_baked_once_and_none_stands_for_one_of_other_options(tmp_pa
     assert bakes == ["snerg full 0", "snerg compact 0", "paper full 0", "snerg full 7"]
 
 
-# The paper's figures stand here once; its means over scenes, which it prints as well, say whether they were typed right
-
-
 def test_a_bare_checkout_without_git_can_say_what_made_a_table(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(writer, "version", raising(PackageNotFoundError()))
     monkeypatch.setenv("PATH", "")

@@ -26,12 +26,6 @@ def pack_of(seed: int = 7, **options: Any) -> Pack:
     return replace(pack, voxel_size=0.06, min_xyz=-0.5 * size, atlas_rgba=rgba, atlas_features=features)
 
 
-def copied(pack: Pack) -> Pack:
-    """A pack that may be changed."""
-    features = None if pack.atlas_features is None else pack.atlas_features.copy()
-    return replace(pack, atlas_rgba=pack.atlas_rgba.copy(), atlas_features=features)
-
-
 @dataclass(frozen=True)
 class VoxelRays:
     """Rays in voxels: origins, unit directions [R, 3], first [R]: where they may begin; viewdirs, target [R, 3]."""

@@ -109,8 +109,6 @@ def test_no_voxel_of_a_surface_that_photographs_show_is_emptied_however_fine_it_
     assert figures.voxels_before == before and figures.voxels_after < 0.8 * before, "what lies inside goes"
 
 
-# What little light reaches is like its neighbour, and everything else is as it was
-
 STEPS = Steps(4, 12, 8)
 
 

@@ -3,6 +3,7 @@ are taken for how long.
 """
 
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +19,7 @@ from baker.tuning.marcher import PackMarcher
 from scenepack import Pack, check_pack
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import ViewMlp
-from tests.baker.tuning.reference import accumulated, cells_of_atlas, copied, moved, pack_of, shown, voxel_rays
+from tests.baker.tuning.reference import accumulated, cells_of_atlas, moved, pack_of, shown, voxel_rays
 from tests.scenepack.helpers import same_pack
 from tests.scenepack.volumes import features_of
 from training.dataset import RayDataset
@@ -50,7 +51,7 @@ def drawn(ids: np.ndarray, tuner: Tuner, seed: int = 1) -> np.ndarray:
 def test_gradients_are_finite_differences_of_the_loss_as_if_nothing_were_rounded(dataset, style):
     """The loss in float64, by the reference marcher: (L(x + h v) - L(x - h v)) / 2 h against the gradient along v."""
     pack = replace(pack_of(diffuse=style == "diffuse"), ndc=style == "forward")
-    tuner, ids = tuner_of(copied(pack), dataset, 1 if style == "cells of 1" else 4, by_opacity=style == "by opacity")
+    tuner, ids = tuner_of(deepcopy(pack), dataset, 1 if style == "cells of 1" else 4, by_opacity=style == "by opacity")
     tuner.rays, tuner.work = CHUNK, work_for(CHUNK, 200 * CHUNK)
     some = drawn(ids, tuner)
     tuner.update(some, RATES, 0)
@@ -97,7 +98,7 @@ def test_gradients_are_finite_differences_of_the_loss_as_if_nothing_were_rounded
 
 def test_a_move_too_small_to_change_a_byte_has_a_gradient_all_the_same(dataset: RayDataset) -> None:
     pack = pack_of()
-    tuner, ids = tuner_of(copied(pack), dataset)
+    tuner, ids = tuner_of(deepcopy(pack), dataset)
     tuner.update(drawn(ids, tuner), np.full(9, 1e-5, np.float32), 0)
     assert tuner.delta.any() and np.array_equal(tuner.tables.rgba, pack.atlas_rgba.reshape(-1, 4))
     assert np.mean(np.any(tuner.first != 0, axis=1)) > 0.2
@@ -106,7 +107,7 @@ def test_a_move_too_small_to_change_a_byte_has_a_gradient_all_the_same(dataset: 
 @pytest.mark.parametrize("steps", [EXACT, Steps(4, 16), Steps(4, 16, 4)])
 def test_what_has_moved_is_stored_by_the_formulas_in_every_copy_and_never_appears_or_vanishes(dataset, steps):
     pack = pack_of(4, whole_blocks=True)
-    tuner = Tuner(copied(pack), dataset, 4)
+    tuner = Tuner(deepcopy(pack), dataset, 4)
     delta = np.random.default_rng(0).normal(0, [0.2] * 3 + [1.5] + [0.2] * 4, tuner.delta.shape).astype(np.float32)
     delta[0] = 0
     tuner.delta[:] = delta
@@ -131,7 +132,7 @@ def test_what_is_shown_scores_as_the_tuner_scores_it(dataset: RayDataset, monkey
     monkeypatch.setattr(joint_tuning, "SPARE", 8.0)
     pack = pack_of()
     every = np.arange(dataset.count, dtype=np.int32)
-    tuner = Tuner(copied(pack), dataset, 4)
+    tuner = Tuner(deepcopy(pack), dataset, 4)
     tuner.fill(every, SAMPLES, 0)
     assert dataset.count <= joint_tuning.SCORED_RAYS, "so that all rays are looked at"
     known = tuner.score(every)[0]
@@ -142,12 +143,12 @@ def test_what_is_shown_scores_as_the_tuner_scores_it(dataset: RayDataset, monkey
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_pack_so_that_a_bake_that_goes_on_ends_alike(dataset: RayDataset) -> None:
     pack = pack_of()
-    (one, figures), (two, again) = (joint_tune(copied(pack), dataset, JOINT) for _ in range(2))
+    (one, figures), (two, again) = (joint_tune(deepcopy(pack), dataset, JOINT) for _ in range(2))
     assert figures == again and figures["train_psnr_after"] > figures["train_psnr_before"]
     assert not np.array_equal(one.atlas_rgba, pack.atlas_rgba)
     assert same_pack(one, two) and is_sound(one)
     still = replace(JOINT, passes=0, rate=0.0, density_rate=0.0, head_rate=0.0)
-    untouched = joint_tune(copied(one), dataset, still)[0]
+    untouched = joint_tune(deepcopy(one), dataset, still)[0]
     assert np.array_equal(untouched.atlas_rgba, one.atlas_rgba), "cells that have not moved change no byte"
 
 

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from baker.commands.pack import main
-from scenepack import Pack, save_pack
+from scenepack import Pack
 from scenepack.exports import scene
 from scenepack.exports.field import Field
 from scenepack.exports.file_formats import COLUMNS, opacity_table
 from scenepack.exports.scene import KINDS, Export, coarseness, export_scene, preview_geometry
 from scenepack.exports.surface import components, decimated, extract, smoothed
+from tests.scenepack.helpers import written
 from tests.scenepack.volumes import BLENDER_FRAME, NDC_FRAME, PLANE, centres, cube_pack, plane_pack, solid_pack
 from tests.viewer.rendering.shapes import BALL, SKY, surroundings_pack
 from viewer.features.photographs.photographs import shots_of
@@ -43,9 +44,7 @@ def ball() -> Pack:
 
 @pytest.fixture(scope="module")
 def folder(ball: Pack, tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("packs") / "ball"
-    save_pack(ball, path)
-    return str(path)
+    return str(written(tmp_path_factory.mktemp("packs") / "ball", ball))
 
 
 def run(folder: str, out: Path, *words: str) -> int:
@@ -242,9 +241,9 @@ def test_forward_facing_packs_are_unwarped(tmp_path: Path, frame: str) -> None:
 
 
 def test_a_contracted_pack_is_written_as_it_is_in_space(tmp_path: Path) -> None:
-    save_pack(surroundings_pack(112, radius=2.0), tmp_path / "pack")
+    folder = str(written(tmp_path / "pack", surroundings_pack(112, radius=2.0)))
     for name in ("mesh.ply", "points.ply", "gaussians.ply"):
-        assert run(str(tmp_path / "pack"), tmp_path / name, "--keep", "all") == 0
+        assert run(folder, tmp_path / name, "--keep", "all") == 0
     mesh = trimesh.load(tmp_path / "mesh.ply", process=False)
     assert len(mesh.faces) > 1000 and np.abs(mesh.bounds).max() <= 2.0 + 0.1
     centre, radius = 2.0 * np.array(BALL[:3]), 2.0 * BALL[3]

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenepack import Pack, load_pack, save_pack
+from scenepack import Pack, load_pack
 from scenepack.blocks import dense_from_pack
+from tests.scenepack.helpers import written
 from tests.scenepack.volumes import cube_pack
 from tests.viewer.rendering import conftest as rendering
 from tests.viewer.rendering.shapes import shapes_pack, surroundings_pack
@@ -26,9 +27,7 @@ ctx, no_opengl_error_is_left = rendering.ctx, rendering.no_opengl_error_is_left 
 
 @pytest.fixture(scope="module")
 def ndc_folder(tmp_path_factory: pytest.TempPathFactory, ndc_shapes: Pack) -> Path:
-    path = tmp_path_factory.mktemp("packs") / "ndc"
-    save_pack(ndc_shapes, path)
-    return path
+    return written(tmp_path_factory.mktemp("packs") / "ndc", ndc_shapes)
 
 
 @pytest.fixture(autouse=True)
@@ -95,8 +94,7 @@ def test_forward_facing_packs_render_without_a_pose_but_no_360_pictures(ndc_fold
 
 
 def test_the_surroundings_of_a_contracted_pack_can_be_left_out(tmp_path: Path) -> None:
-    save_pack(surroundings_pack(64), tmp_path / "pack")
-    pack = str(tmp_path / "pack")
+    pack = written(tmp_path / "pack", surroundings_pack(64))
     whole, inner = (
         picture(rendered(pack, tmp_path / "a.png", *words, *SMALL)) for words in ((), ("--no-surroundings",))
     )
@@ -227,9 +225,7 @@ def turned_folder(tmp_path_factory: pytest.TempPathFactory) -> str:
     plain = shapes_pack(diffuse=True)
     rgba = np.ascontiguousarray(dense_from_pack(plain)[0][::-1, :, ::-1])
     frame = plain.worldspace_T_opengl @ np.diag([-1.0, 1.0, -1.0, 1.0])
-    path = tmp_path_factory.mktemp("packs") / "turned"
-    save_pack(cube_pack(rgba, plain.block_size, frame), path)
-    return str(path)
+    return str(written(tmp_path_factory.mktemp("packs") / "turned", cube_pack(rgba, plain.block_size, frame)))
 
 
 @pytest.fixture(scope="module")

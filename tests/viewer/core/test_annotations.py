@@ -12,7 +12,7 @@ import pytest
 
 from scenepack import Pack, load_pack, save_pack
 from scenepack.placement import NOT_MOVED
-from tests.scenepack.helpers import edit_json, read_json
+from tests.scenepack.helpers import edit_json, read_json, written
 from tests.viewer.waiting import not_none, until
 from viewer.app.application import App
 from viewer.core.annotations import (
@@ -97,8 +97,7 @@ def keep(app: App, annotations: Annotations) -> None:
 
 @pytest.fixture
 def own(tmp_path: Path, pack: Pack) -> Path:
-    save_pack(pack, tmp_path / "own")
-    return tmp_path / "own"
+    return written(tmp_path / "own", pack)
 
 
 def test_a_folder_of_ours_carries_its_marks_and_opens_elsewhere(own: Path, tmp_path: Path):

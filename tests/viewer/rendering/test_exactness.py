@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from scenepack import Pack, load_pack
 from tests.reference_marcher import render_reference
-from tests.scenepack.helpers import real_pack
 from tests.scenepack.random_packs import packs, random_pack
 from tests.viewer.rendering.pictures import assert_exact, assert_same_picture
 from tests.viewer.rendering.shapes import BALL, FLOOR, SKY
@@ -123,8 +122,8 @@ def test_a_lens_bends_the_same_rays_of_a_forward_facing_pack_which_has_no_orthog
         offscreen(ndc_shapes).render(camera.as_orthographic(2.0))
 
 
-def test_a_pack_made_elsewhere_matches_the_reference(offscreen) -> None:
-    pack = load_pack(real_pack())
+def test_a_pack_made_elsewhere_matches_the_reference(offscreen, real_data) -> None:
+    pack = load_pack(real_data / "packs/flowerbangle_480")
     renderer = offscreen(pack)
     for azimuth, elevation, distance in ((200, 60, 0.9), (95, 2, 0.35)):
         assert_exact(renderer, ViewCamera.orbit(pack, azimuth, elevation, distance, size=(48, 36)))

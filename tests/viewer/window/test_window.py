@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenepack import load_pack, save_pack
+from scenepack import load_pack
 from tests.messages import without_progress
+from tests.scenepack.helpers import written
 from tests.viewer.window.running import ROOT, picture_of_view, run_view
 from viewer.app.application import App
 from viewer.commands import view
@@ -42,9 +43,7 @@ def test_without_a_display_an_orbit_is_rendered_and_named(pack_folder, tmp_path)
 @pytest.fixture(scope="session")
 def known_folder(tmp_path_factory, known_pack):
     """Of a pack that knows its photographs."""
-    folder = tmp_path_factory.mktemp("known") / "toy"
-    save_pack(known_pack, folder)
-    return folder
+    return written(tmp_path_factory.mktemp("known") / "toy", known_pack)
 
 
 @pytest.mark.slow

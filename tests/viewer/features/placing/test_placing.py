@@ -11,6 +11,7 @@ from imgui_bundle import imgui
 
 from scenepack import load_pack, save_pack
 from scenepack.placement import NOT_MOVED, placed_T_grid
+from tests.scenepack.helpers import written
 from tests.scenepack.test_placement import AT, SLOPE, UP, sloping_pack
 from tests.viewer.commands.test_commands import picture, rendered
 from tests.viewer.conftest import toy_pack
@@ -25,8 +26,7 @@ from viewer.web.description import PageContent, describe
 
 @pytest.fixture
 def slope(tmp_path: Path) -> Path:
-    save_pack(sloping_pack(), tmp_path / "slope")
-    return tmp_path / "slope"
+    return written(tmp_path / "slope", sloping_pack())
 
 
 @pytest.fixture
