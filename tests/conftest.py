@@ -134,7 +134,6 @@ def scene(procedural_path: Path):
 
 @pytest.fixture(scope="session")
 def dataset(scene):
-    """The rays of the photographs of `scene`."""
     from training.dataset import make_dataset
 
     return make_dataset(scene)

@@ -286,9 +286,6 @@ def folders_on_disk() -> set[str]:
     return found
 
 
-# docs/results.md is what docs/results gives: no figure of it is typed by hand
-
-
 def test_the_pages_are_what_their_figures_give() -> None:
     assert subprocess.run([sys.executable, "scripts/results.py", "--check"], cwd=ROOT).returncode == 0, "make results"
 

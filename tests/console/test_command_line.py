@@ -106,7 +106,6 @@ def test_a_bug_and_whatever_fails_under_debug_come_with_their_traceback(capsys: 
 
 def test_notices_are_one_plain_line_each(capsys: pytest.CaptureFixture[str]) -> None:
     def command() -> None:
-        """Warns."""
         for _ in range(2):
             notify(Notice("left\nout"))
 
@@ -164,7 +163,6 @@ def test_no_control_character_reaches_the_terminal_and_no_line_is_endless(kind, 
     name = "\x1b[31m\x1b]0;title\x07\x9b2J" + "a" * 1_000_000 + "end"
 
     def command() -> None:
-        """Tells of a name that somebody else chose."""
         if kind == "error":
             raise UserError("is not a pack", where=name)
         notify(Notice(f"{name}: is not a pack"))
@@ -173,9 +171,6 @@ def test_no_control_character_reaches_the_terminal_and_no_line_is_endless(kind, 
     err = capsys.readouterr().err
     assert err.endswith("is not a pack\n") and len(err) < 3000 and "a … a" in err
     assert not [character for character in err[:-1] if not character.isprintable()]
-
-
-# Words of the command line: sizes and numbers, and the one line that tells what is wrong with them
 
 
 @pytest.mark.parametrize("text", ["", "800", "800x", "0x10", "-8x8", "8x8x8", "20000x10", "8.5x8"])
@@ -192,8 +187,6 @@ def test_a_size_is_width_by_height_with_a_least_side_and_a_point_three_finite_nu
     with pytest.raises(UserError, match="3 such as 1,2,3"):
         parse_point("1,2,inf", "--eye")
 
-
-# Standard streams that are closed before a command starts
 
 # A library prints without asking Python, while a file of ours is open.
 WRITES = """
@@ -243,8 +236,6 @@ def test_names_that_are_not_utf8_are_printed(tmp_path: Path) -> None:
     done = ran(["-c", script, str(tmp_path / "out")], "")
     assert (done.returncode, done.stdout) == (0, "a\N{REPLACEMENT CHARACTER}b \N{REPLACEMENT CHARACTER}\n"), done.stderr
 
-
-# Failures are shown in a box where nobody reads what is printed, and only there
 
 FAILING = (
     "import sys; from console import UserError, run_command; from console.desktop import tell_if_unseen\n"

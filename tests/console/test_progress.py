@@ -84,9 +84,6 @@ def test_work_that_says_nothing_still_shows_that_time_passes(clock, capsys, monk
         assert printed() == "training: 5 %  24 s\n"
 
 
-# The time that is left: no promise before it means something, and none that stands still
-
-
 def test_a_first_step_that_compiles_makes_no_promise() -> None:
     """110 steps, of which the first takes five minutes and each other a second."""
     estimate, estimates = Estimate(110), []
@@ -122,9 +119,6 @@ def test_a_change_of_speed_is_followed_without_a_jump() -> None:
     assert len(known) == 289
     assert max(after - before for before, after in pairwise(known)) < 25
     assert known[-50] == pytest.approx(150, rel=0.25)  # 50 units of 3 s
-
-
-# Programs that start our commands, and those that we start: progress in a file, odd JSON
 
 
 @pytest.fixture
@@ -179,9 +173,6 @@ def test_a_file_that_cannot_be_written_does_not_stop_the_work(tmp_path: Path, mo
     assert bar.done == 10
 
 
-# JSON that nobody writes by mistake
-
-
 def test_a_value_comes_back_as_it_was_written() -> None:
     document = {"whole": 123456789012345678, "float": 0.1, "text": "日本語", "list": [1, -2.5, None, True]}
     assert parse_json(json.dumps(document)) == document
@@ -193,8 +184,6 @@ def test_more_than_anybody_writes_is_not_parsed() -> None:
     with pytest.raises(ValueError, match="16 MiB"):
         parse_json(b" " * (MOST_BYTES + 1))
 
-
-# What we start runs our modules and Python's, whatever the user keeps in the current folder
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("console", "scenepack", "training", "baker", "viewer")

@@ -9,11 +9,9 @@ FILE = "code.py"
 
 
 def write_base(name: str, folder: Path) -> None:
-    """Code that does nothing."""
     folder.mkdir(parents=True)
     (folder / FILE).write_text("\n")
 
 
 def open_it(path: Path, base: str) -> None:
-    """Runs it."""
     exec((path / FILE).read_text(), {"UserError": UserError, "path": path})

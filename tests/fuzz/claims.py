@@ -62,7 +62,6 @@ def blocks(tree: Tree, file: str, size: int) -> None:
 
 
 def planes(tree: Tree, file: str, count: int) -> None:
-    """Another number of planes in a piece."""
     params = _params(tree)
     if params is not None and isinstance(params.get("snerg"), dict) and "codec_settings" in params["snerg"]:
         params["snerg"]["codec_settings"]["planes"] = count

@@ -45,9 +45,6 @@ def _do(tree: Tree, step: Step) -> None:
             tree[file] = _FILE[name](data, *arguments)
 
 
-# --- files as wholes --------------------------------------------------------------------------------------------------
-
-
 def _swap(tree: Tree, file: str, other: str) -> None:
     if file in tree and other in tree:
         tree[file], tree[other] = tree[other], tree[file]
@@ -63,15 +60,9 @@ def _rename(tree: Tree, file: str, new: str) -> None:
         tree[new] = tree.pop(file)
 
 
-# --- bytes ------------------------------------------------------------------------------------------------------------
-
-
 def _put(data: bytes, at: int, text: str) -> bytes:
     new = bytes.fromhex(text)
     return data[:at] + new + data[at + len(new) :] if at < len(data) else data
-
-
-# --- JSON; a file of lines (.jsonl) counts as the list of them ----------------------------------------------------------
 
 
 def documents(data: bytes) -> tuple[Any, bool]:
@@ -113,9 +104,6 @@ def _edited(data: bytes, path: list[Any], change: Callable[[Any, Any], None], ra
     return text.replace(f'"{_AGAIN}"', again).replace(f'"{_PLACE}"', raw_json(raw)).encode("utf-8", "surrogatepass")
 
 
-# --- PNG, with checksums that are right -------------------------------------------------------------------------------
-
-
 def _png_put(data: bytes, chunk: int, at: int, text: str) -> bytes:
     chunks = png_chunks(data)
     kind, payload = chunks[chunk]
@@ -142,9 +130,6 @@ def _png_pixels(data: bytes, at: int, text: str) -> bytes:
     first = next(i for i, (k, _) in enumerate(chunks) if k == b"IDAT")
     rest = [(k, p) for k, p in chunks if k != b"IDAT"]
     return png_of([*rest[:first], (b"IDAT", zlib.compress(_put(whole, at, text), 1)), *rest[first:]])
-
-
-# --- arrays -----------------------------------------------------------------------------------------------------------
 
 
 def tensors(data: bytes) -> tuple[dict[str, Any], bytes]:

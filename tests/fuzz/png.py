@@ -20,6 +20,5 @@ def png_chunks(data: bytes) -> list[Chunk]:
 
 
 def png_of(chunks: list[Chunk]) -> bytes:
-    """The PNG of these chunks."""
     parts = [struct.pack(">I", len(p)) + k + p + struct.pack(">I", zlib.crc32(k + p)) for k, p in chunks]
     return SIGNATURE + b"".join(parts)

@@ -46,5 +46,4 @@ class Source:
 
 
 def findings() -> list[Recipe]:
-    """All that were kept."""
     return [json.loads(line) for line in FINDINGS.read_text(encoding="utf-8").splitlines()]

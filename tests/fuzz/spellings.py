@@ -67,7 +67,6 @@ def _stored(folder: Path, name: str, suffix: str, random: Random) -> None:
 
 
 def _spelled(name: str, suffix: str, random: Random) -> str:
-    """Another spelling of a picture's name."""
     ends = [suffix, suffix, "", suffix.lower(), suffix.upper(), ".jpg", ".png"]
     text = name + random.choice(ends)
     changes: list[Callable[[str], str]] = [

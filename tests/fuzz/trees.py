@@ -20,7 +20,6 @@ SPECIAL = ("folder", "fifo", "loop", *_LINKS)
 
 
 def read_tree(folder: Path) -> Tree:
-    """All files below a folder."""
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 

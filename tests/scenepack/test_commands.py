@@ -105,9 +105,6 @@ def test_strict_turns_warnings_into_status_two(tmp_path: Path, run: Run) -> None
     assert status == 2 and err.count("\n") == 1 and "padding rgba" in err
 
 
-# The validation report finds each kind of damage, and nothing in a sound pack
-
-
 def found(pack: Pack, rule: str) -> Finding:
     return next(finding for finding in check_pack(pack) if finding.rule == rule)
 

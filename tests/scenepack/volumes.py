@@ -85,7 +85,6 @@ def features_of(pack: Pack) -> np.ndarray:
 
 
 def dense_of(pack: Pack) -> tuple[np.ndarray, np.ndarray]:
-    """dense_from_pack of a pack that has features."""
     rgba, features = dense_from_pack(pack)
     assert features is not None
     return rgba, features

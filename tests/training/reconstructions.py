@@ -86,7 +86,6 @@ def write_colmap(
 
 
 def save_picture(file: Path, size: tuple[int, int] = SIZE, index: int = 0) -> None:
-    """A picture of one colour."""
     file.parent.mkdir(parents=True, exist_ok=True)
     Image.new("RGB", size, (10 * index, 100, 50)).save(file)
 

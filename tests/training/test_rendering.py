@@ -39,9 +39,6 @@ def test_shading_puts_the_background_behind_before_it_asks_the_view_mlp():
     np.testing.assert_allclose(seen, behind + apply_view_mlp(view, behind, features, v), rtol=1e-5)
 
 
-# Loss terms, learning rate, clipping: against numbers worked out by hand
-
-
 def test_the_sparsity_term_is_log_1_plus_2_sigma_squared_summed_over_a_rays_samples():
     sigma = jnp.asarray([[0.0, 1.0, 2.0], [0.0, 0.0, 10.0]])
     first, second = math.log(3) + math.log(9), math.log(201)

@@ -57,7 +57,7 @@ MINUTE = dataclasses.replace(
 
 @pytest.fixture(scope="module")
 def unbroken(procedural_path: Path, tmp_path_factory) -> Path:
-    """A finished run of minute_config."""
+    """A finished run of MINUTE."""
     out = tmp_path_factory.mktemp("runs") / "unbroken"
     train(procedural_path, out, MINUTE)
     return out
@@ -237,9 +237,6 @@ def test_arrays_of_another_shape_or_a_missing_one_are_refused():
         from_arrays(template, {})
 
 
-# Going on with somebody else's run writes into that run, and nowhere else
-
-
 @pytest.mark.parametrize("name", ["metrics.jsonl", "curves.png", "validation/latest.png", "config.json"])
 @pytest.mark.parametrize("kind", ["link", "pipe"])
 def test_a_link_or_a_pipe_in_the_place_of_a_file_is_refused(name, kind, tmp_path, capsys):
@@ -253,9 +250,6 @@ def test_a_link_or_a_pipe_in_the_place_of_a_file_is_refused(name, kind, tmp_path
     assert main([str(SCENE), "--out", str(run), "--resume"]) == 2
     assert file.name in capsys.readouterr().err or name == "config.json"
     assert mine.read_bytes() == before
-
-
-# Presets: one table of names, which commands, trainer and viewer share; and settings that make no sense
 
 
 def test_every_name_has_settings_and_says_what_it_is_for() -> None:

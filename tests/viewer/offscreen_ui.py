@@ -221,7 +221,6 @@ class OffscreenUi:
             self.io.add_key_event(key, False)
 
     def release(self) -> None:
-        """Ends the interface; the context stays."""
         self.canvas.close()
         self.ui.release()
         if self.framebuffer is not None:

@@ -52,7 +52,6 @@ def run(folder: str, out: Path, *words: str) -> int:
 
 
 def gaussians_of(file: Path) -> np.ndarray:
-    """Their values [N, COLUMNS]."""
     body = file.read_bytes().partition(b"end_header\n")[2]
     return np.frombuffer(body, "<f4").reshape(-1, len(COLUMNS))
 

@@ -20,7 +20,6 @@ from training.scenes.presets import PresetName
 
 
 def random_batch(dataset: RayDataset, count: int) -> tuple[Rays, jax.Array]:
-    """Random rays and their colours."""
     ids = jax.random.randint(jax.random.key(1), (count,), 0, dataset.count)
     return dataset.geometry_at(ids), dataset.colours_at(ids)
 

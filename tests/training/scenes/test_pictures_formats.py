@@ -182,9 +182,6 @@ def test_a_header_that_claims_more_than_its_bytes_hold_is_refused_at_once(tmp_pa
         read_picture(path)
 
 
-# A mask shows the same whatever program wrote it: alpha, 0 and 1, palettes, other sizes, or turned with its photograph
-
-
 SIZE = WIDTH, HEIGHT = 48, 32
 SHOWN = np.zeros((HEIGHT, WIDTH), bool)
 SHOWN[8:24, 4:20] = True

@@ -80,8 +80,6 @@ def test_a_movement_ends_the_fading_at_once(ui, app, clock) -> None:
         assert len(ui.canvas.layers) > 1
 
 
-# While it moves: nothing of the object is missing, and nothing is where it is not
-
 SCALES = (0.3, 0.75, 0.45, 0.6, 0.35)
 BLURRED = round(1 / min(SCALES)) + 2  # pixels, by the coarsest picture
 CLEAR = 60  # differs from the background: sum over the channels

@@ -71,7 +71,6 @@ def open_and_look(ui: OffscreenUi, path: Path, *, other: bool = False) -> None:
 
 
 def open_many(packs: list[Path]) -> None:
-    """See the module."""
     ctx, held = create_context(), []
     ui = OffscreenUi(ctx, App(), size=(480, 360))
     ui.app.resolution.enabled = False

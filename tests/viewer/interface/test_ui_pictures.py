@@ -79,7 +79,6 @@ def _differs(picture: np.ndarray, expected: np.ndarray) -> str:
 
 
 def _freeze(ui: OffscreenUi) -> None:
-    """Sets what differs from run to run."""
     app = ui.app
     app.times = FrameStats()
     for i in range(120):

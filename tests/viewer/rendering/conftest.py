@@ -19,7 +19,6 @@ def ctx() -> Iterator[moderngl.Context]:
 
 @pytest.fixture(autouse=True)
 def no_opengl_error_is_left(ctx: moderngl.Context) -> Iterator[None]:
-    """Every test here leaves OpenGL without a pending error."""
     with ctx:  # tests of other folders, run before in this process, have contexts of their own
         assert ctx.error == "GL_NO_ERROR"
         yield

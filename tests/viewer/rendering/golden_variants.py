@@ -57,7 +57,6 @@ ON_LLVMPIPE, ELSEWHERE = Tolerance(0.5, 8, 1e-3), Tolerance(1.0, 8, 1e-2)
 
 
 def camera_for(pack: Pack) -> ViewCamera:
-    """The view of a golden picture."""
     if pack.ndc:
         return ViewCamera.look_at((0.3, 0.2, 0), (0, 0, 4), fov_degrees=50, size=SIZE, mirrored=True)
     if pack.contraction is not None:

@@ -204,9 +204,6 @@ def test_a_canvas_goes_on_drawing_until_all_of_a_pack_has_arrived(ctx, shapes, m
     canvas.close()
 
 
-# Golden pictures, on llvmpipe: after a wanted change run this file with --regenerate-golden, and look at what has changed
-
-
 @pytest.mark.parametrize("name", VARIANTS)
 def test_each_picture_looks_as_before(request: pytest.FixtureRequest, offscreen, name: str) -> None:
     pack, wanted = VARIANTS[name]

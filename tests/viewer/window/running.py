@@ -64,7 +64,6 @@ class RunningViewer:
 
     @property
     def saved(self) -> dict[str, Any]:
-        """What its file holds."""
         return json.loads(self.file.read_text()) if self.file.exists() else {}
 
     def xdotool(self, *words: object) -> str:

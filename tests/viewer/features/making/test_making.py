@@ -241,9 +241,6 @@ def test_a_check_that_fails_says_why_in_one_line(asked: App, tmp_path: Path):
     assert check.result is None and check.error.startswith(f"{tmp_path / 'shed'}: no such file or folder")
 
 
-# The plan: what the photographs are, the choices that they allow, the target folder, the command that is run
-
-
 def dropped(path: Path) -> tuple[App, Plan, Survey]:
     """An app whose dialog asks about `path`; how it would be made; the survey of its photographs, which is finished."""
     app = App(canvas=FakeCanvas())

@@ -78,9 +78,6 @@ def test_a_forward_facing_point_is_found_again_from_elsewhere() -> None:
     assert np.linalg.norm(again.point - hit.point) < 0.1 * hit.distance
 
 
-# The ruler in the picture: clicks measure between known corners, and what was measured can be moved, removed and undone
-
-
 TILE = 8  # voxels
 FLOOR, WALL = 20, 12  # voxels: the floor's upper face and the wall's front
 TILES = [  # corners of tiles, voxels: on the floor and on the wall

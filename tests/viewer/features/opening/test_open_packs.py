@@ -95,9 +95,6 @@ def test_there_is_an_end_to_what_open_packs_take_but_what_was_erased_and_is_not_
     assert bytes_of(scene.pack) >= np.asarray(scene.pack.atlas_rgba).nbytes
 
 
-# One question for all that can be opened: paths as people copy them, what was opened lately, what lies at hand
-
-
 @pytest.fixture
 def shelf(tmp_path: Path) -> Path:
     """A folder with a pack, a zip, a film, a plain folder and what nobody opens."""
@@ -164,9 +161,6 @@ def test_a_pasted_path_opens_and_a_wrong_one_is_told(app, pack, pack_folder, tmp
     app.clipboard.text = "0, 0, 5,  0 0 0"  # eye and target
     app.paste()
     assert np.allclose(app.scene.rig.matrix[:3], np.eye(4)[:3] + 5.0 * np.outer([0, 0, 1], [0, 0, 0, 1]))
-
-
-# Sessions: what was open comes back, with cameras, cuts and marks, wherever the file and its packs are moved together
 
 
 @pytest.fixture

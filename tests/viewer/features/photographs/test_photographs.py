@@ -97,8 +97,6 @@ def test_what_was_chosen_stays_chosen_and_steps_keep_to_the_split(ui, app):
     assert gallery.split_shown == ""  # what is chosen can be seen in the list
 
 
-# Photographs that travel with the pack, small; and packs whose photographs are elsewhere offer nothing that is not there
-
 ELSEWHERE = {"scene": "/home/ann/captures/shelf"}
 
 
