@@ -142,9 +142,7 @@ def test_a_command_of_the_trainer_says_in_one_line_what_to_install(installed, de
     assert "bug" not in done.stderr and not (tmp_path / "out").exists()
 
 
-def test_a_pack_is_told_drawn_and_measured(installed: Path, demo: Path, tmp_path: Path) -> None:
-    done = call(installed, "snerg-pack", "info", demo, cwd=tmp_path)
-    assert done.returncode == 0 and "voxels" in done.stdout, done.stderr
+def test_a_pack_is_drawn_and_measured(installed: Path, demo: Path, tmp_path: Path) -> None:
     done = call(installed, "snerg-render", demo, "--out", "a.png", "--size", "64x64", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert np.asarray(Image.open(tmp_path / "a.png")).std() > 10

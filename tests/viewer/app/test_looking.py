@@ -20,9 +20,7 @@ from viewer.rendering.camera import ViewCamera
 
 @pytest.fixture
 def ui(offscreen, app, known_pack, pack_folder):
-    ui = offscreen(app)
-    app.show(known_pack, pack_folder)
-    return ui
+    return offscreen(app, known_pack, pack_folder)
 
 
 def test_standing_in_a_photograph_shows_what_it_shows(ui, app):

@@ -102,8 +102,6 @@ class Hour:
         (self.folder / "notes.txt").write_text("hello")
         return [self.folder / name for name in ("known", "diffuse", "forward", "zipped.zip")]
 
-    # Events
-
     def place(self) -> tuple[float, float]:
         width, height = self.ui.size
         return self.random.uniform(0, width), self.random.uniform(0, height)
@@ -156,8 +154,6 @@ class Hour:
         self.ui.frames(60)
         while (self.app.loading is not None or self.app.filming.export is not None) and time.monotonic() < end:
             self.ui.frame()
-
-    # Around them
 
     def step(self) -> None:
         """One event, and what must hold behind it."""

@@ -149,10 +149,8 @@ def test_the_words_of_a_button_fit_into_it(offscreen, scenes, name: str) -> None
 
 
 def test_the_language_is_switched_while_running_and_remembered(offscreen, app) -> None:
-    ui = offscreen(app)
     app.interface.page = "settings"
-    app.show(toy_pack(), Path("toy"))
-    ui.settle()
+    ui = offscreen(app, toy_pack())
     apply_preferences(app, {"language": "de", "page": "settings"})
     ui.settle()
     assert language.current() == "de" and current_preferences(app)["language"] == "de"

@@ -1,7 +1,6 @@
 """What was changed is kept however the program ends: killed, asked by a signal, left without a display, closed."""
 
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -56,19 +55,14 @@ def test_a_signal_ends_it_like_quit_and_is_told_in_the_exit_status(viewer: Runni
     assert viewer.saved["recent"]
 
 
-@pytest.fixture
-def own_display() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """A display that a test may end."""
-    with virtual_screen(installed("Xvfb")) as screen:
-        yield screen
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["SIGTERM", "SIGHUP", "display"])
-def test_what_is_being_made_saves_when_the_session_ends(own_display, tmp_path, how):
-    name, server = own_display
+def test_what_is_being_made_saves_when_the_session_ends(tmp_path, how):
     command = [sys.executable, "-c", MAKING, str(tmp_path), str(FAKE)]
-    with RunningViewer(name, tmp_path / "home", command=command) as viewer:
+    with (
+        virtual_screen(installed("Xvfb")) as (name, server),
+        RunningViewer(name, tmp_path / "home", command=command) as viewer,
+    ):
         until((tmp_path / "pid").exists)
         until(lambda: viewer.saved)
         if how == "display":

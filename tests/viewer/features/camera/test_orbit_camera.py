@@ -1,16 +1,12 @@
 """What hands do to the camera."""
 
-from functools import cache
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from scenepack import Pack
 from scenepack.blocks import dense_from_pack
-from tests.viewer.conftest import toy_pack
 from tests.viewer.scenes import with_cameras
 from tests.viewer.waiting import at_once
 from viewer.core.pose import project, shortest_turn
@@ -20,12 +16,6 @@ from viewer.rendering.camera import ViewCamera, box_points, content_box
 
 SIZE = (800, 600)
 AMOUNT = st.floats(-2, 2)
-
-
-@cache
-def toy(ndc: bool = False) -> Pack:
-    """The same toy for all examples of hypothesis."""
-    return toy_pack(ndc=ndc)
 
 
 def pixel_of(camera: ViewCamera, point: ArrayLike) -> tuple[float, float]:
@@ -62,16 +52,16 @@ def test_dragging_to_the_right_turns_the_scene_to_the_right_about_its_pivot_in_t
 
 
 @given(dx=st.floats(-0.4, 0.4), dy=st.floats(-0.4, 0.4))
-def test_what_lies_at_the_pivots_depth_stays_under_the_cursor_while_it_is_slid(dx, dy):
-    rig = orbit_camera_for(toy())
+def test_what_lies_at_the_pivots_depth_stays_under_the_cursor_while_it_is_slid(pack, dx, dy):
+    rig = orbit_camera_for(pack)
     point = under(rig.camera(SIZE), 250, 200, rig.goal.distance)
     at_once(rig.pan, dx, dy)
     assert pixel_of(rig.camera(SIZE), point) == pytest.approx((250 + 600 * dx, 200 + 600 * dy), abs=1e-3)
 
 
 @given(x=st.floats(0, 800), y=st.floats(0, 600), notches=st.floats(-5, 5))
-def test_the_wheel_keeps_what_lies_under_the_cursor(x, y, notches):
-    rig = orbit_camera_for(toy())
+def test_the_wheel_keeps_what_lies_under_the_cursor(pack, x, y, notches):
+    rig = orbit_camera_for(pack)
     point = under(rig.camera(SIZE), x, y, rig.goal.distance)
     at_once(rig.dolly, notches, ((2 * x - 800) / 600, (600 - 2 * y) / 600))
     assert pixel_of(rig.camera(SIZE), point) == pytest.approx((x, y), abs=1e-3)
@@ -132,8 +122,8 @@ def test_looking_around_while_flying_keeps_the_eye(rig):
 @pytest.mark.parametrize("ndc", [False, True])
 @settings(max_examples=40, deadline=None)
 @given(steps=st.lists(st.tuples(st.sampled_from(["orbit", "pan", "dolly"]), AMOUNT, AMOUNT), min_size=1, max_size=30))
-def test_no_movement_breaks_the_camera_or_leaves_the_bounds_of_a_forward_facing_pack(ndc, steps):
-    rig = orbit_camera_for(toy(ndc))
+def test_no_movement_breaks_the_camera_or_leaves_the_bounds_of_a_forward_facing_pack(pack, ndc_pack, ndc, steps):
+    rig = orbit_camera_for(ndc_pack if ndc else pack)
     for name, a, b in steps:
         rig.dolly(5 * a, (b, a)) if name == "dolly" else getattr(rig, name)(a, b)
         rig.update(0.03)
@@ -162,9 +152,8 @@ def seen_from(pack, distance: float):
 
 
 @pytest.mark.parametrize(("distance", "contraction"), [(0.6, None), (6.0, 1.0)])  # what is contracted is all around
-def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them(distance, contraction):
-    pack = seen_from(toy(), distance)
-    rig = OrbitCamera(pack.with_metadata(contraction=contraction))
+def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them(pack, distance, contraction):
+    rig = OrbitCamera(seen_from(pack, distance).with_metadata(contraction=contraction))
     half = 0.5 * pack.voxel_size * max(pack.grid_size)
     expected = ViewCamera.orbit(pack, 50.0, 5.0, distance * half, 60.0, (40, 60))
     np.testing.assert_allclose(rig.camera((40, 60)).grid_T_camera, expected.grid_T_camera, atol=1e-6)
@@ -172,8 +161,8 @@ def test_a_scene_that_surrounds_its_cameras_begins_at_one_of_them(distance, cont
     rig.dolly(3, (0.1, 0.2))
     at_once(rig.home)
     np.testing.assert_allclose(rig.matrix, expected.grid_T_camera, atol=1e-6)
-    outside = OrbitCamera(seen_from(toy(), 6.0))
-    np.testing.assert_allclose(outside.matrix, OrbitCamera(toy()).matrix)
+    outside = OrbitCamera(seen_from(pack, 6.0))
+    np.testing.assert_allclose(outside.matrix, OrbitCamera(pack).matrix)
 
 
 @pytest.mark.parametrize("notches", [-10, 30])  # from afar, and from amid the scene
@@ -187,13 +176,13 @@ def test_without_perspective_the_near_plane_stays_where_it_is(rig, notches):
     assert planes[1] == pytest.approx(planes[0])
 
 
-def test_without_perspective_the_pivot_keeps_its_size_and_moving_closer_only_enlarges(rig):
+def test_without_perspective_the_pivot_keeps_its_size_and_moving_closer_only_enlarges(rig, pack):
     at_once(rig.look_along, 30, 20)
     before = rig.camera(SIZE)
     rig.set_orthographic(True)
     camera = rig.camera(SIZE)
     assert camera.orthographic and camera.fy == pytest.approx(before.fy / rig.goal.distance)
-    corners = box_points(*content_box(toy()))
+    corners = box_points(*content_box(pack))
     for notches in (0, 40):  # to as close as can be: no corner is ever behind the camera
         at_once(rig.dolly, notches)
         pixels, before_it = project(rig.camera(SIZE), corners)

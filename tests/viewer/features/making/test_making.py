@@ -18,7 +18,7 @@ from imgui_bundle import imgui
 from PIL import Image
 
 from console import child_process
-from scenepack import save_pack
+from scenepack import Pack, save_pack
 from tests.training.posing.conftest import COUNT, write_photographs
 from tests.training.posing.rooms import cameras, panorama_cameras, photograph
 from tests.training.reconstructions import ball, write_colmap
@@ -135,24 +135,18 @@ def test_photographs_become_a_scene_through_the_real_programs_even_when_stopped_
     assert not app.messages.dialogs and app.open_scene.path == tmp_path / "made" / "pack"
 
 
-@pytest.fixture
-def train(tmp_path, pack):
+def train(app: App, pack: Pack, steps: int) -> None:
     """Writes what is trained after so many steps, as the child does, and waits until it has come."""
-
-    def call(app: App, steps: int) -> None:
-        made = {"steps": steps, "of_steps": 6000, "preview": True}
-        save_pack(pack.with_metadata(provenance=made), tmp_path / "preview.zip")
-        job = not_none(app.making.job)
-        live(app, lambda: job.preview is not None and f" {steps:,} " in preview_title(job.preview))
-
-    return call
+    job, made = not_none(app.making.job), {"steps": steps, "of_steps": 6000, "preview": True}
+    save_pack(pack.with_metadata(provenance=made), job.plan.out / "preview.zip")
+    live(app, lambda: job.preview is not None and f" {steps:,} " in preview_title(job.preview))
 
 
-def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_camera_stays(making, train, tmp_path):
+def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_camera_stays(making, pack, tmp_path):
     app = making("until-told")
     live(app, lambda: app.making.job.child.report is not None)
     assert app.scene is None
-    train(app, 1200)
+    train(app, pack, 1200)
     assert app.open_scene.name == "photographs: preview after 1,200 steps" and app.making.training_preview_shown(app)
     assert app.canvas.shown == [app.making.job.preview] and app.preferences.recent == []
     untouched = app.open_scene.rig.goal
@@ -160,7 +154,7 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_c
     chosen, fov = app.open_scene.rig.goal, app.open_scene.rig.fov
     assert chosen != untouched
     live(app, lambda: app.scene.rig.shown == app.scene.rig.goal)
-    train(app, 2400)
+    train(app, pack, 2400)
     assert app.open_scene.name.endswith("2,400 steps") and app.open_scene.pack is app.making.job.preview
     assert app.open_scene.rig.goal == app.open_scene.rig.shown == chosen
     assert app.canvas.shown == [app.making.job.preview], "refined in place: nothing is blank in between"
@@ -170,15 +164,15 @@ def test_what_is_trained_so_far_is_shown_by_itself_and_then_the_pack_while_the_c
     assert app.open_scene.rig.goal == chosen and app.open_scene.rig.fov == fov
 
 
-def test_a_scene_that_is_open_is_not_taken_away(making, train, pack, pack_folder):
+def test_a_scene_that_is_open_is_not_taken_away(making, pack, pack_folder):
     app = making("until-told")
     app.show(pack, pack_folder)
-    train(app, 1200)
+    train(app, pack, 1200)
     assert app.scene.path == pack_folder and not app.making.training_preview_shown(app)
     app.making.show_training_preview(app)
     assert app.making.training_preview_shown(app)
     app.show(pack, pack_folder)
-    train(app, 2400)
+    train(app, pack, 2400)
     assert app.scene.path == pack_folder, "whoever has gone elsewhere stays there"
 
 

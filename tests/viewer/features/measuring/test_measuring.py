@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from imgui_bundle import imgui
 
-from scenepack import Pack
 from tests.scenepack.volumes import cube_pack
 from tests.viewer.conftest import toy_pack
 from viewer.core.pose import Pose, project
@@ -21,23 +20,15 @@ from viewer.rendering.settings import RenderSettings
 
 SIDE, BLOCK = 64, 14
 VOXEL = 2.0 / SIDE
-LOW, HIGH = np.array([11, 9, 17]), np.array([52, 31, 47])  # voxels of the block's corners
-SIZE = (800, 600)
 
 
-@pytest.fixture(scope="module")
-def block() -> Pack:
-    """A solid block of known corners in the box of -1 … 1."""
+def test_crop_and_near_plane_hide_what_they_hide_in_the_picture() -> None:
     rgba = np.zeros((SIDE, SIDE, SIDE, 4), np.uint8)
-    (x0, y0, z0), (x1, y1, z1) = LOW, HIGH
-    rgba[z0:z1, y0:y1, x0:x1] = (160, 90, 60, 255)
-    return cube_pack(rgba, BLOCK)
-
-
-def test_crop_and_near_plane_hide_what_they_hide_in_the_picture(block: Pack) -> None:
-    camera = ViewCamera.look_at((0.0, 0.0, 4.0), (0.0, -0.4, 0.0), size=SIZE)
+    rgba[17:47, 9:31, 11:52] = (160, 90, 60, 255)
+    block = cube_pack(rgba, BLOCK)
+    camera = ViewCamera.look_at((0.0, 0.0, 4.0), (0.0, -0.4, 0.0), size=(800, 600))
     hit = surface_at(block, camera, RenderSettings(), 400.0, 300.0)
-    assert hit is not None and abs(hit.point[2] - (-1.0 + VOXEL * HIGH[2])) < 0.2 * VOXEL
+    assert hit is not None and abs(hit.point[2] - (-1.0 + VOXEL * 47)) < 0.2 * VOXEL
     cut = RenderSettings(crop=((-1.0, -1.0, -1.0), (1.0, 1.0, 0.1)))
     hit = surface_at(block, camera, cut, 400.0, 300.0)
     assert hit is not None and abs(hit.point[2] - 0.1) < 0.6 * VOXEL
