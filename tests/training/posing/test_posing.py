@@ -17,6 +17,7 @@ from baker.commands.make import main as snerg_make
 from console import UserError
 from tests.training.posing.conftest import COUNT, STRANGER, Found, load_quietly, write_photographs
 from tests.training.posing.rooms import cameras, panorama_cameras, photograph
+from tests.viewer.waiting import until
 from tools.pose_error import pose_error
 from training.posing import child_process, find
 from training.posing.find import find_poses, posed_scene
@@ -159,9 +160,7 @@ def test_one_ctrl_c_ends_it_in_one_line(found: Found, tmp_path: Path):
         [sys.executable, "-c", code, str(found.source.path), str(out)], cwd=ROOT, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "SNERG_PROGRESS": str(tmp_path / "progress.json")},
     )  # fmt: skip
-    while process.poll() is None:  # until COLMAP is at work
-        if (out / find.WORK / "database.db").exists():
-            break
+    until(lambda: process.poll() is not None or (out / find.WORK / "database.db").exists())  # COLMAP is at work
     process.send_signal(signal.SIGINT)
     lines = process.communicate(timeout=60)[1].splitlines()
     assert process.returncode == 130
@@ -188,24 +187,20 @@ def test_folders_that_it_did_not_make_are_left_alone(name: str, tmp_path: Path, 
     assert sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.slow
-def test_a_child_that_dies_is_told_with_its_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def becomes(code: str) -> None:
-        monkeypatch.setattr(child_process, "COMMAND", [sys.executable, "-P", "-c", code])
-
-    becomes("import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
-    with pytest.raises(UserError, match="SIGKILL"):
-        child_process.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
-    full = "raise RuntimeError('database or disk is full')"
-    becomes(
-        f"""
+FULL = """
 from training.posing import child_process
-def fill(request, on_progress): {full}
+def fill(request, on_progress): raise RuntimeError('database or disk is full')
 child_process.SERVICES['reconstruct'] = fill
 child_process.serve()"""
-    )
-    with pytest.raises(UserError, match="the disk is full"):
-        child_process.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
-    becomes("raise ValueError('that went wrong')")
-    with pytest.raises(RuntimeError, match="that went wrong"):
+DIES, FAILS = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "raise ValueError('went wrong')"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("code", "error", "said"),
+    [(DIES, UserError, "SIGKILL"), (FULL, UserError, "the disk is full"), (FAILS, RuntimeError, "went wrong")],
+)
+def test_a_child_that_dies_is_told_with_its_log(code, error, said, tmp_path, monkeypatch):
+    monkeypatch.setattr(child_process, "COMMAND", [sys.executable, "-P", "-c", code])
+    with pytest.raises(error, match=said):
         child_process.ask("reconstruct", {}, tmp_path / "log.txt", lambda *_: None)
