@@ -140,13 +140,12 @@ def test_converting_there_and_back_without_loss_gives_the_same_pack(pack, tmp_pa
         assert (tmp_path / "c" / file.name).exists()
 
 
-def test_converting_in_place_replaces_the_pack_and_with_a_lossy_codec_only_by_force(pack, tmp_path, capsys):
+def test_converting_in_place_replaces_the_pack_and_with_a_lossy_codec_only_by_force(pack, tmp_path, refused):
     source = written(tmp_path / "a", pack)
     before = {file.name: file.read_bytes() for file in source.iterdir()}
     (tmp_path / "link").symlink_to(source)
     for out in (source, tmp_path / "link", source / "." / ".." / "a"):
-        assert main(["convert", str(source), "--out", str(out), "--codec", "avif", "--quality", "40"]) == 2
-        assert "avif is lossy" in capsys.readouterr().err
+        assert "avif is lossy" in refused(main, "convert", source, "--out", out, "--codec", "avif", "--quality", 40)
     assert before == {file.name: file.read_bytes() for file in source.iterdir()}
     assert main(["convert", str(source), "--out", str(source), "--codec", "webp"]) == 0
     assert main(["convert", str(source), "--out", str(source), "--codec", "avif", "--quality", "40", "--force"]) == 0

@@ -3,7 +3,6 @@
 import dataclasses
 import mmap
 import tracemalloc
-import warnings
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from console import Notice
+from console import Notice, collect_notices
 from tests.training.reconstructions import ndc_points
 from training import dataset as datasets
 from training.dataset import MOST_RAYS, OPAQUE, evenly_spread, make_dataset, row_step_for
@@ -91,9 +90,8 @@ def test_a_blender_scene_without_alpha_is_told_to_be_trained_with_its_background
     pixels = np.ones((camera.height, camera.width, 4), np.float32)
     pixels[0, 0, 3] = 1.0 if opaque else 0.0
     scene = scene_of(camera, kind="blender", splits={"train": (Photograph("only", camera, lambda: pixels),)})
-    with warnings.catch_warnings(record=True, action="always") as caught:
+    with collect_notices() as notices:
         make_dataset(scene)
-    notices = [str(warning.message) for warning in caught if issubclass(warning.category, Notice)]
     assert notices == ([f"here: {OPAQUE}"] if opaque else []) and "is trained and baked with it" in OPAQUE
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageFilter
 
-from console import Notice
+from console import collect_notices
 from tests.training.posing.rooms import cameras, photograph, texture
 from training.posing.find import find_poses
 from training.scenes import Camera, Scene, load_scene
@@ -65,6 +65,6 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
     sharp.filter(ImageFilter.GaussianBlur(4)).save(photographs / "p6b.jpg")
     Image.fromarray(texture(105)[:192, :256].astype(np.uint8)).save(photographs / STRANGER, quality=95)
     source = require_source(photographs)
-    with warnings.catch_warnings(record=True, action="always") as caught:
+    with collect_notices() as notices:
         scene = find_poses(source, folder / "out")
-    return Found(source, given, scene, [str(warning.message) for warning in caught if warning.category is Notice])
+    return Found(source, given, scene, notices)

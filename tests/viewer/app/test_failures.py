@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.fuzz.trees import write_tree
 from tests.stand_ins import raising
 from tests.viewer.features.film.test_filming import needs_video
 from tests.viewer.texture_limits import limit_textures
@@ -104,8 +105,7 @@ def test_a_full_disk_during_an_export_is_a_dialog_and_leaves_nothing_half_writte
     full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     monkeypatch.setattr(os, "fsync", raising(full))  # whatever is written cannot be flushed
     app, disk = ui.app, tmp_path / "disk"
-    disk.mkdir()
-    (disk / "mine.txt").write_text("keep me")
+    write_tree({"mine.txt": b"keep me"}, disk)
     app.filming.size, app.filming.fps = (96, 64), 1.0
     if target == "still.png":
         app.filming.still(app, disk / target)
@@ -133,14 +133,11 @@ def test_a_card_with_too_little_room_shows_half_and_says_so_with_both_sizes(ui, 
 
 def test_dropping_what_is_no_pack_is_a_dialog_and_the_scene_stays(ui, tmp_path):
     app, scene = ui.app, ui.app.scene
-    (tmp_path / "bad.zip").write_bytes(b"PK\x03\x04 and then nothing")
-    (tmp_path / "notes.txt").write_text("hello")
-    (tmp_path / "empty").mkdir()
-    Image.new("RGB", (4, 4)).save(tmp_path / "cat.png")
-    (tmp_path / "half" / "run").mkdir(parents=True)
-    (tmp_path / "half" / "run" / "config.json").write_text("{")
+    files = {"bad.zip": b"PK\x03\x04 and then nothing", "notes.txt": b"hello", "half/run/config.json": b"{"}
+    write_tree({**files, "empty": "folder"}, tmp_path / "here")
+    Image.new("RGB", (4, 4)).save(tmp_path / "here" / "cat.png")
     for name in ("bad.zip", "notes.txt", "empty", "cat.png", "half", "gone"):
-        app.drop([tmp_path / name])
+        app.drop([tmp_path / "here" / name])
         assert name in wait_for_dialog(ui)
         assert app.scene is scene and app.making.plan is None
         still_alive(ui)

@@ -11,6 +11,7 @@ from console import UserError
 from scenepack import Pack, load_pack, save_pack
 from scenepack.editing import Selection
 from scenepack.placement import NOT_MOVED
+from tests.fuzz.trees import write_tree
 from tests.viewer.app.test_application import FakeCanvas
 from tests.viewer.conftest import toy_pack
 from tests.viewer.core.test_annotations import ANNOTATIONS, LINE, VIEW
@@ -98,13 +99,9 @@ def test_there_is_an_end_to_what_open_packs_take_but_what_was_erased_and_is_not_
 @pytest.fixture
 def shelf(tmp_path: Path) -> Path:
     """A folder with a pack, a zip, a film, a plain folder and what nobody opens."""
-    (tmp_path / "a päck").mkdir()
-    (tmp_path / "a päck" / "scene_params.json").write_text("{}")
-    (tmp_path / "plain" / "deep").mkdir(parents=True)
-    (tmp_path / ".hidden").mkdir()
-    for name in ("scene.zip", "film.mp4", "notes.txt", "Apples.zip"):
-        (tmp_path / name).write_bytes(b"PK")
-    return tmp_path
+    files = dict.fromkeys(("scene.zip", "film.mp4", "notes.txt", "Apples.zip", "a päck/scene_params.json"), b"PK")
+    write_tree({**files, "plain/deep": "folder", ".hidden": "folder"}, tmp_path / "shelf")
+    return tmp_path / "shelf"
 
 
 @pytest.mark.parametrize("form", ["{}", " {} \n", "'{}'", '"{}"', "{}\nsecond line"])
@@ -186,14 +183,13 @@ def arranged(packs: list[Path]) -> App:
     return app
 
 
-def test_a_session_keeps_the_field_of_view_of_the_photograph_that_is_shown(packs: list[Path]) -> None:
-    app = App()
+def test_a_session_keeps_the_field_of_view_of_the_photograph_that_is_shown(app: App, packs: list[Path]) -> None:
     app.show(load_pack(packs[0]), packs[0])
     app.open_scene.rig.hold(ViewCamera.posed(app.open_scene.rig.matrix, 20.0, (64, 48)))
     assert not_none(session.session_of(app)).packs[0].camera.fov == pytest.approx(20.0)
 
 
-def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
+def test_all_of_it_comes_back_elsewhere(app: App, packs: list[Path], tmp_path: Path):
     before = arranged(packs)
     file = packs[0].parent / f"a{session.SESSION_SUFFIX}"
     before.run("save-session")
@@ -201,7 +197,6 @@ def test_all_of_it_comes_back_elsewhere(packs: list[Path], tmp_path: Path):
     before.file_request.then(file)
     assert [entry["path"] for entry in json.loads(file.read_text())["packs"]] == ["third", "first", "second"]
     moved = packs[0].parent.rename(tmp_path / "moved")
-    app = App()
     app.run("open")
     not_none(app.open_prompt).type(str(moved / file.name))
     choose(app)
@@ -229,8 +224,7 @@ def test_marks_are_added_and_none_is_lost():
     assert joined(both, ANNOTATIONS) == both and joined(Annotations(), ANNOTATIONS) == ANNOTATIONS
 
 
-def test_a_bad_file_is_told_and_changes_nothing(packs: list[Path], tmp_path: Path):
-    app = App()
+def test_a_bad_file_is_told_and_changes_nothing(app: App, packs: list[Path], tmp_path: Path):
     app.show(load_pack(packs[0]), packs[0])
     (tmp_path / "bad.snerg").write_text('{"snerg_session": 9}')
     app.drop([tmp_path / "bad.snerg"])
