@@ -70,8 +70,6 @@ def test_one_focal_length_or_angle_is_enough(tmp_path: Path, write, values):
         {"camera_model": "EQUIRECTANGULAR", "k1": 0.1},
         {"camera_model": "OPENCV_FISHEYE", "k5": 0.1},
         {"camera_model": "OPENCV", "k4": 0.1},
-        {"camera_model": "ORTHOPHOTO"},
-        {"camera_model": "VR180_L"},
         {"camera_model": "a lens of the future"},
         {"camera_model": 3},
         {"camera_model": "FULL_OPENCV", "s1": 0.01},
