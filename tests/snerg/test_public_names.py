@@ -1,12 +1,13 @@
-"""What is public: documented, quick to import, and the choices that it offers are those of the commands."""
+"""What is public: documented, quick to import, with the choices of the commands, and wrong arguments are refused at once."""
 
 import dataclasses
 import inspect
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import nbclient
 import nbformat
@@ -18,6 +19,8 @@ import snerg
 from baker.baking.config import BakePreset, Quality
 from scenepack.constants import CodecName
 from snerg import _making, _scene
+from tests.stored_runs import STORED
+from tests.training.test_captures import circle, write_transforms
 from training.scenes.presets import BakeablePreset
 
 ROOT = Path(__file__).parents[2]
@@ -69,6 +72,36 @@ def test_choices_are_those_of_the_commands() -> None:
     assert set(get_args(_scene.Codec)) == set(get_args(CodecName))
     assert set(get_args(_making.Quality)) == set(get_args(Quality))
     assert set(get_args(_making.Method)) == set(get_args(BakePreset))
+
+
+@pytest.mark.parametrize(
+    ("function", "given", "arguments", "where"),
+    [
+        (snerg.read_photographs, (STORED,), {"downscale": 0}, "downscale"),
+        (snerg.train, ("PHOTOS", "out"), {}, "photographs"),
+        (snerg.train, ("PHOTOS", "out"), {"preset": "fast"}, "preset"),
+        (snerg.show, (None,), {"size": "large"}, "size"),
+        (snerg.evaluate, ("scene.zip", "PHOTOS"), {}, "photographs"),
+        (snerg.bake, ("run", "out.zip"), {"method": "mesh"}, "method"),
+        (snerg.bake, ("run", "out.zip"), {"resolution": 100.5}, "resolution"),
+        (snerg.bake, ("run", "out.zip"), {"quality": "best"}, "quality"),
+        (snerg.bake, ("run", "out.zip"), {"codec": "gif"}, "codec"),
+    ],
+)
+def test_wrong_arguments_are_refused_before_any_work(
+    function: Callable[..., Any], given: tuple[Any, ...], arguments: dict[str, Any], where: str
+) -> None:
+    with pytest.raises(snerg.SnergError) as refused:
+        function(*given, **arguments)
+    assert refused.value.where == where and "\n" not in str(refused.value)
+
+
+def test_a_remedy_names_an_argument_as_python_does_and_keeps_whole_commands(tmp_path: Path) -> None:
+    scene = write_transforms(tmp_path / "scene", circle())
+    with pytest.raises(snerg.SnergError, match=r"leave out masks$"):
+        snerg.read_photographs(scene, masks=True)
+    with pytest.raises(snerg.SnergError, match=r"snerg-train SCENE --out RUN$"):
+        snerg.bake(tmp_path / "none", tmp_path / "out.zip")
 
 
 def test_the_example_of_the_readme_gives_the_picture_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

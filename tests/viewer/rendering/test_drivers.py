@@ -1,9 +1,7 @@
 """Drivers: work-arounds for software rasterisers, the message where OpenGL is too old, and numbers in shaders."""
 
-import os
 import platform
 import re
-import subprocess
 import sys
 import threading
 from collections.abc import Callable
@@ -14,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.viewer.window.running import ROOT, run_view
+from tests.viewer.window.running import run_snerg
 from viewer.rendering.camera import ViewCamera
 from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.opengl import DRIVER_CHOICES, OVERRIDE, GpuClock, is_software, opengl_refusal
@@ -121,12 +119,9 @@ def test_a_variable_that_chooses_the_driver_is_named_with_its_value(name, monkey
 
 @pytest.mark.parametrize("command", ["view", "render"])
 def test_no_driver_is_told_with_what_to_install(display, pack_folder, tmp_path, command) -> None:
-    nowhere: dict[str, Any] = {"LIBGL_DRIVERS_PATH": str(tmp_path), "GALLIUM_DRIVER": "none"}
-    if command == "view":
-        done = run_view(pack_folder, DISPLAY=display, **nowhere)
-    else:
-        words = [sys.executable, "-m", "snerg", "render", str(pack_folder), "--out", str(tmp_path / "a.png")]
-        done = subprocess.run(words, env=os.environ | nowhere, capture_output=True, text=True, timeout=120, cwd=ROOT)
+    nowhere: dict[str, Any] = {"LIBGL_DRIVERS_PATH": str(tmp_path), "GALLIUM_DRIVER": "none", "DISPLAY": display}
+    more = [] if command == "view" else ["--out", tmp_path / "a.png"]
+    done = run_snerg(command, pack_folder, *more, **nowhere)
     if done.returncode == 0:
         pytest.skip("this Mesa has its drivers built in")
     line = done.stderr.splitlines()[-1]

@@ -15,7 +15,7 @@ from PIL import Image
 from tests.viewer.conftest import installed
 from tests.viewer.waiting import not_none, until
 
-VIEW = [sys.executable, "-m", "snerg", "view"]
+SNERG = [sys.executable, "-m", "snerg"]
 ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0
 
@@ -24,18 +24,16 @@ def without_display() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
 
 
-def run_view(*words: object, cwd: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Runs snerg-view to its end, without a display but for what `environment` says."""
-    command = [*VIEW, *map(str, words)]
-    return subprocess.run(
-        command, env=without_display() | environment, cwd=cwd, capture_output=True, text=True, timeout=180
-    )
+def run_snerg(*words: object, cwd: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Runs a command to its end, without a display but for what `environment` says."""
+    own, command = without_display() | environment, [*SNERG, *map(str, words)]
+    return subprocess.run(command, env=own, cwd=cwd, capture_output=True, text=True, timeout=180)
 
 
 def picture_of_view(folder: Path, *words: object, **environment: Any) -> np.ndarray:
     """The window after a few frames of snerg-view, int [500, 800, 3]. folder: for the file."""
     picture = folder / "window.png"
-    done = run_view(*words, "--frames", 5, "--screenshot", picture, "--size", "800x500", **environment)
+    done = run_snerg("view", *words, "--frames", 5, "--screenshot", picture, "--size", "800x500", **environment)
     assert done.returncode == 0, done.stderr
     return np.asarray(Image.open(picture)).astype(int)
 
@@ -45,22 +43,18 @@ class RunningViewer:
 
     def __init__(self, display: str, home: Path, *words: object, command: list[str] | None = None, **environment: str):
         self.tool = installed("xdotool")
-        self.home, self.display = home, display
+        self.home, self.file = home, home / "snerg" / "viewer.json"
         home.mkdir(parents=True, exist_ok=True)
         own = {"DISPLAY": display, "XDG_CONFIG_HOME": str(home), "XDG_STATE_HOME": str(home / "state")}
         self.environment = without_display() | own | environment
         self.process = subprocess.Popen(
-            [*(command or VIEW), *map(str, words)],
+            [*(command or [*SNERG, "view"]), *map(str, words)],
             env=self.environment,
             stderr=subprocess.PIPE,
             stdin=subprocess.DEVNULL,
             text=True,
             cwd=ROOT,
         )
-
-    @property
-    def file(self) -> Path:
-        return self.home / "snerg" / "viewer.json"
 
     @property
     def saved(self) -> dict[str, Any]:

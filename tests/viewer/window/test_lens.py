@@ -75,8 +75,7 @@ def test_the_psnr_compares_pictures_of_one_lens_and_moving_on_keeps_what_is_seen
     assert rig.fov == rig.home_fov
 
 
-def test_points_are_drawn_where_the_lens_shows_them(distorted):
-    app = App()
+def test_points_are_drawn_where_the_lens_shows_them(app, distorted):
     app.gallery.scene_changed(distorted)
     view = app.gallery.photographs.shots[0].view
     pixels = np.array([[3.0, 5.0], [60.0, 2.0], [32.0, 32.0], [1.0, 63.0]])

@@ -11,7 +11,7 @@ from PIL import Image
 from scenepack import load_pack
 from tests.messages import without_progress
 from tests.scenepack.helpers import written
-from tests.viewer.window.running import ROOT, picture_of_view, run_view
+from tests.viewer.window.running import ROOT, picture_of_view, run_snerg
 from viewer.app.application import App
 from viewer.commands import view
 from viewer.window.window import NoDisplay, Window, require_display
@@ -31,7 +31,7 @@ def test_frames_and_screenshot_at_the_command_line(display, pack_folder, tmp_pat
 
 
 def test_without_a_display_an_orbit_is_rendered_and_named(pack_folder, tmp_path):
-    done = run_view(pack_folder, cwd=tmp_path)
+    done = run_snerg("view", pack_folder, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "no display" in done.stderr.splitlines()[0]
     files = done.stdout.split()
@@ -70,7 +70,7 @@ def test_a_path_is_exported_to_its_end_at_the_command_line(display, tmp_path, kn
 def test_a_bad_pack_is_a_dialog_on_a_display(display, tmp_path):
     (tmp_path / "scene_params.json").write_text("{")
     picture = tmp_path / "window.png"
-    done = run_view(tmp_path, "--frames", 5, "--screenshot", picture, "--size", "800x500", DISPLAY=display)
+    done = run_snerg("view", tmp_path, "--frames", 5, "--screenshot", picture, "--size", "800x500", DISPLAY=display)
     assert done.returncode == 2
     assert len(without_progress(done.stderr)) == 1 and "scene_params.json" in done.stderr
     pixels = np.asarray(Image.open(picture)).astype(int)
@@ -82,7 +82,7 @@ def test_photographs_are_asked_about_on_a_display_and_told_without_one(display, 
     scene = known_pack.metadata["provenance"]["scene"]
     pixels = picture_of_view(tmp_path, scene, DISPLAY=display)
     assert (np.abs(pixels - (0x1A, 0x21, 0x2C)).sum(axis=2) < 6)[120:380, 130:670].mean() > 0.4  # a card, in the middle
-    done = run_view(scene)
+    done = run_snerg("view", scene)
     assert done.returncode == 2 and "snerg-make" in done.stderr and len(without_progress(done.stderr)) == 1
 
 
@@ -94,8 +94,7 @@ def test_bad_arguments_are_one_line_and_status_2(refused, monkeypatch, pack_fold
 
 
 @pytest.mark.slow
-def test_a_session_is_opened_at_the_command_line_and_a_bad_one_is_one_line(display, tmp_path, known_folder):
-    app = App()
+def test_a_session_is_opened_at_the_command_line_and_a_bad_one_is_one_line(app, display, tmp_path, known_folder):
     app.show(load_pack(known_folder), known_folder)
     app.set(crop=((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)))
     app.interface.page = "crop"
@@ -105,7 +104,7 @@ def test_a_session_is_opened_at_the_command_line_and_a_bad_one_is_one_line(displ
     cut = picture_of_view(tmp_path, file, DISPLAY=display)
     assert np.abs(whole - cut)[60:490, 10:400].mean() > 2
     file.write_text("{}")
-    done = run_view(file, "--frames", 2, DISPLAY=display)
+    done = run_snerg("view", file, "--frames", 2, DISPLAY=display)
     assert done.returncode == 2 and len(without_progress(done.stderr)) == 1 and "is not a session" in done.stderr
 
 
@@ -122,5 +121,5 @@ def test_a_display_that_does_not_answer_is_no_display(monkeypatch):
 @pytest.mark.parametrize("words", [(), ("--frames", "1", "--screenshot", "window.png")])
 def test_wayland_alone_is_refused_in_one_line_that_names_xwayland(pack_folder, words):
     """Nobody looks for pictures in out/ who started the viewer from a desktop."""
-    done = run_view(pack_folder, *words, WAYLAND_DISPLAY="wayland-0")
+    done = run_snerg("view", pack_folder, *words, WAYLAND_DISPLAY="wayland-0")
     assert done.returncode == 2 and len(without_progress(done.stderr)) == 1 and "XWayland" in done.stderr
