@@ -1,7 +1,4 @@
-"""How the programs of tests are compiled: each once, and quickly; where numbers must repeat to the last bit, as users have them.
-
-Compiling was more than half of the tests' time. XLA's usual optimisations are for programs that run for minutes.
-"""
+"""How the programs of tests are compiled: once, and quickly; where numbers must repeat to the last bit, as users have them."""
 
 import os
 import re

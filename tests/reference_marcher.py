@@ -4,7 +4,6 @@ This is docs/rendering.md written down as code; the fast renderer is tested agai
 Notation: R rays; g = (p - min_xyz) / voxel_size is a grid position in voxels; bs = block_size; B = bs + 2.
 Sample k of a ray is at t0 + 0.5 + k, where t0 is the distance in voxels at which the ray enters the grid's box. In a contracted
 pack it is at 0.5 + k along the whole path, from where the ray begins.
-Like merf's `baked_render.py`, it is kept beside the fast renderer for as long as that one changes.
 """
 
 from collections.abc import Callable

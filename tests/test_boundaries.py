@@ -1,7 +1,5 @@
 """Which package may import which (docs/architecture.md, "The packages"), and other rules for the layout of the code."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

@@ -1,7 +1,4 @@
-"""Where rays begin: one rule for the field, and for the evaluation of its packs. For pruning and tuning: tuning/test_marcher.py.
-
-Notation: a speck hangs before the first camera, nearer than `near`.
-"""
+"""Where rays begin: one rule for the field, and for the evaluation of its packs. Pruning and tuning: tuning/test_marcher.py."""
 
 from dataclasses import replace
 from pathlib import Path

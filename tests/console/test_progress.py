@@ -4,7 +4,6 @@ import json
 import re
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -18,6 +17,7 @@ from console.json_text import MOST_BYTES, parse_json
 from console.progress import Estimate, duration
 from console.progress_protocol import PROGRESS, Report, read_report
 from tests.stand_ins import raising
+from tests.viewer.waiting import until
 
 
 @pytest.fixture
@@ -65,23 +65,15 @@ def test_work_taken_up_again_counts_from_its_place_in_the_whole_and_its_time_fro
 
 def test_work_that_says_nothing_still_shows_that_time_passes(clock, capsys, monkeypatch):
     monkeypatch.setattr(sys.modules["console.progress"], "BEAT_S", 0.01)
-
-    def printed() -> str:
-        for _ in range(500):
-            time.sleep(0.01)
-            if text := capsys.readouterr().err:
-                return text
-        return ""
-
     with progress("training", 100) as bar:
         clock(10)
-        assert printed() == "training: 0 %  10 s\n"
+        assert until(lambda: capsys.readouterr().err) == "training: 0 %  10 s\n"
         bar.update(5)
         with progress("closing holes", 4):
             clock(22)
-            assert printed() == "closing holes: 0 %  12 s\n"
+            assert until(lambda: capsys.readouterr().err) == "closing holes: 0 %  12 s\n"
         clock(24)
-        assert printed() == "training: 5 %  24 s\n"
+        assert until(lambda: capsys.readouterr().err) == "training: 5 %  24 s\n"
 
 
 def test_a_first_step_that_compiles_makes_no_promise() -> None:

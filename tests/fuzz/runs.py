@@ -1,7 +1,4 @@
-"""Runs: config.json, checkpoints, journals; what is spoilt, and all that going on with one does before its first step.
-
-Needs JAX, so its workers are never forked from one another.
-"""
+"""Runs: config.json, checkpoints, journals; what is spoilt, and all that going on with one does before its first step."""
 
 import shutil
 from pathlib import Path

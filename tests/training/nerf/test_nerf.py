@@ -101,9 +101,6 @@ def test_the_sparsity_loss_sees_densities_without_the_noise(dataset: RayDataset)
     assert np.abs(noisy.coarse.alpha - silent.coarse.alpha).max() > 0.01, "the picture has it"
 
 
-NEAR, FAR = jnp.full(5, 2.0), jnp.full(5, 6.0)
-
-
 @pytest.mark.parametrize("ndc, given, expected", [(True, None, [0.25, 0.0]), (False, None, 1e10), (True, 0.5, 0.5)])
 def test_the_last_sample_stands_for_the_rest_up_to_the_far_plane_in_ndc_and_for_all_elsewhere(ndc, given, expected):
     camera = (40, 32, 50.0) if ndc else None
@@ -115,7 +112,7 @@ def test_the_last_sample_stands_for_the_rest_up_to_the_far_plane_in_ndc_and_for_
 
 
 def test_fine_samples_crowd_where_the_coarse_weights_are():
-    t = model.coarse_samples(None, NEAR, FAR, 41)
+    t = model.coarse_samples(None, jnp.full(5, 2.0), jnp.full(5, 6.0), 41)
     weights = jnp.exp(-0.5 * ((t - 4.5) / 0.05) ** 2)
     fine = np.asarray(model.fine_samples(jax.random.uniform(jax.random.key(1), (5, 64)), t, weights, 64))
     assert (np.diff(fine) >= 0).all()

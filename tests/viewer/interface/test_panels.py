@@ -134,20 +134,17 @@ def test_dense_displays_get_more_pixels_and_the_same_layout(offscreen, app, pack
     assert ui.canvas.drawn_size == app.viewport.pixels
 
 
-NAME = "n\udcffme"
-
-
 def test_a_pack_a_photograph_and_a_message_may_have_any_name(offscreen, app, pack, pack_folder: Path) -> None:
-    ui = offscreen(app)
-    app.preferences.recent = [str(pack_folder.with_name(NAME))]
-    pack_folder.with_name(NAME).mkdir()
+    ui, path = offscreen(app), pack_folder.with_name("n\udcffme")
+    app.preferences.recent = [str(path)]
+    path.mkdir()
     ui.frame()  # the start page lists it
-    app.show(pack, pack_folder.with_name(NAME))
+    app.show(pack, path)
     for page in ("view", "photographs", "bookmarks", "log"):
         app.interface.page = page
-        app.messages.say(f"Saved {NAME}")
+        app.messages.say(f"Saved {path.name}")
         ui.frame()
-    app.messages.fail(NAME, f"{NAME} was not written")
+    app.messages.fail(path.name, f"{path.name} was not written")
     ui.settle()
 
 

@@ -1,7 +1,6 @@
 """Pictures of every page, dialog and overlay, drawn offscreen and compared with those in tests/golden/ui.
 
-After a wanted change, run this file with --regenerate-golden, and look at each picture that git shows as changed. What differs
-from run to run (times, paths, frame rates) is set by hand before a picture is taken.
+What differs from run to run (times, paths, frame rates) is set by hand before a picture is taken.
 """
 
 import time

@@ -10,7 +10,6 @@ from scenepack import Pack, save_pack
 from tests.scenepack.volumes import cube_pack
 from tests.viewer.commands.test_commands import picture, rendered
 from viewer.rendering.camera import ViewCamera
-from viewer.rendering.offscreen import OffscreenRenderer
 from viewer.rendering.settings import Aperture, RenderSettings
 from viewer.rendering.supersampling import lens_cameras
 
@@ -33,9 +32,8 @@ def edge_widths(row: np.ndarray) -> tuple[float, float]:
 
 
 @pytest.fixture(scope="module")
-def renderer():
-    with OffscreenRenderer(bars()) as each:
-        yield each
+def renderer(offscreen):
+    return offscreen(bars())
 
 
 CAMERA = ViewCamera.look_at((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_degrees=40.0, size=(240, 120))

@@ -20,9 +20,6 @@ class Machine:
     def pixels_ms(self, resolution: DynamicResolution) -> float:
         return self.ms_at_full * resolution.moving_scale**2
 
-    def work(self, resolution: DynamicResolution) -> float:
-        return self.panels + self.swap + self.fixed + self.pixels_ms(resolution)
-
     def frame(self, resolution: DynamicResolution) -> float:
         """One frame while the camera moves; how long it took, ms."""
         uneven = 1.0 + self.noise * self.random.uniform(-1, 1)
@@ -43,7 +40,7 @@ def test_the_whole_frame_holds_the_target_and_no_pixels_are_given_away(ms_at_ful
     target = resolution.target_ms
     machine = Machine(ms_at_full, panels * target, swap * target, fixed * target)
     machine.run(resolution)
-    work = machine.work(resolution)
+    work = machine.panels + machine.swap + machine.fixed + machine.pixels_ms(resolution)
     assert work <= (LATE + 0.03) * target or resolution.scale == SMALLEST_SCALE
     assert work >= 0.8 * HEADROOM * target or resolution.scale in (1.0, SMALLEST_SCALE)
 

@@ -1,7 +1,4 @@
-"""Every marcher but `paper` gives the picture that taking every sample gives (docs/rendering.md, "Marchers").
-
-The judge is tests.reference_marcher, which shares no code with the shaders.
-"""
+"""Every marcher but `paper` gives the picture that taking every sample gives (docs/rendering.md, "Marchers")."""
 
 from dataclasses import replace
 

@@ -95,22 +95,20 @@ def test_a_pack_whose_features_need_an_atlas_of_their_own_looks_the_same(ctx, of
         assert np.array_equal(renderer.render(camera), expected)
 
 
-WIDTH, HEIGHT = 50, 37
-
-
 def test_tiles_make_the_same_picture_in_its_place_and_nowhere_else(ctx, offscreen, shapes, monkeypatch):
     renderer, settings = offscreen(shapes), RenderSettings(samples=3)
-    camera = camera_for(shapes).resized(WIDTH, HEIGHT)
+    width, height = 50, 37
+    camera = camera_for(shapes).resized(width, height)
     whole = renderer.render(camera, settings).astype(int)
     monkeypatch.setattr(supersampling, "TILE", 48)  # 16 x 16 pixels: 4 x 3 tiles
-    framebuffer = ctx.simple_framebuffer((WIDTH + 9, HEIGHT + 5), 4)
+    framebuffer = ctx.simple_framebuffer((width + 9, height + 5), 4)
     framebuffer.clear(1, 0, 1)
     framebuffer.scissor = (3, 4, 5, 6)  # such as imgui leaves
     renderer.renderer.render(framebuffer, camera, settings, (4, 3))
     framebuffer.scissor = None
     data = framebuffer.read(components=3, alignment=1)
-    pixels = np.frombuffer(data, np.uint8).reshape(HEIGHT + 5, WIDTH + 9, 3)
-    place = slice(3, 3 + HEIGHT), slice(4, 4 + WIDTH)
+    pixels = np.frombuffer(data, np.uint8).reshape(height + 5, width + 9, 3)
+    place = slice(3, 3 + height), slice(4, 4 + width)
     difference = np.abs(pixels[place][::-1] - whole)
     assert difference.max() <= 4 and (difference > 1).mean() < 1e-3
     outside = pixels.copy()
@@ -159,9 +157,6 @@ def test_what_a_camera_is_close_to_arrives_first(ctx: moderngl.Context) -> None:
     renderer.release()
 
 
-PLENTY = 2048
-
-
 @pytest.mark.parametrize("side", [140, 141])
 def test_the_picture_stays_much_the_same_in_the_same_place(offscreen, side):
     pack = shapes_pack(side, 30)
@@ -175,9 +170,9 @@ def test_the_picture_stays_much_the_same_in_the_same_place(offscreen, side):
     assert psnr(whole, halved) > psnr(whole, offscreen(thin).render_float(camera)) + 1
 
 
-@pytest.mark.parametrize(("marcher", "limits"), [("exact", (PLENTY, 400_000)), ("paper", (48,))])
+@pytest.mark.parametrize(("marcher", "limits"), [("exact", {"most_bytes": 400_000}), ("paper", {"largest_side": 48})])
 def test_a_pack_too_large_for_the_card_is_shown_at_half_resolution_and_told(ctx, shapes, limits, marcher, monkeypatch):
-    limit_textures(monkeypatch, *limits)
+    limit_textures(monkeypatch, **limits)
     with (
         pytest.warns(Notice, match=r"half resolution, 35x35x35 voxels.*70x70x70 voxels") as caught,
         OffscreenRenderer(shapes, marcher, ctx) as renderer,

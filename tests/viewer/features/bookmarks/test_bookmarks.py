@@ -8,8 +8,10 @@ import pytest
 from imgui_bundle import imgui
 
 from console import UserError
-from scenepack import load_pack, save_pack
+from scenepack import load_pack
+from tests.scenepack.helpers import written
 from tests.viewer.commands.test_commands import picture, rendered
+from tests.viewer.core.test_annotations import opened
 from tests.viewer.rendering.test_depth_of_field import FAR_BAR, NEAR_BAR, bars
 from tests.viewer.waiting import at_once, live
 from viewer.app.application import App
@@ -210,13 +212,11 @@ def discs(picture: np.ndarray) -> list[bool]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    save_pack(bars(), tmp_path / "bars")
-    app = App()
-    app.annotations.folder = tmp_path
-    app.show(load_pack(tmp_path / "bars"), tmp_path / "bars")
+    folder = written(tmp_path / "bars", bars())
+    app = opened(folder, tmp_path)
     app.annotations.current = ANNOTATIONS
     app.annotations.save_now()
-    return tmp_path / "bars"
+    return folder
 
 
 def test_places_that_are_seen_are_numbered_and_titled_and_the_rest_is_as_it_was(folder, tmp_path, refused) -> None:

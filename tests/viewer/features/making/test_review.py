@@ -1,7 +1,5 @@
 """The first look: points and cameras between poses and training, and what may be changed there."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterator
