@@ -4,8 +4,6 @@ A child opens many files, one after another; one that dies or hangs is replaced.
 (or broke) with no other, but JAX and threads do not survive it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -16,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from tests.fuzz.child import FINDING, ROOT, Outcome
 
@@ -36,7 +34,7 @@ class Worker:
         self._child: subprocess.Popen[str] | None = None
         self._complaints: Any = None
 
-    def __enter__(self) -> Worker:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

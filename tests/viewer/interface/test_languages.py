@@ -9,7 +9,6 @@ from imgui_bundle import imgui
 
 from baker.baking.config import BakeConfig
 from baker.baking.passes import passes_of
-from tests.viewer.conftest import toy_pack
 from tests.viewer.interface.places import PLACES, WITHOUT_SCENE
 from tests.viewer.window.widgets_seen import watch
 from viewer.app.application import App
@@ -148,9 +147,9 @@ def test_the_words_of_a_button_fit_into_it(offscreen, scenes, name: str) -> None
     assert not cut_off
 
 
-def test_the_language_is_switched_while_running_and_remembered(offscreen, app) -> None:
+def test_the_language_is_switched_while_running_and_remembered(offscreen, app, pack) -> None:
     app.interface.page = "settings"
-    ui = offscreen(app, toy_pack())
+    ui = offscreen(app, pack)
     apply_preferences(app, {"language": "de", "page": "settings"})
     ui.settle()
     assert language.current() == "de" and current_preferences(app)["language"] == "de"

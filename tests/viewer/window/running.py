@@ -1,13 +1,11 @@
 """snerg-view as a person runs it: a process with a window on a display, under real mouse and keyboard events."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from PIL import Image
@@ -84,7 +82,7 @@ class RunningViewer:
         self.process.send_signal(number)
         return self.process.wait(PATIENCE_S)
 
-    def __enter__(self) -> RunningViewer:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
