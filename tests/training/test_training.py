@@ -49,7 +49,7 @@ def losses(run: Path) -> dict[int, float]:
 
 # compiles and steps as fast as can be
 NERF = dataclasses.replace(TINY.nerf, depth=1, width=8, coarse_samples=4, fine_samples=4, warmup_steps=2)
-FEATURES = MultiresConfig(resolutions=(12,), occupancy=16, samples_per_step=1024, steps_across=(16, 16, 16))
+FEATURES = MultiresConfig(resolutions=(12,), occupancy=16, samples_per_step=1024, steps_across=(16,), steps_from=())
 MINUTE = dataclasses.replace(
     TINY, steps=12, batch_size=32, log_every=1, checkpoint_every=4, nerf=NERF, multires=FEATURES
 )

@@ -22,23 +22,23 @@ class MultiresConfig:
     resolutions: tuple[int, ...] | None = None
     """Cells along the cube of each level, coarse to fine. None: powers of two from 16 to about the photographs' pixels, at most
     512, in contracted space to four times as many, at most 1024; below 1024, three quarters of the finest, too."""
-    occupancy: int | None = None
-    """Cells of the occupancy grid along the cube; a multiple of 8. Here and below, None means: chosen by the kind of scene, but
-    where something else is said."""
-    occupancy_threshold: float | None = None
+    occupancy: int = 256
+    """Cells of the occupancy grid along the cube; a multiple of 8."""
+    occupancy_threshold: float = 0.01
     """Optical depth over 1/512 of the cube from which a cell is occupied."""
     finest_from: float | None = None
     """When the finest level joins, and others of more than half its cells, as a fraction of all steps. None: a quarter; in
-    forward-facing scenes, which are sharper then, a twentieth: enough to find most empty space, for which no rows are kept."""
+    forward-facing scenes, which are sharper then, a twentieth: enough to find most empty space, for which no rows are kept. Here
+    and below, None means: chosen by the kind of scene, but where something else is said."""
     samples_per_step: int | None = None
     """Samples per step, without those in empty space. The number of rays adapts to it. None: from 32,768 for small photographs
     to 131,072 for those of 512 pixels and more, in contracted space and in forward-facing scenes of 1,024."""
     steps_across: tuple[int, ...] | None = None
     """Samples along the cube's side: at first, and after each of steps_from. None: half as many as the finest level has cells, as
-    many, at last twice as many, of all of them fewer where ndc_depth is below 2; in contracted space an eighth, a quarter, at
-    last as many."""
-    steps_from: tuple[float, ...] = (0.25, 0.85)
-    """When samples lie closer, as fractions of all steps."""
+    many, at last twice as many, of all of them fewer where ndc_depth is below 2; in contracted space an eighth, a quarter, half,
+    at last as many."""
+    steps_from: tuple[float, ...] | None = None
+    """When samples lie closer, as fractions of all steps. None: (0.25, 0.85), in contracted space (0.25, 0.6, 0.85)."""
     view_octaves: int = 1
     """Octaves of the view direction that the view MLP sees, at most 4."""
     view_dependence: bool = True
@@ -78,8 +78,6 @@ class MultiresConfig:
 class KindSettings:
     """The settings of MultiresConfig that the kind of scene decides where nobody else does; explained there."""
 
-    occupancy: int
-    occupancy_threshold: float
     distortion_weight: float
     sparsity_factor: float
     least_views: int
@@ -90,22 +88,18 @@ class KindSettings:
 
 
 BY_KIND: Mapping[Kind, KindSettings] = {
-    "object": KindSettings(
-        256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=1.0, least_views=6, feature_decay=0.1
-    ),
-    "surroundings": KindSettings(256, occupancy_threshold=0.01, distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
-    "unbounded": KindSettings(128, occupancy_threshold=0.03, distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
+    "object": KindSettings(distortion_weight=0.05, sparsity_factor=1.0, least_views=6, feature_decay=0.1),
+    "surroundings": KindSettings(distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
+    "unbounded": KindSettings(distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
     "forward": KindSettings(
-        256, occupancy_threshold=0.01, distortion_weight=0.05, sparsity_factor=0.2, least_views=1, finest_from=0.05,
-        feature_decay=1.0, density_smoothness=0.01, colour_smoothness=0.1,
+        distortion_weight=0.05, sparsity_factor=0.2, least_views=1, finest_from=0.05, feature_decay=1.0,
+        density_smoothness=0.01, colour_smoothness=0.1,
     ),
 }  # fmt: skip
-# Samples along the cube's side, over the cells of the finest level, where steps_across is None; of contracted space few at first,
-# for what lies far away is not seen finely
-STEPS_ACROSS: Mapping[Kind, tuple[float, ...]] = {
-    **dict.fromkeys(BY_KIND, (0.5, 1.0, 2.0)),
-    "unbounded": (0.125, 0.25, 1.0),
-}
+# From which fraction of all steps on, samples along the cube's side, over the cells of the finest level; of contracted space few
+# at first, for what lies far away is not seen finely
+STEPS = (0.0, 0.5), (0.25, 1.0), (0.85, 2.0)
+CONTRACTED_STEPS = (0.0, 0.125), (0.25, 0.25), (0.6, 0.5), (0.85, 1.0)
 
 
 def settings_for(config: MultiresConfig, kind: Kind) -> KindSettings:

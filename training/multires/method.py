@@ -135,7 +135,7 @@ class MultiresMethod:
         def density_at(points: np.ndarray) -> np.ndarray:
             return self.engine.values_at(state, points)[:, 0]
 
-        threshold = self.settings.by_kind.occupancy_threshold
+        threshold = self.settings.own.occupancy_threshold
         codes = visited(state.codes, density_at, random, threshold, whole)
         if self.dataset.facts.cut_out and step % SPECKS_EVERY == 0:
             codes = without_specks(codes)

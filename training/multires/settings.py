@@ -8,7 +8,7 @@ from console import UserError
 from scenepack.constants import NDC_NEAR, VIEW_FREQUENCIES
 from training.config import TrainConfig
 from training.dataset import RayDataset
-from training.multires.config import STEPS_ACROSS, KindSettings, MultiresConfig, settings_for
+from training.multires.config import CONTRACTED_STEPS, STEPS, KindSettings, MultiresConfig, settings_for
 from training.scenes.scene import Kind
 
 ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
@@ -37,6 +37,7 @@ class Settings(NamedTuple):
     joins: tuple[float, ...]  # share of the run after which each level joins
     samples: int  # of a step
     steps_across: tuple[int, ...]  # see MultiresConfig
+    steps_from: tuple[float, ...]
     least_views: int
     gains: bool  # of the photographs are fitted (training.exposure)
     background: tuple[float, float, float]  # the scene's
@@ -66,7 +67,7 @@ class Settings(NamedTuple):
 
     def step_cells(self, progress: float) -> float:
         """Distance between samples, in cells of the occupancy grid."""
-        return self.resolution / self.steps_across[sum(progress >= start for start in self.own.steps_from)]
+        return self.resolution / self.steps_across[sum(progress >= start for start in self.steps_from)]
 
     def rays(self, samples_per_ray: float) -> int:
         """Rays that fill a step."""
@@ -80,18 +81,20 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
     resolutions = own.resolutions or resolutions_for(longest_side(dataset), dataset.facts.contraction is not None)
     depth = (own.ndc_depth or ndc_depth(dataset, resolutions[-1])) if dataset.ndc else 1.0
     cells = resolutions[-1] * (min(depth / SAMPLED_BY_DEPTH, 1.0) if dataset.ndc else 1.0)
-    least = by_kind.occupancy // 2
-    steps_across = own.steps_across or tuple(max(int(n * cells), least) for n in STEPS_ACROSS[dataset.kind])
-    _require_sensible(own, by_kind.occupancy, resolutions, steps_across)
+    starts, across = zip(*(STEPS if dataset.facts.contraction is None else CONTRACTED_STEPS), strict=True)
+    steps_across = own.steps_across or tuple(max(int(n * cells), own.occupancy // 2) for n in across)
+    steps_from = starts[1:] if own.steps_from is None else own.steps_from
+    _require_sensible(own, resolutions, steps_across, steps_from)
     return Settings(
         own=own,
         by_kind=by_kind,
-        resolution=by_kind.occupancy,
+        resolution=own.occupancy,
         resolutions=resolutions,
         ndc_depth=depth,
         joins=(0.0, *(by_kind.finest_from * (2 * n > resolutions[-1]) for n in resolutions[1:])),
         samples=own.samples_per_step or samples_for(longest_side(dataset), dataset.kind),
         steps_across=steps_across,
+        steps_from=steps_from,
         least_views=max(min(by_kind.least_views, dataset.views // 4), 1),
         gains=config.exposure == "on" or (config.exposure == "auto" and not dataset.facts.rendered),  # cameras meter
         background=dataset.background,
@@ -104,10 +107,10 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
 
 
 def _require_sensible(
-    own: MultiresConfig, occupancy: int, resolutions: tuple[int, ...], steps_across: tuple[int, ...]
+    own: MultiresConfig, resolutions: tuple[int, ...], steps_across: tuple[int, ...], steps_from: tuple[float, ...]
 ) -> None:  # fmt: skip
     """UserError where settings do not fit together."""
-    across, parts = list(steps_across), len(own.steps_from) + 1
+    across, parts, occupancy = list(steps_across), len(steps_from) + 1, own.occupancy
     for option, fits, expected, found in (
         ("occupancy", occupancy % 8 == 0 and 8 <= occupancy <= 512, "a multiple of 8, at most 512", occupancy),
         ("view-octaves", own.view_octaves <= VIEW_FREQUENCIES, f"at most {VIEW_FREQUENCIES}", own.view_octaves),

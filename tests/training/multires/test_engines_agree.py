@@ -27,8 +27,8 @@ from training.multires.state import State, Trainable
 from training.scenes import load_scene
 
 SMALL = MultiresConfig(
-    resolutions=(16, 32, 128), occupancy=32, samples_per_step=4096, steps_across=(20, 64, 96), density_smoothness=0.05,
-    colour_smoothness=0.1, feature_decay=0.1,
+    resolutions=(16, 32, 128), occupancy=32, samples_per_step=4096, steps_across=(20, 64, 96), steps_from=(0.25, 0.85),
+    density_smoothness=0.05, colour_smoothness=0.1, feature_decay=0.1,
 )  # fmt: skip
 HASHED = dataclasses.replace(SMALL, resolutions=(16, 64, 256))
 CONFIG = TrainConfig(method="multires", engine="fused", steps=40, multires=SMALL)

@@ -28,8 +28,9 @@ from training.scenes import Scene, load_scene
 from training.scenes.scene import pixels_of
 
 SMALL = MultiresConfig(
-    resolutions=(8, 16, 128, 256), occupancy=32, samples_per_step=4096, steps_across=(16, 48, 64), finest_from=0.2
-)
+    resolutions=(8, 16, 128, 256), occupancy=32, samples_per_step=4096, steps_across=(16, 48, 64), steps_from=(0.25, 0.85),
+    finest_from=0.2,
+)  # fmt: skip
 CONFIG = dataclasses.replace(QUICK, engine="fused", steps=300, multires=SMALL)
 SAVED, LAST = 250, 255  # steps: cells have been visited by then, and all levels have joined
 
