@@ -23,7 +23,9 @@ from training.scenes import SceneOptions
 
 DEPTH = 200.0  # of the wall, a hundred times the nearest depth: at the far plane in NDC
 CENTRE, RADIUS = np.array([1.0, -2.0, 0.5]), 1.0  # of the ball that the cameras of circle() look at
-SMALL = MultiresConfig(resolutions=(16, 32, 64, 128), occupancy=32, samples_per_step=8192, steps_across=(32, 64, 96))
+SMALL = MultiresConfig(
+    resolutions=(16, 32, 64, 128), occupancy=32, samples_per_step=8192, steps_across=(32, 64, 96), steps_from=(0.25, 0.85)
+)  # fmt: skip
 LLFF = 40, 32, 50.0, 50.0, 20.0, 16.0  # width, height, fx, fy, cx, cy of the photographs, px
 TRANSFORMS = 30, 20, 33.0, 34.0, 14.0, 11.0
 
