@@ -39,6 +39,10 @@ class Camera:
     cy: float
     distortion: tuple[float, ...] = (0.0,) * 4  # k1, k2, p1, p2, or what training.scenes.lens calls a lens
 
+    @property
+    def is_panorama(self) -> bool:
+        return projection_of(self.distortion) == EQUIRECTANGULAR
+
     def resized(self, width: int, height: int) -> Self:
         """The same camera for a picture of another size."""
         sx, sy = width / self.width, height / self.height

@@ -98,8 +98,8 @@ BY_KIND: Mapping[Kind, KindSettings] = {
 }  # fmt: skip
 # From which fraction of all steps on, samples along the cube's side, over the cells of the finest level; of contracted space few
 # at first, for what lies far away is not seen finely
-STEPS = (0.0, 0.5), (0.25, 1.0), (0.85, 2.0)
-CONTRACTED_STEPS = (0.0, 0.125), (0.25, 0.25), (0.6, 0.5), (0.85, 1.0)
+SAMPLES_ACROSS = (0.0, 0.5), (0.25, 1.0), (0.85, 2.0)
+CONTRACTED_SAMPLES_ACROSS = (0.0, 0.125), (0.25, 0.25), (0.6, 0.5), (0.85, 1.0)
 
 
 def settings_for(config: MultiresConfig, kind: Kind) -> KindSettings:

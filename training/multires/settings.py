@@ -8,7 +8,13 @@ from console import UserError
 from scenepack.constants import NDC_NEAR, VIEW_FREQUENCIES
 from training.config import TrainConfig
 from training.dataset import RayDataset
-from training.multires.config import CONTRACTED_STEPS, STEPS, KindSettings, MultiresConfig, settings_for
+from training.multires.config import (
+    CONTRACTED_SAMPLES_ACROSS,
+    SAMPLES_ACROSS,
+    KindSettings,
+    MultiresConfig,
+    settings_for,
+)
 from training.scenes.scene import Kind
 
 ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
@@ -78,10 +84,11 @@ class Settings(NamedTuple):
 def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
     """The settings of a run. UserError where some do not fit together."""
     own, by_kind = config.multires, settings_for(config.multires, dataset.kind)
-    resolutions = own.resolutions or resolutions_for(longest_side(dataset), dataset.facts.contraction is not None)
+    contracted = dataset.facts.contraction is not None
+    resolutions = own.resolutions or resolutions_for(longest_side(dataset), contracted)
     depth = (own.ndc_depth or ndc_depth(dataset, resolutions[-1])) if dataset.ndc else 1.0
     cells = resolutions[-1] * (min(depth / SAMPLED_BY_DEPTH, 1.0) if dataset.ndc else 1.0)
-    starts, across = zip(*(STEPS if dataset.facts.contraction is None else CONTRACTED_STEPS), strict=True)
+    starts, across = zip(*(CONTRACTED_SAMPLES_ACROSS if contracted else SAMPLES_ACROSS), strict=True)
     steps_across = own.steps_across or tuple(max(int(n * cells), own.occupancy // 2) for n in across)
     steps_from = starts[1:] if own.steps_from is None else own.steps_from
     _require_sensible(own, resolutions, steps_across, steps_from)

@@ -19,7 +19,6 @@ from training.posing.check import LONGEST_SIDE, match_small
 from training.posing.prepare import IMAGES, CameraGroup
 from training.scenes import Photograph, Scene
 from training.scenes.files import notice
-from training.scenes.lens import EQUIRECTANGULAR, projection_of
 from training.scenes.pictures import as_bytes
 from training.scenes.scene import camera_rays
 from training.scenes.scene_options import with_box
@@ -97,8 +96,7 @@ def _matching_rays(photographs: Sequence[Photograph]) -> tuple[np.ndarray, np.nd
             name = f"{index:04d}.png"
             picture.save(work / IMAGES / name)
             numbers[name] = index
-            is_panorama = projection_of(photograph.camera.distortion) == EQUIRECTANGULAR
-            groups.setdefault((picture.size, is_panorama), []).append(name)
+            groups.setdefault((picture.size, photograph.camera.is_panorama), []).append(name)
             bar.update((index + 1) / len(photographs))
         by_camera = [CameraGroup(names, None, is_panorama) for (_, is_panorama), names in groups.items()]
         pairs = match_small(work, list(numbers), by_camera, bar, begun=1.0)["pairs"]

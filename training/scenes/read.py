@@ -14,7 +14,6 @@ import numpy as np
 from console import UserError, collect_notices
 from training.scenes import colmap, llff, programs, transforms
 from training.scenes.files import PICTURE_SUFFIXES
-from training.scenes.lens import EQUIRECTANGULAR, projection_of
 from training.scenes.presets import bounded_side
 from training.scenes.scene import Scene, camera_rays, pixel_grid
 from training.scenes.scene_options import UP, SceneOptions, with_box
@@ -58,8 +57,7 @@ def suggested_downscale(scene: Path, longest_side: int | None) -> int:
     while longest_side is not None:
         with collect_notices():  # what the reader has to say is said when training reads the scene
             camera = load_scene(scene, downscale=downscale).splits["train"][0].camera
-        is_panorama = projection_of(camera.distortion) == EQUIRECTANGULAR
-        longest = bounded_side(camera.width, camera.height, is_panorama=is_panorama)
+        longest = bounded_side(camera.width, camera.height, is_panorama=camera.is_panorama)
         if longest <= longest_side:
             break
         downscale = max(downscale + 1, math.ceil(downscale * longest / longest_side))

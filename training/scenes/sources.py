@@ -14,7 +14,7 @@ from typing import Literal
 
 from console import UserError
 from console.file_signature import HEAD_BYTES, sniff_type
-from training.scenes import files, llff
+from training.scenes import files, llff, programs
 from training.scenes.read import has_poses
 
 FILM_HEAD_BYTES = 1024  # of a film that tell its container
@@ -190,7 +190,7 @@ def _pictures_in(folder: Path) -> list[Path]:
     """The pictures directly in a folder; of an export of 3D Scanner App without its depth maps, thumbnails and texture."""
     found = files.visible_files(folder)
     frames = [file for file in found if file.name.startswith("frame_")]
-    return frames if any(file.with_suffix(".json").is_file() for file in frames) else found
+    return frames if frames and any(folder.glob("frame_*.json")) and programs.recognises(folder) else found
 
 
 def _may_hold_pictures(path: Path, folder: Path) -> bool:

@@ -21,7 +21,7 @@ import numpy as np
 
 from console import UserError
 from scenepack.constants import NDC_NEAR
-from training.scenes.lens import EQUIRECTANGULAR, NO_DISTORTION, PERSPECTIVE, directions_at, projection_of
+from training.scenes.lens import NO_DISTORTION, PERSPECTIVE, directions_at, projection_of
 from training.scenes.poses import axes_along, focus_point
 from training.scenes.scene import Camera, Photograph, Space, camera_rays, ndc_rays, pixel_grid, pixels_of
 
@@ -240,7 +240,7 @@ def viewing_poses(cameras: Sequence[Camera]) -> np.ndarray:
     aside = P[:, :3, 3] - P[:, :3, 3].mean(0)
     for pose, camera, back in zip(P, cameras, aside, strict=True):
         level = back - (back @ pose[:3, 1]) * pose[:3, 1]
-        if projection_of(camera.distortion) == EQUIRECTANGULAR and np.linalg.norm(level) > 1e-9:
+        if camera.is_panorama and np.linalg.norm(level) > 1e-9:
             pose[:3, :3] = axes_along(level, pose[:3, 1])
     return P
 

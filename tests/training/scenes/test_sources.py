@@ -38,7 +38,10 @@ def test_photographs_are_found_in_the_folder_or_just_below_it_in_the_order_of_th
     assert names_of(found(tmp_path / "phone", *phone, "masks/left/1.png")) == ["keyframes/images/1.jpg"]
     assert names_of(found(tmp_path / "depths", "rgb/1.jpg", "depth/1.exr", "conf/1.png")) == ["rgb/1.jpg"]  # Record3D's
     maps = "depth_00000.png", "conf_00000.png", "thumb_00000.jpg", "textured_output.jpg"  # 3D Scanner App's
-    assert names_of(found(tmp_path / "scan", "frame_00000.jpg", "frame_00000.json", *maps)) == ["frame_00000.jpg"]
+    pose = tmp_path / "scan/frame_00000.json"
+    assert len(names_of(found(pose.parent, "frame_00000.jpg", pose.name, *maps))) == 1 + len(maps), "of another program"
+    pose.write_text('{"cameraPoseARFrame": []}')
+    assert names_of(found(pose.parent, "frame_00000.jpg")) == ["frame_00000.jpg"]
     covered = found(tmp_path / "covered", "cover.jpg", *(f"images/{name}" for name in MANY))
     said = f"the {FEWEST} pictures in folders below are used, not cover.jpg"
     assert len(covered.files) == FEWEST and covered.notes == (said,)

@@ -68,11 +68,11 @@ def test_a_button_starts_flying_once_for_each_press_and_the_left_stick_flies_ahe
     assert (rig.goal.eye(rig.table) - eye) @ ahead == pytest.approx(rig.speed * 10 / 60)
 
 
-def test_buttons_of_two_gamepads_of_the_same_name_count_apart(app, hear):
+def test_a_button_held_on_one_gamepad_can_be_pressed_on_another_of_the_same_name(app, hear):
     hear(pad(), pad())
-    hear(pad((A,)), pad(), frames=4)  # held on the first: pressed once
+    hear(pad((A,)), pad(), frames=4)  # held on the first for four frames: one press
     assert app.scene.rig.flying
-    hear(pad((A,)), pad((A,)))  # and now on the second
+    hear(pad((A,)), pad((A,)))  # pressed on the second, too: another press
     assert not app.scene.rig.flying
 
 

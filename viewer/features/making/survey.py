@@ -21,7 +21,6 @@ from PIL import Image
 from console import UserError, collect_notices
 from console.json_text import read_json_file
 from training.scenes import Scene, load_scene
-from training.scenes.lens import EQUIRECTANGULAR, projection_of
 from training.scenes.picture_headers import UNREADABLE, read_header
 from training.scenes.pictures import is_panorama, preview_of
 from training.scenes.presets import PRESETS, bounded_side, voxels_for
@@ -219,8 +218,7 @@ class Survey(Task[None]):
                             self.masked.add(downscale)
             self.masks = bool(self.masked) or any(self.path.glob("masks*"))
             self.forward, self.kind = scene.ndc, scene.kind
-            first = next(iter(scene.splits.values()))[0].camera
-            self.panoramas = projection_of(first.distortion) == EQUIRECTANGULAR
+            self.panoramas = next(iter(scene.splits.values()))[0].camera.is_panorama
             width, height = _size(scene)
             count = sum(len(photographs) for photographs in scene.splits.values())
             seen = "forward-facing" if scene.ndc else "360°"

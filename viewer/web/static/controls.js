@@ -32,7 +32,7 @@ export class Controls {
     listen(window, "blur", () => this.keys.clear());
   }
 
-  // Whether what began when a pointer went down last is no click any more.
+  // Whether the pointer moved too far for a click since it went down.
   get dragged() {
     return this.travelled >= CLICK;
   }
