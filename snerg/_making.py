@@ -225,7 +225,7 @@ def bake(
         out: Folder or FILE.zip of the pack. An older pack there is replaced when the new one is complete.
         method: `snerg`, or what the paper writes.
         resolution: Voxels along the longest side. The default follows from the size of the photographs.
-        quality: `draft` (not tuned), `full` (tuned, 8 bits) or `compact` (a third fewer bytes, up to 0.3 dB less).
+        quality: `draft` (not tuned), `full` (tuned, 8 bits) or `compact` (30 % fewer bytes, about 0.1 dB less).
         codec: `png` and `webp` lose nothing; the others are smaller.
         on_progress: As of `train`.
 

@@ -31,7 +31,7 @@ UNLIMITED = 2**31 - 1
 class BakeConfig:
     resolution: int | None = None  # voxels along the longest side of the content's box; None: see resolution_of
     preset: BakePreset = "snerg"  # by whose method; see above
-    # draft: nothing is tuned; full: tuned, in 8 bits; compact: tuned in coarser steps, for a third fewer bytes
+    # draft: nothing is tuned; full: tuned, in 8 bits; compact: tuned in coarser steps, for 30 % fewer bytes
     quality: Quality = "full"
     seed: int = 0  # of the Gaussian samples within voxels and of tuning
     # Where more would be kept, the grid is made coarser. None: MOST_MACROBLOCKS; in the preset paper, no limit.

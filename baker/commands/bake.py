@@ -37,8 +37,8 @@ def snerg_bake(
             they look forward, 5 where they show everything around, from 512 to 1000; of the preset paper, 1000 for synthetic
             scenes, 1300 for photographs.
         codec: Codec of the atlas: png (the published layout), webp (lossless, smaller), or jpeg, h264, avif (lossy).
-        quality: draft (nothing is tuned), full (tuned, 8 bits), or compact (tuned, and stored in coarser steps: a third
-            fewer bytes for up to 0.3 dB less). compact is full where the codec is lossy. The preset paper tunes the view MLP
+        quality: draft (nothing is tuned), full (tuned, 8 bits), or compact (tuned, and stored in coarser steps: 30 %
+            fewer bytes for about 0.1 dB less). compact is full where the codec is lossy. The preset paper tunes the view MLP
             alone.
         seed: Random seed of the samples inside voxels and of tuning.
         most_macroblocks: If more would be kept, the grid is made coarser. A macroblock takes 0.26 MB on the graphics card. The

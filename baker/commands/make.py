@@ -67,8 +67,8 @@ def snerg_make(
         steps: Number of training steps. The default is the preset's.
         resolution: Voxels along the longest side of the content. The default is that of snerg-bake.
         codec: Codec of the pack: png (the published layout), webp (lossless, smaller), or jpeg, h264, avif (lossy).
-        quality: draft (nothing is tuned), full (tuned, 8 bits), or compact (tuned, and stored in coarser steps: a third
-            fewer bytes for up to 0.3 dB less). compact is full where the codec is lossy. The presets paper, deferred, diffuse and
+        quality: draft (nothing is tuned), full (tuned, 8 bits), or compact (tuned, and stored in coarser steps: 30 %
+            fewer bytes for about 0.1 dB less). compact is full where the codec is lossy. The presets paper, deferred, diffuse and
             no-sparsity are baked as the paper does, where the view MLP alone is tuned.
         exposure: Fit exposure and white balance of each photograph, so that the scene has their average look. auto: for
             photographs whose exposures differ, never for rendered scenes (Blender).

@@ -190,7 +190,7 @@ class JointConfig:
     most_steps: int = 1100  # fewer passes where they would take more: every ray of an indoor scene meets content
     samples: int = 393_216  # marched a step; rays are as many as fill them
     rate: float = 1.0  # Adam's learning rate of straight colours and features at the start, in units of 1/255
-    density_rate: float = 0.03  # of a cell's log density
+    density_rate: float = 0.06  # of a cell's log density
     head_rate: float = 1e-3  # of the view MLP
     steps: Steps = EXACT  # what is stored in multiples of
     seed: int = 0
