@@ -81,7 +81,7 @@ def _midway(world_T_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 FEATURE_SCALE = 0.25  # what a tuned pack stores of features: a fifth fewer bytes, and as good once it is tuned
-COMPACT = Steps(2, 2, 4)  # of what a compact pack stores; costs lego 0.06, fern 0.14 dB of test views
+COMPACT = Steps(2, 2, 4)  # of what a compact pack stores; costs lego 0.06 to 0.12, fern 0.14 dB of test views
 MOST_LOST_PRUNED = 0.1  # dB of training rays; tuning regains it, quality draft does not
 MOST_LOST_HIDDEN = 0.03  # dB of training rays, which nothing regains
 
