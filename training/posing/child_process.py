@@ -1,8 +1,7 @@
 """Work in a child process: COLMAP's functions run for minutes and react to no signal, and a decoder may crash.
 
 ask() starts the child, serve() runs in it. The request is one line of JSON. The answers are lines of JSON: {"title", "done",
-"total"} as the work goes on, {"notice": its text} for each notice, and at the end {"result"}, or {"error": the parts of a
-UserError}.
+"total"} for progress, {"notice"} for each notice, and at the end {"result"}, or {"error"} with the parts of a UserError.
 """
 
 import contextlib
