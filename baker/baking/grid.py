@@ -52,7 +52,8 @@ class BakeGrid:
         rotation = self.worldspace_T_opengl[:3, :3]
         offset = rotation @ self.min_xyz + self.worldspace_T_opengl[:3, 3]
         kind = np.float32 if voxels_xyz.dtype == np.float32 else np.float64
-        moved = voxels_xyz @ (self.voxel_size * rotation.T).astype(kind)
+        # not by matmul: BLAS has threads of its own, which wait busily where others work
+        moved = np.einsum("ij,kj->ik", voxels_xyz, (self.voxel_size * rotation).astype(kind))
         return (moved + offset.astype(kind)).astype(np.float32, copy=False)
 
 

@@ -23,7 +23,7 @@ from training.multires import levels
 from training.multires.field import initial_parameters, view_mlp_of
 from training.multires.fused.compiled import Workers
 from training.multires.jax_engine import JaxEngine
-from training.multires.occupancy import box_around, boxes_meeting, hull_codes, is_on, visited, without_specks
+from training.multires.occupancy import box_around, boxes_meeting, hull_codes, is_on, located, visited, without_specks
 from training.multires.settings import settings_of
 from training.multires.state import PARTS, State, Trainable, restored, saved
 from training.rendering import init_view_mlp
@@ -31,7 +31,6 @@ from training.rendering import init_view_mlp
 VISITS_FROM, VISIT_EVERY, SETTLED = 200, (50, 100), 1000  # steps: the second interval once settled
 WHOLE_EVERY = 100  # steps, before it settles, between visits to every cell
 SPECKS_EVERY = 1000  # steps after which specks are removed from what masks cut out
-WITHIN = 1 - 1e-6  # of the inner cube's side: in the last cell before its edge
 VIEW_BIAS = -2.0  # the view MLP starts near zero, so that diffuse colour settles first
 SAMPLES_AT_FIRST = 64.0  # a ray, until a step has counted them
 
@@ -87,21 +86,13 @@ class MultiresMethod:
 
     def query(self, state: State, points: jax.Array | np.ndarray) -> FieldOutput:
         """The field at points [N, 3] in NumPy; see training.method.Method. Density is 0 where the occupancy grid is off."""
-        box, side, inner = state.box, self.settings.resolution, self.dataset.facts.contraction
-        asked = np.asarray(points, np.float32)
-        if inner is not None:  # a voxel beyond an edge of contracted space, to interpolate with, is as the edge
-            size = np.abs(asked)
-            is_largest = np.arange(3) == size.argmax(-1, keepdims=True)
-            beyond = (size.max(-1, keepdims=True) > inner) & ~is_largest
-            asked = np.where(beyond, np.clip(asked, -WITHIN * inner, WITHIN * inner), asked)
-        places = (asked - box.origin.astype(np.float32)) * (1 / box.cell).astype(np.float32)
-        cells = np.clip(places, 0, side - 1).astype(np.int32)
-        codes = state.codes.ravel()[(cells[:, 2] * side + cells[:, 1]) * side + cells[:, 0]]
-        inside = ((places >= 0) & (places < np.asarray(box.dims, np.float32))).all(-1)
-        on = np.flatnonzero(inside & is_on(codes))
+        box, inner = state.box, self.dataset.facts.contraction or 0.0
+        per_cell, asked = (1 / box.cell).astype(np.float32), np.asarray(points, np.float32)
+        places, on = located(asked, box.origin.astype(np.float32), per_cell, box.dims, inner, state.codes)
         values = np.zeros((len(places), 8), np.float32)
-        values[on] = self.engine.values_at(state, places[on] * np.float32(1 / side))
-        return FieldOutput(values[:, 0] / np.float32(box.cell[0] * side), values[:, 1:4], values[:, 4:])  # type: ignore[arg-type]
+        values[on] = self.engine.values_at(state, places[on])
+        density = values[:, 0] / np.float32(box.cell[0] * self.settings.resolution)
+        return FieldOutput(density, values[:, 1:4], values[:, 4:])  # type: ignore[arg-type]
 
     def may_hold(self, state: State, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Whether the boxes meet a cell that is on; see training.method.Method."""

@@ -38,6 +38,7 @@ SHARE = 4  # a visit takes one in so many
 FADED_WHOLE = 3  # what codes lose by a visit to the whole grid, instead of 1
 POINTS = 1 << 20  # of which densities are asked at once
 SPECK = 1e-3  # of the largest part's cells
+WITHIN = 1 - 1e-6  # of the inner cube's side: in the last cell before its edge
 SAMPLES_PER_PAIR = 16  # of a step, to each pair of points that the smoothness loss compares
 
 
@@ -98,6 +99,33 @@ def neighbouring_points(cells: np.ndarray, settings: Settings, random: np.random
     pairs = np.repeat(((corner + random.random((count, 3))) / side).astype(np.float32)[:, None], 2, 1)
     pairs[np.arange(count), 1, random.integers(0, 3, count)] += np.float32(1 / settings.resolutions[-1])
     return np.minimum(pairs, np.float32(1 - 1e-6))
+
+
+@njit(nogil=True, cache=True)
+def located(points, origin, per_cell, dims, inner, codes):
+    """Places float32 [N, 3] in the unit cube of points [N, 3] of the training frame, and which are in cells that are on, int [M].
+
+    inner: half the side of the inner cube of contracted space, 0 where it is not; a voxel beyond one of its edges, to interpolate
+    with, is as the edge.
+    """
+    places, on, count = np.empty_like(points), np.empty(len(points), np.int64), 0
+    side, most, within = codes.shape[0], np.float32(inner), np.float32(WITHIN * inner)
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        a, b, c = np.abs(x), np.abs(y), np.abs(z)
+        if most > 0 and max(a, b, c) > most:
+            largest = 0 if a >= max(b, c) else 1 if b >= c else 2
+            x = x if largest == 0 else min(max(x, -within), within)
+            y = y if largest == 1 else min(max(y, -within), within)
+            z = z if largest == 2 else min(max(z, -within), within)
+        x, y, z = (x - origin[0]) * per_cell[0], (y - origin[1]) * per_cell[1], (z - origin[2]) * per_cell[2]
+        places[n, 0], places[n, 1], places[n, 2] = x / np.float32(side), y / np.float32(side), z / np.float32(side)
+        if 0 <= x < dims[0] and 0 <= y < dims[1] and 0 <= z < dims[2]:
+            code = codes[np.int64(z), np.int64(y), np.int64(x)]
+            if 0 < code < NEVER:
+                on[count] = n
+                count += 1
+    return places, on[:count]
 
 
 def boxes_meeting(occupied: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
