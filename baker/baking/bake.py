@@ -1,8 +1,8 @@
 """From a trained run to a pack (SNeRG sections 5.3 to 5.5), pass by pass:
 
     box, opacity, visibility, supersampling      the field becomes voxels of 8 bits      this module
-    padding, pruning, feature scale, tuning,
-    hidden voxels                                the voxels become the pack              baker.baking.passes
+    padding, sharpening, pruning,
+    feature scale, tuning, hidden voxels         the voxels become the pack              baker.baking.passes
 
 It works macroblock by macroblock, and keeps on disk what is done: no array of N³ × channels is ever made, and a bake that
 was killed goes on where it was (baker.baking.work_folder).
@@ -37,7 +37,7 @@ from training.scenes.scene_options import AABB, box_text, with_box
 BYTES = 32**3 * 8  # of a macroblock, with padding: colour, opacity, features
 COARSER = 0.95  # than a surface's share of the macroblocks asks for, since haze is thicker than a surface
 STAGE = "baking"  # in what programs that started us read of our progress
-FORMAT = 4  # of a work folder: raised whenever the same key would give other pieces
+FORMAT = 5  # of a work folder: raised whenever the same key would give other pieces
 
 
 class Stages:

@@ -1,6 +1,7 @@
 """Passes over a bake's voxels, from what the field gave to the pack; see passes_of for their order.
 
 padding         the borders of macroblocks repeat their neighbours                       SNeRG section 5.1
+sharpening      voxels of contracted space make up for what interpolation blurs          not in the paper
 pruning         voxels that hardly show in any photograph are emptied                    not in the paper
 feature scale   features at a quarter, the view MLP's weights for them at four times     not in the paper
 tuning          voxels and view MLP together, on what the viewer shows                   not in the paper
@@ -25,10 +26,11 @@ from baker.tuning.fine_tune import fine_tune
 from baker.tuning.joint_tuning import JointConfig, joint_tune, shown_psnr
 from baker.tuning.pruning import Pruned, arriving_transmittance, prune, smooth_hidden
 from console.progress import Progress
-from scenepack.blocks import restore_pack_padding
+from scenepack.blocks import block_copy, restore_pack_padding
 from scenepack.codecs.quantisation import EXACT, Steps
 from scenepack.pack import Pack
 from training.dataset import MOST_RAYS, RayDataset
+from training.multires.fused.compiled import Workers
 
 FOCAL_SCALE = 0.6  # of views between photographs: other cameras also show what lies just beyond their frames
 
@@ -123,13 +125,43 @@ def passes_of(config: BakeConfig) -> list[tuple[str, Pass]]:
     if config.preset == "paper":
         first, tuning = [("padding", padded)], [("view MLP", with_tuned_view_mlp)]
     else:
-        first = [("padding", padded), ("pruning", pruned)]
+        first = [("padding", padded), ("sharpening", sharpened), ("pruning", pruned)]
         tuning = [("feature scale", with_scaled_features), ("tuning", tuned), ("hidden voxels", smoothed)]
     return first if config.quality == "draft" else [*first, *tuning]
 
 
 def padded(voxels: Voxels, bar: Progress) -> Voxels:
     restore_pack_padding(voxels.pack)
+    return voxels
+
+
+def sharpened(voxels: Voxels, bar: Progress) -> Voxels:
+    """Makes voxels of contracted space, which are wider than pixels, what interpolates best; in place. Empty ones stay empty.
+
+    Between samples of a function f, linear interpolation is f'' / 12 too high in the mean. So each value loses a twelfth of its
+    second difference along each axis (quasi-interpolation; Condat, Blu and Unser 2005).
+    """
+    pack, workers = voxels.pack, Workers()
+    blocks = np.argwhere(pack.occupied)
+
+    def sharpen(_: int, number: int) -> None:
+        copies = [block_copy(pack, atlas, tuple(blocks[number])) for atlas in pack.atlases]
+        values = np.concatenate(copies, axis=-1).astype(np.float32)
+        for axis in range(3):
+            along = np.moveaxis(values, axis, 0)
+            along = along[1:-1] - np.diff(along, 2, axis=0) / np.float32(12)
+            values = np.moveaxis(along, 0, axis)
+        data = [copy[1:-1, 1:-1, 1:-1] for copy in copies]
+        alpha = np.rint(values[..., 3:4].clip(0, 255)) * (data[0][..., 3:4] > 0)
+        values = np.rint(values).clip(0, alpha)
+        values[..., 3:4] = alpha
+        for old, new in zip(data, np.split(values, [4], axis=-1), strict=False):
+            old[...] = new
+        bar.update((number + 1) / len(blocks))
+
+    if pack.contraction is not None:
+        workers.share(len(blocks), sharpen)
+        restore_pack_padding(pack)
     return voxels
 
 

@@ -187,7 +187,7 @@ FINAL_RATE = 0.05  # the rates fall log-linearly to this share
 @dataclass(frozen=True)
 class JointConfig:
     passes: float = 1.3  # over the training rays that meet content
-    most_steps: int = 1100  # fewer passes where they would take more: every ray of an indoor scene meets content
+    most_steps: int = 2000  # fewer passes where they would take more: every ray of an indoor scene meets content
     samples: int = 393_216  # marched a step; rays are as many as fill them
     rate: float = 1.0  # Adam's learning rate of straight colours and features at the start, in units of 1/255
     density_rate: float = 0.06  # of a cell's log density

@@ -20,13 +20,9 @@ def occupied_blocks(alpha: np.ndarray, block_size: int) -> np.ndarray:
 
 
 def atlas_from_dense(
-    rgba: np.ndarray,
-    features: np.ndarray | None,
-    block_size: int,
-    occupied: np.ndarray | None = None,
-    *,
+    rgba: np.ndarray, features: np.ndarray | None, block_size: int, occupied: np.ndarray | None = None, *,
     atlas_blocks: Triple | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:  # fmt: skip
     """(atlas_indices, atlas_rgba, atlas_features) of a volume.
 
     rgba: uint8 [z, y, x, 4], premultiplied; features: the same shape or None. occupied: bool [blocks z, y, x], by default every
@@ -55,13 +51,9 @@ def atlas_from_dense(
 
 
 def pack_of_cube(
-    side: int,
-    block_size: int,
-    atlas: tuple[np.ndarray, np.ndarray, np.ndarray | None],
-    view_mlp: ViewMlp | None,
-    worldspace_T_opengl: np.ndarray,
-    **camera: Any,
-) -> Pack:
+    side: int, block_size: int, atlas: tuple[np.ndarray, np.ndarray, np.ndarray | None], view_mlp: ViewMlp | None,
+    worldspace_T_opengl: np.ndarray, **camera: Any,
+) -> Pack:  # fmt: skip
     """A pack of side^3 voxels over [-1, 1]^3. atlas: indices, rgba, features. camera: what forward-facing packs have besides."""
     return Pack(
         voxel_size=2.0 / side, min_xyz=np.full(3, -1.0), grid_size=(side, side, side), block_size=block_size,

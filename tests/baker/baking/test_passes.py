@@ -8,6 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 from baker.baking import bake as baking
@@ -26,7 +27,7 @@ from scenepack.blocks import block_copy, dense_from_pack
 from tests.baker.analytic import ball, culled
 from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import BLENDER_FRAME, random_pack
-from tests.scenepack.volumes import features_of
+from tests.scenepack.volumes import cube_pack, features_of
 from tests.stored_runs import SCENE, STORED
 from training.dataset import RayDataset
 from training.run import load_run
@@ -52,6 +53,20 @@ def test_what_tunes_compares_with_photographs_in_the_look_of_the_field(monkeypat
     shown = np.asarray(dataset.in_average_look(gains).colours_at(ids))
     assert np.abs(shown - np.asarray(dataset.colours_at(ids))).max() > 0.1
     assert len(seen) == 1 and np.array_equal(np.asarray(seen[0].colours_at(ids)), shown)
+
+
+def test_sharpened_voxels_of_contracted_space_interpolate_to_less_than_half_the_error(dataset: RayDataset) -> None:
+    def wave(place: np.ndarray) -> np.ndarray:
+        return 0.5 + 0.4 * np.cos(0.4 * place).prod(axis=0)
+
+    alpha, places, errors = wave(np.mgrid[:28, :28, :28]), np.random.default_rng(0).uniform(1, 26, (3, 4000)), []
+    straight = cube_pack(np.rint(255 * alpha[..., None] * [0.5, 0.5, 0.5, 1.0]).astype(np.uint8), 14)
+    for pack in (straight, straight.with_metadata(contraction=1.0)):
+        with progress("", 1.0, quiet=True) as bar:
+            passes.sharpened(passes.Voxels(pack, dataset, BakeConfig()), bar)
+        shown = map_coordinates(dense_from_pack(pack)[0][..., 3] / 255, places, order=1)
+        errors.append(np.linalg.norm(shown - wave(places)))
+    assert errors[1] < 0.5 * errors[0]
 
 
 def test_scaled_features_say_the_same_to_the_view_mlp(dataset: RayDataset) -> None:
@@ -168,8 +183,8 @@ def test_each_preset_and_quality_has_its_passes_in_the_papers_order() -> None:
     def names(preset: BakePreset, quality: Quality) -> list[str]:
         return [name for name, _ in passes_of(BakeConfig(preset=preset, quality=quality))]
 
-    ours = ["padding", "pruning", "feature scale", "tuning", "hidden voxels"]
-    assert names("snerg", "compact") == names("snerg", "full") == ours and names("snerg", "draft") == ours[:2]
+    ours = ["padding", "sharpening", "pruning", "feature scale", "tuning", "hidden voxels"]
+    assert names("snerg", "compact") == names("snerg", "full") == ours and names("snerg", "draft") == ours[:3]
     assert names("paper", "compact") == names("paper", "full") == ["padding", "view MLP"]
     assert names("paper", "draft") == ["padding"], "the paper's row of 8 bits: nothing is emptied, nothing tuned"
 
