@@ -136,7 +136,7 @@ def padded(voxels: Voxels, bar: Progress) -> Voxels:
 
 
 def sharpened(voxels: Voxels, bar: Progress) -> Voxels:
-    """Makes voxels of contracted space, which are wider than pixels, what interpolates best; in place. Empty ones stay empty.
+    """Makes voxels of contracted space what interpolates best, in place; empty ones stay empty. Other packs stay as they are.
 
     Between samples of a function f, linear interpolation is f'' / 12 too high in the mean. So each value loses a twelfth of its
     second difference along each axis (quasi-interpolation; Condat, Blu and Unser 2005).
