@@ -141,7 +141,9 @@ def sharpened(voxels: Voxels, bar: Progress) -> Voxels:
     Between samples of a function f, linear interpolation is f'' / 12 too high in the mean. So each value loses a twelfth of its
     second difference along each axis (quasi-interpolation; Condat, Blu and Unser 2005).
     """
-    pack, workers = voxels.pack, Workers()
+    pack = voxels.pack
+    if pack.contraction is None:
+        return voxels
     blocks = np.argwhere(pack.occupied)
 
     def sharpen(_: int, number: int) -> None:
@@ -159,9 +161,8 @@ def sharpened(voxels: Voxels, bar: Progress) -> Voxels:
             old[...] = new
         bar.update((number + 1) / len(blocks))
 
-    if pack.contraction is not None:
-        workers.share(len(blocks), sharpen)
-        restore_pack_padding(pack)
+    Workers().share(len(blocks), sharpen)
+    restore_pack_padding(pack)
     return voxels
 
 
