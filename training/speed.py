@@ -27,16 +27,19 @@ PRESETS = ("quick", "normal", "full")  # of the multi-resolution field
 SETTLED, TIMED = 60, 60  # steps: until programs are compiled and empty space is known; then timed
 # A sample of a real run over one of the ball, whose features stay in the processor's caches.
 REAL_BY_SMALL = 1.4
-# Bytes of two checkpoints by cells of the finest level squared: 1.5 GB for lego at 512, 3.0 GB for fern, 0.5 GB where hashed
-DISK_BY_FINENESS: Mapping[Kind, int] = {"object": 5600, "surroundings": 5600, "forward": 11_500, "unbounded": 500}
+# Bytes of two checkpoints by cells of the finest level squared: 1.5 GB for lego at 512, 3.0 GB for fern
+DISK_BY_FINENESS: Mapping[Kind, int] = {"object": 5600, "surroundings": 5600, "forward": 11_500}
+HASHED_DISK = 1_200_000_000  # of unbounded scenes, whose levels share a table of fixed size
 
 
 def whole_runs(sides: Sequence[int], kind: Kind) -> dict[str, dict[int, dict[str, int]]]:
     """Samples and bytes on the disk of a whole run, by preset and by the photographs' longer side in pixels."""
     from training.multires.settings import resolutions_for, samples_for
 
-    finest = {side: resolutions_for(side, kind == "unbounded")[-1] for side in sides}
-    disk = {side: DISK_BY_FINENESS[kind] * cells**2 for side, cells in finest.items()}
+    finest = {side: resolutions_for(side)[-1] for side in sides}
+    disk = {
+        side: DISK_BY_FINENESS[kind] * finest[side] ** 2 if kind in DISK_BY_FINENESS else HASHED_DISK for side in sides
+    }
     steps = {name: CONFIGS[name].steps for name in PRESETS}
     return {
         name: {side: {"samples": steps[name] * samples_for(side, kind), "disk": disk[side]} for side in sides}

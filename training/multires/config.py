@@ -21,7 +21,7 @@ class MultiresConfig:
 
     resolutions: tuple[int, ...] | None = None
     """Cells along the cube of each level, coarse to fine. None: powers of two from 16 to about the photographs' pixels, at most
-    512, in contracted space to four times as many, at most 1024; below 1024, three quarters of the finest, too."""
+    512, in contracted space to four times as many, at most 2048; and three quarters of the finest."""
     occupancy: int = 256
     """Cells of the occupancy grid along the cube; a multiple of 8."""
     occupancy_threshold: float = 0.01
@@ -36,7 +36,7 @@ class MultiresConfig:
     steps_across: tuple[int, ...] | None = None
     """Samples along the cube's side: at first, and after each of steps_from. None: half as many as the finest level has cells, as
     many, at last twice as many, of all of them fewer where ndc_depth is below 2; in contracted space an eighth, a quarter, half,
-    at last as many."""
+    at last as many, of at most 1024."""
     steps_from: tuple[float, ...] | None = None
     """When samples lie closer, as fractions of all steps. None: (0.25, 0.85), in contracted space (0.25, 0.6, 0.85)."""
     view_octaves: int = 1

@@ -19,7 +19,8 @@ from training.scenes.scene import Kind
 
 ADAM_BETAS, ADAM_EPSILON = (0.9, 0.99), 1e-15
 COARSEST, FINEST = 16, 512  # resolution of the first level, and of the last at most
-FINEST_CONTRACTED = 1024
+FINEST_CONTRACTED = 2048
+MOST_CELLS_SAMPLED = 1024  # samples lie as if there were no finer levels
 CONTRACTED_FINER = 4  # contracted space has the inner cube in half of its side, and what is looked at in half of that
 # Of a step. Fewer, larger steps of as many samples learn less (docs/notebook.md).
 SAMPLES, MOST_SAMPLES = 32_768, 131_072
@@ -87,7 +88,7 @@ def settings_of(config: TrainConfig, dataset: RayDataset) -> Settings:
     contracted = dataset.facts.contraction is not None
     resolutions = own.resolutions or resolutions_for(longest_side(dataset), contracted)
     depth = (own.ndc_depth or ndc_depth(dataset, resolutions[-1])) if dataset.ndc else 1.0
-    cells = resolutions[-1] * (min(depth / SAMPLED_BY_DEPTH, 1.0) if dataset.ndc else 1.0)
+    cells = min(resolutions[-1], MOST_CELLS_SAMPLED) * (min(depth / SAMPLED_BY_DEPTH, 1.0) if dataset.ndc else 1.0)
     starts, across = zip(*(CONTRACTED_SAMPLES_ACROSS if contracted else SAMPLES_ACROSS), strict=True)
     steps_across = own.steps_across or tuple(max(int(n * cells), own.occupancy // 2) for n in across)
     steps_from = starts[1:] if own.steps_from is None else own.steps_from
@@ -122,7 +123,12 @@ def _require_sensible(
         ("occupancy", occupancy % 8 == 0 and 8 <= occupancy <= 512, "a multiple of 8, at most 512", occupancy),
         ("view-octaves", own.view_octaves <= VIEW_FREQUENCIES, f"at most {VIEW_FREQUENCIES}", own.view_octaves),
         ("ndc-depth", own.ndc_depth is None or 0.1 <= own.ndc_depth <= 100, "0.1 to 100", own.ndc_depth),
-        ("resolutions", min(resolutions) >= 4 and max(resolutions) <= 1024, "4 to 1024", list(resolutions)),
+        (
+            "resolutions",
+            min(resolutions) >= 4 and max(resolutions) <= FINEST_CONTRACTED,
+            "4 to 2048",
+            list(resolutions),
+        ),
         ("steps-across", len(across) == parts, f"one more than --multires.steps-from, {parts}", across),
         ("steps-across", min(across) >= occupancy // 2, f"at least half of --multires.occupancy, {occupancy}", across),
     ):
@@ -149,12 +155,11 @@ def longest_side(dataset: RayDataset) -> int:
 
 
 def resolutions_for(pixels: int, contracted: bool = False) -> tuple[int, ...]:
-    """Powers of two from COARSEST to about the pixels along the longer side of a photograph, and three quarters of the finest (of
-    contracted space's finest, that would take a third more time)."""
+    """Powers of two from COARSEST to about the pixels along the longer side of a photograph, and three quarters of the finest."""
     pixels, most = (pixels * CONTRACTED_FINER, FINEST_CONTRACTED) if contracted else (pixels, FINEST)
     finest = int(np.clip(1 << round(np.log2(pixels * 1.25)), 64, most))
     coarser = tuple(COARSEST << i for i in range(int(np.log2(finest / COARSEST))))
-    return (*coarser, finest) if finest == FINEST_CONTRACTED else (*coarser, finest * 3 // 4, finest)
+    return *coarser, finest * 3 // 4, finest
 
 
 def samples_for(pixels: int, kind: Kind) -> int:
