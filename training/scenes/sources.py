@@ -7,7 +7,7 @@ which lead to other files and to the network; none of the demuxers here does.
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,7 +18,10 @@ from training.scenes import files, llff, programs
 from training.scenes.read import has_poses
 
 FILM_HEAD_BYTES = 1024  # of a film that tell its container
-STILLS = (b"avif", b"avis", b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1", b"jxl ", b"crx ")
+# QuickTime may begin with any of these boxes. Brands of stills (HEIC, AVIF, CR3) are none of films.
+MP4 = rb".{4}(moov|mdat|wide|free|skip|ftyp(?!avif|avis|heic|heix|hevc|heim|heis|mif1|msf1|jxl |crx ))"
+# Packets of 188 bytes begin with G; cameras (M2TS, MTS) put a time of 4 bytes before each.
+TRANSPORT_STREAM = rb"G(.{187}G){3}|.{4}G(.{191}G){3}|G(.{203}G){3}"
 
 
 @dataclass(frozen=True)
@@ -27,35 +30,19 @@ class Container:
     demuxer: str  # FFmpeg's
     suffixes: tuple[str, ...]
     mime_types: tuple[str, ...]
-    recognises: Callable[[bytes], bool]  # a file's first FILM_HEAD_BYTES
-
-
-def _is_mp4(head: bytes) -> bool:
-    """QuickTime may begin with any of these boxes. Brands of stills (HEIC, AVIF, CR3) are none of films."""
-    kind = head[4:8]
-    return kind in (b"moov", b"mdat", b"wide", b"free", b"skip") or (kind == b"ftyp" and head[8:12] not in STILLS)
-
-
-def _is_transport_stream(head: bytes) -> bool:
-    """Packets of 188 bytes begin with 0x47; cameras (M2TS, MTS) put a time of 4 bytes before each."""
-    return any(len(head) > first + 3 * size and all(head[first + i * size] == 0x47 for i in range(4))
-               for first, size in ((0, 188), (4, 192), (0, 204)))  # fmt: skip
+    signature: bytes  # regular expression of its first FILM_HEAD_BYTES
 
 
 CONTAINERS = (
     Container("MP4, MOV, 3GP", "mp4", (".mp4", ".m4v", ".mov", ".qt", ".3gp", ".3g2"),
-              ("video/mp4", "video/quicktime", "video/3gpp", "video/3gpp2"), _is_mp4),
-    Container("WebM, Matroska", "matroska", (".webm", ".mkv"), ("video/webm", "video/x-matroska"),
-              lambda head: head.startswith(b"\x1a\x45\xdf\xa3")),
-    Container("AVI", "avi", (".avi", ".divx"), ("video/x-msvideo",),
-              lambda head: head.startswith(b"RIFF") and head[8:12] in (b"AVI ", b"AVIX")),
-    Container("MTS", "mpegts", (".ts", ".mts", ".m2ts", ".m2t"), ("video/mp2t",), _is_transport_stream),
-    Container("MPEG", "mpeg", (".mpg", ".mpeg", ".vob"), ("video/mpeg",),
-              lambda head: head.startswith(b"\0\0\1\xba")),
-    Container("WMV", "asf", (".wmv", ".asf"), ("video/x-ms-wmv", "video/x-ms-asf"),
-              lambda head: head.startswith(b"\x30\x26\xb2\x75\x8e\x66\xcf\x11")),
-    Container("FLV", "flv", (".flv", ".f4v"), ("video/x-flv",), lambda head: head.startswith(b"FLV\1")),
-    Container("Ogg", "ogg", (".ogv", ".ogm"), ("video/ogg",), lambda head: head.startswith(b"OggS")),
+              ("video/mp4", "video/quicktime", "video/3gpp", "video/3gpp2"), MP4),
+    Container("WebM, Matroska", "matroska", (".webm", ".mkv"), ("video/webm", "video/x-matroska"), b"\x1a\x45\xdf\xa3"),
+    Container("AVI", "avi", (".avi", ".divx"), ("video/x-msvideo",), b"RIFF.{4}AVI[ X]"),
+    Container("MTS", "mpegts", (".ts", ".mts", ".m2ts", ".m2t"), ("video/mp2t",), TRANSPORT_STREAM),
+    Container("MPEG", "mpeg", (".mpg", ".mpeg", ".vob"), ("video/mpeg",), b"\0\0\1\xba"),
+    Container("WMV", "asf", (".wmv", ".asf"), ("video/x-ms-wmv", "video/x-ms-asf"), b"\x30\x26\xb2\x75\x8e\x66\xcf\x11"),
+    Container("FLV", "flv", (".flv", ".f4v"), ("video/x-flv",), b"FLV\1"),
+    Container("Ogg", "ogg", (".ogv", ".ogm"), ("video/ogg",), b"OggS"),
 )  # fmt: skip
 FILMS = tuple(suffix for container in CONTAINERS for suffix in container.suffixes)
 FILM_NAMES = ", ".join(container.name for container in CONTAINERS)  # for messages
@@ -218,7 +205,7 @@ def container_of(film: Path) -> Container | None:
     """A film's container by its first bytes; None for any other file."""
     with film.open("rb") as file:
         head = file.read(FILM_HEAD_BYTES)
-    return next((container for container in CONTAINERS if container.recognises(head)), None)
+    return next((container for container in CONTAINERS if re.match(container.signature, head, re.DOTALL)), None)
 
 
 def is_film(path: Path) -> bool:
