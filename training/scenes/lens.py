@@ -153,8 +153,13 @@ NUMPY = lens_functions()
 
 
 def whole_lens(lens: Lens) -> Lens:
-    """A lens by all its LENS_SIZE numbers, and its reach."""
-    return (*lens, *(0.0,) * (LENS_SIZE - len(lens)), lens_reach(lens))
+    """A lens by all its LENS_SIZE numbers, and its reach: up to which r what is farther out is seen farther out, the smallest
+    root of d(r radial)/dr; NO_END where there is none."""
+    k1, k2, _, _, k3, k4, q1, q2, q3, *_ = whole = (*lens, *(0.0,) * (LENS_SIZE - len(lens)))
+    over, under = np.poly1d([k4, 0, k3, 0, k2, 0, k1, 0, 1, 0]), np.poly1d([q3, 0, q2, 0, q1, 0, 1])
+    roots = [*under.roots, *(over.deriv() * under - over * under.deriv()).roots]
+    ends = [float(root.real) for root in roots if abs(root.imag) < 1e-9 and root.real > 0]
+    return (*whole, min([*ends, np.pi if projection_of(lens) == FISHEYE else NO_END]))
 
 
 def shows(u: np.ndarray, v: np.ndarray, lens: Lens) -> np.ndarray:
@@ -177,13 +182,3 @@ def image_of(directions: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray
     a, b = NUMPY.ideal(x, y, z, projection)
     shown = np.hypot(a, b) < whole[REACH]
     return *NUMPY.distort(a, b, whole), shown & (z < -1e-6) if projection == PERSPECTIVE else shown
-
-
-def lens_reach(lens: Lens) -> float:
-    """Up to which r what is farther out is seen farther out: the smallest root of d(r radial)/dr; NO_END where there is none."""
-    whole, projection = (*lens, *(0.0,) * (LENS_SIZE - len(lens))), projection_of(lens)
-    over = np.poly1d([whole[5], 0, whole[4], 0, whole[1], 0, whole[0], 0, 1, 0])
-    under = np.poly1d([whole[8], 0, whole[7], 0, whole[6], 0, 1])
-    ends = [under.roots, (over.deriv() * under - over * under.deriv()).roots]
-    found = [float(root.real) for roots in ends for root in roots if abs(root.imag) < 1e-9 and root.real > 0]
-    return min(found, default=NO_END) if projection != FISHEYE else min([*found, np.pi])

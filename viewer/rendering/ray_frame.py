@@ -10,7 +10,7 @@ import numpy as np
 
 from scenepack.exports.field import ndc_camera
 from scenepack.pack import Pack
-from training.scenes.lens import LENS_SIZE, lens_reach, whole_lens
+from training.scenes.lens import LENS_SIZE, REACH, whole_lens
 from viewer.rendering.camera import ViewCamera, inner_box
 from viewer.rendering.settings import RenderSettings
 
@@ -60,7 +60,7 @@ class RayFrame:
             "intrinsics": (camera.fx * scale, camera.fy * scale, camera.cx, camera.cy),
             "orthographic": float(camera.orthographic),
             "lens": lambda: np.reshape(whole_lens(camera.distortion)[:LENS_SIZE], (3, 4)).T,  # a column for each vec4
-            "lens_reach": lambda: lens_reach(camera.distortion),
+            "lens_reach": lambda: whole_lens(camera.distortion)[REACH],
             "grid_R_camera": camera.grid_T_camera[:3, :3],
             "camera_position": position,
             "near_plane": near * voxels,
