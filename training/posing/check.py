@@ -111,11 +111,7 @@ def check(source: Source, page: Path, most_frames: int) -> Verdict:
 
 
 def match_small(
-    work: Path,
-    names: Sequence[str],
-    groups: Sequence[CameraGroup],
-    bar: Progress,
-    begun: float = 0.0,
+    work: Path, names: Sequence[str], groups: Sequence[CameraGroup], bar: Progress, begun: float = 0.0
 ) -> dict[str, Any]:
     """Matches the pictures in `work` / IMAGES at LONGEST_SIDE pixels; returns what mapping.matching_pairs does. The bar advances
     from `begun` to `begun` + 2."""

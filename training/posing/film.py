@@ -147,6 +147,7 @@ CANDIDATES = 2  # times as many frames as are used are looked at: a camera that 
 LEAST_CHANGE = 0.1  # thumbnail pixels: a camera that comes closer shifts nothing
 UNEVEN = 0.15  # of the film: how far change may run before or behind time
 PER_SECOND = 6.0  # frames at most: more show the same
+OnProgress = Callable[[str, float, float], object]  # what goes on, units done, units in all
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,7 @@ class _Graded:
         return self.frame.width, self.frame.height, self.frame.rotation or 0
 
 
-def take_frames(film: Path, folder: Path, most: int, on_progress: Callable[[str, float, float], None]) -> list[Frame]:
+def take_frames(film: Path, folder: Path, most: int, on_progress: OnProgress) -> list[Frame]:
     """Writes at most `most` frames into `folder`: of each interval of time the sharpest, none that shows the same as the one
     before. Where the camera slows down, intervals are not of equal time, but such in which the picture changes as much.
 
@@ -183,23 +184,19 @@ def take_frames(film: Path, folder: Path, most: int, on_progress: Callable[[str,
     """
     with _readable_errors(film):
         times = _times(film)
-        start, end = min(times), max(times)
+        length = times[-1] - times[0]
         kept: list[Frame] = []
         small: list[np.ndarray] = []
-
-        def on_frame(seconds: float) -> None:
-            on_progress("frames", seconds - start, max(end - start, 1e-3))
-
-        candidates = CANDIDATES * most if (end - start) * PER_SECOND >= CANDIDATES * most else most
-        intervals = itertools.groupby(_graded(film, times, candidates, on_frame), key=lambda frame: frame.interval)
+        candidates = CANDIDATES * most if length * PER_SECOND >= CANDIDATES * most else most
+        intervals = itertools.groupby(_graded(film, times, candidates, on_progress), key=lambda frame: frame.interval)
         sharpest = (max(frames, key=lambda frame: frame.sharpness) for _, frames in intervals)
         for best in _differing(sharpest):
             small.append(thumbnail(best.preview))
             picture = _upright(best.frame, best.aspect)
             name = write_picture(Image.fromarray(picture), folder, f"frame_{len(kept) + 1:04d}", lossy=True)
             height, width = picture.shape[:2]
-            kept.append(Frame(name, (width, height), round(best.seconds - start, 3), best.sharpness))
-    return kept if len(kept) <= most else _spaced(kept, small, end - start, most, folder)
+            kept.append(Frame(name, (width, height), round(best.seconds - times[0], 3), best.sharpness))
+    return kept if len(kept) <= most else _spaced(kept, small, length, most, folder)
 
 
 def _spaced(frames: list[Frame], small: Sequence[np.ndarray], length: float, most: int, folder: Path) -> list[Frame]:
@@ -280,7 +277,7 @@ def _times(film: Path) -> list[float]:
     return sorted(times)
 
 
-def _graded(film: Path, times: Sequence[float], most: int, on_frame: Callable[[float], None]) -> Iterator[_Graded]:
+def _graded(film: Path, times: Sequence[float], most: int, on_progress: OnProgress) -> Iterator[_Graded]:
     """All frames, with their sharpness and the interval that they are in, in their order."""
     intervals = intervals_of(times, most)
     with _opened(film) as (container, stream):
@@ -290,7 +287,7 @@ def _graded(film: Path, times: Sequence[float], most: int, on_frame: Callable[[f
             # Frames come in their order, but AVI does not say when those that were reordered are shown.
             seconds = seconds if frame.pts is None else max(frame.pts * base, seconds)
             interval = intervals[min(bisect_left(times, seconds), len(times) - 1)]
-            on_frame(seconds)
+            on_progress("frames", seconds - times[0], max(times[-1] - times[0], 1e-3))
             preview = _grey(frame)
             yield _Graded(interval, seconds, sharpness(preview), frame, aspect, preview)
 

@@ -56,12 +56,8 @@ def read_poses_bounds(path: Path) -> tuple[np.ndarray, tuple[int, int], float, n
         stored = np.lib.format.open_memmap(path, mode="r")
     except Exception as error:  # NumPy does not say which its reader raises
         raise UserError("not a NumPy file of numbers", where=path, found=str(error).split("\n")[0][:80]) from error
-    if (
-        stored.ndim != 2
-        or stored.shape[1] != 17
-        or not 0 < stored.nbytes <= MOST_BYTES
-        or stored.dtype.kind not in "fiu"
-    ):
+    is_table = stored.shape[1:] == (17,) and stored.dtype.kind in "fiu"
+    if not is_table or not 0 < stored.nbytes <= MOST_BYTES:
         found = f"{stored.dtype} {list(stored.shape)}"[:80]
         raise UserError("not an LLFF pose file", where=path, expected="[N, 17]", found=found)
     rows = np.array(stored, np.float64)

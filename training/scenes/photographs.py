@@ -63,10 +63,8 @@ def tell_turned(where: Path, photographs: Sequence[Photograph]) -> None:
 def moved(photographs: Sequence[Photograph], frame: Frame) -> tuple[Photograph, ...]:
     """The photographs in the training frame."""
     P = frame.poses(poses_of([photograph.camera for photograph in photographs]))
-    return tuple(
-        replace(one, camera=replace(one.camera, world_T_camera=world_T_camera))
-        for one, world_T_camera in zip(photographs, P, strict=True)
-    )
+    placed = zip(photographs, P, strict=True)
+    return tuple(replace(one, camera=replace(one.camera, world_T_camera=pose)) for one, pose in placed)
 
 
 def _same_shape(size: Size, other: Size) -> bool:

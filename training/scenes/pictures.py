@@ -222,8 +222,6 @@ def mask_values(picture: np.ndarray, *, lossy: bool = False) -> np.ndarray:
 def _mask_levels(colour: np.ndarray, full: float) -> np.ndarray:
     """Rules 2 to 4, of [H, W, 1 or 3]."""
     level = colour.max(axis=-1)
-    if not colour.size:
-        return level.astype(np.float32)
     first = colour[0, 0]
     other = (colour != first).any(axis=-1)
     if not other.any():

@@ -237,10 +237,9 @@ def _read_realitycapture(file: Path, size_of: SizeOf) -> Reconstruction:
         R = Rotation.from_euler("ZXY", [-heading, pitch, roll], degrees=True).as_matrix()
         width, height = size_of(name)
         scale = max(width, height) / FILM_MM
-        coefficients = {key: float(value) for key, value in zip(COEFFICIENTS, rest, strict=True)}
         centre = 0.5 * width + scale * px, 0.5 * height + scale * py
         cameras[name] = _camera(file, name, np.column_stack([R, [x, y, z]]), (width, height), [scale * f], centre,
-                                coefficients=coefficients)  # fmt: skip
+                                coefficients=dict(zip(COEFFICIENTS, rest, strict=True)))  # fmt: skip
     return _reconstruction(cameras)
 
 
