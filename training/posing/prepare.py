@@ -7,7 +7,7 @@ import contextlib
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -42,7 +42,7 @@ class Picture:
 @dataclass(frozen=True)
 class Prepared:
     pictures: tuple[Picture, ...]  # in the order of their names
-    aside: Mapping[str, str] = field(default_factory=dict)  # why pictures are not used, by the name that the user knows
+    aside: Mapping[str, str]  # why pictures are not used, by the name that the user knows
 
 
 def fingerprint(source: Source) -> list[list[object]]:
@@ -77,8 +77,8 @@ class CameraGroup(NamedTuple):
     """The pictures of one camera."""
 
     names: Sequence[str]
-    focal: float | None = None  # in pixels, None where it is not known
-    is_panorama: bool = False
+    focal: float | None  # in pixels, None where it is not known
+    is_panorama: bool
 
 
 def camera_groups(pictures: Sequence[Picture]) -> list[CameraGroup]:

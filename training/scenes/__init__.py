@@ -4,5 +4,3 @@ from training.scenes.pixels import load_pixels
 from training.scenes.read import load_scene
 from training.scenes.scene import Camera, Photograph, Scene, picture_stems
 from training.scenes.scene_options import SceneOptions
-
-__all__ = ["Camera", "Photograph", "Scene", "SceneOptions", "load_pixels", "load_scene", "picture_stems"]

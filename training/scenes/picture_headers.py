@@ -117,7 +117,7 @@ def opened(path: Path) -> Iterator[Image.Image]:
         yield image
 
 
-def weigh(path: Path, size: tuple[int, int], words: float = 1) -> None:
+def weigh(path: Path, size: tuple[int, int], words: float) -> None:
     """OSError where a file is too small for so many pixels, each of so many four bytes."""
     width, height = size
     held = os.path.getsize(path)

@@ -78,7 +78,7 @@ def _reconstruction(cameras: Cameras, points: Any = (), colours: Any = (), seen:
     names = sorted(cameras)
     places, rgb = (_numbers(values, -1, 3) for values in (points, colours))
     shown = [rows_in_picture(cameras[name], places) if seen is None else seen[name] for name in names]
-    tracks = np.bincount(np.concatenate(shown), minlength=len(places)) if len(places) else np.zeros(0)
+    tracks = np.bincount(np.concatenate(shown), minlength=len(places))
     return Reconstruction(tuple(names), tuple(cameras[name] for name in names), places,
                           np.clip(rgb, 0, 255).astype(np.uint8), tracks, tuple(shown))  # fmt: skip
 
