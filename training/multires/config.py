@@ -39,7 +39,7 @@ class MultiresConfig:
     at last as many, of at most 1024."""
     steps_from: tuple[float, ...] | None = None
     """When samples lie closer, as fractions of all steps. None: (0.25, 0.85), in contracted space (0.25, 0.6, 0.85)."""
-    view_octaves: int = 1
+    view_octaves: int | None = None
     """Octaves of the view direction that the view MLP sees, at most 4."""
     view_dependence: bool = True
     """If false, train a diffuse model without a view MLP."""
@@ -82,6 +82,7 @@ class KindSettings:
     sparsity_factor: float
     least_views: int
     finest_from: float = 0.25
+    view_octaves: int = 1
     feature_decay: float = 0.0
     density_smoothness: float = 0.0
     colour_smoothness: float = 0.0
@@ -90,7 +91,7 @@ class KindSettings:
 BY_KIND: Mapping[Kind, KindSettings] = {
     "object": KindSettings(distortion_weight=0.05, sparsity_factor=1.0, least_views=6, feature_decay=0.1),
     "surroundings": KindSettings(distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
-    "unbounded": KindSettings(distortion_weight=0.05, sparsity_factor=1.0, least_views=1),
+    "unbounded": KindSettings(distortion_weight=0.05, sparsity_factor=1.0, least_views=1, view_octaves=2),
     "forward": KindSettings(
         distortion_weight=0.05, sparsity_factor=0.2, least_views=1, finest_from=0.05, feature_decay=1.0,
         density_smoothness=0.01, colour_smoothness=0.1,

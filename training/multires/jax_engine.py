@@ -139,7 +139,7 @@ def adam(
     decoder = field.decoder_size(field.inputs_of(len(constants.levels)))
     of_parameters = jnp.where(jnp.arange(gradient.parameters.size) < decoder, rates[1], rates[2])
     unseen = np.zeros(gradient.parameters.size, bool)  # weights of inputs that the view MLP does not have
-    unseen[decoder : decoder + 34 * 16] = np.repeat(~field.seen_inputs(constants.settings.own.view_octaves), 16)
+    unseen[decoder : decoder + 34 * 16] = np.repeat(~field.seen_inputs(constants.settings.by_kind.view_octaves), 16)
 
     def move(value, slope, one, two, rate, seen):
         new_one = jnp.where(seen, one + (1 - keep1) * (slope - one), one)

@@ -55,7 +55,7 @@ class MultiresMethod:
         view_mlp = init_view_mlp(key)
         view_mlp = view_mlp._replace(biases=(*view_mlp.biases[:2], view_mlp.biases[2] + VIEW_BIAS))
         random = np.random.default_rng((self.config.seed, 0))
-        parameters = initial_parameters(len(settings.resolutions), view_mlp, random, settings.own.view_octaves)
+        parameters = initial_parameters(len(settings.resolutions), view_mlp, random, settings.by_kind.view_octaves)
         begin = [parameters, np.zeros_like(parameters), np.zeros_like(parameters)]
         values, first, second = (Trainable(np.zeros((0, 4), np.float32), array) for array in begin)
         state = State(

@@ -121,7 +121,7 @@ def _require_sensible(
     across, parts, occupancy, finest = list(steps_across), len(steps_from) + 1, own.occupancy, max(resolutions)
     for option, fits, expected, found in (
         ("occupancy", occupancy % 8 == 0 and 8 <= occupancy <= 512, "a multiple of 8, at most 512", occupancy),
-        ("view-octaves", own.view_octaves <= VIEW_FREQUENCIES, f"at most {VIEW_FREQUENCIES}", own.view_octaves),
+        ("view-octaves", (own.view_octaves or 1) <= VIEW_FREQUENCIES, f"at most {VIEW_FREQUENCIES}", own.view_octaves),
         ("ndc-depth", own.ndc_depth is None or 0.1 <= own.ndc_depth <= 100, "0.1 to 100", own.ndc_depth),
         ("resolutions", min(resolutions) >= 4 and finest <= FINEST_CONTRACTED, "4 to 2048", list(resolutions)),
         ("steps-across", len(across) == parts, f"one more than --multires.steps-from, {parts}", across),

@@ -80,7 +80,7 @@ class Trained:
         gradient, metrics = compiled(values, maps, samples, target, jnp.asarray(b.pairs), constants=constants)
         used = np.ones(gradient.parameters.shape, bool)  # by Adam: see training.multires.jax_engine.adam
         decoder = decoder_size(inputs_of(len(levels)))
-        used[decoder : decoder + 34 * 16] = np.repeat(seen_inputs(self.method.settings.own.view_octaves), 16)
+        used[decoder : decoder + 34 * 16] = np.repeat(seen_inputs(self.method.settings.by_kind.view_octaves), 16)
         learn = jnp.repeat(decay >= 0, ROWS_OF_BRICK)[:, None]
         gradient = Trainable(jnp.where(learn, gradient.table, 0.0), jnp.where(used, gradient.parameters, 0.0))
         return constants, metrics, gradient

@@ -285,7 +285,7 @@ class FusedEngine:
         return Numbers(
             f(state.step_cells), f(state.box.cell[0] * side), f(distortion / side), f(settings.sparsity),
             f(settings.sparsity_scale), f(LARGEST_RAW), f(TRANSMITTANCE_STOP), f(TRANSMITTANCE_SHADED),
-            np.int64(settings.own.view_octaves), settings.own.view_dependence,
+            np.int64(settings.by_kind.view_octaves), settings.own.view_dependence,
             decoder_size(self.inputs), (8 + self.inputs + 1) * HIDDEN,
             (f(settings.smoothness[0]), f(settings.smoothness[1])), f(1 / settings.resolutions[-1]),
             f(self.sampled_below), f(settings.near), f(settings.whole_from),
