@@ -20,7 +20,7 @@ import moderngl
 import numpy as np
 
 from console import UserError
-from scenepack.blocks import Triple, block_copy, dense_from_pack, grid_block_counts, with_macroblocks
+from scenepack.blocks import Triple, atlas_layout, block_copy, dense_from_pack, grid_block_counts, with_macroblocks
 from scenepack.pack import Pack
 from viewer.rendering import software_rasteriser as software
 from viewer.rendering.skip_grid import skip_grid_of
@@ -29,8 +29,6 @@ MAX_SLOTS = 256  # along an axis: the indirection grid holds bytes
 SHOWN_EVERY_S = 0.02  # while a pack arrives
 TOLERATED_WASTE = 1.01  # empty slots that are worth a layout with better locality
 OR_HALF = "or measure it at half resolution: --allow-half"  # the remedy of commands that have this option
-
-Part = tuple[np.ndarray, slice]  # channels of one of the pack's atlases
 
 
 class NoRoomError(UserError):
@@ -62,7 +60,7 @@ class GpuScene:
         self.near: np.ndarray | None = None  # a point of the grid, voxels: layers of slots close to it arrive first
         self.textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {}  # by the name of their sampler
         self.samplers: dict[str, moderngl.Sampler] = {}  # likewise
-        self._atlases: list[tuple[str, moderngl.Texture3D, tuple[Part, ...]]] = []  # and what lies side by side in x
+        self._atlases: list[tuple[str, moderngl.Texture3D, tuple[np.ndarray, ...]]] = []  # what lies side by side in x
         self._arrived = np.zeros(self.slots[2], bool)  # layers of slots
         # Earlier errors of others; some drivers leave one when the context is created
         while ctx.error != "GL_NO_ERROR":
@@ -78,21 +76,21 @@ class GpuScene:
             raise
 
     def _allocate(self, layout: str) -> None:
-        ctx, pack, every = self.ctx, self.pack, slice(None)
+        ctx, pack = self.ctx, self.pack
         features = pack.atlas_features if pack.view_mlp is not None else None
         self._filled("indirection", "indirection", self._indirection())
         if layout == "paper":
-            self._atlas("atlas_alpha", "alpha", (pack.atlas_rgba, slice(3, 4)))
+            self._atlas("atlas_alpha", "alpha", pack.atlas_rgba[..., 3:])
             self.textures["atlas_alpha_nearest"] = self.textures["atlas_alpha"]
-            self._atlas("atlas_rgb", "rgb", (pack.atlas_rgba, slice(0, 3)))
+            self._atlas("atlas_rgb", "rgb", pack.atlas_rgba[..., :3])
             for layer, matrix in enumerate(pack.view_mlp.weights if pack.view_mlp else ()):
                 self._weights(f"weights_{layer}", matrix)
         elif self.features_beside and features is not None:
-            self._atlas("atlas_rgba", "rgba and feature", (pack.atlas_rgba, every), (features, every))
+            self._atlas("atlas_rgba", "rgba and feature", pack.atlas_rgba, features)
         else:
-            self._atlas("atlas_rgba", "rgba", (pack.atlas_rgba, every))
+            self._atlas("atlas_rgba", "rgba", pack.atlas_rgba)
         if features is not None and not self.features_beside:
-            self._atlas("atlas_features", "feature", (features, every))
+            self._atlas("atlas_features", "feature", features)
         if layout != "paper":  # last, for it takes time: a pack that does not fit has been refused by now
             self._filled("skip_grid", "skip distance", skip_grid_of(pack).words[..., None], "u2")
         linear = clamped_sampler(ctx, moderngl.LINEAR) if layout == "paper" else float_sampler(ctx)
@@ -125,10 +123,9 @@ class GpuScene:
         z, y, x, channels = data.shape
         self._volume(name, what, (x, y, z), channels, dtype).write(np.ascontiguousarray(data), alignment=1)
 
-    def _atlas(self, name: str, what: str, *parts: Part) -> None:
-        """An empty texture for `parts`, side by side in x."""
-        channels = max(len(range(atlas.shape[3])[chosen]) for atlas, chosen in parts)
-        self._atlases.append((what, self._volume(name, what, self.size, channels, "f1"), parts))
+    def _atlas(self, name: str, what: str, *parts: np.ndarray) -> None:
+        """An empty texture for `parts`, atlases of the pack or channels of one, side by side in x."""
+        self._atlases.append((what, self._volume(name, what, self.size, parts[0].shape[3], "f1"), parts))
 
     def _weights(self, name: str, matrix: np.ndarray) -> None:
         """matrix [inputs, outputs] as float RGBA texels, outputs padded to whole texels."""
@@ -185,11 +182,10 @@ class GpuScene:
         nx, ny, _ = self.slots
         size = self.pack.padded_block_size
         for number in numbers:
-            slot = number % nx, number // nx % ny, number // (nx * ny)
+            block, slot = tuple(self.blocks[number]), (number % nx, number // nx % ny, number // (nx * ny))
             for _, texture, parts in self._atlases:
                 wide = size * len(parts)
-                block = tuple(self.blocks[number])
-                cubes = [block_copy(self.pack, atlas, block)[..., chosen] for atlas, chosen in parts]
+                cubes = [block_copy(self.pack, part, block) for part in parts]
                 viewport = (slot[0] * wide, slot[1] * size, slot[2] * size, wide, size, size)
                 texture.write(np.concatenate(cubes, axis=2), viewport=viewport, alignment=1)
 
@@ -259,13 +255,11 @@ def indirection_grid(occupied: np.ndarray, slots: Triple, arrived: np.ndarray | 
     occupied: bool [blocks z, y, x]; they take the atlas's slots in this order. arrived: bool, layers of slots that are filled
     (None: all); macroblocks that have not arrived count as empty.
     """
-    nx, ny, nz = slots
-    order = np.arange(int(occupied.sum()))
-    layer = order // (nx * ny)
-    arrived = np.ones(nz, bool) if arrived is None else arrived
+    slot = atlas_layout(occupied, slots)[occupied]
+    missing = np.zeros(len(slot), bool) if arrived is None else ~arrived[slot[:, 2]]
     grid = np.zeros((*(n + 2 for n in occupied.shape), 4), np.uint8)
     grid[..., 3] = 1
-    grid[1:-1, 1:-1, 1:-1][occupied] = np.stack([order % nx, order // nx % ny, layer, ~arrived[layer]], axis=1)
+    grid[1:-1, 1:-1, 1:-1][occupied] = np.column_stack([slot, missing])
     return grid
 
 
@@ -312,21 +306,16 @@ def half_resolution(pack: Pack) -> Pack:
     occupied = np.zeros(grid_block_counts(grid_size, pack.block_size)[::-1], bool)
     bz, by, bx = np.nonzero(pack.occupied)
     occupied[bz // 2, by // 2, bx // 2] = True  # along each axis, macroblocks 2 i and 2 i + 1 make the new one i
-    side = 2 * pack.block_size
+    size, side = pack.block_size, 2 * pack.block_size
 
     def halved(block: tuple[int, ...]) -> tuple[tuple[int, ...], np.ndarray]:
         z, y, x = (side * i for i in block)
         whole = dense_from_pack(pack, ((x, y, z), (x + side, y + side, z + side)))
-        means = np.concatenate([_means(part) for part in whole if part is not None], axis=-1)
+        voxels = np.concatenate([part for part in whole if part is not None], axis=-1)
+        means = voxels.reshape(size, 2, size, 2, size, 2, -1).mean(axis=(1, 3, 5), dtype=np.float32)
         gain = 2.0 - means[..., 3:4] / 255.0
         return block, np.rint(np.minimum(means * gain, 255.0)).astype(np.uint8)
 
     blocks = map(halved, map(tuple, np.argwhere(occupied).tolist()))
     coarse = replace(pack, voxel_size=2.0 * pack.voxel_size, grid_size=grid_size)
     return with_macroblocks(coarse, blocks, occupied)
-
-
-def _means(voxels: np.ndarray) -> np.ndarray:
-    """float32 [z, y, x, c], 0 … 255: means of 2^3 voxels of uint8 [2 z, 2 y, 2 x, c]."""
-    z, y, x, channels = voxels.shape
-    return voxels.reshape(z // 2, 2, y // 2, 2, x // 2, 2, channels).mean(axis=(1, 3, 5), dtype=np.float32)
