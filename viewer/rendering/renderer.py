@@ -18,7 +18,7 @@ from viewer.rendering.gpu_scene import GpuScene, NoRoomError, features_stored, h
 from viewer.rendering.opengl import Drawing, begin_drawing
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import MARCHERS, MODES, Look, RenderSettings
-from viewer.rendering.shader_source import assemble, glsl_vec3, view_mlp_biases, view_mlp_weights
+from viewer.rendering.shader_source import assemble, glsl_vec3, view_mlp_includes
 from viewer.rendering.skip_grid import CELL, skip_grid_of
 from viewer.rendering.supersampling import Supersampling
 
@@ -215,7 +215,7 @@ class Renderer:
                 distortion=lens,
                 orthographic=camera.orthographic,
             )
-            text = assemble("snerg.frag", defines, view_mlp_text(self.pack))
+            text = assemble("snerg.frag", defines, view_mlp_includes(self.pack.view_mlp))
             self._drawings[key] = Drawing(self.ctx, assemble("fullscreen.vert"), text)
         return self._drawings[key]
 
@@ -288,14 +288,6 @@ def shader_defines(
         "BACKDROP": _style(settings) != "",
         "BACKDROP_CHECKER": _style(settings) == "checker",
     }
-
-
-def view_mlp_text(pack: Pack) -> dict[str, str]:
-    """The includes that shaders/view_mlp.glsl and view_mlp_textures.glsl need, generated from the pack."""
-    mlp = pack.view_mlp
-    if mlp is None:
-        return {"view_mlp_weights": "", "view_mlp_biases": ""}
-    return {"view_mlp_weights": view_mlp_weights(mlp), "view_mlp_biases": view_mlp_biases(mlp)}
 
 
 def shades_hull_alone(pack: Pack, settings: RenderSettings) -> bool:

@@ -35,10 +35,10 @@ def glsl_vec3(values: Iterable[float]) -> str:
 
 
 def define_lines(defines: Mapping[str, object]) -> str:
-    """`#define` lines: floats as literals, True as a bare name, False and None left out, integers as they are."""
+    """`#define` lines: floats as literals, True as a bare name, False left out, integers as they are."""
     lines = []
     for name, value in defines.items():
-        if value is None or value is False:
+        if value is False:
             continue
         text = "" if value is True else f" {glsl_float(value)}" if isinstance(value, float) else f" {value}"
         lines.append(f"#define {name}{text}")
@@ -109,21 +109,15 @@ def _layer(name: str, vectors: Mapping[str, int], weights: np.ndarray, bias: np.
     return f"vec{len(bias)} {name}({parameters}) {{\n    return {total};\n}}\n"
 
 
-def view_mlp_weights(mlp: ViewMlp) -> str:
-    """The layers as GLSL functions with constant weights; see shaders/view_mlp.glsl for their names."""
-    texts = []
-    for layer, vectors in enumerate((INPUTS, HIDDEN)):
-        for j in range(4):
-            out = slice(4 * j, 4 * j + 4)
-            texts.append(_layer(f"layer_{layer}_{j}", vectors, mlp.weights[layer][:, out], mlp.biases[layer][out]))
-    return "\n".join([*texts, _layer("layer_2", HIDDEN, mlp.weights[2], mlp.biases[2])])
-
-
-def view_mlp_biases(mlp: ViewMlp) -> str:
-    """The biases as `const vec4 BIAS_L[]`, zero-padded to whole vectors."""
-    lines = []
-    for layer, bias in enumerate(mlp.biases):
+def view_mlp_includes(mlp: ViewMlp | None) -> dict[str, str]:
+    """The includes that shaders/view_mlp.glsl and view_mlp_textures.glsl describe; empty texts without a view MLP."""
+    functions, biases = [], []
+    for layer, (weights, bias) in enumerate(zip(mlp.weights, mlp.biases, strict=True) if mlp else ()):
+        outputs = [slice(4 * j, 4 * j + 4) for j in range(-(-len(bias) // 4))]
+        for j, out in enumerate(outputs):
+            vectors = HIDDEN if layer else INPUTS
+            functions.append(_layer(f"layer_{layer}_{j}", vectors, weights[:, out], bias[out]))
         padded = np.pad(bias, (0, -len(bias) % 4))
-        vectors = ", ".join(f"vec4({_numbers(row)})" for row in padded.reshape(-1, 4))
-        lines.append(f"const vec4 BIAS_{layer}[{len(padded) // 4}] = vec4[]({vectors});")
-    return "\n".join(lines) + "\n"
+        texts = ", ".join(f"vec4({_numbers(padded[out])})" for out in outputs)
+        biases.append(f"const vec4 BIAS_{layer}[{len(outputs)}] = vec4[]({texts});\n")
+    return {"view_mlp_weights": "\n".join(functions), "view_mlp_biases": "".join(biases)}

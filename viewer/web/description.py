@@ -40,7 +40,7 @@ from viewer.rendering.gpu_scene import (
 )
 from viewer.rendering.ray_frame import RayFrame
 from viewer.rendering.settings import Look, Mode, RenderSettings
-from viewer.rendering.shader_source import assemble_es, define_lines, glsl_vec3
+from viewer.rendering.shader_source import assemble_es, define_lines, glsl_vec3, view_mlp_includes
 from viewer.rendering.skip_grid import skip_grid_of
 from viewer.web.atlas_stream import BLOCKS_A_CHUNK, FilmedPiece, compressed_chunks, films_of
 
@@ -199,7 +199,7 @@ def _slots(count: int, block: int, parts: int) -> Triple:
 
 def _shaders(pack: Pack, look: Look | None) -> dict[str, Any]:
     """Texts by file name; the #define lines of each mode, and those that show a gradient behind the scene; uniforms of a look."""
-    features, generated = features_stored(pack), renderer.view_mlp_text(pack)
+    features, generated = features_stored(pack), view_mlp_includes(pack.view_mlp)
     unused = ["march_paper.glsl", "march_brute.glsl", "march_atlas.glsl", "view_mlp_textures.glsl"]
     unused += [] if pack.contraction is not None else ["path.glsl"]
     unused += [] if look is not None else ["look.glsl"]
@@ -212,12 +212,12 @@ def _shaders(pack: Pack, look: Look | None) -> dict[str, Any]:
     assert shown is not None
 
     modes = [mode for mode in MODES if features or mode not in ("features", "view-dependent")]
-    settings = {mode: RenderSettings(mode=mode, look=look) for mode in modes}  # type: ignore[arg-type]
+    settings = [RenderSettings(mode=mode, look=look) for mode in modes]
     return {
         "texts": texts,
         "modes": {
-            mode: define_lines(renderer.shader_defines(pack, each, sizes={}, features_beside=features))
-            for mode, each in settings.items()
+            each.mode: define_lines(renderer.shader_defines(pack, each, sizes={}, features_beside=features))
+            for each in settings
         },
         "backdrop": define_lines({"BACKDROP": True}),
         "look": renderer.look_uniforms(look),
