@@ -30,9 +30,8 @@ def figures(measurement: Measurement, scene: Scene | None, split: str, *, system
     systems: the contenders are two packs, each with a marcher of its own.
     """
     ours, *others = measurement.contenders
-    result: dict[str, Any] = {**ours.statistics(), "watts": measurement.watts, "fps_per_watt": None}
-    if measurement.watts is not None:
-        result["fps_per_watt"] = result["fps"] / measurement.watts
+    result: dict[str, Any] = {**ours.statistics(), "watts": measurement.watts}
+    result["fps_per_watt"] = result["fps"] / measurement.watts if measurement.watts else None
     if scene is not None:
         views = scene.splits[split]
         result["photographs"] = {

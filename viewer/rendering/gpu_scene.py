@@ -163,15 +163,13 @@ class GpuScene:
             yield from software.move_to_huge_pages(sorted(software.huge_pages() - taken_before))
 
     def _next_layer(self) -> int:
-        """The layer whose nearest macroblock is closest to `near`, of those that have not arrived."""
-        coming = np.flatnonzero(~self._arrived)
+        """The layer of the macroblock closest to `near`, of those that have not arrived."""
         if self.near is None or not len(self.blocks):
-            return int(coming[0])
+            return int(np.argmin(self._arrived))
+        layers = np.arange(len(self.blocks)) // (self.slots[0] * self.slots[1])  # of each macroblock
         middles = (self.blocks[:, ::-1] + 0.5) * self.pack.block_size
-        away = np.full(len(self._arrived), inf)
-        layers = np.arange(len(middles)) // (self.slots[0] * self.slots[1])  # of each macroblock, in the grid's order
-        np.minimum.at(away, layers, np.square(middles - self.near).sum(axis=1))
-        return int(coming[np.argmin(away[coming])])
+        away = np.square(middles - self.near).sum(axis=1)
+        return int(layers[np.argmin(np.where(self._arrived[layers], inf, away))])
 
     def _indirection(self) -> np.ndarray:
         """Of the macroblocks that have arrived."""

@@ -1,8 +1,5 @@
 """OpenGL beside moderngl: versions, the current context, framebuffers, programs and their buffers, timer queries.
 
-The window and the offscreen renderer ask here, so that both say the same. A function's address, as drivers hand them
-out, stands for OpenGL itself: the context that is current may be older than anything moderngl speaks to.
-
 moderngl makes a context current, but neither says which one was nor makes that current again; on EGL, leaving `with ctx:`
 leaves none at all.
 
@@ -24,10 +21,10 @@ import moderngl
 import numpy as np
 
 from console import UserError
-from viewer.rendering.software_rasteriser import finish, is_software
+from viewer.rendering.software_rasteriser import GL_VERSION, finish, is_software
 
 NEEDED = "OpenGL 3.3 or later"
-GL_RENDERER, GL_VERSION = 0x1F01, 0x1F02
+GL_RENDERER = 0x1F01
 OVERRIDE = "MESA_GL_VERSION_OVERRIDE"
 # Other variables of the environment that decide which driver draws.
 DRIVER_CHOICES = (
@@ -38,7 +35,10 @@ PACKAGES = "apt-get install libgl1 libegl1 libgl1-mesa-dri, or dnf install mesa-
 
 
 def version_at(get_string: int | None) -> str:
-    """Version and renderer of the current context, "" where unknown. get_string: address of glGetString, if there is one."""
+    """Version and renderer of the current context, which may be too old for moderngl; "" where unknown.
+
+    get_string: address of glGetString, if there is one.
+    """
     if not get_string:
         return ""
     make = getattr(ctypes, "WINFUNCTYPE", ctypes.CFUNCTYPE)  # OpenGL's calling convention on Windows

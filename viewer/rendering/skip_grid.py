@@ -1,7 +1,6 @@
 """Skip grid: how far each cell is from content; and the hull of the content.
 
-A box around the content would do, but covers twice as many pixels of a trained lego as see something: 39 % of a picture
-in the mean of four views, the hull 27 %, the lego itself 20 %.
+A box around the content would do, but more pixels see it (docs/notebook.md).
 
 Notation: a *texel cube* j is the cube within which trilinear interpolation blends the same 2^3 voxels, j and j + 1 along
 each axis: it spans j + 0.5 ... j + 1.5, and j = -1 ... n - 1. A *cell* i is `CELL`^3 texel cubes, from CELL * i - 0.5 to

@@ -17,15 +17,14 @@ from functools import cache
 
 import moderngl
 
-LIBRARIES = {"win32": ("opengl32",), "darwin": ("/System/Library/Frameworks/OpenGL.framework/OpenGL",)}
-ELSEWHERE = ("libGL.so.1", "libOpenGL.so.0")
+LIBRARIES = {"win32": ["opengl32"], "darwin": ["/System/Library/Frameworks/OpenGL.framework/OpenGL"]}
 GL_VERSION = 0x1F02
 
 
 @cache
 def opengl() -> ctypes.CDLL | None:
     """The system's OpenGL library; None where there is none that knows the context that is current at the first call."""
-    for name in LIBRARIES.get(sys.platform, ELSEWHERE):
+    for name in LIBRARIES.get(sys.platform, ["libGL.so.1", "libOpenGL.so.0"]):
         with suppress(OSError, AttributeError):
             library = ctypes.CDLL(name)
             library.glGetString.restype = ctypes.c_char_p

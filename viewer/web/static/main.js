@@ -5,7 +5,7 @@ import { Overlay } from "./overlay.js";
 import { Renderer } from "./renderer.js";
 import { Resolution } from "./resolution.js";
 import { sceneOf, unpack } from "./scene.js";
-import { cross, mix, norm, scaled } from "./vectors.js";
+import { cross, dot, mix, norm, scaled } from "./vectors.js";
 
 const NAMES = {
   normal: "Picture", diffuse: "Diffuse", features: "Features", "view-dependent": "Reflections", depth: "Depth", normals: "Normals",
@@ -101,9 +101,8 @@ function between(a, b, share) {
   const column = (j) => [row[j], row[4 + j], row[8 + j]];
   const unit = (v) => scaled(v, 1 / norm(v));
   const back = unit(column(2));
-  const side = cross(column(1), back);
-  const right = unit(side);
-  const handed = side[0] * row[0] + side[1] * row[4] + side[2] * row[8] < 0 ? -1 : 1;
+  const right = unit(cross(column(1), back));
+  const handed = dot(right, column(0)) < 0 ? -1 : 1;
   const axes = [scaled(right, handed), cross(back, right), back];
   return { axes, eye: column(3), fov: row[12] };
 }
