@@ -29,9 +29,7 @@ GOLDEN_ANGLE = pi * (3.0 - sqrt(5.0))
 
 
 def lens_cameras(camera: ViewCamera, aperture: Aperture) -> list[ViewCamera]:
-    """Cameras at points of the opening. ValueError for a camera without perspective, or through a lens that distorts."""
-    if camera.orthographic or any(camera.distortion) or camera.is_panorama:
-        raise ValueError("depth of field needs a perspective camera without distortion")
+    """Cameras at points of the opening, of a perspective camera without distortion."""
     cameras = []
     for i in range(aperture.rays):  # a sunflower's spiral: equal areas
         radius, turn = 0.5 * aperture.diameter * sqrt((i + 0.5) / aperture.rays), GOLDEN_ANGLE * i

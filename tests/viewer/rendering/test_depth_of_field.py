@@ -65,12 +65,6 @@ def test_the_picture_is_the_mean_of_exact_renders_from_the_lens(renderer) -> Non
     assert np.array_equal(renderer.render(CAMERA, depth), renderer.render(CAMERA, replace(depth, aperture=aperture)))
 
 
-def test_cameras_without_a_perspective_have_none(renderer) -> None:
-    for camera in (CAMERA.as_orthographic(2.0), CAMERA.as_panorama((64, 32))):
-        with pytest.raises(ValueError, match="perspective"):
-            renderer.render(camera, RenderSettings(aperture=Aperture(0.1, 2.0, 4)))
-
-
 def test_the_command_focuses_on_the_middle_or_at_a_distance(tmp_path: Path) -> None:
     save_pack(bars(), tmp_path / "bars")
     words = ["--eye", "-0.3,0,3", "--target", "-0.3,0,0", "--size", "240x120", "--aperture", "0.4"]
