@@ -74,8 +74,8 @@ class SkipGrid:
     """What rays may jump over."""
 
     words: np.ndarray  # uint16 [cells z, y, x], see skip_words
-    content_min: np.ndarray  # see content_bounds
-    content_max: np.ndarray
+    content_min: np.ndarray  # float64 [3] (x, y, z), voxels: corners of the box around all cells with content, ...
+    content_max: np.ndarray  # ... both zero where none has
     hull: np.ndarray  # float32 [T, 3, 3], see hull_triangles
 
 
@@ -83,11 +83,14 @@ class SkipGrid:
 def skip_grid_of(pack: Pack) -> SkipGrid:
     words = skip_words(content_eighths(pack))
     content = words & FARTHEST == 0
-    return SkipGrid(words, *content_bounds(content), hull_triangles(content))
+    low, high = np.zeros(3), np.zeros(3)
+    if len(cells := np.argwhere(content)[:, ::-1]):
+        low, high = CELL * cells.min(axis=0) - 0.5, CELL * (cells.max(axis=0) + 1) - 0.5
+    return SkipGrid(words, low, high, hull_triangles(content))
 
 
 def skip_words(eighths: np.ndarray) -> np.ndarray:
-    """uint16 [cells z, y, x]: a cell's distance (chebyshev_distances) in the low byte, its eighths with content above it.
+    """uint16 [cells z, y, x]: a cell's distance, at most FARTHEST, in the low byte, its eighths with content above it.
 
     eighths: bool [z, y, x], as content_eighths has them. Bit 8 + dx + 2 dy + 4 dz is that of eighth (dx, dy, dz).
     """
@@ -97,7 +100,10 @@ def skip_words(eighths: np.ndarray) -> np.ndarray:
         some = eighths[dz::2, dy::2, dx::2]
         z, y, x = some.shape
         bits[:z, :y, :x] |= some.astype(np.uint16) << (8 + bit)
-    return bits | chebyshev_distances(bits > 0)
+    if not bits.any():
+        return np.full_like(bits, FARTHEST)
+    distance: Any = ndimage.distance_transform_cdt(bits == 0, metric="chessboard")
+    return bits | np.minimum(distance, FARTHEST).astype(np.uint8)
 
 
 def content_eighths(pack: Pack) -> np.ndarray:
@@ -119,19 +125,3 @@ def content_eighths(pack: Pack) -> np.ndarray:
         at = tuple(slice(f // 2, f // 2 + n) for f, n in zip(first, content.shape, strict=True))
         cells[at] |= content[tuple(slice(0, c.stop - c.start) for c in at)]
     return cells
-
-
-def chebyshev_distances(content: np.ndarray) -> np.ndarray:
-    """uint8 [z, y, x]: Chebyshev distance, at most FARTHEST, from each cell to the nearest True of `content`."""
-    if not content.any():
-        return np.full(content.shape, FARTHEST, np.uint8)
-    distance: Any = ndimage.distance_transform_cdt(~content, metric="chessboard")
-    return np.minimum(distance, FARTHEST).astype(np.uint8)
-
-
-def content_bounds(content: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners float64 [3] (x, y, z), voxels, of the box around all cells with content; both zero where none has."""
-    cells = np.argwhere(content)[:, ::-1]
-    if not len(cells):
-        return np.zeros(3), np.zeros(3)
-    return CELL * cells.min(axis=0) - 0.5, CELL * (cells.max(axis=0) + 1) - 0.5

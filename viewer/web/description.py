@@ -5,6 +5,7 @@ A level is the pack at one resolution. The page shows the coarsest first, and st
 
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from math import log2
 from pathlib import Path
@@ -190,10 +191,8 @@ def _piece(filmed: FilmedPiece, sections: list[bytes], *, features: bool) -> dic
 
 def _slots(count: int, block: int, parts: int) -> Triple:
     for side in SIDES:
-        try:
+        with suppress(NoRoomError):
             return tightest_atlas(count, block, side, parts)
-        except NoRoomError:
-            pass
     raise UserError("the pack is too large for a web page", remedy="bake it at a lower resolution")
 
 
@@ -212,7 +211,7 @@ def _shaders(pack: Pack, look: Look | None) -> dict[str, Any]:
     assert shown is not None
 
     modes = [mode for mode in MODES if features or mode not in ("features", "view-dependent")]
-    settings = [RenderSettings(mode=mode, look=look) for mode in modes]
+    settings = [RenderSettings(mode=mode, look=look) for mode in modes]  # type: ignore[arg-type]
     return {
         "texts": texts,
         "modes": {
