@@ -4,7 +4,7 @@ A level is the pack at one resolution. The page shows the coarsest first, and st
 """
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from math import log2
@@ -128,6 +128,11 @@ def _add(sections: list[bytes], data: bytes) -> list[int]:
     return [sum(map(len, sections[:-1])), len(data)]
 
 
+def _column_major(uniforms: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Numbers, vectors and matrices as WebGL takes them."""
+    return {name: np.ravel(value, order="F") for name, value in uniforms.items()}
+
+
 def _level(
     pack: Pack, crop: Corners | None, films: list[FilmedPiece] | None, on_progress: OnProgress
 ) -> tuple[dict[str, Any], list[bytes]]:
@@ -149,10 +154,10 @@ def _level(
         "box": frame.box(RenderSettings(crop=crop)),
         "innerBox": frame.box(RenderSettings(crop=crop, surroundings=False)),
         "depthBox": frame.box(RenderSettings(surroundings=False)),
-        "uniforms": {
+        "uniforms": _column_major({
             **frame.ndc, **frame.contraction,
             "grid_size": pack.grid_size, "content_min": skip_grid.content_min, "content_max": skip_grid.content_max,
-        },
+        }),
         "defines": define_lines({
             f"{name.upper()}_TEXEL": glsl_vec3(1.0 / side for side in each) for name, each in sizes.items()
         }),
@@ -219,7 +224,7 @@ def _shaders(pack: Pack, look: Look | None) -> dict[str, Any]:
             for each in settings
         },
         "backdrop": define_lines({"BACKDROP": True}),
-        "look": renderer.look_uniforms(look),
+        "look": _column_major(renderer.look_uniforms(look)),
         "backdropColours": [shown.first, shown.second],
         "overBackground": [mode for mode in modes if mode in renderer.MODES_OVER_BACKGROUND],
     }

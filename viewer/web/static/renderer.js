@@ -161,10 +161,9 @@ export class Renderer {
     const voxels = scene.ndc ? 1 : 1 / scene.voxelSize;
     const position = scaled(subtract(view.eye, scene.minXyz), 1 / scene.voxelSize);
     const [low, high] = settings.surroundings === false ? scene.innerBox : scene.box;
-    const fixed = {};
-    for (const [name, value] of Object.entries({ ...scene.uniforms, ...scene.shaders.look })) fixed[name] = columnMajor(value);
     return {
-      ...fixed,
+      ...scene.uniforms,
+      ...scene.shaders.look,
       viewport_origin: [0, 0],
       picture_size: [width, height],
       intrinsics: [focal, focal, 0.5 * width, 0.5 * height],
@@ -307,10 +306,4 @@ export class Renderer {
     for (let y = 0; y < height; y++) upright.set(pixels.subarray(4 * width * y, 4 * width * (y + 1)), 4 * width * (height - 1 - y));
     return new ImageData(upright, width, height);
   }
-}
-
-// A matrix of rows, a vector or a number as WebGL wants it.
-function columnMajor(value) {
-  if (!Array.isArray(value)) return [value];
-  return Array.isArray(value[0]) ? value[0].flatMap((_, j) => value.map((row) => row[j])) : value;
 }
