@@ -10,7 +10,7 @@ from typing import Any
 
 import moderngl
 
-from console import Notice, notify
+from console import Notice, UserError, notify
 from scenepack.contraction import contract
 from scenepack.pack import Pack
 from viewer.rendering.camera import ViewCamera
@@ -130,7 +130,7 @@ class Renderer:
         """Draws the view of `camera` into `framebuffer`, over whatever was there. corner: the lower left one's pixel."""
         settings = settings or RenderSettings()
         if camera.orthographic and self.pack.ndc:
-            raise ValueError("a forward-facing pack has no orthographic view: its warp begins at one point")
+            raise UserError("a forward-facing pack has no orthographic view", remedy="choose a perspective one")
         aperture = settings.aperture if settings.mode in MODES_WITH_BLUR else None
         if settings.samples > 1 or aperture is not None:
             self._supersampling.draw(self.render, framebuffer, camera, replace(settings, aperture=aperture), corner)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from console import UserError
 from scenepack import Pack, load_pack
 from tests.reference_marcher import render_reference
 from tests.scenepack.random_packs import packs, random_pack
@@ -115,7 +116,7 @@ def test_every_lens_sees_the_same_rays(shapes: Pack, offscreen, name: str) -> No
 def test_a_lens_bends_the_same_rays_of_a_forward_facing_pack_which_has_no_orthographic_view(offscreen, ndc_shapes):
     camera = forward_facing_camera(np.random.default_rng(3))
     assert_exact(offscreen(ndc_shapes), replace(camera, distortion=LENSES["opencv"]))
-    with pytest.raises(ValueError, match="no orthographic view"):
+    with pytest.raises(UserError, match="no orthographic view"):
         offscreen(ndc_shapes).render(camera.as_orthographic(2.0))
 
 
