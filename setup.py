@@ -4,7 +4,7 @@ So no module of a user's shadows one of ours, nor the other way round. Imports a
 ours; nothing else changes. An editable install has the folders of the repository as they are.
 """
 
-import ast
+import re
 import shutil
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
 PACKAGES = ("console", "scenepack", "training", "baker", "viewer", "shaders")
+OURS = "|".join(PACKAGES)
 PREFIX = "snerg._src."
 
 
@@ -36,30 +37,19 @@ class BuildBelowOneName(build_py):
 
 def rewritten(source: str) -> str:
     """A module that finds our packages below PREFIX. ValueError for imports whose names would change."""
-    lines = [line.encode() for line in source.splitlines(keepends=True)]
-    places: list[tuple[int, int]] = []  # line and column (bytes) of names that get the prefix
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            if any(alias.name.split(".")[0] in PACKAGES for alias in node.names):
-                raise ValueError(f"line {node.lineno}: write `from package import module`")
-        elif isinstance(node, ast.ImportFrom):
-            if node.level == 0 and (node.module or "").split(".")[0] in PACKAGES:
-                places.append((node.lineno - 1, node.col_offset + len("from ")))
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and names_module(node.value):
-            at = lines[node.lineno - 1][node.col_offset : node.end_col_offset]
-            if at[1:-1] == node.value.encode():
-                places.append((node.lineno - 1, node.col_offset + 1))
-    for line, column in sorted(places, reverse=True):
-        lines[line] = lines[line][:column] + PREFIX.encode() + lines[line][column:]
-    return b"".join(lines).decode()
+    if plain := re.search(rf"^ *import (?:{OURS})\b.*", source, re.M):
+        raise ValueError(f"{plain[0].strip()}: write `from package import module`")
+    source = re.sub(rf"^( *from )(?=(?:{OURS})[.\w]* import\b)", rf"\1{PREFIX}", source, flags=re.M)
+    return re.sub(
+        rf"""(["'])((?:{OURS})(?:\.\w+)+)(?=\1)""",
+        lambda name: name[1] + PREFIX * is_module(name[2]) + name[2],
+        source,
+    )
 
 
-def names_module(text: str) -> bool:
-    """Whether a text is the dotted name of a module within our packages."""
-    parts = text.split(".")
-    if len(parts) < 2 or parts[0] not in PACKAGES or not all(part.isidentifier() for part in parts):
-        return False
-    path = ROOT.joinpath(*parts)
+def is_module(name: str) -> bool:
+    """Whether a dotted name is that of a module of ours."""
+    path = ROOT.joinpath(*name.split("."))
     return path.is_dir() or path.with_suffix(".py").is_file()
 
 
