@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, BinaryIO
+from typing import Any
 
 # On the module path: a checkout, or a folder of installed packages.
 ROOT = Path(__file__).resolve().parents[__name__.count(".")]
@@ -46,8 +46,8 @@ class ChildProcess:
             command, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, env=environment,
             start_new_session=True, creationflags=_FLAGS,
         )  # fmt: skip
-        assert self._process.stdin is not None
-        self.input, self._output = self._process.stdin, self._process.stdout
+        self.input: Any = self._process.stdin
+        self.output: Any = self._process.stdout  # what it prints, where stdout is a pipe; else None
         if polite and sys.platform != "win32":
             with contextlib.suppress(OSError):
                 os.setpriority(os.PRIO_PROCESS, self.pid, POLITENESS)
@@ -55,12 +55,6 @@ class ChildProcess:
     @property
     def pid(self) -> int:
         return self._process.pid
-
-    @property
-    def output(self) -> BinaryIO:
-        """What it prints, where stdout is a pipe."""
-        assert self._output is not None
-        return self._output  # type: ignore[return-value]
 
     def poll(self) -> int | None:
         """Exit status (negative: the signal that ended it); None while it runs."""
@@ -110,7 +104,7 @@ class ChildProcess:
         if self.poll() is None:
             self.kill()
         self._process.wait()
-        for pipe in (self.input, self._output):  # who reads from it in another thread has met its end, or does now
+        for pipe in (self.input, self.output):  # who reads from it in another thread has met its end, or does now
             with contextlib.suppress(OSError, ValueError):
                 if pipe is not None:
                     pipe.close()

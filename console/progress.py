@@ -55,12 +55,6 @@ class Estimate:
         else:
             self._end += (1.0 - math.exp((before - now) / SMOOTHED_S)) * (end - self._end)
 
-    def pause(self, seconds: float) -> None:
-        """Other work took so long; what is left of this one takes as long as before."""
-        self._updates = deque((time + seconds, done) for time, done in self._updates)
-        self._began = None if self._began is None else self._began + seconds
-        self._end = None if self._end is None else self._end + seconds
-
     def left(self, now: float) -> float | None:
         """Seconds, 1 at least; None while too little is known, and where the work takes longer than was expected."""
         return None if self._end is None or self._end < now + 1.0 else self._end - now
@@ -90,6 +84,7 @@ class Progress:
         self.metrics: Mapping[str, float] = {}
         self.begun = begun
         self.started = time.monotonic()
+        self.paused = 0.0  # seconds of work within it with progress of its own; the estimate leaves them out
         self._estimate = Estimate(total)
         self._lock = threading.RLock()  # updates come from one thread, and as time passes from another
         self._stage, self._on_report, self._reported = stage or title, on_report, -math.inf
@@ -98,7 +93,7 @@ class Progress:
     @property
     def seconds_left(self) -> float | None:
         """An estimate; None while too little is known for one."""
-        return self._estimate.left(time.monotonic()) if self.done < self.total else None
+        return self._estimate.left(time.monotonic() - self.paused) if self.done < self.total else None
 
     @property
     def time_left(self) -> str:
@@ -114,13 +109,9 @@ class Progress:
             self.done, self.metrics = done, metrics or {}
             self.note = note or in_words(self.metrics)
             if done > self.begun:
-                self._estimate.update(time.monotonic(), done)
+                self._estimate.update(time.monotonic() - self.paused, done)
             self.report(at_once=done >= self.total)
             self._show(updated=True)
-
-    def pause(self, seconds: float) -> None:
-        """Other work, with progress of its own, took so long."""
-        self._estimate.pause(seconds)
 
     def beat(self) -> None:
         """Time passes, whether or not anything is finished."""
@@ -250,4 +241,4 @@ def _in_time(work: Progress) -> Iterator[None]:
         clock.join()
         _running.remove(work)
         for outer in _running:
-            outer.pause(time.monotonic() - work.started)
+            outer.paused += time.monotonic() - work.started

@@ -128,7 +128,7 @@ class _Process(ChildProcess):
 
     def _part(self, shape: Shape) -> np.ndarray:
         part = np.empty((*shape, 4), np.uint8)
-        if self.output.readinto(part.reshape(-1).data) < part.nbytes:  # type: ignore[attr-defined]  (a BufferedReader)
+        if self.output.readinto(part.reshape(-1).data) < part.nbytes:
             raise EOFError
         return part
 
