@@ -138,18 +138,13 @@ def fill_atlas(
     atlas_blocks = choose_atlas_blocks(int(kept.sum()), block_size)
     indices, shape = atlas_layout(kept, atlas_blocks), (*atlas_shape(atlas_blocks, block_size), 4)
     rgba, features = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8) if channels == 8 else None
+    side = block_size + 2
     for place, voxels in blocks:
-        at = data_voxels(indices[place], block_size)
+        at = tuple(slice(i * side + 1, (i + 1) * side - 1) for i in indices[place].tolist()[::-1])
         rgba[at] = voxels[..., :4]
         if features is not None:
             features[at] = voxels[..., 4:]
     return indices, rgba, features
-
-
-def data_voxels(slot_xyz: np.ndarray, block_size: int) -> tuple[slice, ...]:
-    """Where in the atlas (z, y, x) the data voxels of the macroblock in a slot (x, y, z) lie."""
-    side = block_size + 2
-    return tuple(slice(i * side + 1, (i + 1) * side - 1) for i in slot_xyz.tolist()[::-1])
 
 
 def with_macroblocks(pack: Pack, blocks: Macroblocks, kept: np.ndarray) -> Pack:
@@ -182,11 +177,9 @@ def dense_from_pack(pack: Pack, box: tuple[Triple, Triple] | None = None) -> tup
     shape, size = (high - low).tolist(), pack.block_size
     dense = [np.zeros((*shape, 4), np.uint8) for _ in pack.atlases]
     first = low // size
+    end = np.minimum(high, pack.grid_size[::-1])
     for block in np.argwhere(pack.occupied[tuple(map(slice, first, -(-high // size)))]) + first:
-        start, stop = (
-            np.maximum(block * size, low),
-            np.minimum((block + 1) * size, np.minimum(high, pack.grid_size[::-1])),
-        )
+        start, stop = np.maximum(block * size, low), np.minimum((block + 1) * size, end)
         to, of = (tuple(map(slice, start - corner, stop - corner)) for corner in (low, block * size))
         for part, atlas in zip(dense, pack.atlases, strict=True):
             part[to] = block_data(pack, atlas, tuple(block))[of]

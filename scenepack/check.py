@@ -1,8 +1,6 @@
 """Does a pack keep its own rules? `check_pack` looks at every voxel in use, macroblock by macroblock.
 
-Notation: bs data voxels a side, B = bs + 2; a macroblock's padded copy is [B, B, B], its data is what is left
-without the outermost voxels, and these, the shell, copy the neighbours' data, or are zero where a neighbour
-is empty or outside of the grid.
+Notation: as in scenepack.blocks.
 """
 
 from collections.abc import Iterator, Mapping

@@ -120,7 +120,8 @@ def open_files(path: Path) -> PackFiles:
     """The files of the pack at `path`. UserError where no folder or readable zip holds one."""
     try:
         if path.is_dir():
-            files = _in_folder(path)
+            sizes = {entry.name: entry.stat().st_size for entry in path.iterdir() if entry.is_file()}
+            files = PackFiles(path, sizes, lambda name: (path / name).open("rb"))
         elif path.is_file():
             refuse_other_file(path)
             files = _in_zip(path)
@@ -148,11 +149,6 @@ def _not_a_pack(path: Path, names: list[str]) -> UserError:
 def stored_bytes(path: Path) -> int:
     """What a pack takes on disk."""
     return path.stat().st_size if path.is_file() else sum(f.stat().st_size for f in path.iterdir() if f.is_file())
-
-
-def _in_folder(path: Path) -> PackFiles:
-    sizes = {entry.name: entry.stat().st_size for entry in path.iterdir() if entry.is_file()}
-    return PackFiles(path, sizes, lambda name: open(path / name, "rb"))
 
 
 def _in_zip(path: Path) -> PackFiles:

@@ -23,7 +23,6 @@ from console.streams import one_line
 from scenepack.blocks import grid_block_counts, restore_pack_padding
 from scenepack.coarse import coarse_pack, order_of_groups
 from scenepack.codecs import PngCodec, codec_named
-from scenepack.codecs.base import decoding
 from scenepack.codecs.decoder_sandbox import Decoders
 from scenepack.codecs.images import decode_png
 from scenepack.codecs.quantisation import from_counts
@@ -152,16 +151,16 @@ class PackReader:
         piece, names = self.pieces[number], self.names[number]
         most = 2 * int(np.prod(piece.shape)) * 4 + (1 << 20)  # no format grows noise by more
         data = {name: self.files.read(name, most) for name in names}
+        if isinstance(self.codec, PngCodec):
+            first = number * PLANES_PER_IMAGE
+            for name, atlas in zip(names, atlases, strict=True):
+                with self.files.decoding(name):
+                    decode_png(data[name], atlas[first : first + PLANES_PER_IMAGE].reshape(-1, *atlas.shape[2:]))
+            return
         with self.files.decoding(names[0]):
-            if isinstance(self.codec, PngCodec):
-                first = number * PLANES_PER_IMAGE
-                for name, atlas in zip(names, atlases, strict=True):
-                    with decoding(name):
-                        decode_png(data[name], atlas[first : first + PLANES_PER_IMAGE].reshape(-1, *atlas.shape[2:]))
-                return
             decoded = decoders.decode(self.codec.name, data, names, piece.shape, len(atlases) > 1)
-            for values, atlas in zip(from_counts(decoded, self.steps), atlases, strict=True):
-                piece.scatter(values, atlas)
+        for values, atlas in zip(from_counts(decoded, self.steps), atlases, strict=True):
+            piece.scatter(values, atlas)
 
     @property
     def _groups(self) -> int:
@@ -210,7 +209,7 @@ class PackReader:
         png_channels(self.files, INDICES_NAME, x, z * y, "grid and block_size", "pixels")
         image = np.empty((z * y, x, 4), np.uint8)
         data = self.files.read(INDICES_NAME, 2 * image.nbytes + (1 << 20))
-        with self.files.decoding(INDICES_NAME), decoding(INDICES_NAME):
+        with self.files.decoding(INDICES_NAME):
             decode_png(data, image)
         indices = np.ascontiguousarray(image.reshape(z, y, x, 4)[..., :3])
         occupied = indices[..., 0] != EMPTY_BLOCK

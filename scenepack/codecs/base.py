@@ -24,8 +24,8 @@ class CodecError(Exception):
 
 
 @contextmanager
-def decoding(file: str) -> Iterator[None]:
-    """Whatever goes wrong inside is a CodecError of `file`: the libraries raise dozens of unrelated types."""
+def decoding(file: str | None = None) -> Iterator[None]:
+    """Whatever goes wrong inside is a CodecError, of `file`: the libraries raise dozens of unrelated types."""
     try:
         yield
     except CodecError as error:

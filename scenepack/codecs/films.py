@@ -38,26 +38,20 @@ def _padded(values: np.ndarray, axes: tuple[int, ...] = (1, 2)) -> np.ndarray:
     return np.pad(values, [(0, -side % CELL if axis in axes else 0) for axis, side in enumerate(values.shape)])
 
 
-def _filled(
-    values: np.ndarray, alpha: np.ndarray, smoothing: float = 0.0, *, premultiplied: bool = False
-) -> np.ndarray:
-    """uint8 [D, H, W, C] in whole cells: straight if it was `premultiplied`, and continued where alpha uint8 [D, H, W] is 0."""
-    whole, opacity = _padded(values, (0, 1, 2)), _padded(alpha[..., None], (0, 1, 2))
+def _filled(values: np.ndarray, weights: np.ndarray, unit: int = 1, smoothing: float = 0.0) -> np.ndarray:
+    """uint8 [D, H, W, C] in whole cells: `unit` · values / weights [D, H, W], continued where the weight is 0."""
+    whole, weights = _padded(values, (0, 1, 2)), _padded(weights[..., None], (0, 1, 2))
     result = np.full_like(whole, GREY)
-    colours, weights, results = map(_cells, (whole, opacity, result))
-    used = np.argwhere(weights.any(axis=(3, 4, 5, 6)))
+    colour_cells, weight_cells, result_cells = map(_cells, (whole, weights, result))
+    used = np.argwhere(weight_cells.any(axis=(3, 4, 5, 6)))
     for start in range(0, len(used), CELLS_AT_ONCE):
         some = tuple(used[start : start + CELLS_AT_ONCE].T)
-        colour, weight = colours[some].astype(np.float32), weights[some].astype(np.float32)
-        if not premultiplied:
-            weight = (weight > 0).astype(np.float32)
-            colour *= weight
-        elif smoothing > 0:
+        colour, weight = colour_cells[some].astype(np.float32), weight_cells[some].astype(np.float32)
+        if smoothing > 0:
             surroundings = _blurred(colour) / np.maximum(_blurred(weight), 1e-6)
             inside = smoothing * (weight > 0)
             colour, weight = colour + inside * surroundings, weight + inside
-        mean = _pull_push(colour, weight) * (255 if premultiplied else 1)
-        results[some] = np.clip(np.rint(mean), 0, 255).astype(np.uint8)
+        result_cells[some] = np.clip(np.rint(unit * _pull_push(colour, weight)), 0, 255).astype(np.uint8)
     return result[: len(values)]
 
 
@@ -70,12 +64,10 @@ def _cells(values: np.ndarray) -> np.ndarray:
 
 def _blurred(values: np.ndarray) -> np.ndarray:
     """Weights 1 2 1 along axes 1, 2, 3, zeros outside; not normalised."""
+    from scipy import ndimage
+
     for axis in (1, 2, 3):
-        line = np.moveaxis(values, axis, 0)
-        spread = 2 * line
-        spread[1:] += line[:-1]
-        spread[:-1] += line[1:]
-        values = np.moveaxis(spread, 0, axis)
+        values = ndimage.correlate1d(values, [1, 2, 1], axis, mode="constant")
     return values
 
 
@@ -124,9 +116,9 @@ class FilmCodec(Codec):
         k = FIRST_SMOOTHING * min(1.0, (100 - quality) / (100 - SMOOTHED_FROM))
 
         def colours(values: np.ndarray) -> np.ndarray:
-            return _filled(values, alpha, k, premultiplied=True) if self.straight else _padded(values)
+            return _filled(values, alpha, 255, k) if self.straight else _padded(values)
 
-        grey = _filled(alpha[..., None], alpha)[..., 0] if self.straight else _padded(alpha)
+        grey = _filled(alpha[..., None], alpha > 0)[..., 0] if self.straight else _padded(alpha)
         files = [_pack_occupancy(alpha > 0), self.film(grey, "alpha", quality)]
         files.append(self.film(colours(rgba[..., :3]), "rgb", quality))
         for features in others:

@@ -76,11 +76,12 @@ def encode_png(pixels: np.ndarray) -> bytes:
     return bytes(imagecodecs.png_encode(np.ascontiguousarray(pixels), strategy=imagecodecs.PNG.STRATEGY.RLE))
 
 
+@decoding()
 def decode_png(data: bytes, out: np.ndarray) -> None:
     """Decodes a PNG of 8 bits or fewer into `out`, uint8 [H, W, 4], contiguous, of exactly its size.
 
     Layouts that optimisers leave behind are put back as the PNG standard has it: grey and palette become RGB,
-    a missing alpha is 255. Releases the GIL while it decodes RGBA. Call it within `decoding`: it raises errors of many types.
+    a missing alpha is 255. Releases the GIL while it decodes RGBA. CodecError where it cannot.
     """
     width, height, channels = probe_png(data[:PNG_HEADER_BYTES], len(data))
     if (height, width) != out.shape[:2]:

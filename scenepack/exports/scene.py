@@ -205,10 +205,9 @@ def scattered(surface: Surface, export: Export, export_frame: ExportFrame) -> tu
                         remedy="choose a larger one")  # fmt: skip
     rng = np.random.default_rng(0)
     chosen = np.minimum(np.searchsorted(sums, np.arange(count) + rng.random(count)), len(sums) - 1)
-    u, v = rng.random((2, count))
-    over = u + v > 1
-    weights = np.stack([np.where(over, 1 - u, u), np.where(over, 1 - v, v)], axis=1)
-    weights = np.concatenate([1 - weights.sum(axis=1, keepdims=True), weights], axis=1)[..., None]
+    weights = rng.random((2, count))
+    u, v = np.where(weights.sum(axis=0) > 1, 1 - weights, weights)
+    weights = np.stack([1 - (u + v), u, v], axis=1)[..., None]  # barycentric
     corners = surface.faces[chosen]
     there = placed(surface, export_frame)
     points = (there.vertices[corners] * weights).sum(axis=1)
