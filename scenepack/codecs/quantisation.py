@@ -64,13 +64,10 @@ def in_steps(values: np.ndarray, step: int, most: np.ndarray | int) -> np.ndarra
 
 def _step(values: np.ndarray, most: np.ndarray) -> int:
     step = 0
-    for plane, bound in zip(values, most, strict=True):  # plane by plane, because counting takes eight bytes a value
-        if np.any(plane > bound[..., None]):  # not premultiplied
+    for plane, bound in zip(values, most[..., None], strict=True):  # plane by plane: the first mostly says that it is 1
+        if np.any(plane > bound):  # not premultiplied
             return 1
-        used = bound > 0
-        some = plane[used]
-        below = some[some < bound[used][:, None]]
-        step = gcd(step, *(int(value) for value in np.flatnonzero(np.bincount(below, minlength=256))))
+        step = gcd(step, int(np.gcd.reduce(plane[plane < bound], initial=0)))
         if step == 1:
             break
     return step if 1 <= step <= MOST_STEP else 1

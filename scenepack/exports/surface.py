@@ -72,8 +72,7 @@ def _names(cells: np.ndarray, corner: np.ndarray, field: Field) -> np.ndarray:
     nearest = np.rint(cells)
     off = np.abs(cells - nearest)
     along = off.argmax(axis=1)
-    others = np.take_along_axis(off, np.argsort(off, axis=1)[:, 1:2], axis=1)[:, 0]
-    within = others > 1e-5  # more than one coordinate lies between two cells
+    within = np.sort(off, axis=1)[:, 1] > 1e-5  # more than one coordinate lies between two cells
     base = np.where((np.arange(3) == along[:, None]) | within[:, None], np.floor(cells), nearest).astype(np.int64)
     kind = np.where(within, WITHIN, along)
     # The grid begins a box early: an empty macroblock before the first has cubes, too.
