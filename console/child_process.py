@@ -13,7 +13,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 # On the module path: a checkout, or a folder of installed packages.
@@ -37,28 +36,22 @@ class ChildProcess:
 
     def __init__(
         self, command: Sequence[str], *, stdout: Any = subprocess.PIPE, stderr: Any = subprocess.DEVNULL,
-        polite: bool = False, environment: Mapping[str, str] = MappingProxyType({}),
+        polite: bool = False, environment: Mapping[str, str] | None = None,
     ) -> None:  # fmt: skip
-        environment = {**os.environ, **environment}
+        environment = {**os.environ, **(environment or {})}
         if ROOT.name not in INSTALLED:  # a checkout, whose modules are those of its children, too
             environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, env=environment,
             start_new_session=True, creationflags=_FLAGS,
         )  # fmt: skip
+        self.pid = self._process.pid
+        self.poll = self._process.poll  # exit status (negative: the signal that ended it); None while it runs
         self.input: Any = self._process.stdin
         self.output: Any = self._process.stdout  # what it prints, where stdout is a pipe; else None
         if polite and sys.platform != "win32":
             with contextlib.suppress(OSError):
                 os.setpriority(os.PRIO_PROCESS, self.pid, POLITENESS)
-
-    @property
-    def pid(self) -> int:
-        return self._process.pid
-
-    def poll(self) -> int | None:
-        """Exit status (negative: the signal that ended it); None while it runs."""
-        return self._process.poll()
 
     def wait(self, seconds: float | None = None) -> int | None:
         """Exit status; None where it still runs after `seconds`."""
