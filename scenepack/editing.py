@@ -98,11 +98,9 @@ class Voxels:
     @cached_property
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners of boxes of the grid frame that hold the centres of each macroblock's voxels: float64 [n, 3] both."""
-        pack, radius = self.pack, self.pack.contraction
-        low, high = np.zeros(3), np.array(pack.grid_size, np.float64)
-        if radius is not None:  # there is nothing beyond
-            ends = ((end - pack.min_xyz) / pack.voxel_size for end in (-2 * radius, 2 * radius))
-            low, high = (np.clip(end, low, high) for end in ends)
+        pack, farthest = self.pack, 2.0 * (self.pack.contraction or inf)  # there is nothing beyond
+        ends = ((end - pack.min_xyz) / pack.voxel_size for end in (-farthest, farthest))
+        low, high = (np.clip(end, 0.0, pack.grid_size) for end in ends)
         first = self.places[:, ::-1] * float(pack.block_size) + 0.5
         first, last = (np.clip(corner, low + 0.5, high - 0.5) for corner in (first, first + pack.block_size - 1))
         shares = 0.5 * np.array(list(product((0, 1, 2), repeat=3)))  # ends, and middles where space is bent
@@ -204,9 +202,7 @@ class Voxels:
         data = labels[:, 1:-1, 1:-1, 1:-1].reshape(count, -1)
         held = [np.bincount(row, minlength=found[k + 1] + 1)[1:] for k, row in enumerate(data)]
         size_of = np.bincount(part, np.concatenate([*held, []])).astype(np.int64)
-        if not len(size_of):
-            return Parts({}, pack.block_size)
-        largest, small = size_of.argmax(), {}
+        largest, small = int(size_of.argmax()) if len(size_of) else 0, {}
         for number, row in enumerate(data):
             of_label = np.concatenate([[largest], part[first[number] : first[number + 1]]])
             some = np.flatnonzero((of_label != largest)[row])

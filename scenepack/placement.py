@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import radians, sin
+from math import inf, radians, sin
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -213,6 +213,5 @@ def _surface_points(pack: Pack, up: np.ndarray) -> np.ndarray:
         shown = np.argwhere(opaque[1:-1, 1:-1, 1:-1] & ~opaque[tuple(above)])
         found.append((shown + np.array([z, y, x]) * pack.block_size)[:, ::-1] + 0.5)
     points = pack.min_xyz + pack.voxel_size * (np.concatenate(found) if found else np.zeros((0, 3)))
-    if pack.contraction is not None:
-        points = points[np.abs(points).max(axis=1) <= pack.contraction]
+    points = points[np.abs(points).max(axis=1) <= (pack.contraction or inf)]
     return np.random.default_rng(0).permutation(points)[:MOST_POINTS]
