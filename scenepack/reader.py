@@ -100,6 +100,7 @@ class PackReader:
         self.outline = replace(self.outline, atlas_indices=self._indices())
         used = np.count_nonzero(self.outline.occupied) * self.outline.padded_block_size**3
         require_filled(self.outline.atlas_rgba.shape[:3], int(used), where)
+        self._groups = -(-len(self.outline.atlas_rgba) // PLANES_PER_IMAGE)  # of four planes of the atlas
         self._note_claims()
         self.layout, self._planes, self.steps = read_settings(self.outline, self.codec, where)
         self.pieces = cut(self.outline, self.layout, self._planes)
@@ -161,10 +162,6 @@ class PackReader:
             decoded = decoders.decode(self.codec.name, data, names, piece.shape, len(atlases) > 1)
         for values, atlas in zip(from_counts(decoded, self.steps), atlases, strict=True):
             piece.scatter(values, atlas)
-
-    @property
-    def _groups(self) -> int:
-        return -(-len(self.outline.atlas_rgba) // PLANES_PER_IMAGE)
 
     def _names(self) -> list[tuple[str, ...]]:
         """The files of each piece. Where those of features are missing, the outline becomes diffuse."""
