@@ -146,13 +146,7 @@ def _deferred(function: Command) -> Command:
 
 def _unwrapped(docstring: str) -> str:
     """A docstring whose Args are one line each: tyro keeps their line breaks, wherever the terminal's are."""
-    lines: list[str] = []
-    for line in inspect.cleandoc(docstring).splitlines():
-        if line.startswith(" " * 8) and lines:  # below a parameter's name, which is indented by four
-            lines[-1] += f" {line.strip()}"
-        else:
-            lines.append(line)
-    return "\n".join(lines)
+    return re.sub(r"\n {8} *", " ", inspect.cleandoc(docstring))  # below a parameter's name, which is indented by four
 
 
 # What tyro says of a value that none of an option's types takes: the option, its types but None, and the value.
