@@ -49,8 +49,9 @@ class MultiresConfig:
     """Initial learning rate of the decoder (Adam)."""
     view_rate: float = 3e-3
     """Initial learning rate of the view MLP (Adam)."""
-    final_rate_factor: float = 0.05
-    """All learning rates, and feature_decay, fall log-linearly to this fraction at the last step."""
+    final_rate_factor: float | None = None
+    """All learning rates fall log-linearly to this fraction at the last step. The field is the mean of 20 states of the last
+    fifth of the run, so that large steps do no harm to the end."""
     warmup_steps: int = 20
     """Steps over which learning rates rise from zero."""
     distortion_weight: float | None = None
@@ -59,7 +60,7 @@ class MultiresConfig:
     """Factor on the sparsity weight."""
     feature_decay: float | None = None
     """Weight of the mean square of each level's features, summed over levels (Zip-NeRF, Barron et al. 2023); 0 for none. It falls
-    like the learning rates, so that it does not keep long runs from learning fine detail."""
+    log-linearly to a twentieth, so that it does not keep long runs from learning fine detail."""
     density_smoothness: float | None = None
     """Weight of the squared difference of density between neighbouring points, as ln(1 + optical depth of a cell); 0 for none."""
     colour_smoothness: float | None = None
@@ -83,6 +84,7 @@ class KindSettings:
     least_views: int
     finest_from: float = 0.25
     view_octaves: int = 1
+    final_rate_factor: float = 0.2
     feature_decay: float = 0.0
     density_smoothness: float = 0.0
     colour_smoothness: float = 0.0
@@ -91,7 +93,9 @@ class KindSettings:
 BY_KIND: Mapping[Kind, KindSettings] = {
     "object": KindSettings(distortion_weight=0.05, sparsity_factor=1.0, least_views=6, feature_decay=0.1),
     "surroundings": KindSettings(distortion_weight=0.01, sparsity_factor=2.0, least_views=6),
-    "unbounded": KindSettings(distortion_weight=0.05, sparsity_factor=1.0, least_views=1, view_octaves=2),
+    "unbounded": KindSettings(
+        distortion_weight=0.05, sparsity_factor=1.0, least_views=1, view_octaves=2, final_rate_factor=0.4
+    ),
     "forward": KindSettings(
         distortion_weight=0.05, sparsity_factor=0.2, least_views=1, finest_from=0.05, feature_decay=1.0,
         density_smoothness=0.01, colour_smoothness=0.1,

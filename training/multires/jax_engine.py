@@ -174,7 +174,7 @@ class JaxEngine:
 
     def step(self, state: State, step: int, progress: float) -> dict[str, Any]:
         mesh, (cells, maps, decay, *_) = self.dataset.mesh, self._derived(state)
-        decay = decay * np.float32(self.settings.annealing(progress))
+        decay = decay * np.float32(self.settings.decay_left(progress))
         dataset = self.dataset.in_average_look(state.gains)
         rates = np.array(self.settings.rates_at(state.updates, progress), np.float32)
         constants, key = self._constants(state), jax.random.fold_in(self.key, step)

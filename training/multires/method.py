@@ -7,6 +7,8 @@ jax_engine, fused   the two engines, which compute the steps of the field and ev
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from typing import Any, Protocol
 
 import jax
@@ -25,12 +27,14 @@ from training.multires.fused.compiled import Workers
 from training.multires.jax_engine import JaxEngine
 from training.multires.occupancy import box_around, boxes_meeting, hull_codes, is_on, located, visited, without_specks
 from training.multires.settings import settings_of
-from training.multires.state import PARTS, State, Trainable, restored, saved
+from training.multires.state import AVERAGES, PARTS, State, Trainable, restored, saved
 from training.rendering import init_view_mlp
 
 VISITS_FROM, VISIT_EVERY, SETTLED = 200, (50, 100), 1000  # steps: the second interval once settled
 WHOLE_EVERY = 100  # steps, before it settles, between visits to every cell
 SPECKS_EVERY = 1000  # steps after which specks are removed from what masks cut out
+AVERAGED_FROM = 0.8  # of all steps
+PIECE = 1 << 20  # rows
 VIEW_BIAS = -2.0  # the view MLP starts near zero, so that diffuse colour settles first
 SAMPLES_AT_FIRST = 64.0  # a ray, until a step has counted them
 
@@ -79,10 +83,12 @@ class MultiresMethod:
         state.step_cells = self.settings.step_cells(progress)
         if self.settings.gains and step >= exposure.FITTED_FROM and step % exposure.FIT_EVERY == 0:
             state.gains = self._fitted_gains(state, step)
-        return state, self.engine.step(state, step, progress)
+        metrics = self.engine.step(state, step, progress)
+        _average(state, progress)
+        return state, metrics
 
     def render(self, state: State, rays: Rays) -> RenderOutput:
-        return self.engine.render(state, rays)
+        return self.engine.render(_shown(state), rays)
 
     def query(self, state: State, points: jax.Array | np.ndarray) -> FieldOutput:
         """The field at points [N, 3] in NumPy; see training.method.Method. Density is 0 where the occupancy grid is off."""
@@ -90,7 +96,7 @@ class MultiresMethod:
         per_cell, asked = (1 / box.cell).astype(np.float32), np.asarray(points, np.float32)
         places, on = located(asked, box.origin.astype(np.float32), per_cell, box.dims, inner, state.codes)
         values = np.zeros((len(places), 8), np.float32)
-        values[on] = self.engine.values_at(state, places[on])
+        values[on] = self.engine.values_at(_shown(state), places[on])
         density = values[:, 0] / np.float32(box.cell[0] * self.settings.resolution)
         return FieldOutput(density, values[:, 1:4], values[:, 4:])  # type: ignore[arg-type]
 
@@ -104,7 +110,7 @@ class MultiresMethod:
         return state.box.cell * (self.settings.resolution / self.settings.resolutions[-1])
 
     def view_mlp(self, state: State) -> ViewMlpParams | None:
-        return view_mlp_of(jnp.asarray(here(state.values.parameters)), self.settings)
+        return view_mlp_of(jnp.asarray(here(_shown(state).values.parameters)), self.settings)
 
     def gains(self, state: State) -> np.ndarray | None:
         return state.gains
@@ -159,7 +165,7 @@ class MultiresMethod:
                 for rows in levels.absent_rows(after):
                     table[rows] = 0.0
             setattr(state, name, part._replace(table=table))
-        state.bricks = bricks
+        state.bricks, state.mean, state.averaged = bricks, None, 0
         return self.engine.adopt(state)
 
     def _fitted_gains(self, state: State, step: int) -> np.ndarray:
@@ -177,6 +183,36 @@ class MultiresMethod:
             auto=self.config.exposure == "auto",
         )  # fmt: skip
         return np.asarray(agree(found))
+
+
+def _shown(state: State) -> State:
+    return state if state.mean is None else replace(state, values=state.mean)
+
+
+def _average(state: State, progress: float) -> None:
+    """Takes the values into the mean where one is due. Steps stay large to the end of a run, and a mean of what they lead to lies
+    nearer to the best than small steps do (Izmailov et al. 2018)."""
+    share = (progress - AVERAGED_FROM) / (1 - AVERAGED_FROM)
+    due = 0 if share < 0 else min(int(share * AVERAGES) + 1, AVERAGES)
+    if state.averaged > due:  # a run that goes on for longer than it was meant to
+        state.mean, state.averaged = None, 0
+    if state.averaged == due:
+        return
+    state.averaged += 1
+    if state.mean is None:
+        state.mean = Trainable(*(array.copy() for array in state.values))
+        return
+    state.mean = Trainable(*map(partial(_moved, count=state.averaged), state.mean, state.values))
+
+
+def _moved(mean: Any, value: Any, count: int) -> Any:
+    """A mean with one more value; of NumPy's arrays in place, and by pieces, for tables are large."""
+    if not isinstance(mean, np.ndarray):
+        return mean + (value - mean) / count
+    for low in range(0, len(mean), PIECE):
+        piece = mean[low : low + PIECE]
+        piece += (value[low : low + PIECE] - piece) / np.float32(count)
+    return mean
 
 
 class Engine(Protocol):

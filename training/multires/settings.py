@@ -25,6 +25,7 @@ CONTRACTED_FINER = 4  # contracted space has the inner cube in half of its side,
 # Of a step. Fewer, larger steps of as many samples learn less (docs/notebook.md).
 SAMPLES, MOST_SAMPLES = 32_768, 131_072
 LARGEST_RAW = 12.0  # of density, before its exponential
+DECAY_LEFT = 0.05  # of feature_decay at the last step
 SPARSITY_SAMPLES = 192  # the paper's coarse samples a ray: the spacing that lambda_s was set for
 PARALLAX = 0.6  # pixels between front and back of a cell of NDC; tried on fern alone, at three sizes (docs/notebook.md)
 DEEPEST, SHALLOWEST = 4.0, 1.0  # depth of a cell of NDC relative to its width
@@ -65,12 +66,12 @@ class Settings(NamedTuple):
         """Adam's rates of table, decoder and view MLP with warm-up, decay and bias correction, after so many updates."""
         (beta1, beta2), count, own = ADAM_BETAS, updates + 1, self.own
         warm = min(1.0, count / max(own.warmup_steps, 1))
-        scale = warm * self.annealing(progress) * np.sqrt(1 - beta2**count) / (1 - beta1**count)
+        scale = warm * self.by_kind.final_rate_factor**progress * np.sqrt(1 - beta2**count) / (1 - beta1**count)
         return float(own.table_rate * scale), float(own.decoder_rate * scale), float(own.view_rate * scale)
 
-    def annealing(self, progress: float) -> float:
-        """Factor on learning rates and on feature_decay: log-linear from 1 to final_rate_factor."""
-        return self.own.final_rate_factor**progress
+    def decay_left(self, progress: float) -> float:
+        """Factor on feature_decay: log-linear from 1 to DECAY_LEFT."""
+        return DECAY_LEFT**progress
 
     def step_cells(self, progress: float) -> float:
         """Distance between samples, in cells of the occupancy grid."""

@@ -22,6 +22,7 @@ class Box(NamedTuple):
 
 
 PARTS = ("values", "first", "second")  # of a State: Trainable
+AVERAGES = 20  # states that the mean is of, in the end
 
 
 class Trainable(NamedTuple):
@@ -46,6 +47,10 @@ class State:
     samples_per_ray: float  # of late
     step_cells: float  # distance between samples, in cells of the occupancy grid
     gains: np.ndarray | None = None  # float32 [V, 3]: of the photographs (training.exposure)
+    mean: Trainable | None = (
+        None  # of the values after `averaged` of the last steps: what the field shows once there is one
+    )
+    averaged: int = 0
     # what an engine derives from the rest; never saved
     kept: dict[str | float, Any] = field(default_factory=dict, repr=False, compare=False)
 
@@ -67,6 +72,9 @@ def saved(state: State, resolutions: tuple[int, ...]) -> dict[str, np.ndarray]:
             arrays[f"bricks.{resolution}"] = present
     if state.gains is not None:
         arrays["gains"] = state.gains
+    if state.mean is not None:
+        arrays["mean.table"], arrays["mean.parameters"] = state.mean
+        arrays["averaged"] = np.array(state.averaged)
     return {name: np.asarray(array, order="C") for name, array in arrays.items()}
 
 
@@ -94,9 +102,10 @@ def restored(arrays: Mapping[str, np.ndarray], resolutions: tuple[int, ...], sid
     bricks = tuple(_bricks(arrays, resolution) for resolution in resolutions)
     rows = make_levels(resolutions, bricks).total
     parameters = decoder_size(inputs_of(len(resolutions))) + VIEW_PARAMETERS
-    values, first, second = (
+    has_mean = "averaged" in arrays
+    values, first, second, *mean = (
         Trainable(array(f"{part}.table", (rows, FEATURES)), array(f"{part}.parameters", (parameters,)))
-        for part in PARTS
+        for part in (*PARTS, *("mean",) * has_mean)
     )
     fewest, most = (float(np.float32(limit)) for limit in GAINS)
     return State(
@@ -106,6 +115,8 @@ def restored(arrays: Mapping[str, np.ndarray], resolutions: tuple[int, ...], sid
         samples_per_ray=float(array("samples_per_ray", (), np.float64, 0.0, MOST_SAMPLES)),
         step_cells=float(array("step_cells", (), np.float64, 0.01, 2.0)),
         gains=None if views is None else array("gains", (views, 3), np.float32, fewest, most),
+        mean=mean[0] if has_mean else None,
+        averaged=int(array("averaged", (), np.int64, 1, AVERAGES)) if has_mean else 0,
     )  # fmt: skip
 
 

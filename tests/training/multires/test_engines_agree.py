@@ -148,7 +148,8 @@ def test_adam_moves_as_the_definition_does(trained: Trained) -> None:
     before = trained.state.values, trained.state.first, trained.state.second
     rates = np.array(trained.method.settings.rates_at(state.updates, 0.3), np.float32)
     settings = trained.method.settings
-    decay = settings.annealing(0.3) * decay_of_blocks(trained.engine._derived(state)[1], settings.by_kind.feature_decay)
+    levels = trained.engine._derived(state)[1]
+    decay = settings.decay_left(0.3) * decay_of_blocks(levels, settings.by_kind.feature_decay)
     expected = adam(before, gradient, jnp.asarray(decay), jnp.asarray(rates), constants)
     summed, marks = trained.engine._accumulators(state)
     rays = np.float32(metrics["rays"])

@@ -37,23 +37,26 @@ SAVED, LAST = 250, 255  # steps: cells have been visited by then, and all levels
 
 @dataclasses.dataclass
 class Learnt:
-    """A training until step LAST. saved: its state before step SAVED."""
+    """A training until step LAST. saved: its state before step SAVED. averaged: the parameters that the mean is of."""
 
     method: MultiresMethod
     state: Any
     psnr: list[float]
     saved: dict[str, np.ndarray]
+    averaged: list[np.ndarray]
 
 
 @pytest.fixture(scope="module")
 def learnt(dataset: RayDataset) -> Learnt:
     method = MultiresMethod(CONFIG, dataset)
-    found = Learnt(method, method.start(jax.random.key(0)), [], {})
+    found = Learnt(method, method.start(jax.random.key(0)), [], {}, [])
     for step in range(LAST):
         if step == SAVED:
             found.saved = {name: array.copy() for name, array in method.save(found.state).items()}
         found.state, metrics = method.step(found.state, step)
         found.psnr.append(metrics["psnr"])
+        if found.state.averaged > len(found.averaged):
+            found.averaged.append(found.state.values.parameters.copy())
     return found
 
 
@@ -61,6 +64,14 @@ def test_training_learns_and_tells_air_from_content(learnt: Learnt) -> None:
     assert np.mean(learnt.psnr[-20:]) > np.mean(learnt.psnr[:20]) + 6
     on = learnt.state.codes[is_on(learnt.state.codes)]
     assert (on < INITIAL_CODE).mean() > 0.3 and (on > INITIAL_CODE).mean() > 0.05
+
+
+def test_the_end_of_a_run_is_averaged(learnt: Learnt) -> None:
+    state, count = learnt.state, len(learnt.averaged)
+    assert count == 5  # of 20, from step 240 on every third
+    np.testing.assert_allclose(state.mean.parameters, np.mean(learnt.averaged, axis=0), rtol=1e-4, atol=1e-6)
+    weights = learnt.method.view_mlp(state).weights[2].ravel()
+    assert np.isin(weights, state.mean.parameters).all() and not np.isin(weights, state.values.parameters).all()
 
 
 def test_a_restored_run_goes_on_to_the_last_bit(learnt: Learnt, dataset: RayDataset) -> None:

@@ -251,7 +251,7 @@ class FusedEngine:
     ) -> None:  # fmt: skip
         table_rate, decoder_rate, view_rate = self.settings.rates_at(state.updates, progress)
         flat = tuple(a.reshape(-1) for a in (state.values.table, state.first.table, state.second.table, gradient))
-        decay = np.float32(self.settings.annealing(progress)) * self._derived(state)[-1]
+        decay = np.float32(self.settings.decay_left(progress)) * self._derived(state)[-1]
         scale, share = np.float32(1.0 / rays), -(-len(decay) // (4 * self.workers.count))
 
         def move(_: int, low: int, high: int) -> None:
