@@ -27,9 +27,9 @@ PRESETS = ("quick", "normal", "full")  # of the multi-resolution field
 SETTLED, TIMED = 60, 60  # steps: until programs are compiled and empty space is known; then timed
 # A sample of a real run over one of the ball, whose features stay in the processor's caches.
 REAL_BY_SMALL = 1.4
-# Bytes of two checkpoints by cells of the finest level squared: 1.5 GB for lego at 512, 3.0 GB for fern
-DISK_BY_FINENESS: Mapping[Kind, int] = {"object": 5600, "surroundings": 5600, "forward": 11_500}
-HASHED_DISK = 1_200_000_000  # of unbounded scenes, whose levels share a table of fixed size
+# Bytes of two checkpoints by cells of the finest level squared: 2 GB for lego at 512, 4 GB for fern
+DISK_BY_FINENESS: Mapping[Kind, int] = {"object": 7500, "surroundings": 7500, "forward": 15_300}
+HASHED_DISK = 1_500_000_000  # of unbounded scenes, whose levels share a table of fixed size
 
 
 def whole_runs(sides: Sequence[int], kind: Kind) -> dict[str, dict[int, dict[str, int]]]:
