@@ -31,7 +31,11 @@ class SnergError(Exception):
         """Keeps the fields, and puts them into one line."""
         from console.errors import UserError
 
-        self.what, self.where, self.expected, self.found, self.remedy = what, where, expected, found, remedy
+        self.what: str = what
+        self.where: str | Path | None = where
+        self.expected: object = expected
+        self.found: object = found
+        self.remedy: str | None = remedy
         super().__init__(str(UserError(what, where=where, expected=expected, found=found, remedy=remedy)))
 
 
