@@ -94,6 +94,10 @@ def _other_theme(app: App) -> None:
     app.set_theme("dark" if app.interface.theme == "light" else "light")
 
 
+def _usual_size(app: App) -> None:
+    app.interface.scale = 1.0
+
+
 _other_projection = _rig(lambda rig: rig.set_orthographic(not rig.orthographic))
 
 
@@ -189,13 +193,7 @@ _ALL = (
         ("layout", "Reset the layout", lambda app: app.interface.reset_layout(), "Ctrl+L", False),
         ("larger", "Larger interface", lambda app: app.interface.rescale(1), "Ctrl+Plus", False),
         ("smaller", "Smaller interface", lambda app: app.interface.rescale(-1), "Ctrl+Minus", False),
-        (
-            "usual-size",
-            "Interface at its usual size",
-            lambda app: setattr(app.interface, "scale", 1.0),
-            "Ctrl+0",
-            False,
-        ),
+        ("usual-size", "Interface at its usual size", _usual_size, "Ctrl+0", False),
         ("theme", "Light or dark theme", _other_theme, "Ctrl+Shift+L", False),
         ("full-screen", "Full screen", _toggle("full_screen"), "F11", False),
         ("help", "Keys and mouse", _toggle("help_shown"), "? or F1", False),

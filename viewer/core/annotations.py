@@ -15,6 +15,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -214,15 +215,13 @@ def bookmark_from_json(value: Any) -> Bookmark:
         raise ValueError("a bookmark: expected up to be an axis such as y or -z")
     fov = number_from_json(entries.get("fov", 35.0), *POSSIBLE_FOVS, "a bookmark's fov")
     point = None if entries.get("point") is None else point_from_json(entries["point"], "a bookmark's point")
-    text = entries.get("text", "")
-    return Bookmark(
-        named(entries.get("name")), eye, target, up, fov, point, worded(text if isinstance(text, str) else "")
-    )
+    return Bookmark(named(entries.get("name")), eye, target, up, fov, point, worded(entries.get("text")))
 
 
-def worded(text: str) -> str:
-    """A text of at most LONGEST_TEXT characters, with its lines, and without control characters."""
-    return "\n".join(one_line(line, LONGEST_TEXT) for line in text[:LONGEST_TEXT].split("\n"))
+def worded(text: Any) -> str:
+    """A text of at most LONGEST_TEXT characters, with its lines, and without control characters; "" for what is none."""
+    lines = text[:LONGEST_TEXT].split("\n") if isinstance(text, str) else []
+    return "\n".join(one_line(line, LONGEST_TEXT) for line in lines)
 
 
 def named(text: Any) -> str:
@@ -245,10 +244,7 @@ def file_for(pack: Pack, folder: Path) -> Path:
 
 
 def read_annotations(
-    pack: Pack,
-    path: Path | None = None,
-    folder: Path | None = None,
-    complain: Callable[[str], None] = lambda note: None,
+    pack: Pack, path: Path | None = None, folder: Path | None = None, complain: Callable[[str], None] = lambda note: None
 ) -> Annotations:
     """Those in `pack`; of a pack at `path` that is not changed, those in the user's `folder`, if any. What is bad is left out."""
     document = pack.metadata.get(KEY)
@@ -283,12 +279,8 @@ class AnnotationStore:
             annotations = read_annotations(pack, path, self.folder, notes.append)
         for note in dict.fromkeys(notes):
             app.messages.log(f"marks of this scene are left out: {note}", "warning")
-        self.current, folder = annotations, self.folder
-
-        def write(annotations: Annotations) -> str | None:
-            return None if path is None or folder is None else _write(pack, path, folder, annotations)
-
-        self._autosave = Autosave(write, self.current, SETTLE_S)
+        self.current = annotations
+        self._autosave = Autosave(partial(_write, pack, path, self.folder), annotations, SETTLE_S)
 
     def save_now(self) -> None:
         """Writes changes now, because another process is about to read them."""
@@ -320,8 +312,10 @@ class AnnotationStore:
             app.touch()
 
 
-def _write(pack: Pack, path: Path, folder: Path, annotations: Annotations) -> str | None:
-    """Writes annotations into the pack or the user's file. Returns what went wrong, or None."""
+def _write(pack: Pack, path: Path | None, folder: Path | None, annotations: Annotations) -> str | None:
+    """Writes annotations into the pack or the user's file, unless a path is None. Returns what went wrong, or None."""
+    if path is None or folder is None:
+        return None
     document = None if annotations == Annotations() else annotations_to_json(annotations)
     file = file_for(pack, folder)
     try:
