@@ -160,12 +160,11 @@ class App:
 
     def undoable(self, rig: OrbitCamera) -> OrbitCamera:
         """Adds crop, near plane, annotations and edits to the undo history of `rig`."""
-        rig.history.follow(
-            lambda: (self.settings.crop, self.settings.near), lambda cut: self.set(crop=cut[0], near=cut[1])
-        )
-        rig.history.follow(lambda: self.annotations.current, lambda marks: setattr(self.annotations, "current", marks))
-        rig.history.follow(lambda: self.measure_tool.draft, lambda draft: setattr(self.measure_tool, "draft", draft))
-        rig.history.follow(lambda: self.scene and self.scene.edits, lambda edits: setattr(self.scene, "edits", edits))
+        follow = rig.history.follow
+        follow(lambda: (self.settings.crop, self.settings.near), lambda cut: self.set(crop=cut[0], near=cut[1]))
+        follow(lambda: self.annotations.current, lambda marks: setattr(self.annotations, "current", marks))
+        follow(lambda: self.measure_tool.draft, lambda draft: setattr(self.measure_tool, "draft", draft))
+        follow(lambda: self.scene and self.scene.edits, lambda edits: setattr(self.scene, "edits", edits))
         return rig
 
     def opened(self) -> None:

@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Box = tuple[float, float, float, float]  # x, y, width, height in window units
+Region = tuple[tuple[float, float], tuple[float, float]]  # of a texture: its upper left and lower right corner, 0 … 1
 LABEL_WIDTH = 104.0
-WHOLE = (0.0, 0.0), (1.0, 1.0)  # of a texture
+WHOLE: Region = ((0.0, 0.0), (1.0, 1.0))
 font = imgui_ctx.push_font  # text in another face (None: the same) and size (0: the same), in units of a 100 % display
 
 
@@ -286,15 +287,9 @@ def elided_start(text: str, width: float) -> str:
 
 
 def draw_picture(
-    texture: int,
-    low: ImVec2,
-    high: ImVec2,
-    uv: tuple[tuple[float, float], tuple[float, float]] = WHOLE,
-    *,
-    opacity: float = 1.0,
-    rounding: float = 4.0,
+    texture: int, low: ImVec2, high: ImVec2, uv: Region = WHOLE, *, opacity: float = 1.0, rounding: float = 4.0
 ) -> None:
-    """A texture, or the part of it from uv[0] to uv[1], in a rectangle (window units)."""
+    """A texture, or a part of it, in a rectangle (window units)."""
     image, shade = imgui.ImTextureRef(texture), theme.packed("#ffffff", opacity)
     imgui.get_window_draw_list().add_image_rounded(image, low, high, *uv, shade, px(rounding))
 

@@ -247,10 +247,8 @@ def show_pages(app: App, canvas: Canvas, where: Regions) -> None:
                 with coloured(child_bg=theme.CARD):
                     page.show(app, canvas)
             imgui.end()
-            if not still_open and where.pages:
-                app.interface.closes(page.id)
-            elif not still_open:
-                app.interface.over = ""
+            if not still_open:
+                _turn(app, page.id, where.pages)
 
 
 def _begin_over(page: Page, where: Regions) -> tuple[bool, bool | None]:

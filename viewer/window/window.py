@@ -278,7 +278,7 @@ class Window(AbstractContextManager["Window"]):
     def layout(self) -> str:
         return self.ui.layout if self.ui.scale else self.app.interface.layout
 
-    def close(self) -> None:
+    def __exit__(self, *_: object) -> None:
         for part in (self.app.making, self.app.exporting, self.app.sharing):
             part.end()
         self.app.canvas = None
@@ -287,9 +287,6 @@ class Window(AbstractContextManager["Window"]):
         self.ctx.release()
         glfw.destroy_window(self.handle)
         glfw.terminate()
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def controllers_now(glfw: Any = glfw) -> list[ControllerState]:
@@ -383,9 +380,7 @@ _kept: list[object] = []  # keeps handlers for C code from garbage collection
 
 @contextmanager
 def signals_ask(ask: Callable[[], None]) -> Iterator[list[int]]:
-    """Within the block, a signal that would end the program calls `ask`; a second one ends it at once. Yields its number, once
-    one has come.
-    """
+    """Within the block, a signal that would end the program calls `ask`; a second one ends it. Yields a list for its number."""
     ended: list[int] = []
     with ExitStack() as before:
 
