@@ -244,7 +244,10 @@ def file_for(pack: Pack, folder: Path) -> Path:
 
 
 def read_annotations(
-    pack: Pack, path: Path | None = None, folder: Path | None = None, complain: Callable[[str], None] = lambda note: None
+    pack: Pack,
+    path: Path | None = None,
+    folder: Path | None = None,
+    complain: Callable[[str], None] = lambda note: None,
 ) -> Annotations:
     """Those in `pack`; of a pack at `path` that is not changed, those in the user's `folder`, if any. What is bad is left out."""
     document = pack.metadata.get(KEY)

@@ -181,9 +181,8 @@ def temporary_folder(prefix: str) -> Path:
 class CommandProcess:
     """A running command. command: program and arguments. log: the file that gets what it prints; made anew.
 
-    Nothing waits for it. It stops cleanly when its standard input is closed (console.progress_protocol). What it prints goes
-    straight into the log, so that nothing of ours must read it. UserError where the log cannot be written or the program cannot
-    be started.
+    It stops cleanly when its standard input is closed (console.progress_protocol). UserError where the log cannot be written or
+    the program cannot be started.
     """
 
     def __init__(self, command: Sequence[str], log: Path) -> None:
@@ -268,10 +267,7 @@ class FolderProcess:
 
     @classmethod
     def start(cls, command: str, words: Callable[[Path], Sequence[str]], **fields: Any) -> Self:
-        """words: called with the folder, where it may write files; returns the arguments. fields: those of a subclass.
-
-        UserError if the process cannot start.
-        """
+        """words(folder): the arguments, which may name files in it. fields: of a subclass. UserError as CommandProcess."""
         folder = temporary_folder("snerg-process-")
         try:
             child = CommandProcess(module_command("snerg", command, *words(folder)), folder / "log.txt")

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
@@ -205,8 +205,7 @@ class Review:
     def kinds(self) -> tuple[Kind, ...]:
         """What the scene may be taken for. Only what looks forward to the reader can be forward-facing."""
         sparse = self.sparse_preview
-        every: tuple[Kind, ...] = ("subject", "room", "forward")
-        return tuple(kind for kind in every if kind in sparse.boxes or kind == sparse.kind == "forward")
+        return tuple(kind for kind in get_args(Kind) if kind in sparse.boxes or kind == sparse.kind == "forward")
 
     def show_box(self, app: App, on: bool = True) -> None:
         """Cuts the points to the box that will be trained, so that its faces can be dragged; or shows them all."""

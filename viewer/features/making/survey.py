@@ -254,11 +254,7 @@ class Survey(Task[None]):
         if self.masks and all(source.mask_of(file) is not None for file in source.files):
             self.masked = set(self.sizes)
         self._begin_time()
-        return (
-            f"{count} panoramas of {size[0]} × {size[1]}"
-            if panorama
-            else f"{count} photographs of {size[0]} × {size[1]}"
-        )
+        return f"{count} {'panoramas' if panorama else 'photographs'} of {size[0]} × {size[1]}"
 
     def _begin_time(self) -> None:
         if MEASURES and not self.cancelled and not trainer_missing():
@@ -276,11 +272,7 @@ def _size(scene: Scene) -> tuple[int, int]:
 
 NAMED = 3  # photographs of a kind, by name
 RESULT = "check.json"  # in the process's folder
-GROUPS = {
-    "set_aside": "set aside",
-    "weakly_connected": "weakly connected",
-    "differently_exposed": "differently exposed",
-}
+GROUPS = ("set_aside", "weakly_connected", "differently_exposed")  # of photographs to look at
 
 
 @dataclass
@@ -335,9 +327,9 @@ def result_lines(result: Mapping[str, Any]) -> list[tuple[str, bool]]:
         (f"{used}, {result['kind']}.", False),
         (f"{good}; exposures differ by {100 * result['exposure_spread']:.0f} %.", False),
     ]
-    for group, title in GROUPS.items():
+    for group in GROUPS:
         if named := result[group]:
-            lines.append((f"{len(named)} {title}: {few_with_reasons(named)}.", True))
+            lines.append((f"{len(named)} {group.replace('_', ' ')}: {few_with_reasons(named)}.", True))
     return lines if len(lines) > 2 else [*lines, ("None needs to be taken again.", False)]
 
 

@@ -51,7 +51,7 @@ class FileDialogs:
 
     def _begin(self, request: FileRequest) -> None:
         self._request = request
-        self._text = start = str(request.start or "")
+        self._text = str(request.start or "")
         if request.kind == "save":
             self._text = str((request.start or Path.cwd()) / request.suggestion)
         if not self.native:
@@ -59,11 +59,10 @@ class FileDialogs:
         filters = [f"*{suffix}" for suffix in request.suffixes]
         filters = ["Files", " ".join(filters)] if filters else ["All files", "*"]
         if request.kind == "folder":
-            self._dialog = pfd.select_folder(request.title, start)
-        elif request.kind == "open":
-            self._dialog = pfd.open_file(request.title, start, filters)
+            self._dialog = pfd.select_folder(request.title, self._text)
         else:
-            self._dialog = pfd.save_file(request.title, self._text, filters)
+            ask = pfd.open_file if request.kind == "open" else pfd.save_file
+            self._dialog = ask(request.title, self._text, filters)
 
     def _end(self, app: App, request: FileRequest, chosen: str) -> None:
         """The user chose a path, or "" for none."""
