@@ -141,7 +141,7 @@ class Controllers:
         if not was_moving:  # the whole way is one step to be undone
             rig.remember()
         for state, axes in moves:
-            (_move_gamepad if state.gamepad else _move_mouse)(rig, axes, seconds)
+            _move(rig, state.gamepad, axes, seconds)
         app.touch()
 
     def _axes(self, state: ControllerState) -> tuple[float, ...]:
@@ -168,31 +168,26 @@ def shaped(value: float, dead_zone: float) -> float:
     return copysign(((size - dead_zone) / (1.0 - dead_zone)) ** 2, value)
 
 
-def _move_gamepad(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:
-    """Left stick: slide, or move the camera itself; right stick: turn, or look; triggers: away and closer, or down and up."""
-    if rig.looks_around:
-        rig.fly(axes[LEFT_X], axes[RIGHT_TRIGGER] - axes[LEFT_TRIGGER], -axes[LEFT_Y], seconds)
+def _move(rig: OrbitCamera, gamepad: bool, axes: Sequence[float], seconds: float) -> None:
+    """Left stick: slide, or move the camera itself; right stick: turn, or look; triggers: away and closer, or down and up.
+
+    A 3D mouse's cap is the camera where that looks around, else it holds the scene: pushed, tilted and turned, the scene follows.
+    """
+    looks = rig.looks_around
+    sign = -1.0 if looks else 1.0  # one looks where the stick points, and goes there around a pivot
+    if gamepad:
+        ahead, rise = -axes[LEFT_Y], axes[RIGHT_TRIGGER] - axes[LEFT_TRIGGER]
+        right, up, closer = (axes[LEFT_X], rise, ahead) if looks else (axes[LEFT_X], ahead, rise)
+        across, along = axes[RIGHT_X], sign * axes[RIGHT_Y]
     else:
-        _slide(rig, axes[LEFT_X], -axes[LEFT_Y], axes[RIGHT_TRIGGER] - axes[LEFT_TRIGGER], seconds)
-    if axes[RIGHT_X] or axes[RIGHT_Y]:
-        sign = -1.0 if rig.looks_around else 1.0  # one looks where the stick points, and goes there around a pivot
-        rig.orbit(-ORBIT_PER_S * seconds * axes[RIGHT_X], sign * -ORBIT_PER_S * seconds * axes[RIGHT_Y])
-
-
-def _move_mouse(rig: OrbitCamera, axes: Sequence[float], seconds: float) -> None:
-    """The cap is the camera where that looks around, else it holds the scene: pushed, tilted and turned, the scene follows."""
-    if rig.looks_around:
-        rig.fly(axes[PUSH_X], -axes[PUSH_Z], -axes[PUSH_Y], seconds)
+        right, up, closer = -sign * axes[PUSH_X], sign * axes[PUSH_Z], sign * axes[PUSH_Y]
+        across, along = sign * axes[TURN_Z], axes[TILT_X]
+    if looks:
+        rig.fly(right, up, closer, seconds)
     else:
-        _slide(rig, -axes[PUSH_X], axes[PUSH_Z], axes[PUSH_Y], seconds)
-    sign = -1.0 if rig.looks_around else 1.0
-    if axes[TURN_Z] or axes[TILT_X]:
-        rig.orbit(sign * -ORBIT_PER_S * seconds * axes[TURN_Z], -ORBIT_PER_S * seconds * axes[TILT_X])
-
-
-def _slide(rig: OrbitCamera, right: float, up: float, closer: float, seconds: float) -> None:
-    """Moves the camera to the right, up and closer; -1 … 1 each."""
-    if right or up:
-        rig.pan(-PAN_PER_S * seconds * right, PAN_PER_S * seconds * up)
-    if closer:
-        rig.dolly(NOTCHES_PER_S * seconds * closer)
+        if right or up:
+            rig.pan(-PAN_PER_S * seconds * right, PAN_PER_S * seconds * up)
+        if closer:
+            rig.dolly(NOTCHES_PER_S * seconds * closer)
+    if across or along:
+        rig.orbit(-ORBIT_PER_S * seconds * across, -ORBIT_PER_S * seconds * along)

@@ -18,11 +18,9 @@ from training.scenes.sources import CONTAINERS
 
 NAME = "snerg"  # also the window's class, by which a desktop knows whose window it is
 PACK_TYPE = "application/x-snerg-pack"
-ENTRY, ICON, TYPES = (
-    Path("applications", f"{NAME}.desktop"),
-    Path("icons", "hicolor", "scalable", "apps", f"{NAME}.svg"),
-    Path("mime", "packages", f"{NAME}.xml"),
-)
+ENTRY = Path("applications", f"{NAME}.desktop")
+ICON = Path("icons", "hicolor", "scalable", "apps", f"{NAME}.svg")
+TYPES = Path("mime", "packages", f"{NAME}.xml")
 REFRESH = (("update-desktop-database", "applications"), ("update-mime-database", "mime"))
 
 

@@ -180,12 +180,9 @@ def regions(width: float, height: float, app: App) -> Regions:
     top = px(TOP) if app.interface.panels_shown else 0.0
     rail = px(RAIL) if app.interface.panels_shown and app.scene is not None else 0.0
     below = max(1.0, height - top)
-    return Regions(
-        (0.0, 0.0, width, top),
-        (width - rail, top, rail, below),
-        (0.0, top, max(1.0, width - rail), below),
-        rail > 0 and width >= px(NARROW),
-    )
+    dock = (0.0, top, max(1.0, width - rail), below)
+    pages = rail > 0 and width >= px(NARROW)
+    return Regions((0.0, 0.0, width, top), (width - rail, top, rail, below), dock, pages)
 
 
 def begin(name: str, box: Box, padding: tuple[float, float], extra: int = 0) -> None:
