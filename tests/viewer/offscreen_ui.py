@@ -208,7 +208,7 @@ class OffscreenUi:
         ctrl, shift = imgui.Key.mod_ctrl in keys, imgui.Key.mod_shift in keys
         for key in keys:
             place = PLACES.get(key, "")
-            self.ui.keyboard.down(place)
+            self.app.keyboard.down(place)
             self.ui.pressed(KeyPress(place, ctrl, shift))
             self.io.add_key_event(key, True)
         if keys[-1] == imgui.Key.slash and shift and not ctrl:
@@ -217,7 +217,7 @@ class OffscreenUi:
     def let_go(self, *keys: imgui.Key) -> None:
         """Lets go of keys, and draws nothing."""
         for key in keys:
-            self.ui.keyboard.up(PLACES.get(key, ""))
+            self.app.keyboard.up(PLACES.get(key, ""))
             self.io.add_key_event(key, False)
 
     def release(self) -> None:

@@ -114,8 +114,7 @@ class JsonTask(Task[None]):
 class Autosave(Generic[T]):
     """Writes a value in a thread once it has not changed for `settle_s`, or has been changing for `longest_s`.
 
-    write: raises nothing, but returns what went wrong, if anything; the program's end waits for it. saved: what need not be
-    written.
+    write: returns what went wrong, or None; raises nothing. The program's end waits for it. saved: what is written already.
     """
 
     def __init__(self, write: Callable[[T], str | None], saved: T, settle_s: float, longest_s: float = inf) -> None:

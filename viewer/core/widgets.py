@@ -350,8 +350,7 @@ def cancel_or(text: str, width: float, padding: float, *, enabled: bool = True) 
 def begin_modal(name: str, width: float, at: float, *, pivot: float = 0.5, padding: tuple[float, float]) -> bool:
     """Opens a modal dialog and begins it: where this is True, imgui.end_popup() must follow.
 
-    width, padding: in units; as wide as the window at most. at: where the dialog's `pivot` is, from the window's top (0) to its
-    foot (1).
+    width, padding: in units; as wide as the window at most. at: where its `pivot` is, 0 (the window's top) … 1 (its foot).
     """
     size = imgui.get_io().display_size
     if not imgui.is_popup_open(name):

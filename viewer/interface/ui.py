@@ -13,7 +13,7 @@ from imgui_bundle import icons_fontawesome_6 as fa
 from console.streams import printable
 from viewer.app.application import App
 from viewer.core import language, theme
-from viewer.core.input import Keyboard, KeyPress
+from viewer.core.input import KeyPress
 from viewer.core.state import Clipboard
 from viewer.core.tasks import Task
 from viewer.core.widgets import begin_modal, confirmed, heading, in_front, main_button, paragraph, pressed_here, px
@@ -59,7 +59,6 @@ class Ui:
         self._docking = layout.Docking()
         self._gizmo, self._preview_pane = CropGizmo(), PreviewPane()
         self.fonts = theme.Fonts()
-        self.keyboard = Keyboard()
         self._presses = keys.Presses()
         self.scale, self._theme = 0.0, ""
         self._window = window
@@ -98,7 +97,7 @@ class Ui:
         """
         imgui.set_current_context(self.context)
         implot.set_current_context(self.plots)
-        theme.fonts, app.keyboard = self.fonts, self.keyboard
+        theme.fonts = self.fonts
         for _ in range(MOST_ROUNDS):
             self._round(app, canvas, scale)
             if keys.queue_is_empty():
@@ -143,7 +142,7 @@ class Ui:
         export_panel.show(app, canvas, self._preview_pane)
         _show_dialog(app, canvas)
         imgui.render()
-        self.keyboard.seen()
+        app.keyboard.seen()
 
     def _take_fonts(self, app: App) -> None:
         """Adds what the search has found, one font a frame."""

@@ -95,8 +95,7 @@ class Window(AbstractContextManager["Window"]):
         app.canvas = self.canvas
         self._listen()
         self.ui = Ui(ctypes.cast(self.handle, ctypes.c_void_p).value or 0)
-        self.ui.keyboard.local_name = _local_name
-        app.clipboard = SystemClipboard()
+        app.keyboard.local_name, app.clipboard = _local_name, SystemClipboard()
         self._v_sync, self._title = True, PROGRAM
         self._last = time.monotonic()
         self._frame_began = time.perf_counter()  # what was waited for before a frame is none of its time
@@ -121,7 +120,7 @@ class Window(AbstractContextManager["Window"]):
         self._touched = True
         if key in MODIFIERS:
             self.ui.modifier_changes()
-        place, keyboard = PLACES.get(key, ""), self.ui.keyboard
+        place, keyboard = PLACES.get(key, ""), self.app.keyboard
         if action == glfw.RELEASE:
             keyboard.up(place)
             return

@@ -64,7 +64,7 @@ def start_page(opened: Window) -> Iterator[Window]:
     imgui.set_current_context(opened.ui.context)
     opened.canvas.show(None)
     app = App(canvas=opened.canvas)
-    app.clipboard, opened.app = opened.app.clipboard, app
+    app.clipboard, app.keyboard, opened.app = opened.app.clipboard, opened.app.keyboard, app
     glfw.set_window_size(opened.handle, *SIZE)
     opened.draw_frames(3)
     yield opened

@@ -244,9 +244,7 @@ class Making:
 
         def then() -> None:
             # Asked only now, because the camera may move while the pack is read.
-            if rig is None or app.scene is None or rig.goal == rig.home_pose:
-                return
-            if app.scene.rig.bounded == rig.bounded:
+            if rig and app.scene and rig.goal != rig.home_pose and app.scene.rig.bounded == rig.bounded:
                 app.scene.rig.stand_as(rig)
 
         return then

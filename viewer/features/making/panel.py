@@ -62,9 +62,8 @@ def _check(app: App, plan: Plan) -> None:
         imgui.same_line()
         imgui.align_text_to_frame_padding()
         report = check.child.report
-        ui.write(
-            "Starting the check…" if report is None else f"{report.title.capitalize()}, {100 * report.share:.0f} %"
-        )
+        so_far = f"{report.title.capitalize()}, {100 * report.share:.0f} %" if report else "Starting the check…"
+        ui.write(so_far)
         imgui.progress_bar(report.share if report is not None else 0.0, ImVec2(-1, px(6)), "")
         return
     assert plan.survey is not None
