@@ -109,17 +109,9 @@ def _tool(feature: str, tool: str) -> Callable[[App], object]:
     return choose
 
 
-def _group(group: str, *rows: tuple) -> list[Command]:
-    """Commands of a group: id, title, action, keys with " or " between them, and False for those that need no scene."""
-    return [
-        Command(id, title, group, action, tuple(keys.split(" or ")) if keys else (), *needs_scene)
-        for id, title, action, keys, *needs_scene in rows
-    ]
-
-
-_ALL = (
-    *_group(
-        "Camera",
+# By group: id, title, action, keys with " or " between them, and False for those that need no scene.
+_GROUPS: dict[str, tuple[tuple, ...]] = {
+    "Camera": (
         ("home", "Back to the first view", _rig(lambda rig: rig.home()), "Home or R"),
         ("frame", "Show the whole scene", _rig(lambda rig: rig.frame()), "F"),
         ("fly", "Fly or orbit", _fly, "V"),
@@ -134,8 +126,7 @@ _ALL = (
         ("undo", "Undo", _rig(lambda rig: rig.history.undo()), "Ctrl+Z"),
         ("redo", "Redo it", _rig(lambda rig: rig.history.redo()), "Ctrl+Shift+Z or Ctrl+Y"),
     ),
-    *_group(  # along the axes by the number block as in Blender, and by the digits above the letters
-        "Views",
+    "Views": (  # along the axes by the number block as in Blender, and by the digits above the letters
         ("front", "Look from the front", _rig(lambda rig: rig.look_along(0, 0)), "Num1 or 1"),
         ("back", "Look from behind", _rig(lambda rig: rig.look_along(180, 0)), "Ctrl+Num1 or Ctrl+1"),
         ("right", "Look from the right", _rig(lambda rig: rig.look_along(90, 0)), "Num3 or 2"),
@@ -149,8 +140,7 @@ _ALL = (
         ("turn-up", "Turn by 15° upwards", _rig(lambda rig: rig.turn(0, 15)), "Num8"),
         ("turn-down", "Turn by 15° downwards", _rig(lambda rig: rig.turn(0, -15)), "Num2"),
     ),
-    *_group(
-        "Picture",
+    "Picture": (
         ("next-mode", "Next display mode", lambda app: next_mode(app, 1), "Space"),
         ("last-mode", "Previous display mode", lambda app: next_mode(app, -1), "Shift+Space"),
         ("next-photo", "Next photograph", lambda app: app.gallery.step(app, 1), "N"),
@@ -160,29 +150,25 @@ _ALL = (
         ("export-scene", "Export the scene", lambda app: app.exporting.ask(app), "Ctrl+E"),
         ("share", "Share the scene", lambda app: app.sharing.start(app), ""),
     ),
-    *_group(
-        "Ruler",
+    "Ruler": (
         ("measure", "Measure", lambda app: app.measure_tool.toggle(app), "M"),
         ("finish-line", "End the line", lambda app: app.measure_tool.finish(app), "Enter"),
         ("remove-point", "Remove the point or selection", _remove, "Backspace or Delete"),
         ("copy-measurements", "Copy the measurements", lambda app: app.measure_tool.copy(app), "Ctrl+Shift+C"),
     ),
-    *_group("Erasing", ("erase", "Erase parts of the scene", lambda app: app.erasing.toggle(app), "X")),
-    *_group(
-        "Bookmarks",
+    "Erasing": (("erase", "Erase parts of the scene", lambda app: app.erasing.toggle(app), "X"),),
+    "Bookmarks": (
         ("bookmark", "Bookmark this view", lambda app: app.bookmarks.add(app), "Ctrl+D"),
         ("annotate", "Annotate a place", lambda app: app.bookmarks.annotate(app), "Ctrl+Shift+D"),
         ("next-bookmark", "Next bookmark", lambda app: app.bookmarks.step(app, 1), "PageDown"),
         ("last-bookmark", "Previous bookmark", lambda app: app.bookmarks.step(app, -1), "PageUp"),
     ),
-    *_group(
-        "Film",
+    "Film": (
         ("keyframe", "Add a keyframe", lambda app: app.filming.add(app), "K"),
         ("play", "Play the path", lambda app: app.filming.play(app), "P"),
         ("turntable", "Make a turntable", lambda app: app.filming.turntable(app), "T"),
     ),
-    *_group(
-        "Window",
+    "Window": (
         ("open", "Open", ask_to_open, "Ctrl+O", False),
         ("open-folder", "Open a folder", lambda app: browse(app, "folder"), "Ctrl+Shift+O", False),
         ("next-pack", "Next open pack", lambda app: app.open_packs.switch(app, 1), "Ctrl+Tab"),
@@ -207,27 +193,23 @@ _ALL = (
         ("close-unsaved", "Close without saving", lambda app: app.close(), ""),
         ("quit-unsaved", "Quit without saving", lambda app: app.making.ask_to_quit(app), "", False),
     ),
-    # of buttons alone
-    *_group(
-        "Ruler",
+    "Buttons": (
         ("save-measurements", "Save the measurements", lambda app: app.measure_tool.ask_for_table(app), ""),
         ("set-scale", "Set the scale", lambda app: app.measure_tool.set_scale(app), ""),
-    ),
-    *_group(
-        "Erasing",
         *((f"erase-{tool}", title, _tool("erasing", tool), "") for tool, title in TOOLS.items()),
         *((f"select-{a}", title, lambda app, a=a: app.erasing.select(app, a), "") for a, title in RULES.items()),
         *((f"selection-{a}", way[0], lambda app, a=a: app.erasing.change(app, a), "") for a, way in CHANGES.items()),
         ("erase-selected", "Erase what is selected", lambda app: app.erasing.erase(app), ""),
         ("save-edited", "Save the edited scene", lambda app: app.erasing.ask_where_to_save(app), ""),
-    ),
-    *_group(
-        "Moving",
         ("move-ground", "Level the ground by three points", _tool("measure_tool", "ground"), ""),
         ("move-origin", "Set the origin", _tool("measure_tool", "origin"), ""),
         ("move-find-ground", "Find the ground", placing.find_ground, ""),
         ("move-reset", "Back to the grid frame", lambda app: placing.change(app, NOT_MOVED), ""),
+        ("film-bookmarks", "Film through the bookmarks", lambda app: app.bookmarks.film(app), ""),
     ),
-    *_group("Bookmarks", ("film-bookmarks", "Film through the bookmarks", lambda app: app.bookmarks.film(app), "")),
-)
-COMMANDS: dict[str, Command] = {command.id: command for command in _ALL}
+}
+COMMANDS = {
+    id: Command(id, title, group, action, tuple(keys.split(" or ")) if keys else (), *needs_scene)
+    for group, rows in _GROUPS.items()
+    for id, title, action, keys, *needs_scene in rows
+}
