@@ -256,15 +256,11 @@ class OpenPrompt:
     text: str = ""  # as typed
     picked: int | None = None  # index of the suggestion that Enter opens; None: the typed path
     problem: str = ""  # why the typed path cannot be opened
-    _listed: tuple[str, list[Path]] | None = None
+    lines: list[Path] = field(init=False)  # suggestions below the text
     _kinds: dict[Path, Kind] = field(default_factory=dict)
 
-    @property
-    def lines(self) -> list[Path]:
-        """Suggestions below the text; see suggestions()."""
-        if self._listed is None or self._listed[0] != self.text:
-            self._listed = self.text, suggestions(self.text, self.recent)
-        return self._listed[1]
+    def __post_init__(self) -> None:
+        self.lines = suggestions(self.text, self.recent)
 
     def kind(self, path: Path) -> Kind:
         if path not in self._kinds:
@@ -277,6 +273,7 @@ class OpenPrompt:
     def type(self, text: str) -> None:
         if text != self.text:
             self.text, self.picked, self.problem = text, None, ""
+            self.lines = suggestions(text, self.recent)
 
     def step(self, by: int) -> None:
         """Moves the selection; up from the first suggestion returns to the text."""

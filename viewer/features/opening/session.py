@@ -100,7 +100,7 @@ def save_session(session: Session, file: Path) -> None:
         {
             "path": _relative(seen.path, folder),
             "camera": {**bookmark_to_json(seen.camera), "orthographic": seen.orthographic},
-            "crop": None if seen.crop is None else [list(corner) for corner in seen.crop],
+            "crop": seen.crop,
             "near": seen.near,
             "marks": annotations_to_json(seen.annotations),
         }
