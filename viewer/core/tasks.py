@@ -4,7 +4,6 @@ import atexit
 import re
 import shutil
 import signal
-import subprocess
 import tempfile
 import threading
 import time
@@ -194,9 +193,7 @@ class CommandProcess:
         try:
             log.parent.mkdir(parents=True, exist_ok=True)
             with open(log, "wb") as output:
-                self._child = ChildProcess(
-                    command, stdout=output, stderr=subprocess.STDOUT, polite=True, environment=environment
-                )
+                self._child = ChildProcess(command, stdout=output, stderr=output, polite=True, environment=environment)
         except OSError as error:
             shutil.rmtree(self._scratch, ignore_errors=True)
             raise UserError(f"it cannot be started: {error.strerror or error}", where=error.filename or log) from error

@@ -1,4 +1,4 @@
-"""Small parts that all panels are made of: rows of label and control, cards, switches, icon buttons, a time plot."""
+"""Small parts that all panels are made of: rows of label and control, cards, switches, icon buttons, dialogs."""
 
 from __future__ import annotations
 
@@ -294,14 +294,12 @@ def draw_picture(
     imgui.get_window_draw_list().add_image_rounded(image, low, high, *uv, shade, px(rounding))
 
 
-def draw_voxels(
-    at: ImVec2, opacities: Sequence[float], columns: int, *, side: float, gap: float, rounding: float
-) -> None:
-    """The program's mark: voxels of these opacities, row by row. side, gap, rounding: in units."""
+def draw_voxels(at: ImVec2, opacities: Sequence[float], columns: int, *, side: float, gap: float) -> None:
+    """The program's mark: voxels of these opacities, row by row. side, gap: in units; the gap is also the corners' radius."""
     draw, step, side = imgui.get_window_draw_list(), px(side) + px(gap), px(side)
     for i, opacity in enumerate(opacities):
         low = ImVec2(at.x + i % columns * step, at.y + i // columns * step)
-        draw.add_rect_filled(low, ImVec2(low.x + side, low.y + side), theme.packed(theme.ACCENT, opacity), px(rounding))
+        draw.add_rect_filled(low, ImVec2(low.x + side, low.y + side), theme.packed(theme.ACCENT, opacity), px(gap))
 
 
 def chip(text: str, x: float, y: float) -> float:

@@ -114,7 +114,7 @@ def _packs(app: App) -> None:
 def _logo(word: bool) -> None:
     """The program's mark: a cube of voxels, one of them lit, and its name."""
     at = imgui.get_cursor_screen_pos()
-    draw_voxels(ImVec2(at.x + px(2), at.y + px(7)), (1.0, 0.45, 0.25, 0.7), 2, side=8, gap=2, rounding=2)
+    draw_voxels(ImVec2(at.x + px(2), at.y + px(7)), (1.0, 0.45, 0.25, 0.7), 2, side=8, gap=2)
     if word:
         imgui.set_cursor_pos(ImVec2(px(MARK), px(14)))
         write("snerg", face=theme.fonts.bold, size=17.0)

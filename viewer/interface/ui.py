@@ -68,7 +68,7 @@ class Ui:
         missing = self.fonts.missing if window is not None else ""
         self._font_search = Task(lambda: theme.load_fonts(missing)) if missing else None
         self.plots = implot.create_context()
-        self.file_dialogs = FileDialogs(native=None if window is not None else False)
+        self.file_dialogs = FileDialogs(has_window=window is not None)
         self.open_dialog = OpenDialog(self.file_dialogs.native)
 
     def pressed(self, press: KeyPress) -> None:

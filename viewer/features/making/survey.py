@@ -323,10 +323,8 @@ def result_lines(result: Mapping[str, Any]) -> list[tuple[str, bool]]:
     count, aside = len(result["photographs"]), len(result["set_aside"])
     used = f"{count} of {count + aside} photographs are used" if aside else f"{count} photographs"
     good = f"Sharpness {100 * result['sharpness']:.0f} % and overlap {100 * result['overlap']:.0f} % of what is good"
-    lines = [
-        (f"{used}, {result['kind']}.", False),
-        (f"{good}; exposures differ by {100 * result['exposure_spread']:.0f} %.", False),
-    ]
+    exposures = f"exposures differ by {100 * result['exposure_spread']:.0f} %"
+    lines = [(f"{used}, {result['kind']}.", False), (f"{good}; {exposures}.", False)]
     for group in GROUPS:
         if named := result[group]:
             lines.append((f"{len(named)} {group.replace('_', ' ')}: {few_with_reasons(named)}.", True))

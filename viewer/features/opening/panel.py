@@ -24,12 +24,11 @@ HELPERS = ("zenity", "kdialog", "matedialog", "qarma")
 
 
 class FileDialogs:
-    """The dialog of the moment. native: None asks the system whether it has dialogs."""
+    """The dialog of the moment: for a window, the system's, where it has dialogs; else one that a path is typed into."""
 
-    def __init__(self, native: bool | None = None) -> None:
-        if native is None:
-            native = not sys.platform.startswith("linux") or any(shutil.which(name) for name in HELPERS)
-        self.native = native
+    def __init__(self, has_window: bool) -> None:
+        elsewhere = not sys.platform.startswith("linux")
+        self.native = has_window and (elsewhere or any(shutil.which(name) for name in HELPERS))
         self._request: FileRequest | None = None
         self._dialog = None
         self._text = ""
@@ -226,7 +225,7 @@ def show_start_page(app: App) -> None:
     imgui.set_cursor_pos(ImVec2(left, top))
     imgui.begin_group()
     opacities = (1.0, 0.45, 0.7, 0.25, 0.7, 0.35)
-    ui.draw_voxels(imgui.get_cursor_screen_pos(), opacities, 3, side=20, gap=5, rounding=5)
+    ui.draw_voxels(imgui.get_cursor_screen_pos(), opacities, 3, side=20, gap=5)
     imgui.dummy(ImVec2(1, 2 * px(20) + px(5) + px(10)))
     ui.write("snerg", face=theme.fonts.bold, size=theme.HUGE)
     ui.write("Fly through scenes made from photographs.", theme.MUTED)
